@@ -1,0 +1,144 @@
+"""The direct product of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import accumulate
+from math import prod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Frame
+
+
+@dataclass(frozen=True, init=False)
+class Product(Frame):
+    """A product of manifolds, each moved by its own frame.
+
+    A point is one flat vector: the points of the factors, each raveled in C order, joined in
+    the order of the factors.  The coefficients are joined likewise.
+
+    Parameters
+    ----------
+    *factors
+        At least one frame; products may be nested.
+
+    Raises
+    ------
+    TypeError
+        If a factor isn't a `Frame`.
+    ValueError
+        If there is no factor.
+
+    Examples
+    --------
+    >>> from cg.frames import SO3, Euclidean
+    >>> frame = Product(SO3(), Euclidean(3))
+    >>> frame.dim, frame.point_shape
+    (6, (12,))
+    """
+
+    factors: tuple[Frame, ...]
+    _vector_slices: tuple[slice, ...] = field(init=False, compare=False)
+    _point_slices: tuple[slice, ...] = field(init=False, compare=False)
+
+    def __init__(self, *factors: Frame) -> None:
+        if not factors:
+            raise ValueError("factors must hold at least one frame, got none")
+        for index, factor in enumerate(factors):
+            if not isinstance(factor, Frame):
+                raise TypeError(f"factors[{index}] must be a Frame, got {factor!r}")
+        object.__setattr__(self, "factors", factors)
+        object.__setattr__(self, "_vector_slices", _slices([f.dim for f in factors]))
+        object.__setattr__(self, "_point_slices", _slices([prod(f.point_shape) for f in factors]))
+
+    def __repr__(self) -> str:
+        return f"Product({', '.join(map(repr, self.factors))})"
+
+    @property
+    def dim(self) -> int:
+        """Sum of the factors' dimensions."""
+        return int(self._vector_slices[-1].stop)
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """The shape ``(n,)`` of a flat vector that holds all factors' points."""
+        return (self._point_slices[-1].stop,)
+
+    def split(self, y: ArrayLike) -> tuple[Array, ...]:
+        """Return the factors' points, the i-th of shape ``(..., *factors[i].point_shape)``.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of ``y`` hasn't the length of a point.
+        """
+        point = self._points(y)
+        lead = point.shape[:-1]
+        return tuple(
+            point[..., part].reshape(*lead, *factor.point_shape)
+            for factor, part in zip(self.factors, self._point_slices, strict=True)
+        )
+
+    def join(self, *parts: ArrayLike) -> Array:
+        """Return the flat point, shape ``(..., n)``, of one point of every factor.
+
+        Raises
+        ------
+        ValueError
+            If the number of parts or the shape of one of them is wrong.
+        """
+        if len(parts) != len(self.factors):
+            raise ValueError(f"parts must be {len(self.factors)} points, got {len(parts)}")
+        flat = []
+        for index, (factor, part) in enumerate(zip(self.factors, parts, strict=True)):
+            point = factor._points(part, f"parts[{index}]")
+            lead = point.shape[: point.ndim - len(factor.point_shape)]
+            flat.append(point.reshape(*lead, prod(factor.point_shape)))
+        lead = np.broadcast_shapes(*(part.shape[:-1] for part in flat))
+        return np.concatenate(
+            [np.broadcast_to(part, (*lead, part.shape[-1])) for part in flat], axis=-1
+        )
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return the factors' tangents, joined: shape ``(..., n)``."""
+        vector, point = self._arguments(v, y)
+        vectors = self._split_vector(vector)
+        parts = zip(self.factors, vectors, self.split(point), strict=True)
+        return self.join(*(factor.field(u, x) for factor, u, x in parts))
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return the factors' flows, joined: shape ``(..., n)``."""
+        vector, point = self._arguments(v, y)
+        vectors = self._split_vector(vector)
+        parts = zip(self.factors, vectors, self.split(point), strict=True)
+        return self.join(*(factor.flow(u, x) for factor, u, x in parts))
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the largest of the factors' membership errors, shape ``(...)``."""
+        parts = zip(self.factors, self.split(y), strict=True)
+        return np.asarray(np.max([factor.membership_error(x) for factor, x in parts], axis=0))
+
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return the root of the sum of the factors' squared distances, shape ``(...)``."""
+        parts = zip(self.factors, self.split(self._points(x, "x")), self.split(y), strict=True)
+        distances = [factor.distance(p, q) for factor, p, q in parts]
+        return np.asarray(np.sqrt(sum(d * d for d in distances)))
+
+    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+        """Return random points of the factors, joined: shape ``(*size, n)``."""
+        return self.join(*(factor.random_point(rng, size) for factor in self.factors))
+
+    def random_vector(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+        """Return random coefficients of the factors, joined: shape ``(*size, dim)``."""
+        return np.concatenate([f.random_vector(rng, size) for f in self.factors], axis=-1)
+
+    def _split_vector(self, vector: Array) -> list[Array]:
+        return [vector[..., part] for part in self._vector_slices]
+
+
+def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
+    stops = list(accumulate(lengths))
+    return tuple(slice(stop - n, stop) for stop, n in zip(stops, lengths, strict=True))
