@@ -1,0 +1,41 @@
+# `make reproduce` and `make test` do all on a fresh Debian or Ubuntu machine.
+VENV := .venv
+PY := $(VENV)/bin/python
+STAMP := $(VENV)/.installed
+OUT ?= reproduce/out
+ARGS ?=
+
+.PHONY: all build reproduce test test-all test-checks lint benchmarks tools clean
+
+all: build
+
+tools:
+	@sh tools/prerequisites.sh
+
+$(STAMP): pyproject.toml tools/prerequisites.sh
+	@sh tools/prerequisites.sh
+	python3 -m venv $(VENV)
+	$(PY) -m pip install --quiet --upgrade pip
+	$(PY) -m pip install --quiet "meson-python>=0.18" "meson>=1.4" ninja "numpy>=2.0"
+	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(PY) -m pip install --quiet --no-build-isolation --editable ".[test,dev]"
+	@touch $(STAMP)
+
+build: $(STAMP)
+	@$(PY) -c "import cg"
+
+reproduce: build
+	$(PY) -m cg.reproduce --out $(OUT) $(ARGS)
+
+test: build
+	$(PY) -m pytest -m "not slow" $(ARGS)
+
+test-all: build
+	$(PY) -m pytest $(ARGS)
+
+lint: build
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+
+clean:
+	rm -rf build $(VENV) reproduce/out

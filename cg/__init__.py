@@ -1,0 +1,5 @@
+"""Runge–Kutta methods of Crouch–Grossman type: construct them, prove them, integrate with them."""
+
+from __future__ import annotations
+
+__version__ = "0.1.0"

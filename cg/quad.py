@@ -1,0 +1,148 @@
+"""IEEE binary128 numbers as bytes, and their exact values.
+
+The compiled core with ``real(16)`` takes and gives 16 bytes a number, since neither
+NumPy nor C has a portable type for it. Here an array of such numbers is an ``int8``
+array whose last axis has length 16, in the machine's little-endian order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["DECIMAL_DIGITS", "Quads", "decode", "encode", "from_float", "to_decimal", "to_float"]
+
+Quads = NDArray[np.int8]
+"""Array of binary128 numbers, shape (..., 16)."""
+
+DECIMAL_DIGITS = 36
+"""Significant decimal digits that tell any two binary128 numbers apart."""
+
+_PRECISION = 113
+_MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
+_MAX_EXPONENT = 16383 - 112
+
+
+def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
+    """Round exact values to binary128, to nearest, ties to even.
+
+    Parameters
+    ----------
+    values : iterable of Fraction, int, float or str
+        Strings as `fractions.Fraction` reads them: decimal or rational.
+
+    Returns
+    -------
+    ndarray of int8, shape (n, 16)
+
+    Raises
+    ------
+    OverflowError
+        If a value is beyond the largest binary128 number.
+    ValueError
+        If a value isn't a finite number.
+    """
+    packed = b"".join(_encode_one(Fraction(value)) for value in values)
+    return np.frombuffer(packed, dtype=np.int8).reshape(-1, 16).copy()
+
+
+def _encode_one(value: Fraction) -> bytes:
+    sign = int(value < 0)
+    value = abs(value)
+    if value == 0:
+        return bytes(16)
+    exponent = value.numerator.bit_length() - value.denominator.bit_length() - _PRECISION
+    exponent = max(exponent, _MIN_EXPONENT)
+    significand = round(value / Fraction(2) ** exponent)
+    while significand >= 1 << _PRECISION:  # the estimate of the exponent is one too small at most
+        exponent += 1
+        significand = round(value / Fraction(2) ** exponent)
+    if exponent > _MAX_EXPONENT:
+        raise OverflowError(f"value {float(value):.3g} is beyond the range of binary128")
+    normal = significand >> (_PRECISION - 1)
+    biased = exponent - _MIN_EXPONENT + normal if normal else 0
+    fraction = significand - (normal << (_PRECISION - 1))
+    return (sign << 127 | biased << 112 | fraction).to_bytes(16, "little")
+
+
+def decode(quads: Quads) -> list[Fraction]:
+    """Return the exact values of binary128 numbers, of shape (n, 16).
+
+    Raises
+    ------
+    ValueError
+        If one of them is infinite or not a number, or the shape isn't (n, 16).
+    """
+    quads = np.ascontiguousarray(quads, dtype=np.int8)
+    if quads.ndim != 2 or quads.shape[1] != 16:
+        raise ValueError(f"quads must have shape (n, 16), got {quads.shape}")
+    data = quads.tobytes()
+    return [_decode_one(data[i : i + 16]) for i in range(0, len(data), 16)]
+
+
+def _decode_one(data: bytes) -> Fraction:
+    bits = int.from_bytes(data, "little")
+    biased = bits >> 112 & 0x7FFF
+    fraction = bits & ((1 << 112) - 1)
+    if biased == 0x7FFF:
+        raise ValueError("a binary128 number is not finite")
+    significand = fraction | (1 << 112 if biased else 0)
+    exponent = max(biased, 1) - 1 + _MIN_EXPONENT
+    magnitude = Fraction(significand) * Fraction(2) ** exponent
+    return -magnitude if bits >> 127 else magnitude
+
+
+def to_float(quads: Quads) -> NDArray[np.float64]:
+    """Round binary128 numbers of shape (..., 16) to doubles of shape (...)."""
+    from . import _core_r128
+
+    flat = np.ascontiguousarray(quads, dtype=np.int8).reshape(-1, 16)
+    values: NDArray[np.float64] = _core_r128.to_double(flat.T)
+    return values.reshape(quads.shape[:-1])
+
+
+def from_float(values: Any) -> Quads:
+    """Widen doubles of shape (...) to binary128 numbers of shape (..., 16), exactly."""
+    from . import _core_r128
+
+    array = np.asarray(values, dtype=np.float64)
+    quads: Quads = _core_r128.from_double(array.ravel())
+    return np.ascontiguousarray(quads.T).reshape(*array.shape, 16)
+
+
+def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS) -> str:
+    """Write an exact value in decimal, rounded to so many significant digits.
+
+    Parameters
+    ----------
+    value : Fraction
+    digits : int, optional
+        At least 1; 36 keep a binary128 number apart from all others.
+
+    Returns
+    -------
+    str
+        Plain positional notation without trailing zeros, ``"0"`` for zero.
+    """
+    if digits < 1:
+        raise ValueError(f"digits must be at least 1, got {digits}")
+    if value == 0:
+        return "0"
+    magnitude = abs(value)
+    places = digits - _decimal_exponent(magnitude) - 1
+    scaled = round(magnitude * Fraction(10) ** places)
+    sign = "-" if value < 0 else ""
+    if places <= 0:
+        return f"{sign}{scaled * 10**-places}"
+    text = str(scaled).rjust(places + 1, "0")
+    whole, part = text[:-places], text[-places:].rstrip("0")
+    return f"{sign}{whole}.{part}" if part else f"{sign}{whole}"
+
+
+def _decimal_exponent(value: Fraction) -> int:
+    guess = len(str(value.numerator)) - len(str(value.denominator))
+    return guess if value >= Fraction(10) ** guess else guess - 1
