@@ -1,0 +1,193 @@
+"""The spinning top: a rigid body that turns about a fixed point under gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+from flint import arb, ctx, fmpq
+from numpy.typing import ArrayLike
+
+from cg.frames import SO3, Euclidean, Product
+from cg.frames.base import Array
+from cg.problems.taylor import (
+    QuadraticSystem,
+    Reference,
+    Term,
+    Time,
+    exact_midpoint,
+    reference_solution,
+)
+
+_FRAME = Product(SO3(), Euclidean(3))
+
+# Twice what binary128 holds, so that rounding to it is the only error of a constant.
+_BITS = 240
+
+
+@dataclass(frozen=True)
+class HeavyTop:
+    r"""The spinning top in body coordinates.
+
+    .. math::
+
+        B' = B\, \widehat{I^{-1} m}, \qquad
+        m' = m \times I^{-1} m + MgL\, (B^T e_3) \times e_3 ,
+
+    with the rotation :math:`B` from body to space axes and the angular momentum :math:`m` in body
+    axes, :math:`I = \mathrm{diag}(7, 7, 2)/8`, :math:`M = 1`, :math:`g = 9.81` and
+    :math:`L = \sqrt 3/2`.  The top starts from a rotation by :math:`-\varphi` about the first
+    axis, with the vector :math:`\omega_0 = (0, 0, 1)`.
+
+    A point is the flat vector of the nine entries of :math:`B`, row by row, and of :math:`m`.
+
+    Parameters
+    ----------
+    reading
+        What the initial vector is: ``"momentum"`` takes :math:`m(0) = \omega_0`, as section 4 of
+        [1]_ has it; ``"velocity"`` takes :math:`m(0) = I \omega_0`.
+    phi_over_pi
+        The initial angle in units of :math:`\pi`, a rational number so that its cosine is known
+        to any precision.
+
+    Raises
+    ------
+    ValueError
+        If ``reading`` is neither of the two, or ``phi_over_pi`` isn't a rational number.
+
+    References
+    ----------
+    .. [1] Z. Jackiewicz, A. Marthinsen, B. Owren, "Construction of Runge-Kutta methods of
+       Crouch-Grossman type of high order", Adv. Comput. Math. 13 (2000), 405-415.
+    """
+
+    reading: Literal["momentum", "velocity"] = "momentum"
+    phi_over_pi: Fraction = Fraction(1, 16)
+    _floats: tuple[float, ...] = field(init=False, repr=False, compare=False)
+
+    inertia = (Fraction(7, 8), Fraction(7, 8), Fraction(1, 4))
+    mass = Fraction(1)
+    gravity = Fraction(981, 100)
+
+    def __post_init__(self) -> None:
+        if self.reading not in ("momentum", "velocity"):
+            raise ValueError(f'reading must be "momentum" or "velocity", got {self.reading!r}')
+        try:
+            angle = Fraction(self.phi_over_pi)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"phi_over_pi must be rational, got {self.phi_over_pi!r}") from error
+        object.__setattr__(self, "phi_over_pi", angle)
+        # The right side runs once a stage, so its constants are converted once.
+        constants = (*(1 / moment for moment in self.inertia), self.mgl)
+        object.__setattr__(self, "_floats", tuple(map(float, constants)))
+
+    @property
+    def frame(self) -> Product:
+        """``Product(SO3(), Euclidean(3))``."""
+        return _FRAME
+
+    @property
+    def mgl(self) -> Fraction:
+        """Mass times gravity times length, right to more than 200 bits."""
+        with ctx.workprec(_BITS):
+            return exact_midpoint(self._mgl())
+
+    @property
+    def y0_exact(self) -> tuple[Fraction, ...]:
+        """The initial point, right to more than 200 bits, 12 numbers."""
+        with ctx.workprec(_BITS):
+            return tuple(exact_midpoint(x) for x in self._initial())
+
+    @property
+    def y0(self) -> Array:
+        """The initial point, shape ``(12,)``."""
+        return np.array([float(x) for x in self.y0_exact])
+
+    def f(self, t: float, y: Array) -> list[float]:
+        """Return the six coefficients: the angular velocity and the derivative of ``m``.
+
+        Parameters
+        ----------
+        t
+            Time; the equations don't depend on it.
+        y
+            Point, shape ``(12,)``.
+        """
+        inverse1, inverse2, inverse3, mgl = self._floats
+        up1, up2, _, m1, m2, m3 = y[6:].tolist()
+        w1, w2, w3 = inverse1 * m1, inverse2 * m2, inverse3 * m3
+        return [
+            w1,
+            w2,
+            w3,
+            m2 * w3 - m3 * w2 + mgl * up2,
+            m3 * w1 - m1 * w3 - mgl * up1,
+            m1 * w2 - m2 * w1,
+        ]
+
+    def energy(self, y: ArrayLike) -> Array:
+        r"""Return :math:`\frac12 m^T I^{-1} m + MgL\,(B^T e_3)_3`, shape ``(...)``."""
+        rotation, m = self.frame.split(y)
+        inverse, mgl = np.array(self._floats[:3]), self._floats[3]
+        return np.asarray(0.5 * (m * m * inverse).sum(axis=-1) + mgl * rotation[..., 2, 2])
+
+    def vertical_momentum(self, y: ArrayLike) -> Array:
+        """Return the vertical component of the momentum in space axes, shape ``(...)``."""
+        rotation, m = self.frame.split(y)
+        return np.asarray((rotation[..., 2, :] * m).sum(axis=-1))
+
+    def axial_momentum(self, y: ArrayLike) -> Array:
+        """Return the component of ``m`` along the axis of symmetry, shape ``(...)``."""
+        return self.frame.split(y)[1][..., 2]
+
+    def invariants(self, y: ArrayLike) -> dict[str, Array]:
+        """Return the three quantities that a solution conserves, each of shape ``(...)``."""
+        return {
+            "energy": self.energy(y),
+            "vertical momentum": self.vertical_momentum(y),
+            "axial momentum": self.axial_momentum(y),
+        }
+
+    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
+        """Return the solution at given times in extended precision, with its error estimate.
+
+        The equations are quadratic, so Taylor series solve them without any Crouch-Grossman
+        method; see `cg.problems.taylor.reference_solution`.
+
+        Raises
+        ------
+        ValueError
+            If a time isn't a finite number.
+        """
+        return reference_solution(self._system, times, bits=bits)
+
+    def _mgl(self) -> arb:
+        return _ball(self.mass * self.gravity) * arb(3).sqrt() / 2
+
+    def _initial(self) -> tuple[arb, ...]:
+        angle = fmpq(self.phi_over_pi.numerator, self.phi_over_pi.denominator)
+        sine, cosine = arb.sin_cos_pi_fmpq(angle)
+        zero, one = arb(0), arb(1)
+        spin = one if self.reading == "momentum" else _ball(self.inertia[2])
+        return (one, zero, zero, zero, cosine, sine, zero, -sine, cosine, zero, zero, spin)
+
+    def _system(self) -> QuadraticSystem:
+        inverse = [_ball(1 / moment) for moment in self.inertia]
+        m = (9, 10, 11)
+        equations: list[tuple[Term, ...]] = []
+        # Rows of B and m itself turn alike: x' = x cross (I^-1 m).
+        for x in ((0, 1, 2), (3, 4, 5), (6, 7, 8), m):
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                equations.append(((inverse[k], (x[j], m[k])), (-inverse[j], (x[k], m[j]))))
+        torque = self._mgl()
+        equations[9] += ((torque, (7,)),)
+        equations[10] += ((-torque, (6,)),)
+        return QuadraticSystem(tuple(equations), self._initial())
+
+
+def _ball(x: Fraction) -> arb:
+    return arb(fmpq(x.numerator, x.denominator))

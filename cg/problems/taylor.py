@@ -1,0 +1,196 @@
+"""Reference solutions of quadratic differential equations, by Taylor series in ball arithmetic.
+
+Nothing here knows of Crouch-Grossman methods, so that they can be tested against it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from flint import arb, ctx, fmpq
+
+from cg.frames.base import Array
+
+Time = Fraction | float | int | str
+
+# (coefficient, indices of at most two unknowns that it multiplies)
+Term = tuple[arb, tuple[int, ...]]
+
+
+@dataclass(frozen=True)
+class QuadraticSystem:
+    """An initial value problem whose right side is a polynomial of degree at most two.
+
+    Attributes
+    ----------
+    equations
+        For every unknown the terms of its derivative.  A term ``(c, (i, j))`` is
+        ``c * y[i] * y[j]``; with one index or none it is linear or constant.
+    initial
+        The values at time zero.
+    """
+
+    equations: tuple[tuple[Term, ...], ...]
+    initial: tuple[arb, ...]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A solution in extended precision.
+
+    Attributes
+    ----------
+    times
+        The times, exactly.
+    values
+        For every time the unknowns, as the exact values of extended-precision numbers.
+    errors
+        For every time an estimate of the largest error of an unknown: by how much the results of
+        two different orders and steps differ, in truncation and in rounding.
+    """
+
+    times: tuple[Fraction, ...]
+    values: tuple[tuple[Fraction, ...], ...]
+    errors: tuple[float, ...]
+
+    @property
+    def t(self) -> Array:
+        """The times rounded to float64, shape ``(n,)``."""
+        return np.array([float(t) for t in self.times])
+
+    @property
+    def y(self) -> Array:
+        """The unknowns rounded to float64, shape ``(n, unknowns)``."""
+        return np.array([[float(x) for x in row] for row in self.values])
+
+    def decimals(self, digits: int = 36) -> tuple[tuple[str, ...], ...]:
+        """Return the unknowns as decimal strings, rounded to ``digits`` after the point."""
+        return tuple(tuple(decimal_string(x, digits) for x in row) for row in self.values)
+
+
+def reference_solution(
+    build: Callable[[], QuadraticSystem],
+    times: Sequence[Time],
+    *,
+    bits: int = 256,
+    step: Fraction = Fraction(1, 16),
+    order: int = 48,
+) -> Reference:
+    """Solve a quadratic system by Taylor series with a fixed step.
+
+    Parameters
+    ----------
+    build
+        Returns the system; called while ball arithmetic works with ``bits`` bits, so that its
+        constants are that accurate.
+    times
+        Where the solution is wanted, positive or negative, in any order; a float means its exact
+        binary value, a string a decimal or a quotient.
+    bits
+        Working precision.
+    step, order
+        Length of a Taylor step, and degree of the polynomial.  The solution is computed a second
+        time with two thirds of the step and a degree higher by a fifth; that one is returned.
+
+    Returns
+    -------
+    Reference
+
+    Raises
+    ------
+    ValueError
+        If a time isn't a finite number, or ``step``, ``order`` or ``bits`` isn't positive.
+    """
+    try:
+        exact = tuple(Fraction(t) for t in times)
+    except (ValueError, OverflowError, TypeError) as error:
+        raise ValueError(f"times must be finite numbers, got {times!r}") from error
+    for name, value in (("bits", bits), ("step", step), ("order", order)):
+        if value <= 0:
+            raise ValueError(f"{name} must be positive, got {value}")
+    with ctx.workprec(bits):
+        system = build()
+        coarse = _solve(system, exact, step, order)
+        fine = _solve(system, exact, step * Fraction(2, 3), order + order // 5)
+        errors = tuple(
+            max(_magnitude(x - y) for x, y in zip(rough, good, strict=True))
+            for rough, good in zip(coarse, fine, strict=True)
+        )
+        values = tuple(tuple(exact_midpoint(x) for x in row) for row in fine)
+    return Reference(exact, values, errors)
+
+
+def exact_midpoint(ball: arb) -> Fraction:
+    """Return the midpoint of a ball, exactly."""
+    mantissa, exponent = ball.mid().man_exp()
+    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
+def decimal_string(x: Fraction, digits: int) -> str:
+    """Return ``x`` rounded to ``digits`` decimals, ties to even."""
+    scaled = round(abs(x) * 10**digits)
+    whole, rest = divmod(scaled, 10**digits)
+    sign = "-" if x < 0 and scaled else ""
+    return f"{sign}{whole}.{rest:0{digits}d}" if digits else f"{sign}{whole}"
+
+
+def _magnitude(difference: arb) -> float:
+    """Return an upper bound of a ball's absolute value."""
+    return math.nextafter(float(difference.abs_upper()), math.inf)
+
+
+def _solve(
+    system: QuadraticSystem, times: tuple[Fraction, ...], step: Fraction, order: int
+) -> list[list[arb]]:
+    found: dict[Fraction, list[arb]] = {}
+    for direction in (1, -1):
+        wanted = sorted({t for t in times if t * direction >= 0} - found.keys(), key=abs)
+        start, point = Fraction(0), list(system.initial)
+        series = None
+        for t in wanted:
+            while abs(t - start) > step:
+                series = series or _taylor(system, point, order)
+                # Only midpoints go on: balls of an initial box grow far faster than its solutions.
+                point = [_horner(s, step * direction).mid() for s in series]
+                start += step * direction
+                series = None
+            series = series or _taylor(system, point, order)
+            found[t] = [_horner(s, t - start) for s in series]
+    return [found[t] for t in times]
+
+
+def _taylor(system: QuadraticSystem, point: list[arb], order: int) -> list[list[arb]]:
+    """Return the Taylor coefficients of every unknown, by Cauchy products."""
+    series = [[x] for x in point]
+    pairs = {indices for terms in system.equations for _, indices in terms if len(indices) == 2}
+    for n in range(order):
+        products = {
+            (i, j): sum((x * y for x, y in zip(series[i], reversed(series[j]), strict=True)), arb())
+            for i, j in pairs
+        }
+        following = []
+        for terms in system.equations:
+            total = arb()
+            for coefficient, indices in terms:
+                if len(indices) == 2:
+                    total += coefficient * products[indices[0], indices[1]]
+                elif len(indices) == 1:
+                    total += coefficient * series[indices[0]][n]
+                elif n == 0:
+                    total += coefficient
+            following.append(total / (n + 1))
+        for coefficients, value in zip(series, following, strict=True):
+            coefficients.append(value)
+    return series
+
+
+def _horner(coefficients: list[arb], t: Fraction) -> arb:
+    time = arb(fmpq(t.numerator, t.denominator))
+    total = arb()
+    for coefficient in reversed(coefficients):
+        total = total * time + coefficient
+    return total
