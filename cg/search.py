@@ -1,0 +1,304 @@
+"""Search for methods: many random starts, each solved in double and refined in real(16).
+
+This is Section 3.2 of Jackiewicz, Marthinsen and Owren. A start is a pure function of
+``(seed, index)``, so results don't depend on the number of workers, and any start can
+be run again alone.
+"""
+
+from __future__ import annotations
+
+import operator
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core_r64, _core_r128, quad
+from .conditions import (
+    HIGHEST_ORDER,
+    Rows,
+    count,
+    residuals_quad,
+    table_rows,
+    unknowns,
+)
+from .journal import Journal
+from .starts import Phase, SearchSettings, Start
+from .tableau import Tableau
+
+__all__ = ["EXACT", "Phase", "SearchResult", "SearchSettings", "Start", "random_start", "search"]
+
+EXACT = 1e-31
+"""A method is exact if no residual of its order conditions, computed in real(16), exceeds
+this, relative to its largest coefficient where that is above 1."""
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """All starts of a search, in the order of their index.
+
+    Attributes
+    ----------
+    settings : SearchSettings
+    starts : tuple of Start
+    """
+
+    settings: SearchSettings
+    starts: tuple[Start, ...]
+
+    @cached_property
+    def methods(self) -> tuple[Tableau, ...]:
+        """The exact methods found, distinct, smallest largest coefficient first."""
+        found: list[tuple[float, Tableau]] = []
+        seen: set[tuple[float, ...]] = set()
+        for start in self.starts:
+            if not start.exact:
+                continue
+            key = tuple(round(float(entry), 8) for entry in start.x)
+            if key not in seen:
+                seen.add(key)
+                found.append((max(map(abs, key)), self._tableau(start)))
+        return tuple(method for _, method in sorted(found, key=operator.itemgetter(0)))
+
+    @property
+    def best(self) -> Start:
+        """The start with the smallest residual, whether exact or not."""
+        return min(self.starts, key=operator.attrgetter("largest_residual"))
+
+    def _tableau(self, start: Start) -> Tableau:
+        settings = self.settings
+        name = f"order {settings.order}, {settings.stages} stages, start {start.index}"
+        source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
+        return Tableau.from_packed(
+            start.x, settings.stages, rows=settings.rows, name=name, source=source
+        )
+
+
+def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.float64]:
+    """Return the random guess of one start, uniform in [-width, width].
+
+    Parameters
+    ----------
+    seed, index : int
+        The generator's seed is spawned from `seed` for each `index`.
+    size : int
+        Number of unknowns.
+    width : float
+        Half the side of the cube of guesses.
+
+    Returns
+    -------
+    ndarray, shape (size,)
+    """
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+    return generator.uniform(-width, width, size)
+
+
+def search(
+    order: int,
+    stages: int,
+    starts: int,
+    seed: int,
+    *,
+    algorithm: str = "lmdif",
+    rows: Rows = Rows.EXPLICIT,
+    width: float = 1.0,
+    maxfev: int | None = None,
+    refine_below: float = 1e-12,
+    refine_maxfev: int | None = None,
+    workers: int | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    force: bool = False,
+) -> SearchResult:
+    """Search for methods of an order from random starts.
+
+    Parameters
+    ----------
+    order : int
+        Order wanted, between 1 and `cg.conditions.HIGHEST_ORDER`.
+    stages : int
+        Number of stages.
+    starts : int
+        Number of random starts.
+    seed : int
+        Seed of all starts, not negative.
+    algorithm : {"lmdif"}, optional
+        ``"lmdif"`` is the paper's: differences for the Jacobian, rows of zeros for
+        discarded trees, xtol = ftol = 1e-18 in double and 1e-32 in real(16).
+    rows : Rows, optional
+        Explicit, diagonally implicit or fully implicit tableaux.
+    width : float, optional
+        Guesses are uniform in [-width, width].
+    maxfev : int, optional
+        Bound on evaluations in double; by default 200 (n + 1) for n unknowns, as MINPACK has it.
+    refine_below : float, optional
+        A start goes on to real(16) if its sum of squares is at most this.
+    refine_maxfev : int, optional
+        Bound on evaluations in real(16); by default 20 (n + 1).
+    workers : int, optional
+        Number of threads; all cores by default. It doesn't change the result.
+    checkpoint : path, optional
+        File that receives every finished start at once. If it exists and belongs to the
+        same settings, its starts aren't run again.
+    progress : callable, optional
+        Called with the numbers of finished and of all starts.
+    force : bool, optional
+        Try even where there are fewer unknowns than independent conditions.
+
+    Returns
+    -------
+    SearchResult
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range, there are too few stages, or the checkpoint
+        belongs to other settings.
+    OSError
+        If the checkpoint can't be written.
+
+    Examples
+    --------
+    >>> found = search(order=2, stages=2, starts=4, seed=1)
+    >>> found.methods[0].order
+    2
+    """
+    settings = _settings(
+        order, stages, seed, algorithm, rows, width, maxfev, refine_below, refine_maxfev, force
+    )
+    starts = _integer("starts", starts, 1)
+    workers = _integer("workers", workers, 1) if workers is not None else available_cores()
+    journal = Journal.open(checkpoint, settings) if checkpoint is not None else None
+    done = {start.index: start for start in journal.starts} if journal else {}
+    missing = [index for index in range(starts) if index not in done]
+    try:
+        for start in _run(settings, missing, workers):
+            done[start.index] = start
+            if journal:
+                journal.append(start)
+            if progress:
+                progress(sum(index < starts for index in done), starts)
+    finally:
+        if journal:
+            journal.close()
+    return SearchResult(settings, tuple(done[index] for index in range(starts)))
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def _run(settings: SearchSettings, indices: Sequence[int], workers: int) -> Iterator[Start]:
+    """Yield starts as they finish; queue only few at a time so that an interrupt ends soon."""
+    waiting = iter(indices)
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        pending: set[Future[Start]] = set()
+        try:
+            for index in waiting:
+                pending.add(pool.submit(run_start, settings, index))
+                if len(pending) < 2 * workers:
+                    continue
+                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+                yield from (future.result() for future in finished)
+            while pending:
+                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+                yield from (future.result() for future in finished)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def run_start(settings: SearchSettings, index: int) -> Start:
+    """Run one start alone: guess, solve in double, refine in real(16)."""
+    size = unknowns(settings.stages, settings.rows)
+    trees = np.array(table_rows(settings.order), dtype=np.intc)
+    # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
+    trees = np.pad(trees, (0, max(0, size - len(trees))))
+    shape = (settings.order, settings.stages, int(settings.rows))
+    guess = random_start(settings.seed, index, size, settings.width)
+
+    x, f, info, nfev = _core_r64.fit_lmdif(*shape, guess, trees, [1e-18], [1e-18], settings.maxfev)
+    double, refined = Phase(float(f[0]), int(info), int(nfev)), None
+    bits = quad.from_float(x)
+    if double.f <= settings.refine_below:
+        tolerance = quad.from_float([1e-32]).T
+        bits, f, info, nfev = _core_r128.fit_lmdif(
+            *shape, bits.T, trees, tolerance, tolerance, settings.refine_maxfev
+        )
+        bits = bits.T
+        refined = Phase(float(quad.to_float(f.T)[0]), int(info), int(nfev))
+    return _judge(settings, index, double, refined, bits)
+
+
+def _judge(
+    settings: SearchSettings, index: int, double: Phase, refined: Phase | None, bits: Any
+) -> Start:
+    decimals = tuple(map(quad.to_decimal, quad.decode(bits)))
+    stored = [Fraction(entry) for entry in decimals]
+    rest = residuals_quad(stored, settings.stages, settings.order, rows=settings.rows)
+    largest = float(max(map(abs, rest)))
+    scale = max(1.0, float(max(map(abs, stored))))
+    return Start(index, double, refined, decimals, largest, largest <= EXACT * scale)
+
+
+def _settings(
+    order: int,
+    stages: int,
+    seed: int,
+    algorithm: str,
+    rows: Rows,
+    width: float,
+    maxfev: int | None,
+    refine_below: float,
+    refine_maxfev: int | None,
+    force: bool,
+) -> SearchSettings:
+    order = _integer("order", order, 1)
+    if order > HIGHEST_ORDER:
+        raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
+    stages = _integer("stages", stages, 1)
+    seed = _integer("seed", seed, 0)
+    if algorithm not in ("lmdif",):
+        raise ValueError(f'algorithm must be "lmdif", got {algorithm!r}')
+    rows = Rows(rows)
+    size, conditions = unknowns(stages, rows), count(order, independent=True)
+    if size < conditions and not force:
+        raise ValueError(
+            f"stages = {stages} gives {size} unknowns for {conditions} independent conditions of "
+            f"order {order}; pass force=True to try all the same"
+        )
+    for name, value in (("width", width), ("refine_below", refine_below)):
+        if not (np.isreal(value) and 0 <= value < np.inf):
+            raise ValueError(f"{name} must be a finite number, not negative, got {value!r}")
+    maxfev = 200 * (size + 1) if maxfev is None else _integer("maxfev", maxfev, 1)
+    if refine_maxfev is None:
+        refine_maxfev = 20 * (size + 1)
+    refine_maxfev = _integer("refine_maxfev", refine_maxfev, 1)
+    return SearchSettings(
+        order,
+        stages,
+        seed,
+        algorithm,
+        rows,
+        float(width),
+        maxfev,
+        float(refine_below),
+        refine_maxfev,
+    )
+
+
+def _integer(name: str, value: int, least: int) -> int:
+    try:
+        checked = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} must be an integer, got {value!r}") from None
+    if checked < least:
+        raise ValueError(f"{name} must be at least {least}, got {value}")
+    return checked

@@ -1,0 +1,74 @@
+"""Records of a search: what it does, and what became of each random start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .conditions import Rows
+
+__all__ = ["Phase", "SearchSettings", "Start"]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """How one run of the solver ended.
+
+    Attributes
+    ----------
+    f : float
+        Sum of squared residuals over the independent conditions, the objective of the paper.
+    info : int
+        MINPACK's reason to stop.
+    nfev : int
+        Evaluations of the residuals, those for difference quotients included.
+    """
+
+    f: float
+    info: int
+    nfev: int
+
+
+@dataclass(frozen=True)
+class Start:
+    """One random start and what became of it.
+
+    Attributes
+    ----------
+    index : int
+        Number of the start; with the seed it determines everything else.
+    double : Phase
+        The run in double precision.
+    quad : Phase or None
+        The run in real(16); None where `double` ended above the bound for it.
+    x : tuple of str
+        Packed coefficients, row by row, ``b`` last, in decimal with 36 significant digits.
+    largest_residual : float
+        Over all order conditions, computed in real(16) at `x`.
+    exact : bool
+        Whether `x` solves all conditions to the accuracy of real(16), see `cg.search`.
+    """
+
+    index: int
+    double: Phase
+    quad: Phase | None
+    x: tuple[str, ...]
+    largest_residual: float
+    exact: bool
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """What a search does; equal settings give equal results.
+
+    See `search` for the parameters.
+    """
+
+    order: int
+    stages: int
+    seed: int
+    algorithm: str
+    rows: Rows
+    width: float
+    maxfev: int
+    refine_below: float
+    refine_maxfev: int
