@@ -1,0 +1,56 @@
+! Face for f2py of lmdif on a function that calls Python back. In double only, and never
+! `threadsafe`: the function needs the interpreter's lock.
+module callback_r64
+  use, intrinsic :: iso_fortran_env, only: real64
+  use least_squares_r64, only: least_squares_t
+  implicit none
+  private
+  public :: callback_t, evaluate_i
+
+  abstract interface
+    subroutine evaluate_i(n, x, m, f, flag)
+      import :: real64
+      integer, intent(in) :: n, m
+      real(real64), intent(in) :: x(n)
+      real(real64), intent(out) :: f(m)
+      integer, intent(out) :: flag
+    end subroutine evaluate_i
+  end interface
+
+  type, extends(least_squares_t) :: callback_t
+    procedure(evaluate_i), pointer, nopass :: evaluate => null()
+  contains
+    procedure :: residual
+  end type callback_t
+
+contains
+
+  subroutine residual(self, x, f, flag)
+    class(callback_t), intent(inout) :: self
+    real(real64), intent(in) :: x(:)   ! (n)
+    real(real64), intent(out) :: f(:)  ! (m)
+    integer, intent(inout) :: flag
+
+    call self%evaluate(size(x), x, size(f), f, flag)
+  end subroutine residual
+
+end module callback_r64
+
+subroutine r64_lmdif_callback(evaluate, n, m, x, fvec, ftol, xtol, gtol, maxfev, epsfcn, diag, &
+    mode, factor, info, nfev, fjac, ipvt, qtf)
+  use, intrinsic :: iso_fortran_env, only: real64
+  use callback_r64, only: callback_t, evaluate_i
+  use lmdif_r64, only: lmdif
+  implicit none
+  procedure(evaluate_i) :: evaluate
+  integer, intent(in) :: n, m, maxfev, mode
+  real(real64), intent(inout) :: x(n), diag(n)
+  real(real64), intent(in) :: ftol, xtol, gtol, epsfcn, factor
+  real(real64), intent(out) :: fvec(m), fjac(m, n), qtf(n)
+  integer, intent(out) :: info, nfev, ipvt(n)
+  type(callback_t) :: problem
+
+  problem%evaluate => evaluate
+  call lmdif(problem, x, fvec, ftol, xtol, gtol, maxfev, epsfcn, diag, mode, factor, info, nfev, &
+      fjac, ipvt, qtf)
+end subroutine r64_lmdif_callback
