@@ -75,12 +75,7 @@ class Product(Frame):
         ValueError
             If the last axis of ``y`` hasn't the length of a point.
         """
-        point = self._points(y)
-        lead = point.shape[:-1]
-        return tuple(
-            point[..., part].reshape(*lead, *factor.point_shape)
-            for factor, part in zip(self.factors, self._point_slices, strict=True)
-        )
+        return self._split(self._points(y))
 
     def join(self, *parts: ArrayLike) -> Array:
         """Return the flat point, shape ``(..., n)``, of one point of every factor.
@@ -92,29 +87,26 @@ class Product(Frame):
         """
         if len(parts) != len(self.factors):
             raise ValueError(f"parts must be {len(self.factors)} points, got {len(parts)}")
-        flat = []
-        for index, (factor, part) in enumerate(zip(self.factors, parts, strict=True)):
-            point = factor._points(part, f"parts[{index}]")
-            lead = point.shape[: point.ndim - len(factor.point_shape)]
-            flat.append(point.reshape(*lead, prod(factor.point_shape)))
-        lead = np.broadcast_shapes(*(part.shape[:-1] for part in flat))
-        return np.concatenate(
-            [np.broadcast_to(part, (*lead, part.shape[-1])) for part in flat], axis=-1
+        return self._join(
+            [
+                factor._points(part, f"parts[{index}]")
+                for index, (factor, part) in enumerate(zip(self.factors, parts, strict=True))
+            ]
         )
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' tangents, joined: shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         vectors = self._split_vector(vector)
-        parts = zip(self.factors, vectors, self.split(point), strict=True)
-        return self.join(*(factor.field(u, x) for factor, u, x in parts))
+        parts = zip(self.factors, vectors, self._split(point), strict=True)
+        return self._join([factor.field(u, x) for factor, u, x in parts])
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' flows, joined: shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         vectors = self._split_vector(vector)
-        parts = zip(self.factors, vectors, self.split(point), strict=True)
-        return self.join(*(factor.flow(u, x) for factor, u, x in parts))
+        parts = zip(self.factors, vectors, self._split(point), strict=True)
+        return self._join([factor.flow(u, x) for factor, u, x in parts])
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the largest of the factors' membership errors, shape ``(...)``."""
@@ -137,6 +129,24 @@ class Product(Frame):
 
     def _split_vector(self, vector: Array) -> list[Array]:
         return [vector[..., part] for part in self._vector_slices]
+
+    def _split(self, point: Array) -> tuple[Array, ...]:
+        lead = point.shape[:-1]
+        return tuple(
+            point[..., part].reshape(lead + factor.point_shape)
+            for factor, part in zip(self.factors, self._point_slices, strict=True)
+        )
+
+    def _join(self, points: Sequence[Array]) -> Array:
+        flat = []
+        for factor, point in zip(self.factors, points, strict=True):
+            shape = factor.point_shape
+            flat.append(point.reshape((*point.shape[: point.ndim - len(shape)], prod(shape))))
+        leads = {part.shape[:-1] for part in flat}
+        if len(leads) > 1:
+            lead = np.broadcast_shapes(*leads)
+            flat = [np.broadcast_to(part, (*lead, part.shape[-1])) for part in flat]
+        return np.concatenate(flat, axis=-1)
 
 
 def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
