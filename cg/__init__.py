@@ -2,4 +2,7 @@
 
 from __future__ import annotations
 
+from .solve.lmdif import lmdif
+
+__all__ = ["lmdif"]
 __version__ = "0.1.0"
