@@ -1,0 +1,143 @@
+"""Built-in problems integrated wholly in compiled code, in double or quadruple precision."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg import quad
+from cg.frames.base import Array
+from cg.integrate.fixed import resolve_method
+from cg.problems.heavy_top import HeavyTop
+from cg.tableau import Tableau
+
+Kind = Literal["real64", "real128"]
+
+
+@dataclass(frozen=True)
+class CompiledTrajectory:
+    """A solution from the compiled stepper.
+
+    Attributes
+    ----------
+    t
+        Times rounded to float64, shape ``(steps + 1,)``, read-only.
+    y
+        Points rounded to float64, shape ``(steps + 1, *point_shape)``, read-only.
+    raw
+        Points in the kind that was computed with: ``y`` itself, or the bytes of binary128
+        numbers as `cg.quad` has them, shape ``(steps + 1, *point_shape, 16)``, read-only.
+    kind
+        ``"real64"`` or ``"real128"``.
+    """
+
+    t: Array
+    y: Array
+    raw: NDArray[Any]
+    kind: Kind
+
+    def __repr__(self) -> str:
+        return f"CompiledTrajectory(t=0...{self.t[-1]:g}, steps={len(self.t) - 1}, {self.kind})"
+
+    def exact(self, k: int) -> tuple[Fraction, ...]:
+        """Return the exact values of the entries of point ``k``; negative counts from the end."""
+        if self.kind == "real64":
+            return tuple(map(Fraction, self.raw[k].ravel().tolist()))
+        return tuple(quad.decode(self.raw[k].reshape(-1, 16)))
+
+
+def integrate_heavy_top(
+    problem: HeavyTop,
+    *,
+    method: str | Tableau,
+    h: Fraction | float | str,
+    steps: int,
+    kind: Kind = "real64",
+) -> CompiledTrajectory:
+    """Integrate the spinning top from time zero, with a given number of equal steps.
+
+    All constants, the method's exact coefficients among them, are rounded once to the kind.
+    Python's global lock is released meanwhile.
+
+    Parameters
+    ----------
+    problem
+        The top.
+    method
+        Name of an explicit method of the catalogue, or a tableau.
+    h
+        Step size, positive; a float means its exact binary value, a string a decimal or a
+        quotient.
+    steps
+        Number of steps, positive.
+    kind
+        ``"real64"`` or ``"real128"``, 53 or 113 binary digits.
+
+    Returns
+    -------
+    CompiledTrajectory
+
+    Raises
+    ------
+    TypeError
+        If ``problem`` or ``method`` has another type.
+    ValueError
+        If ``method`` is unknown or implicit, or another argument has an impossible value.
+    OverflowError
+        If the solution exceeds the range of floating point.
+    """
+    if not isinstance(problem, HeavyTop):
+        raise TypeError(f"problem must be a HeavyTop, got {problem!r}")
+    tableau = resolve_method(method)
+    if not tableau.explicit:
+        raise ValueError(f"method must be explicit, got the implicit {method!r}")
+    try:
+        size = Fraction(h)
+    except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
+        raise ValueError(f"h must be a finite number, got {h!r}") from error
+    if size <= 0:
+        raise ValueError(f"h must be positive, got {h!r}")
+    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
+        raise ValueError(f"steps must be a positive integer, got {steps!r}")
+    if kind not in ("real64", "real128"):
+        raise ValueError(f'kind must be "real64" or "real128", got {kind!r}')
+
+    from cg import _core_r64, _core_r128
+
+    core, convert = (_core_r64, _doubles) if kind == "real64" else (_core_r128, _quads)
+    a, b = tableau.exact
+    columns, failed = core.heavy_top(
+        convert(problem.inertia),
+        convert([problem.mgl]),
+        convert(problem.y0_exact),
+        convert([x for row in a for x in row], (len(b), len(b))),
+        convert(b),
+        convert([size]),
+        steps,
+    )
+    if failed:
+        raise OverflowError(f"the solution is no longer finite at t = {float(failed * size):.17g}")
+    if kind == "real64":
+        raw: NDArray[Any] = np.ascontiguousarray(columns.T)
+        points = raw
+    else:
+        raw = np.ascontiguousarray(np.transpose(columns, (2, 1, 0)))
+        points = quad.to_float(raw)
+    times = np.array([float(k * size) for k in range(steps + 1)])
+    for array in (times, points, raw):
+        array.flags.writeable = False
+    return CompiledTrajectory(times, points, raw, kind)
+
+
+def _doubles(values: Iterable[Fraction], shape: tuple[int, ...] = (-1,)) -> Array:
+    return np.array([float(x) for x in values]).reshape(shape)
+
+
+def _quads(values: Iterable[Fraction], shape: tuple[int, ...] = (-1,)) -> quad.Quads:
+    """Return binary128 numbers with their bytes along the first axis, as Fortran has them."""
+    return np.moveaxis(quad.encode(values).reshape(*shape, 16), -1, 0)
