@@ -14,7 +14,7 @@ from pathlib import Path
 if __package__:
     from .trees import Forest, forest
 else:  # run by the build, beside trees.py
-    from trees import Forest, forest
+    from trees import Forest, forest  # type: ignore[import-not-found,no-redef]
 
 __all__ = ["fortran_tables", "main"]
 
