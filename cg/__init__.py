@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from .catalogue import methods
 from .solve.lmdif import lmdif
+from .tableau import Tableau, TableauError
 
-__all__ = ["lmdif"]
+__all__ = ["Tableau", "TableauError", "lmdif", "methods"]
 __version__ = "0.1.0"

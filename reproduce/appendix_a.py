@@ -1,0 +1,121 @@
+"""Appendix A of the paper: its printed coefficients beside those of the catalogue."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from importlib.resources import files
+
+from cg.catalogue import methods
+from cg.tableau import Tableau
+
+__all__ = ["Comparison", "Printed", "compare", "printed"]
+
+
+@dataclass(frozen=True)
+class Printed:
+    """A method as the paper prints it, digit for digit.
+
+    Attributes
+    ----------
+    name : str
+    a : tuple of tuple of str
+        Strictly lower rows, lengths 0 to s - 1.
+    b, c : tuple of str
+        Weights and abscissae.
+    """
+
+    name: str
+    a: tuple[tuple[str, ...], ...]
+    b: tuple[str, ...]
+    c: tuple[str, ...]
+
+    def labelled(self) -> Iterator[tuple[str, str]]:
+        """Yield every coefficient's label, such as ``a_3,2``, and its printed digits."""
+        for i, row in enumerate(self.a, 1):
+            for j, entry in enumerate(row, 1):
+                yield f"a_{i},{j}", entry
+        for letter, numbers in (("b", self.b), ("c", self.c)):
+            for i, entry in enumerate(numbers, 1):
+                yield f"{letter}_{i}", entry
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One printed coefficient beside ours.
+
+    Attributes
+    ----------
+    label : str
+    printed : str
+        The paper's digits.
+    ours : Fraction
+        The catalogue's exact value (for c, the exact sum of a row of a).
+    """
+
+    label: str
+    printed: str
+    ours: Fraction
+
+    @property
+    def difference(self) -> Fraction:
+        """Ours minus the paper's, exactly."""
+        return self.ours - Fraction(self.printed)
+
+    @property
+    def units(self) -> float:
+        """The difference in units of the last printed place."""
+        places = len(self.printed.partition(".")[2])
+        return float(self.difference * 10**places)
+
+    @property
+    def kept_zero(self) -> bool:
+        """Whether ours is an exact zero wherever the paper prints one."""
+        return Fraction(self.printed) != 0 or self.ours == 0
+
+
+@cache
+def printed() -> dict[str, Printed]:
+    """Return the methods of Appendix A by name, in the paper's order."""
+    text = files(__package__).joinpath("appendix_a.toml").read_text(encoding="utf-8")
+    return {
+        name: Printed(name, tuple(map(tuple, entry["a"])), tuple(entry["b"]), tuple(entry["c"]))
+        for name, entry in tomllib.loads(text).items()
+    }
+
+
+def compare(name: str, method: Tableau | None = None) -> tuple[Comparison, ...]:
+    """Set every printed coefficient of a method beside ours.
+
+    Parameters
+    ----------
+    name : str
+        ``"CG4a"``, ``"CG5a"`` or ``"CG6a"``.
+    method : Tableau, optional
+        By default the catalogue's method of this name.
+
+    Returns
+    -------
+    tuple of Comparison
+        a row by row, then b, then c.
+
+    Raises
+    ------
+    KeyError
+        If the paper has no such method.
+    ValueError
+        If the method has another number of stages than the paper's.
+    """
+    paper = printed()[name]
+    method = methods[name] if method is None else method
+    if method.stages != len(paper.b):
+        raise ValueError(f"method must have {len(paper.b)} stages, got {method.stages}")
+    a, b = method.exact
+    ours = [entry for i, row in enumerate(a) for entry in row[:i]] + [*b, *map(sum, a)]
+    return tuple(
+        Comparison(label, digits, Fraction(value))
+        for (label, digits), value in zip(paper.labelled(), ours, strict=True)
+    )
