@@ -1,0 +1,123 @@
+"""The fast solver of order conditions: exact Jacobian, steps of least norm.
+
+Levenberg–Marquardt with geodesic acceleration, in double, wholly compiled; dense linear
+algebra by the LAPACK that SciPy brings.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cython_blas, cython_lapack
+
+from .. import _minimum_norm
+from ..conditions import Rows, condition_trees, unknowns
+
+__all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
+
+
+class MinimumNormStatus(IntEnum):
+    """Why the solver stopped; the numbers are those of the compiled core."""
+
+    SOLVED = 1
+    OUT_OF_ITERATIONS = 2
+    NO_DESCENT = 3
+    NOT_FINITE = 4
+
+
+@dataclass(frozen=True)
+class MinimumNormFit:
+    """Where a fit ended.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n,)
+        Packed tableau.
+    f : float
+        Sum of squared residuals of the independent conditions.
+    iterations, evaluations : int
+        Steps tried, and evaluations of the residuals.
+    status : MinimumNormStatus
+    """
+
+    x: NDArray[np.float64]
+    f: float
+    iterations: int
+    evaluations: int
+    status: MinimumNormStatus
+
+
+def fit_conditions(
+    x0: ArrayLike,
+    stages: int,
+    order: int,
+    *,
+    rows: Rows = Rows.EXPLICIT,
+    free: Sequence[int] | NDArray[np.intp] | None = None,
+    ftol: float = 1e-27,
+    max_iterations: int = 1000,
+) -> MinimumNormFit:
+    """Minimise the sum of squared residuals of the independent order conditions.
+
+    Works for any numbers of conditions and unknowns, and is meant for more unknowns
+    than conditions.
+
+    Parameters
+    ----------
+    x0 : array_like, shape (n,)
+        Packed tableau to start from (`cg.conditions.pack`).
+    stages, order : int
+    rows : Rows, optional
+    free : sequence of int, optional
+        Indices (from 0) of the unknowns that may move; all by default.
+    ftol : float, optional
+        Stop when the sum of squares is at most this.
+    max_iterations : int, optional
+
+    Returns
+    -------
+    MinimumNormFit
+
+    Raises
+    ------
+    ValueError
+        If `x0` doesn't fit the stages or isn't finite, or `free` has a wrong index.
+    """
+    size = unknowns(stages, rows)
+    x = np.array(x0, dtype=np.float64)
+    if x.shape != (size,) or not np.isfinite(x).all():
+        raise ValueError(f"x0 must have {size} finite entries, got shape {x.shape}: {x}")
+    indices = np.arange(size) if free is None else np.unique(np.asarray(free, dtype=np.intp))
+    if indices.size and not (0 <= indices[0] and indices[-1] < size):
+        raise ValueError(f"free must hold indices from 0 to {size - 1}, got {free}")
+    trees = np.array(condition_trees(order, independent=True), dtype=np.intc)
+    found, f, iterations, evaluations, status = _minimum_norm.fit_minimum_norm(
+        order, stages, rows, x, trees, (indices + 1).astype(np.intc), ftol, max_iterations
+    )
+    return MinimumNormFit(
+        found, float(f), int(iterations), int(evaluations), MinimumNormStatus(status)
+    )
+
+
+def _address(capsules: dict[str, object], name: str) -> int:
+    api = ctypes.pythonapi
+    api.PyCapsule_GetName.restype = ctypes.c_char_p
+    api.PyCapsule_GetName.argtypes = [ctypes.py_object]
+    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
+    api.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+    capsule = capsules[name]
+    return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
+
+
+_minimum_norm.set_lapack(
+    [
+        _address(cython_blas.__pyx_capi__, "dsyrk"),
+        _address(cython_lapack.__pyx_capi__, "dpotrf"),
+        _address(cython_lapack.__pyx_capi__, "dpotrs"),
+    ]
+)

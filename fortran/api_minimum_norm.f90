@@ -1,0 +1,33 @@
+! Faces for f2py of the fast solver, which is in double precision only.
+
+subroutine r64_set_lapack(addresses)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use lapack, only: set_lapack
+  implicit none
+  integer(c_intptr_t), intent(in) :: addresses(3)  ! dsyrk, dpotrf, dpotrs
+
+  call set_lapack(addresses)
+end subroutine r64_set_lapack
+
+! The caller has set the addresses of LAPACK.
+subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, k, free, ftol, max_iterations, &
+                                x, f, iterations, evaluations, status)
+  use kinds_r64, only: wp
+  use conditions_r64, only: order_conditions_t
+  use minimum_norm, only: minimise_norm
+  use weights_r64, only: make_pattern
+  implicit none
+  integer, intent(in) :: order, stages, rows, n, m, k
+  real(wp), intent(in) :: x0(n)         ! packed tableau
+  integer, intent(in) :: trees(m)       ! none of them zero
+  integer, intent(in) :: free(k)        ! indices of the unknowns that may move, from 1
+  real(wp), intent(in) :: ftol
+  integer, intent(in) :: max_iterations
+  real(wp), intent(out) :: x(n), f
+  integer, intent(out) :: iterations, evaluations, status
+  type(order_conditions_t) :: conditions
+
+  call conditions%set_up(order, make_pattern(stages, rows), trees)
+  x = x0
+  call minimise_norm(conditions, x, m, free, ftol, max_iterations, f, iterations, evaluations, status)
+end subroutine r64_fit_minimum_norm

@@ -1,0 +1,153 @@
+! Levenberg-Marquardt for fewer equations than unknowns: steps of least norm, with the second
+! derivative along them taken into account.
+!
+! A step p minimises |J p + r|^2 + lambda |p|^2 by p = -J^T y, (J J^T + lambda I) y = r, and is
+! bent by half the acceleration a of the curve on which the linear model holds (M. Transtrum and
+! J. Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares
+! minimization, arXiv:1201.5885). Narrow bent valleys, which order conditions are full of, are
+! followed in steps many times longer. lambda changes by H. B. Nielsen's rule (IMM-REP-1999-05).
+module minimum_norm
+  use kinds_r64, only: wp
+  use lapack, only: gram_matrix, cholesky, solve_cholesky
+  use least_squares_r64, only: differentiable_t
+  implicit none
+  private
+  public :: minimise_norm
+  integer, parameter, public :: solved = 1           ! sum of squares at most ftol
+  integer, parameter, public :: out_of_iterations = 2
+  integer, parameter, public :: no_descent = 3       ! not even a tiny step reduces it
+  integer, parameter, public :: not_finite = 4       ! at the start
+
+  real(wp), parameter :: first_damping = 1.0e-2_wp   ! over the largest diagonal entry of J J^T
+  real(wp), parameter :: least_damping = 1.0e-17_wp
+  real(wp), parameter :: most_damping = 1.0e8_wp
+  real(wp), parameter :: probe = 0.1_wp              ! where along p the second derivative is taken
+  real(wp), parameter :: most_bend = 0.75_wp         ! largest |a| / |p| that is trusted
+
+contains
+
+  ! Moves the unknowns listed in `free` only.
+  subroutine minimise_norm(problem, x, conditions, free, ftol, max_iterations, &
+                           f, iterations, evaluations, status)
+    class(differentiable_t), intent(inout) :: problem
+    real(wp), intent(inout) :: x(:)        ! (unknowns)
+    integer, intent(in) :: conditions      ! number of residuals
+    integer, intent(in) :: free(:)         ! (free unknowns) indices
+    real(wp), intent(in) :: ftol           ! >= 0
+    integer, intent(in) :: max_iterations
+    real(wp), intent(out) :: f             ! sum of squared residuals at x
+    integer, intent(out) :: iterations, evaluations, status
+    real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
+    real(wp), allocatable :: r(:), r_trial(:), y(:), step(:), trial(:)
+    real(wp) :: damping, growth, f_trial, predicted, gain
+    integer :: flag
+
+    allocate (full(conditions, size(x)), jac(conditions, size(free)))
+    allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
+    allocate (r(conditions), r_trial(conditions), y(conditions), step(size(free)), trial(size(x)))
+
+    status = not_finite
+    iterations = 0
+    evaluations = 1
+    flag = 0
+    call problem%residual(x, r, flag)
+    f = sum(r**2)
+    if (flag < 0 .or. .not. f <= huge(f)) return
+    status = out_of_iterations
+    if (f <= ftol) status = solved
+    call linearise(damping, flag)
+    if (flag < 0) status = not_finite
+    damping = first_damping*damping
+    growth = 2.0_wp
+
+    do while (status == out_of_iterations .and. iterations < max_iterations)
+      iterations = iterations + 1
+      call factorise(gram, factor, damping)
+      y = r
+      call solve_cholesky(factor, y)
+      step = -matmul(y, jac)
+      call bend(problem, x, r, jac, factor, free, step, trial, r_trial)
+      trial = x
+      trial(free) = x(free) + step
+      flag = 0
+      call problem%residual(trial, r_trial, flag)
+      evaluations = evaluations + 2
+      f_trial = sum(r_trial**2)
+      if (flag < 0 .or. .not. f_trial <= huge(f)) f_trial = huge(f)
+      if (f_trial < f) then
+        predicted = f - sum((damping*y)**2)
+        gain = (f - f_trial)/max(predicted, tiny(f))
+        damping = max(damping*max(1.0_wp/3.0_wp, 1.0_wp - (2.0_wp*gain - 1.0_wp)**3), least_damping)
+        growth = 2.0_wp
+        x = trial
+        r = r_trial
+        f = f_trial
+        if (f <= ftol) then
+          status = solved
+        else
+          call linearise(gain, flag)
+          if (flag < 0) status = no_descent
+        end if
+      else
+        damping = damping*growth
+        growth = 2.0_wp*growth
+        if (damping > most_damping) status = no_descent
+      end if
+    end do
+
+  contains
+
+    subroutine linearise(largest, flag)
+      real(wp), intent(out) :: largest  ! diagonal entry of J J^T
+      integer, intent(out) :: flag
+      integer :: i
+
+      flag = 0
+      call problem%jacobian(x, full, flag)
+      jac = full(:, free)
+      call gram_matrix(jac, gram)
+      largest = maxval([(gram(i, i), i=1, conditions)])
+    end subroutine linearise
+  end subroutine minimise_norm
+
+  ! Raises the damping where rounding leaves the matrix indefinite.
+  subroutine factorise(gram, factor, damping)
+    real(wp), intent(in) :: gram(:, :)                    ! (conditions, conditions)
+    real(wp), intent(out), contiguous :: factor(:, :)     ! (conditions, conditions)
+    real(wp), intent(inout) :: damping
+    integer :: i, info
+
+    do
+      factor = gram
+      do i = 1, size(gram, 1)
+        factor(i, i) = factor(i, i) + damping
+      end do
+      call cholesky(factor, info)
+      if (info == 0) exit
+      damping = 4.0_wp*damping
+    end do
+  end subroutine factorise
+
+  subroutine bend(problem, x, r, jac, factor, free, step, trial, r_trial)
+    class(differentiable_t), intent(inout) :: problem
+    real(wp), intent(in) :: x(:)                      ! (unknowns)
+    real(wp), intent(in) :: r(:)                      ! (conditions) residual at x
+    real(wp), intent(in) :: jac(:, :)                 ! (conditions, free unknowns)
+    real(wp), intent(in), contiguous :: factor(:, :)  ! (conditions, conditions)
+    integer, intent(in) :: free(:)                    ! (free unknowns)
+    real(wp), intent(inout) :: step(:)                ! (free unknowns)
+    real(wp), intent(inout) :: trial(:), r_trial(:)   ! workspace
+    real(wp) :: second(size(r)), acceleration(size(step))
+    integer :: flag
+
+    trial = x
+    trial(free) = x(free) + probe*step
+    flag = 0
+    call problem%residual(trial, r_trial, flag)
+    if (flag < 0) return
+    second = (2.0_wp/probe)*((r_trial - r)/probe - matmul(jac, step))
+    call solve_cholesky(factor, second)
+    acceleration = -matmul(second, jac)
+    if (norm2(acceleration) <= most_bend*norm2(step)) step = step + 0.5_wp*acceleration
+  end subroutine bend
+end module minimum_norm
