@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame
+from cg.frames.base import Array, Frame, real_array
 from cg.tableau import Tableau
 
 Coefficients = Callable[[float, Array], ArrayLike]
@@ -136,19 +136,19 @@ def integrate(
     point = frame.check_point(y0, name="y0")
 
     step = _Step(f, frame, tableau)
-    points = np.empty((len(times), *frame.point_shape))
+    steps = len(times) - 1
+    points = np.empty((steps + 1, *frame.point_shape))
     points[0] = point
     # Full steps take h itself, not differences of rounded times, so that all are equal.
-    signed = math.copysign(float(h), times[-1] - times[0])
-    for k in range(len(times) - 1):
-        last = k == len(times) - 2
-        size = _last_step(times[k], times[-1], signed) if last else signed
-        point = step(times[k], point, size)
+    sizes = [math.copysign(float(h), times[-1] - times[0])] * steps
+    if sizes:
+        sizes[-1] = _last_step(float(times[-2]), float(times[-1]), sizes[-1])
+    for k, (t, size) in enumerate(zip(times.tolist(), sizes, strict=False)):
+        point = step(t, point, size)
         if not np.isfinite(point).all():
             raise OverflowError(f"the solution is no longer finite at t = {times[k + 1]:.17g}")
         points[k + 1] = point
     times.flags.writeable = points.flags.writeable = False
-    steps = len(times) - 1
     return Trajectory(times, points, steps * step.nfev, steps * step.nexp, tableau, float(h))
 
 
@@ -239,7 +239,7 @@ def _last_step(t: float, stop: float, h: float) -> float:
     """Return ``h`` if it leads from ``t`` to ``stop`` up to rounding, else the shorter rest."""
     rest = stop - t
     slack = 4.0 * (math.ulp(max(abs(t), abs(stop))) + math.ulp(h))
-    return h if abs(rest - h) <= slack else float(rest)
+    return h if abs(rest - h) <= slack else rest
 
 
 class _Step:
@@ -274,9 +274,9 @@ class _Step:
         visible.flags.writeable = False
         value: Any = self.f(t, visible)
         try:
-            # A copy, since f may return the same buffer each time.
-            coefficients = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+            # This copies, since f may return the same buffer each time.
+            coefficients = real_array(value, "f")
+        except ValueError as error:
             raise ValueError(
                 f"f must return {self.frame.dim} real numbers, got {value!r} at t = {t:.17g}"
             ) from error
@@ -286,6 +286,8 @@ class _Step:
                 f"got shape {coefficients.shape} at t = {t:.17g}"
             )
         if not np.isfinite(coefficients).all():
+            if not np.isfinite(point).all():
+                raise OverflowError(f"a stage is no longer finite at t = {t:.17g}")
             raise ValueError(f"f must return finite numbers, got {coefficients} at t = {t:.17g}")
         return coefficients
 
