@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from . import frames
 from .catalogue import methods
+from .integrate import integrate
 from .solve.lmdif import lmdif
 from .tableau import Tableau, TableauError
 
-__all__ = ["Tableau", "TableauError", "lmdif", "methods"]
+__all__ = ["Tableau", "TableauError", "frames", "integrate", "lmdif", "methods"]
 __version__ = "0.1.0"

@@ -107,9 +107,10 @@ def integrate_heavy_top(
     if kind not in ("real64", "real128"):
         raise ValueError(f'kind must be "real64" or "real128", got {kind!r}')
 
-    from cg import _core_r64, _core_r128
+    import cg._core_r64 as core64
+    import cg._core_r128 as core128
 
-    core, convert = (_core_r64, _doubles) if kind == "real64" else (_core_r128, _quads)
+    core, convert = (core64, _doubles) if kind == "real64" else (core128, _quads)
     a, b = tableau.exact
     columns, failed = core.heavy_top(
         convert(problem.inertia),
