@@ -4,7 +4,8 @@ A tableau has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q +
 (2.4) of Jackiewicz, Marthinsen and Owren. The weights are, with the leftmost child on
 the smallest stage::
 
-    Φ_r(τ) = 1,   Φ_r([t_1 … t_μ]) = Σ_{i_1 ≤ … ≤ i_μ} Π_j a_{r,i_j} Φ_{i_j}(t_j) / Π (runs of equal i)!
+    Φ_r(τ) = 1
+    Φ_r([t_1 … t_μ]) = Σ_{i_1 ≤ … ≤ i_μ} Π_j a_{r,i_j} Φ_{i_j}(t_j) / Π (runs of equal i)!
 
 and ``Φ`` itself has ``b`` in place of ``a_r``.
 """
@@ -136,11 +137,13 @@ def unknowns(stages: int, rows: Rows = Rows.EXPLICIT) -> int:
 
 def row_lengths(stages: int, rows: Rows) -> tuple[int, ...]:
     """Return how many entries each row of ``a`` has, and ``b`` last."""
+    if stages < 1:
+        raise ValueError(f"stages must be at least 1, got {stages}")
     lengths = {
         Rows.EXPLICIT: range(stages),
         Rows.DIAGONAL: range(1, stages + 1),
         Rows.FULL: (stages,) * stages,
-    }[rows]
+    }[Rows(rows)]
     return (*lengths, stages)
 
 

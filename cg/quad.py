@@ -7,6 +7,7 @@ array whose last axis has length 16, in the machine's little-endian order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
@@ -25,6 +26,7 @@ DECIMAL_DIGITS = 36
 _PRECISION = 113
 _MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
 _MAX_EXPONENT = 16383 - 112
+_LONGEST = 100  # decimal places up to which numbers are written without an exponent
 
 
 def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
@@ -126,16 +128,21 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS) -> str:
     Returns
     -------
     str
-        Plain positional notation without trailing zeros, ``"0"`` for zero.
+        Without trailing zeros, ``"0"`` for zero. Positional, except that magnitudes beyond
+        ``10**±100`` are written as in ``"-1.25e-4950"``.
     """
     if digits < 1:
         raise ValueError(f"digits must be at least 1, got {digits}")
     if value == 0:
         return "0"
     magnitude = abs(value)
-    places = digits - _decimal_exponent(magnitude) - 1
-    scaled = round(magnitude * Fraction(10) ** places)
+    exponent = _decimal_exponent(magnitude)
     sign = "-" if value < 0 else ""
+    if abs(exponent) > _LONGEST:
+        significand = to_decimal(magnitude / Fraction(10) ** exponent, digits)
+        return f"{sign}{significand}e{exponent}"
+    places = digits - exponent - 1
+    scaled = round(magnitude * Fraction(10) ** places)
     if places <= 0:
         return f"{sign}{scaled * 10**-places}"
     text = str(scaled).rjust(places + 1, "0")
@@ -144,5 +151,9 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS) -> str:
 
 
 def _decimal_exponent(value: Fraction) -> int:
-    guess = len(str(value.numerator)) - len(str(value.denominator))
-    return guess if value >= Fraction(10) ** guess else guess - 1
+    # from bits, since Python limits how many digits an integer may be written with
+    bits = value.numerator.bit_length() - value.denominator.bit_length()
+    exponent = math.floor((bits - 1) * math.log10(2)) - 1
+    while value >= Fraction(10) ** (exponent + 1):
+        exponent += 1
+    return exponent

@@ -144,16 +144,14 @@ class Forest:
 
     def count(self, nodes: int) -> int:
         """Return how many trees have exactly `nodes` nodes."""
-        return self._start(nodes + 1) - self._start(nodes)
+        return len(self.with_nodes(nodes))
 
     def with_nodes(self, nodes: int) -> range:
         """Return the indices of the trees with exactly `nodes` nodes."""
-        return range(self._start(nodes), self._start(nodes + 1))
-
-    def _start(self, nodes: int) -> int:
-        if not 1 <= nodes <= self.max_nodes + 1:
+        if not 1 <= nodes <= self.max_nodes:
             raise ValueError(f"nodes must be between 1 and {self.max_nodes}, got {nodes}")
-        return 1 + sum(catalan(n - 1) for n in range(1, nodes))
+        start = 1 + sum(catalan(n - 1) for n in range(1, nodes))
+        return range(start, start + catalan(nodes - 1))
 
     def is_independent(self, index: int) -> bool:
         """Tell whether the condition of this tree doesn't follow from lower ones.

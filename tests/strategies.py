@@ -1,0 +1,32 @@
+"""What hypothesis draws in the tests of more than one module."""
+
+from fractions import Fraction
+
+from hypothesis import strategies as st
+
+from cg.conditions import Rows, row_lengths
+from cg.trees import OrderedTree
+
+trees = st.recursive(
+    st.just(OrderedTree()),
+    lambda subtrees: st.lists(subtrees, max_size=4).map(lambda found: OrderedTree(tuple(found))),
+    max_leaves=12,
+)
+
+# dyadic, so that doubles and quads hold them exactly
+dyadics = st.integers(-32, 32).map(lambda k: Fraction(k, 16))
+rationals = st.fractions(min_value=-3, max_value=3, max_denominator=60)
+
+
+@st.composite
+def tableaux(draw, entries=dyadics, max_stages=4):
+    """Draw (a, b), as lists of Fractions, of any of the patterns."""
+    stages = draw(st.integers(1, max_stages))
+    rows = draw(st.sampled_from(Rows))
+    lengths = row_lengths(stages, rows)
+    a = [
+        draw(st.lists(entries, min_size=length, max_size=length))
+        + [Fraction(0)] * (stages - length)
+        for length in lengths[:-1]
+    ]
+    return a, draw(st.lists(entries, min_size=stages, max_size=stages))
