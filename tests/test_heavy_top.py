@@ -1,5 +1,6 @@
 """The spinning top: its equations, its reference, and the compiled integrator in both kinds."""
 
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 
 import numpy as np
@@ -194,6 +195,20 @@ def test_kinds_agree_to_the_rounding_of_doubles(top):
     difference = [abs(x - y) for x, y in zip(double.exact(-1), quadruple.exact(-1), strict=True)]
     assert max(difference) > 1e-17
     np.testing.assert_array_equal([float(x) for x in quadruple.exact(7)], quadruple.y[7])
+
+
+@pytest.mark.parametrize("kind", ["real64", "real128"])
+def test_threads_do_not_disturb_each_other(kind):
+    def run(k):
+        top = HeavyTop(READINGS[k % 2])
+        name = ("CG3", "CG4a", "CG5a")[k % 3]
+        return integrate_heavy_top(top, method=name, h=0.01, steps=200, kind=kind).raw
+
+    alone = [run(k) for k in range(6)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(run, [k % 6 for k in range(24)]))
+    for k, raw in enumerate(together):
+        np.testing.assert_array_equal(raw, alone[k % 6])
 
 
 def orthogonality(point):
