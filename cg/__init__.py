@@ -5,8 +5,9 @@ from __future__ import annotations
 from . import frames
 from .catalogue import methods
 from .integrate import integrate
+from .search import search
 from .solve.lmdif import lmdif
 from .tableau import Tableau, TableauError
 
-__all__ = ["Tableau", "TableauError", "frames", "integrate", "lmdif", "methods"]
+__all__ = ["Tableau", "TableauError", "frames", "integrate", "lmdif", "methods", "search"]
 __version__ = "0.1.0"

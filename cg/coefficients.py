@@ -17,6 +17,8 @@ __all__ = ["FEWEST_ROUNDED_PLACES", "Coefficient"]
 FEWEST_ROUNDED_PLACES = 8
 """A decimal with fewer places than this, such as 0.25, is taken as exact."""
 
+_QUAD_UNIT = Fraction(1, 2**112)  # refinement works in binary128: no digits beyond it are meant
+
 _RATIONAL = re.compile(r"[+-]?\d+(/\d+)?", re.ASCII)
 _DECIMAL = re.compile(
     r"[+-]? (?=\.?\d) \d* (\.(?P<part>\d*))? ([eE](?P<exponent>[+-]?\d{1,4}))?",
@@ -40,7 +42,8 @@ class Coefficient:
         How far the number that was meant may be from `value`: nothing for zero, integers,
         rationals and decimals with fewer than `FEWEST_ROUNDED_PLACES` places, one unit
         in the last place for other decimals (so that either truncation or rounding may
-        have made them), ``2**-53`` of the magnitude for doubles.
+        have made them) but no less than ``2**-112`` of the magnitude, ``2**-53`` of the
+        magnitude for doubles.
     """
 
     value: Fraction
@@ -82,7 +85,8 @@ class Coefficient:
             value = Fraction(text)
             places = len(match["part"] or "") - int(match["exponent"] or 0)
             rounded = value != 0 and places >= FEWEST_ROUNDED_PLACES
-            return cls(value, text, Fraction(1, 10**places) if rounded else Fraction(0))
+            unit = max(Fraction(1, 10**places), abs(value) * _QUAD_UNIT)
+            return cls(value, text, unit if rounded else Fraction(0))
         if _BINARY.fullmatch(text):
             double = float.fromhex(text)
             if math.isfinite(double):

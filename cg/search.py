@@ -14,10 +14,10 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from . import _core_r64, _core_r128, quad
 from .conditions import (
@@ -29,10 +29,14 @@ from .conditions import (
     unknowns,
 )
 from .journal import Journal
+from .solve.minimum_norm import fit_conditions
+from .solve.refine import refine
 from .starts import Phase, SearchSettings, Start
 from .tableau import Tableau
 
 __all__ = ["EXACT", "Phase", "SearchResult", "SearchSettings", "Start", "random_start", "search"]
+
+ALGORITHMS = ("minimum-norm", "lmdif")
 
 EXACT = 1e-31
 """A method is exact if no residual of its order conditions, computed in real(16), exceeds
@@ -106,11 +110,11 @@ def search(
     starts: int,
     seed: int,
     *,
-    algorithm: str = "lmdif",
+    algorithm: str = "minimum-norm",
     rows: Rows = Rows.EXPLICIT,
     width: float = 1.0,
     maxfev: int | None = None,
-    refine_below: float = 1e-12,
+    refine_below: float = 1e-15,
     refine_maxfev: int | None = None,
     workers: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -129,15 +133,18 @@ def search(
         Number of random starts.
     seed : int
         Seed of all starts, not negative.
-    algorithm : {"lmdif"}, optional
-        ``"lmdif"`` is the paper's: differences for the Jacobian, rows of zeros for
-        discarded trees, xtol = ftol = 1e-18 in double and 1e-32 in real(16).
+    algorithm : {"minimum-norm", "lmdif"}, optional
+        The first uses the exact Jacobian, steps of least norm and a cheap refinement
+        (`cg.solve.minimum_norm`, `cg.solve.refine`). ``"lmdif"`` is the paper's:
+        differences for the Jacobian, rows of zeros for discarded trees, xtol = ftol =
+        1e-18 in double and 1e-32 in real(16).
     rows : Rows, optional
         Explicit, diagonally implicit or fully implicit tableaux.
     width : float, optional
         Guesses are uniform in [-width, width].
     maxfev : int, optional
-        Bound on evaluations in double; by default 200 (n + 1) for n unknowns, as MINPACK has it.
+        Bound on evaluations in double; by default 200 (n + 1) for n unknowns, as MINPACK
+        has it, for ``"lmdif"``, and 400 for ``"minimum-norm"``.
     refine_below : float, optional
         A start goes on to real(16) if its sum of squares is at most this.
     refine_maxfev : int, optional
@@ -199,7 +206,8 @@ def available_cores() -> int:
 def _run(settings: SearchSettings, indices: Sequence[int], workers: int) -> Iterator[Start]:
     """Yield starts as they finish; queue only few at a time so that an interrupt ends soon."""
     waiting = iter(indices)
-    with ThreadPoolExecutor(max_workers=workers) as pool:
+    # one start a core: threads inside the linear algebra would only be in each other's way
+    with threadpool_limits(1), ThreadPoolExecutor(max_workers=workers) as pool:
         pending: set[Future[Start]] = set()
         try:
             for index in waiting:
@@ -218,34 +226,53 @@ def _run(settings: SearchSettings, indices: Sequence[int], workers: int) -> Iter
 def run_start(settings: SearchSettings, index: int) -> Start:
     """Run one start alone: guess, solve in double, refine in real(16)."""
     size = unknowns(settings.stages, settings.rows)
-    trees = np.array(table_rows(settings.order), dtype=np.intc)
-    # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
-    trees = np.pad(trees, (0, max(0, size - len(trees))))
-    shape = (settings.order, settings.stages, int(settings.rows))
     guess = random_start(settings.seed, index, size, settings.width)
-
-    x, f, info, nfev = _core_r64.fit_lmdif(*shape, guess, trees, [1e-18], [1e-18], settings.maxfev)
-    double, refined = Phase(float(f[0]), int(info), int(nfev)), None
-    bits = quad.from_float(x)
-    if double.f <= settings.refine_below:
-        tolerance = quad.from_float([1e-32]).T
-        bits, f, info, nfev = _core_r128.fit_lmdif(
-            *shape, bits.T, trees, tolerance, tolerance, settings.refine_maxfev
-        )
-        bits = bits.T
-        refined = Phase(float(quad.to_float(f.T)[0]), int(info), int(nfev))
-    return _judge(settings, index, double, refined, bits)
-
-
-def _judge(
-    settings: SearchSettings, index: int, double: Phase, refined: Phase | None, bits: Any
-) -> Start:
+    run = _run_lmdif if settings.algorithm == "lmdif" else _run_minimum_norm
+    double, refined, bits = run(settings, guess)
     decimals = tuple(map(quad.to_decimal, quad.decode(bits)))
     stored = [Fraction(entry) for entry in decimals]
     rest = residuals_quad(stored, settings.stages, settings.order, rows=settings.rows)
     largest = float(max(map(abs, rest)))
     scale = max(1.0, float(max(map(abs, stored))))
     return Start(index, double, refined, decimals, largest, largest <= EXACT * scale)
+
+
+def _run_lmdif(
+    settings: SearchSettings, guess: NDArray[np.float64]
+) -> tuple[Phase, Phase | None, quad.Quads]:
+    trees = np.array(table_rows(settings.order), dtype=np.intc)
+    # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
+    trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
+    shape = (settings.order, settings.stages, int(settings.rows))
+    x, f, info, nfev = _core_r64.fit_lmdif(*shape, guess, trees, [1e-18], [1e-18], settings.maxfev)
+    double, bits = Phase(float(f[0]), int(info), int(nfev)), quad.from_float(x)
+    if double.f > settings.refine_below:
+        return double, None, bits
+    tolerance = quad.from_float([1e-32]).T
+    found, f, info, nfev = _core_r128.fit_lmdif(
+        *shape, bits.T, trees, tolerance, tolerance, settings.refine_maxfev
+    )
+    refined = Phase(float(quad.to_float(f.T)[0]), int(info), int(nfev))
+    return double, refined, np.ascontiguousarray(found.T)
+
+
+def _run_minimum_norm(
+    settings: SearchSettings, guess: NDArray[np.float64]
+) -> tuple[Phase, Phase | None, quad.Quads]:
+    fit = fit_conditions(
+        guess,
+        settings.stages,
+        settings.order,
+        rows=settings.rows,
+        max_iterations=max(1, settings.maxfev // 2),
+    )
+    double, bits = Phase(fit.f, int(fit.status), fit.evaluations), quad.from_float(fit.x)
+    if double.f > settings.refine_below:
+        return double, None, bits
+    refined = refine(bits, settings.stages, settings.order, rows=settings.rows)
+    count_all = count(settings.order)
+    bound = count_all * refined.largest_residual**2
+    return double, Phase(bound, int(fit.status), refined.iterations + 1), refined.x
 
 
 def _settings(
@@ -265,8 +292,8 @@ def _settings(
         raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
     stages = _integer("stages", stages, 1)
     seed = _integer("seed", seed, 0)
-    if algorithm not in ("lmdif",):
-        raise ValueError(f'algorithm must be "lmdif", got {algorithm!r}')
+    if algorithm not in ALGORITHMS:
+        raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
     rows = Rows(rows)
     size, conditions = unknowns(stages, rows), count(order, independent=True)
     if size < conditions and not force:
@@ -277,7 +304,9 @@ def _settings(
     for name, value in (("width", width), ("refine_below", refine_below)):
         if not (np.isreal(value) and 0 <= value < np.inf):
             raise ValueError(f"{name} must be a finite number, not negative, got {value!r}")
-    maxfev = 200 * (size + 1) if maxfev is None else _integer("maxfev", maxfev, 1)
+    if maxfev is None:
+        maxfev = 200 * (size + 1) if algorithm == "lmdif" else 400
+    maxfev = _integer("maxfev", maxfev, 1)
     if refine_maxfev is None:
         refine_maxfev = 20 * (size + 1)
     refine_maxfev = _integer("refine_maxfev", refine_maxfev, 1)

@@ -16,9 +16,10 @@ class Phase:
     Attributes
     ----------
     f : float
-        Sum of squared residuals over the independent conditions, the objective of the paper.
+        Sum of squared residuals over the independent conditions, the objective of the paper;
+        for a refined point of the minimum-norm solver a bound on that over all conditions.
     info : int
-        MINPACK's reason to stop.
+        Why the solver stopped: `cg.solve.status` or `cg.solve.minimum_norm.MinimumNormStatus`.
     nfev : int
         Evaluations of the residuals, those for difference quotients included.
     """
@@ -45,7 +46,7 @@ class Start:
     largest_residual : float
         Over all order conditions, computed in real(16) at `x`.
     exact : bool
-        Whether `x` solves all conditions to the accuracy of real(16), see `cg.search`.
+        Whether `x` solves all conditions to the accuracy of real(16).
     """
 
     index: int

@@ -18,7 +18,6 @@ module minimum_norm
   integer, parameter, public :: no_descent = 3       ! not even a tiny step reduces it
   integer, parameter, public :: not_finite = 4       ! at the start
 
-  real(wp), parameter :: first_damping = 1.0e-2_wp   ! over the largest diagonal entry of J J^T
   real(wp), parameter :: least_damping = 1.0e-17_wp
   real(wp), parameter :: most_damping = 1.0e8_wp
   real(wp), parameter :: probe = 0.1_wp              ! where along p the second derivative is taken
@@ -27,13 +26,14 @@ module minimum_norm
 contains
 
   ! Moves the unknowns listed in `free` only.
-  subroutine minimise_norm(problem, x, conditions, free, ftol, max_iterations, &
+  subroutine minimise_norm(problem, x, conditions, free, ftol, first_damping, max_iterations, &
                            f, iterations, evaluations, status)
     class(differentiable_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)        ! (unknowns)
     integer, intent(in) :: conditions      ! number of residuals
     integer, intent(in) :: free(:)         ! (free unknowns) indices
     real(wp), intent(in) :: ftol           ! >= 0
+    real(wp), intent(in) :: first_damping  ! over the largest diagonal entry of J J^T
     integer, intent(in) :: max_iterations
     real(wp), intent(out) :: f             ! sum of squared residuals at x
     integer, intent(out) :: iterations, evaluations, status
@@ -57,7 +57,7 @@ contains
     if (f <= ftol) status = solved
     call linearise(damping, flag)
     if (flag < 0) status = not_finite
-    damping = first_damping*damping
+    damping = max(first_damping*damping, least_damping)
     growth = 2.0_wp
 
     do while (status == out_of_iterations .and. iterations < max_iterations)

@@ -120,7 +120,8 @@ def lmdif(
         If an argument, or what ``f`` returns, isn't of a type listed here.
     ValueError
         If an argument is out of its range, or ``f`` returns an array that isn't finite, has
-        another shape than at ``x0``, or has fewer elements than ``x0``.
+        another shape than at ``x0``, or has fewer elements than ``x0``, or varies so much that
+        its differences overflow.
     BaseException
         Whatever ``f`` raises ends the call and is raised again.
 
@@ -160,8 +161,9 @@ def lmdif(
     x, fvec, info, nfev, fjac, ipvt, qtf = _compiled_lmdif(
         callback.evaluate, callback.rows, start, *arguments
     )
-    if callback.failure is not None:
-        raise callback.failure
+    callback.raise_failure()
+    if not np.isfinite(fjac).all():
+        raise ValueError(f"f varies too much: its differences overflow near x = {x}")
 
     result = LmdifResult(
         x=x,
@@ -185,7 +187,7 @@ class _Callback:
         # The solver's first call is at the start: what is known from here is not computed again.
         self._first: Vector | None = _residuals(f, start, None)
         self.rows = self._first.size
-        self.failure: BaseException | None = None
+        self._failure: BaseException | None = None
         if self.rows < start.size:
             raise ValueError(
                 f"f must return at least as many residuals as x0 has elements: "
@@ -199,18 +201,26 @@ class _Callback:
             else:
                 values = _residuals(self._f, x, self.rows)
         except BaseException as error:
-            self.failure = error
+            self._failure = error
             return np.zeros(self.rows), int(Status.STOPPED_BY_USER)
         return values, 0
+
+    def raise_failure(self) -> None:
+        """Raise again what ended the solve, if anything did."""
+        failure, self._failure = self._failure, None
+        try:
+            if failure is not None:
+                raise failure
+        finally:
+            # Its traceback leads back here: kept, the solver's arrays would wait for the
+            # collector of cycles.
+            del failure
 
 
 def _residuals(f: Residual, x: Vector, rows: int | None) -> Vector:
     """Return a checked copy of ``f(x)``; `x` may be the solver's memory, so f gets a copy."""
     if not np.isfinite(x).all():
-        raise ValueError(
-            f"f: the iteration left the finite numbers, at x = {x}; "
-            "the residuals are too large, or not differentiable"
-        )
+        raise ValueError(f"f varies too much: the next point would be x = {x}")
     returned: Any = f(x.copy())
     try:
         values = np.asarray(returned)

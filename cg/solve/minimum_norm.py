@@ -7,7 +7,7 @@ algebra by the LAPACK that SciPy brings.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cython_blas, cython_lapack
 
-from .. import _minimum_norm
+from cg import _minimum_norm
+
 from ..conditions import Rows, condition_trees, unknowns
 
 __all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
@@ -60,6 +61,7 @@ def fit_conditions(
     rows: Rows = Rows.EXPLICIT,
     free: Sequence[int] | NDArray[np.intp] | None = None,
     ftol: float = 1e-27,
+    damping: float = 1e-2,
     max_iterations: int = 1000,
 ) -> MinimumNormFit:
     """Minimise the sum of squared residuals of the independent order conditions.
@@ -77,6 +79,9 @@ def fit_conditions(
         Indices (from 0) of the unknowns that may move; all by default.
     ftol : float, optional
         Stop when the sum of squares is at most this.
+    damping : float, optional
+        First damping, relative to the largest squared norm of a row of the Jacobian;
+        small close to a solution.
     max_iterations : int, optional
 
     Returns
@@ -93,18 +98,18 @@ def fit_conditions(
     if x.shape != (size,) or not np.isfinite(x).all():
         raise ValueError(f"x0 must have {size} finite entries, got shape {x.shape}: {x}")
     indices = np.arange(size) if free is None else np.unique(np.asarray(free, dtype=np.intp))
-    if indices.size and not (0 <= indices[0] and indices[-1] < size):
+    if indices.size and (indices[0] < 0 or indices[-1] >= size):
         raise ValueError(f"free must hold indices from 0 to {size - 1}, got {free}")
     trees = np.array(condition_trees(order, independent=True), dtype=np.intc)
     found, f, iterations, evaluations, status = _minimum_norm.fit_minimum_norm(
-        order, stages, rows, x, trees, (indices + 1).astype(np.intc), ftol, max_iterations
+        order, stages, rows, x, trees, (indices + 1).astype(np.intc), ftol, damping, max_iterations
     )
     return MinimumNormFit(
         found, float(f), int(iterations), int(evaluations), MinimumNormStatus(status)
     )
 
 
-def _address(capsules: dict[str, object], name: str) -> int:
+def _address(capsules: Mapping[str, object], name: str) -> int:
     api = ctypes.pythonapi
     api.PyCapsule_GetName.restype = ctypes.c_char_p
     api.PyCapsule_GetName.argtypes = [ctypes.py_object]

@@ -1,0 +1,96 @@
+"""Refinement of a zero of the order conditions to the floor of binary128.
+
+The residual is computed in real(16), the correction by a pseudo-inverse of the double
+Jacobian that is factored once. Truncated singular values make it work where the
+Jacobian loses rank, as long as the system is consistent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from .. import _core_r64, _core_r128, quad
+from ..conditions import Rows, condition_trees, unknowns
+
+__all__ = ["Refined", "refine"]
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A refined point.
+
+    Attributes
+    ----------
+    x : ndarray of int8, shape (n, 16)
+        Packed tableau in binary128, see `cg.quad`.
+    largest_residual : float
+        Over all order conditions, dependent ones included, computed in real(16).
+    rank : int
+        Singular values of the Jacobian above the threshold.
+    iterations : int
+        Corrections that were applied.
+    """
+
+    x: quad.Quads
+    largest_residual: float
+    rank: int
+    iterations: int
+
+
+def refine(
+    x: quad.Quads,
+    stages: int,
+    order: int,
+    *,
+    rows: Rows = Rows.EXPLICIT,
+    free: Sequence[int] | NDArray[np.intp] | None = None,
+    rcond: float = 1e-10,
+    max_iterations: int = 40,
+) -> Refined:
+    """Correct a packed tableau until its residuals stop getting smaller.
+
+    Parameters
+    ----------
+    x : ndarray of int8, shape (n, 16)
+        From `cg.quad.encode` or `cg.quad.from_float`, close to a zero.
+    stages, order : int
+    rows : Rows, optional
+    free : sequence of int, optional
+        Indices of the entries that may change; all by default.
+    rcond : float, optional
+        Singular values below this fraction of the largest count as zero.
+    max_iterations : int, optional
+
+    Returns
+    -------
+    Refined
+        The best point seen.
+    """
+    size = unknowns(stages, rows)
+    if x.shape != (size, 16):
+        raise ValueError(f"x must have shape ({size}, 16), got {x.shape}")
+    moving = np.arange(size) if free is None else np.asarray(free, dtype=np.intp)
+    trees = np.array(condition_trees(order), dtype=np.intc)
+    shape = (order, stages, int(rows))
+    jac = _core_r64.jacobian(*shape, quad.to_float(x), trees)[:, moving]
+    left, values, right = linalg.svd(jac, full_matrices=False, lapack_driver="gesdd")
+    rank = int(np.sum(values > rcond * values[0]))
+    inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+
+    best, best_size, iterations = x, np.inf, 0
+    for iterations in range(max_iterations + 1):  # noqa: B007
+        residual = quad.to_float(_core_r128.residuals(*shape, x.T, trees).T)
+        largest = float(np.abs(residual).max())
+        # the last digits jitter: stop at the first correction that doesn't help
+        if not largest < best_size:
+            break
+        best, best_size = x, largest
+        step = np.zeros(size)
+        step[moving] = inverse @ residual
+        x = np.ascontiguousarray(_core_r128.subtract_double(x.T, step).T)
+    return Refined(best, best_size, rank, iterations)
