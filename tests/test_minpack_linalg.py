@@ -1,4 +1,4 @@
-"""The linear algebra under lmdif, lmder, and the solver in either kind, through faces of their own."""
+"""The linear algebra under lmdif, lmder, and the solver in either kind, by faces of their own."""
 
 from __future__ import annotations
 
