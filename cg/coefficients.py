@@ -58,6 +58,8 @@ class Coefficient:
         ------
         ValueError
             If it isn't a finite real number.
+        OverflowError
+            If it is hexadecimal and beyond the range of doubles.
         """
         if isinstance(number, Coefficient):
             return number
@@ -65,12 +67,16 @@ class Coefficient:
             return cls._from_text(number.strip())
         if isinstance(number, Decimal):
             return cls._from_text(str(number))
+        if isinstance(number, (bool, np.bool)):
+            raise ValueError(f"expected a finite real number, got {number!r}")
         if isinstance(number, Integral):
             return cls._from_text(str(int(number)))
         if isinstance(number, Rational):
             return cls._from_text(f"{int(number.numerator)}/{int(number.denominator)}")
-        if isinstance(number, (float, np.floating)) and float(number) == number:
-            return cls._from_text(float(number).hex())
+        if isinstance(number, (float, np.floating)) and math.isfinite(number):
+            if float(number) == number:
+                return cls._from_text(float(number).hex())
+            raise ValueError(f"expected a number no more precise than a double, got {number!r}")
         raise ValueError(f"expected a finite real number, got {number!r}")
 
     @classmethod
@@ -83,15 +89,15 @@ class Coefficient:
             return cls(value, str(value), Fraction(0))
         if match := _DECIMAL.fullmatch(text):
             value = Fraction(text)
+            if value == 0:
+                return cls(value, "0", Fraction(0))
             places = len(match["part"] or "") - int(match["exponent"] or 0)
-            rounded = value != 0 and places >= FEWEST_ROUNDED_PLACES
-            unit = max(Fraction(1, 10**places), abs(value) * _QUAD_UNIT)
-            return cls(value, text, unit if rounded else Fraction(0))
+            if places < FEWEST_ROUNDED_PLACES:
+                return cls(value, text, Fraction(0))
+            return cls(value, text, max(Fraction(1, 10**places), abs(value) * _QUAD_UNIT))
         if _BINARY.fullmatch(text):
             double = float.fromhex(text)
-            if math.isfinite(double):
-                return cls(Fraction(double), double.hex(), abs(Fraction(double)) / 2**53)
-        raise ValueError(
-            "expected a finite real number (integer, rational such as '119/216', or decimal), "
-            f"got {text!r}"
-        )
+            if double == 0:
+                return cls(Fraction(0), "0", Fraction(0))
+            return cls(Fraction(double), double.hex(), abs(Fraction(double)) / 2**53)
+        raise ValueError(f"expected a finite real number, got {text!r}")
