@@ -10,8 +10,8 @@ subroutine r64_set_lapack(addresses)
 end subroutine r64_set_lapack
 
 ! The caller has set the addresses of LAPACK.
-subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, k, free, ftol, damping, &
-                                max_iterations, x, f, iterations, evaluations, status)
+subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, owner, k, free, ftol, &
+                                damping, max_iterations, x, f, iterations, evaluations, status)
   use kinds_r64, only: wp
   use conditions_r64, only: order_conditions_t
   use minimum_norm, only: minimise_norm
@@ -20,6 +20,7 @@ subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, k, free, f
   integer, intent(in) :: order, stages, rows, n, m, k
   real(wp), intent(in) :: x0(n)         ! packed tableau
   integer, intent(in) :: trees(m)       ! none of them zero
+  integer, intent(in) :: owner(m)       ! zero for b, else a stage
   integer, intent(in) :: free(k)        ! indices of the unknowns that may move, from 1
   real(wp), intent(in) :: ftol, damping
   integer, intent(in) :: max_iterations
@@ -27,7 +28,7 @@ subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, k, free, f
   integer, intent(out) :: iterations, evaluations, status
   type(order_conditions_t) :: conditions
 
-  call conditions%set_up(order, make_pattern(stages, rows), trees)
+  call conditions%set_up(order, make_pattern(stages, rows), trees, owner)
   x = x0
   call minimise_norm(conditions, x, m, free, ftol, damping, max_iterations, f, iterations, &
                      evaluations, status)

@@ -17,7 +17,8 @@ from scipy.linalg import cython_blas, cython_lapack
 
 from cg import _minimum_norm
 
-from ..conditions import Rows, condition_trees, unknowns
+from ..conditions import Rows
+from .system import System
 
 __all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
 
@@ -59,6 +60,7 @@ def fit_conditions(
     order: int,
     *,
     rows: Rows = Rows.EXPLICIT,
+    embedded: bool = False,
     free: Sequence[int] | NDArray[np.intp] | None = None,
     ftol: float = 1e-27,
     damping: float = 1e-2,
@@ -75,8 +77,11 @@ def fit_conditions(
         Packed tableau to start from (`cg.conditions.pack`).
     stages, order : int
     rows : Rows, optional
+    embedded : bool, optional
+        Solve for an embedded pair, packed as `cg.solve.system.System` says.
     free : sequence of int, optional
-        Indices (from 0) of the unknowns that may move; all by default.
+        Indices (from 0) of the unknowns that may move; by default all that aren't zero
+        by definition.
     ftol : float, optional
         Stop when the sum of squares is at most this.
     damping : float, optional
@@ -93,16 +98,26 @@ def fit_conditions(
     ValueError
         If `x0` doesn't fit the stages or isn't finite, or `free` has a wrong index.
     """
-    size = unknowns(stages, rows)
+    system = System(order, stages, rows, embedded)
+    size = system.size
     x = np.array(x0, dtype=np.float64)
     if x.shape != (size,) or not np.isfinite(x).all():
         raise ValueError(f"x0 must have {size} finite entries, got shape {x.shape}: {x}")
-    indices = np.arange(size) if free is None else np.unique(np.asarray(free, dtype=np.intp))
+    indices = system.free if free is None else np.unique(np.asarray(free, dtype=np.intp))
     if indices.size and (indices[0] < 0 or indices[-1] >= size):
         raise ValueError(f"free must hold indices from 0 to {size - 1}, got {free}")
-    trees = np.array(condition_trees(order, independent=True), dtype=np.intc)
+    trees, owner = system.conditions(independent=True)
     found, f, iterations, evaluations, status = _minimum_norm.fit_minimum_norm(
-        order, stages, rows, x, trees, (indices + 1).astype(np.intc), ftol, damping, max_iterations
+        order,
+        system.packed_stages,
+        rows,
+        x,
+        trees,
+        owner,
+        (indices + 1).astype(np.intc),
+        ftol,
+        damping,
+        max_iterations,
     )
     return MinimumNormFit(
         found, float(f), int(iterations), int(evaluations), MinimumNormStatus(status)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .. import _core_r64, _core_r128, quad
-from ..conditions import Rows, condition_trees, unknowns
+from .. import _core_r128, quad
+from ..conditions import Rows
+from .system import System
 
 __all__ = ["Refined", "refine"]
 
@@ -48,6 +49,7 @@ def refine(
     order: int,
     *,
     rows: Rows = Rows.EXPLICIT,
+    embedded: bool = False,
     free: Sequence[int] | NDArray[np.intp] | None = None,
     rcond: float = 1e-10,
     max_iterations: int = 40,
@@ -60,8 +62,10 @@ def refine(
         From `cg.quad.encode` or `cg.quad.from_float`, close to a zero.
     stages, order : int
     rows : Rows, optional
+    embedded : bool, optional
+        Refine an embedded pair, packed as `cg.solve.system.System` says.
     free : sequence of int, optional
-        Indices of the entries that may change; all by default.
+        Indices of the entries that may change; by default all that aren't zero by definition.
     rcond : float, optional
         Singular values below this fraction of the largest count as zero.
     max_iterations : int, optional
@@ -71,26 +75,24 @@ def refine(
     Refined
         The best point seen.
     """
-    size = unknowns(stages, rows)
-    if x.shape != (size, 16):
-        raise ValueError(f"x must have shape ({size}, 16), got {x.shape}")
-    moving = np.arange(size) if free is None else np.asarray(free, dtype=np.intp)
-    trees = np.array(condition_trees(order), dtype=np.intc)
-    shape = (order, stages, int(rows))
-    jac = _core_r64.jacobian(*shape, quad.to_float(x), trees)[:, moving]
+    system = System(order, stages, rows, embedded)
+    if x.shape != (system.size, 16):
+        raise ValueError(f"x must have shape ({system.size}, 16), got {x.shape}")
+    moving = system.free if free is None else np.asarray(free, dtype=np.intp)
+    jac = system.jacobian(quad.to_float(x), independent=False)[:, moving]
     left, values, right = linalg.svd(jac, full_matrices=False, lapack_driver="gesdd")
     rank = int(np.sum(values > rcond * values[0]))
     inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
 
     best, best_size, iterations = x, np.inf, 0
     for iterations in range(max_iterations + 1):  # noqa: B007
-        residual = quad.to_float(_core_r128.residuals(*shape, x.T, trees).T)
+        residual = system.residual_quad(x)
         largest = float(np.abs(residual).max())
         # the last digits jitter: stop at the first correction that doesn't help
         if not largest < best_size:
             break
         best, best_size = x, largest
-        step = np.zeros(size)
+        step = np.zeros(system.size)
         step[moving] = inverse @ residual
         x = np.ascontiguousarray(_core_r128.subtract_double(x.T, step).T)
     return Refined(best, best_size, rank, iterations)

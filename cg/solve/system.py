@@ -1,0 +1,92 @@
+"""A system of order conditions: which conditions, on which entries of a tableau."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core_r64, _core_r128, quad
+from ..conditions import Rows, condition_trees, row_lengths, unknowns
+
+__all__ = ["System"]
+
+
+@dataclass(frozen=True)
+class System:
+    """The conditions of an order for a method, or for an embedded pair.
+
+    A pair of orders q and q - 1 is packed as a tableau with one stage more, whose row
+    holds the second weights and which the first weights don't use: the conditions on
+    the second weights are then conditions on the weights of that stage.
+
+    Parameters
+    ----------
+    order : int
+        Order q of the method.
+    stages : int
+        Stages of the method, the additional one of a pair not counted.
+    rows : Rows, optional
+    embedded : bool, optional
+        Whether second weights, of order q - 1 and without the last stage, belong to it.
+    """
+
+    order: int
+    stages: int
+    rows: Rows = Rows.EXPLICIT
+    embedded: bool = False
+
+    def __post_init__(self) -> None:
+        if self.embedded and self.order < 2:
+            raise ValueError(f"order must be at least 2 for an embedded pair, got {self.order}")
+
+    @property
+    def packed_stages(self) -> int:
+        """Stages of the packed tableau."""
+        return self.stages + self.embedded
+
+    @cached_property
+    def size(self) -> int:
+        """Number of packed entries."""
+        return unknowns(self.packed_stages, self.rows)
+
+    @cached_property
+    def free(self) -> NDArray[np.intp]:
+        """Indices of the entries that aren't zero by definition."""
+        fixed: list[int] = []
+        if self.embedded:
+            begin = sum(row_lengths(self.packed_stages, self.rows)[: self.stages])
+            # row of the second weights: from its last-stage weight on; and b's last entry
+            fixed = [*range(begin + self.stages - 1, self.size - self.packed_stages), self.size - 1]
+        return np.setdiff1d(np.arange(self.size), fixed)
+
+    def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
+        """Return trees, and the stage that a condition is on (0 for ``b``), both (m,)."""
+        trees = condition_trees(self.order, independent)
+        second = condition_trees(self.order - 1, independent) if self.embedded else ()
+        owner = [0] * len(trees) + [self.packed_stages] * len(second)
+        return np.array([*trees, *second], dtype=np.intc), np.array(owner, dtype=np.intc)
+
+    def residual(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
+        """Return the residuals at packed entries, shape (m,)."""
+        trees, owner = self.conditions(independent)
+        found: NDArray[np.float64] = _core_r64.residuals(*self._shape, x, trees, owner=owner)
+        return found
+
+    def jacobian(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
+        """Return the derivatives of `residual`, shape (m, size)."""
+        trees, owner = self.conditions(independent)
+        found: NDArray[np.float64] = _core_r64.jacobian(*self._shape, x, trees, owner=owner)
+        return found
+
+    def residual_quad(self, x: quad.Quads, independent: bool = False) -> NDArray[np.float64]:
+        """Return the residuals as computed in real(16), rounded to double."""
+        trees, owner = self.conditions(independent)
+        found = _core_r128.residuals(*self._shape, x.T, trees, owner=owner)
+        return quad.to_float(np.ascontiguousarray(found.T))
+
+    @property
+    def _shape(self) -> tuple[int, int, int]:
+        return self.order, self.packed_stages, int(self.rows)
