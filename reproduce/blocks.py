@@ -1,0 +1,86 @@
+"""What a section of the report is made of, before it becomes HTML or a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib.figure import Figure
+
+__all__ = ["Block", "Chart", "Data", "Table", "Text", "number"]
+
+Data = Mapping[str, Any]
+"""The numbers of an item: what JSON can hold, no more."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph of plain text."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of plain texts.
+
+    Attributes
+    ----------
+    caption : str
+    header : sequence of str
+    rows : sequence of sequences of str
+        Each as long as the header. A cell ``"pass"``, ``"fail"`` or ``"not reproducible"``
+        is marked as a verdict.
+    numeric : bool
+        Set the cells in digits of equal width, to the right.
+    folded : bool
+        Show the caption only until the reader opens it.
+    """
+
+    caption: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numeric: bool = True
+    folded: bool = False
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.header):
+                raise ValueError(f"a row must have {len(self.header)} cells, got {row}")
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure, drawn when the report is written.
+
+    Attributes
+    ----------
+    name : str
+        Name of its files, without suffix.
+    draw : callable
+        Draws on an empty figure.
+    caption : str
+        What it shows.
+    description : str
+        What one who can't see it should know.
+    size : pair of float
+        Width and height in inches.
+    """
+
+    name: str
+    draw: Callable[[Figure], None]
+    caption: str
+    description: str
+    size: tuple[float, float] = (9.0, 4.0)
+
+
+Block = Text | Table | Chart
+
+
+def number(value: float | int | None, digits: int = 3) -> str:
+    """Write a number for a table: so many significant digits, a real minus sign, – for None."""
+    if value is None:
+        return "–"
+    text = f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+    return text.replace("-", "−")

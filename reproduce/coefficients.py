@@ -1,0 +1,75 @@
+"""A method's coefficients, for results.json and for the page."""
+
+from __future__ import annotations
+
+from decimal import Context as DecimalContext
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from cg.quad import to_decimal
+from cg.tableau import Tableau
+
+from .blocks import Data, Table
+
+__all__ = ["coefficient_table", "fixed", "labels", "method_data"]
+
+_COLUMNS = 3
+_WIDE = DecimalContext(prec=80)
+
+
+def labels(stages: int) -> list[str]:
+    """Return the names of an explicit method's coefficients: a row by row, b, c."""
+    comma = "," if stages > 9 else ""
+    a = [f"a{i}{comma}{j}" for i in range(2, stages + 1) for j in range(1, i)]
+    return [*a, *(f"{letter}{i}" for letter in "bc" for i in range(1, stages + 1))]
+
+
+def fixed(text: str, places: int) -> str:
+    """Round a decimal number to so many places, ties to even.
+
+    Parameters
+    ----------
+    text : str
+        Decimal, as `cg.quad.to_decimal` writes it.
+    places : int
+    """
+    rounded = Decimal(text).quantize(Decimal(1).scaleb(-places), context=_WIDE)
+    return f"{rounded:f}".replace("-", "−")
+
+
+def method_data(method: Tableau) -> dict[str, Any]:
+    """Return an explicit method as plain data.
+
+    Returns
+    -------
+    dict
+        ``name``; ``coefficients``, a list of pairs of label and decimal with 36 digits;
+        ``largest_coefficient`` of a and b; ``abscissae_in_unit_interval``.
+    """
+    a, b = method.exact
+    c = [sum(row, Fraction(0)) for row in a]
+    values = [entry for i, row in enumerate(a) for entry in row[:i]] + [*b, *c]
+    return {
+        "name": method.name,
+        "coefficients": [
+            [label, to_decimal(value)]
+            for label, value in zip(labels(method.stages), values, strict=True)
+        ],
+        "largest_coefficient": float(max(np.abs(method.a).max(), np.abs(method.b).max())),
+        "abscissae_in_unit_interval": all(0 <= entry <= 1 for entry in c),
+    }
+
+
+def coefficient_table(title: str, method: Data, places: int = 16) -> Table:
+    """Tabulate coefficients in a few columns, down first, to so many decimals."""
+    pairs = [[label, fixed(value, places)] for label, value in method["coefficients"]]
+    depth = -(-len(pairs) // _COLUMNS)
+    pairs += [["", ""]] * (depth * _COLUMNS - len(pairs))
+    rows = [
+        [cell for column in range(_COLUMNS) for cell in pairs[column * depth + k]]
+        for k in range(depth)
+    ]
+    return Table(title, ("coefficient", "value") * _COLUMNS, rows, folded=True)

@@ -1,0 +1,54 @@
+"""What an item is given: the settings of the run and the results so far."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from .blocks import Data
+
+__all__ = ["Context", "Settings"]
+
+Progress = Callable[[int, int], None]
+"""Called with the numbers of finished and of all parts of an item."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What determines the numbers of a run.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of all random starts.
+    full : bool
+        Search extensively.
+    """
+
+    seed: int = 0
+    full: bool = False
+
+
+@dataclass(frozen=True)
+class Context:
+    """Settings, resources and earlier results.
+
+    Attributes
+    ----------
+    settings : Settings
+    checkpoints : Path
+        Folder for what a killed run should keep.
+    workers : int
+        Threads.
+    progress : callable
+    results : mapping
+        Numbers of the items that this one needs, by name.
+    """
+
+    settings: Settings
+    checkpoints: Path
+    workers: int = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    progress: Progress = lambda done, total: None
+    results: Mapping[str, Data] = field(default_factory=dict)

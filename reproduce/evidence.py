@@ -1,0 +1,152 @@
+"""Numbers that decide claims and belong to no figure or table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cg.catalogue import methods
+from cg.conditions import Rows, count, jacobian, residuals_exact, unknowns, unpack
+from cg.convergence import final_errors, observed_order
+from cg.frames import Euclidean
+from cg.frames.base import Array
+from cg.integrate import integrate
+from cg.problems import HeavyTop, StateDependentRotation
+from cg.tableau import Tableau
+
+from .blocks import Data
+from .table3_2 import PAPER
+
+__all__ = ["gather"]
+
+_POINTS = 5
+_RANK_THRESHOLD = 1e-12
+_SLOPE_STEPS = (8, 16, 32, 64, 128)
+_TESTED = ("CG3", "CG4", "CG4a", "CG5a")
+_DISTINGUISHED = ("CG4", "CG4a", "CG5a", "CG6a")
+
+
+def gather(seed: int) -> Data:
+    """Compute all of them.
+
+    Parameters
+    ----------
+    seed : int
+        Of the random tableaux.
+
+    Returns
+    -------
+    Data
+        - ``conditions``: by order, at random tableaux with the paper's numbers of stages: the
+          smallest and largest ``rank`` of the Jacobian of all conditions, and the median
+          ``condition_number`` of that of the independent ones;
+        - ``methods``: by name ``exact_order``, ``largest_coefficient``, range of ``abscissae``,
+          ``condition_number`` of the Jacobian (null where it hasn't full rank);
+        - ``approximate``: decimals to which CG6a satisfies conditions through order six:
+          ``worst``, ``root_mean_square``, ``median`` condition, how many of ``conditions`` hold
+          to ``six`` decimals;
+        - ``rotation_slopes``: slope of the error on a rotation whose velocity depends on it;
+        - ``flat``: largest difference, on a flat manifold, from the classical method of the same
+          tableau;
+        - ``initial``: how far B(0) is from orthogonal and its determinant from 1.
+    """
+    return {
+        "conditions": {str(row["q"]): _conditions(row["q"], row["s"], seed) for row in PAPER},
+        "methods": {name: _method(methods[name]) for name in (*_DISTINGUISHED, "CG3")},
+        "approximate": _approximate(methods["CG6a"]),
+        "rotation_slopes": _rotation_slopes(),
+        "flat": {name: _flat(methods[name]) for name in _DISTINGUISHED},
+        "initial": _initial(),
+    }
+
+
+def _conditions(order: int, stages: int, seed: int) -> Data:
+    ranks, numbers = [], []
+    for index in range(_POINTS):
+        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(order, index)))
+        x = generator.uniform(-1, 1, unknowns(stages))
+        a, b = unpack(x.tolist(), stages, Rows.EXPLICIT)
+        every = _singular_values(a, b, order, independent=False)
+        ranks.append(int((every > _RANK_THRESHOLD * every[0]).sum()))
+        own = _singular_values(a, b, order, independent=True)
+        numbers.append(float(own[0] / own[-1]))
+    return {
+        "points": _POINTS,
+        "rank": [min(ranks), max(ranks)],
+        "independent": count(order, independent=True),
+        "all": count(order),
+        "condition_number": float(np.median(numbers)),
+    }
+
+
+def _singular_values(a: Any, b: Any, order: int, *, independent: bool) -> Array:
+    derivatives = jacobian(
+        np.array(a, dtype=np.float64), b, order, independent=independent, rows=Rows.EXPLICIT
+    )
+    return np.asarray(np.linalg.svd(derivatives, compute_uv=False), dtype=np.float64)
+
+
+def _method(method: Tableau) -> Data:
+    singular = _singular_values(method.a, method.b, method.order, independent=True)
+    full = singular[-1] > _RANK_THRESHOLD * singular[0]
+    return {
+        "exact_order": method.exact_order,
+        "largest_coefficient": float(max(np.abs(method.a).max(), np.abs(method.b).max())),
+        "abscissae": [float(method.c.min()), float(method.c.max())],
+        "condition_number": float(singular[0] / singular[-1]) if full else None,
+    }
+
+
+def _approximate(method: Tableau) -> Data:
+    sizes = [abs(float(r)) for r in residuals_exact(*method.exact, method.order)]
+    square = math.sqrt(sum(size * size for size in sizes) / len(sizes))
+    return {
+        "worst": -math.log10(max(sizes)),
+        "root_mean_square": -math.log10(square),
+        "median": -math.log10(float(np.median(sizes))),
+        "conditions": len(sizes),
+        "six": sum(size <= 1e-6 for size in sizes),
+    }
+
+
+def _rotation_slopes() -> Data:
+    problem = StateDependentRotation()
+    exact = problem.reference([1]).y[0, :9].reshape(3, 3)
+    h = [1 / steps for steps in _SLOPE_STEPS]
+    slopes = {}
+    for name in _TESTED:
+        errors = final_errors(
+            problem.f, (0.0, 1.0), problem.y0, exact, frame=problem.frame, method=name, h=h
+        )
+        slopes[name] = observed_order(h, errors, floor=1e-13, h_range=(0.0, 1 / 16)).order
+    return slopes
+
+
+def _flat(method: Tableau) -> float:
+    """Return the largest difference from the classical method on three coupled equations."""
+
+    def f(t: float, y: Sequence[float] | Array) -> Array:
+        return np.array([y[1] * y[2] + t, np.sin(y[0]) - y[2], y[0] * y[1] - t * y[2]])
+
+    y, h = np.array([0.3, -0.4, 0.5]), 0.125
+    solution = integrate(f, (0.0, 1.0), y, frame=Euclidean(3), method=method, h=h)
+    worst = 0.0
+    for t, following in zip(solution.t, solution.y[1:], strict=False):
+        slopes: list[Array] = []
+        for row, c in zip(method.a, method.c, strict=True):
+            stage = y + h * sum((w * k for w, k in zip(row, slopes, strict=False)), np.zeros(3))
+            slopes.append(f(float(t + c * h), stage))
+        y = np.asarray(y + h * (method.b @ np.array(slopes)))
+        worst = max(worst, float(np.abs(y - following).max()))
+    return worst
+
+
+def _initial() -> Data:
+    rotation = HeavyTop().y0[:9].reshape(3, 3)
+    return {
+        "orthogonality": float(np.abs(rotation.T @ rotation - np.eye(3)).max()),
+        "determinant": abs(float(np.linalg.det(rotation)) - 1),
+    }

@@ -1,0 +1,172 @@
+"""Figure 4.2: distance from the group over time, and error against stepsize, in double."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cg.convergence import observed_order
+
+from . import top
+from .blocks import Block, Chart, Data, Table, Text, number
+from .context import Context
+from .style import LINES, PALETTE, grid, label_panel
+
+__all__ = ["compute", "draw_errors", "mark_roundoff", "present"]
+
+_STEPS = (4, 8, 10, 16, 32, 64, 128, 256, 512, 1024, 2048)
+_DISTANCE_STEPS = 10
+_ABOVE = 8  # keeps the reference line off the curves
+
+# Slopes are fitted where the leading term of the error rules and rounding doesn't yet.
+_FLOOR = 2e-13
+_LARGEST_H = 0.07
+
+
+def compute(context: Context) -> Data:
+    """Integrate with many stepsizes.
+
+    Returns
+    -------
+    Data
+        By reading and method: ``distance`` from SO(3) at the times ``t`` for h = 0.1; ``error``
+        of B at t = 1 for every one of ``h``; ``slope`` fitted over ``fitted`` points, null where
+        fewer than two lie between rounding and the asymptotic range.
+    """
+    readings: dict[str, dict[str, dict[str, object]]] = {}
+    runs = list(product(top.READINGS, top.METHODS))
+    h = [1 / steps for steps in _STEPS]
+    for done, (reading, method) in enumerate(runs):
+        context.progress(done, len(runs))
+        error = [top.end_error(reading, method, steps)[0] for steps in _STEPS]
+        slope, fitted = _slope(h, error)
+        readings.setdefault(reading, {})[method] = {
+            "distance": top.errors(reading, method, _DISTANCE_STEPS).distance.tolist(),
+            "error": error,
+            "slope": slope,
+            "fitted": fitted,
+        }
+    return {
+        "h": h,
+        "t": [k / _DISTANCE_STEPS for k in range(_DISTANCE_STEPS + 1)],
+        "readings": readings,
+    }
+
+
+def _slope(h: Sequence[float], error: Sequence[float]) -> tuple[float | None, int]:
+    used = sum(size <= _LARGEST_H and value > _FLOOR for size, value in zip(h, error, strict=True))
+    if used < 2:
+        return None, used
+    return observed_order(h, error, floor=_FLOOR, h_range=(0.0, _LARGEST_H)).order, used
+
+
+def present(data: Data) -> Sequence[Block]:
+    """Draw the two graphs for either reading, and tabulate slopes."""
+    blocks: list[Block] = [
+        Text(
+            "Only the first component, B. The distance is half the 2-norm of BᵀB − I, computed "
+            "exactly from the doubles. Flows are Rodrigues' formula; each ends with one "
+            "Newton–Schulz step, which takes a distance ε to 3ε²/2 and so removes nothing but "
+            "rounding. The error is the 2-norm at t = 1."
+        )
+    ]
+    for reading, meaning in top.READINGS.items():
+        methods = data["readings"][reading]
+        blocks.append(
+            Chart(
+                f"fig4.2-{reading}",
+                lambda figure, methods=methods: _draw(figure, data, methods),  # type: ignore[misc]
+                f"Left: distance of B from SO(3) over time, h = 0.1. Right: global error of B at "
+                f"t = 1 against the stepsize; the solid line indicates order four. {meaning}",
+                _describe(methods),
+            )
+        )
+    rows = []
+    for method in top.METHODS:
+        cells = [method]
+        for reading in top.READINGS:
+            run = data["readings"][reading][method]
+            cells += [
+                number(max(run["distance"]), 2),
+                number(run["slope"]),
+                number(run["fitted"]),
+            ]
+        rows.append(cells)
+    header = [
+        f"{what}, {reading}" for reading in top.READINGS for what in ("distance", "slope", "points")
+    ]
+    blocks.append(
+        Table(
+            f"Largest distance from SO(3), and least-squares slope over h ≤ {_LARGEST_H} and "
+            f"errors above {_FLOOR:g}",
+            ("method", *header),
+            rows,
+        )
+    )
+    return blocks
+
+
+def _draw(figure: Figure, data: Data, methods: Data) -> None:
+    left, right = figure.subplots(1, 2)
+    for method, run in methods.items():
+        left.plot(data["t"], run["distance"], **LINES[method])
+    left.set_xlabel("time t")
+    left.set_ylabel("distance from SO(3) (2-norm)")
+    grid(left, x=False, y=True)
+    left.set_ylim(1e-17, 1e-14)
+    mark_roundoff(left)
+    label_panel(left, "Distance of B(t) from the group")
+    curves = {method: run["error"] for method, run in methods.items()}
+    draw_errors(right, data["h"], curves, {4: _ABOVE * methods["CG4"]["error"][0]})
+    right.set_ylabel("global error of B at t = 1 (2-norm)")
+    label_panel(right, "Error against stepsize")
+    handles = [*right.get_lines(), left.get_lines()[-1]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
+
+
+def draw_errors(
+    axes: Axes,
+    h: Sequence[float],
+    errors: Mapping[str, Sequence[float]],
+    references: Mapping[int, float],
+) -> None:
+    """Plot errors against stepsizes.
+
+    Parameters
+    ----------
+    axes : Axes
+    h : sequence of float
+    errors : mapping
+        By method, an error for each of h.
+    references : mapping
+        By order, at most three, where a reference line of that slope begins at the first of h.
+    """
+    steps = np.array(h)
+    for method, error in errors.items():
+        axes.plot(steps, error, label=method, **LINES[method])
+    black = PALETTE["black"]
+    for (order, begin), style in zip(references.items(), ("-", "--", ":"), strict=False):
+        line = begin * (steps / steps[0]) ** order
+        axes.plot(steps, line, style, color=black, linewidth=1, label=f"order {order}")
+    grid(axes, x=True, y=True)
+    axes.set_xlabel("stepsize h")
+
+
+def mark_roundoff(axes: Axes) -> None:
+    """Draw a line where the unit roundoff of double is."""
+    axes.axhline(
+        2.0**-53, color="#666666", linewidth=1, linestyle=(0, (5, 5)), label="roundoff of double"
+    )
+
+
+def _describe(methods: Data) -> str:
+    parts = [
+        f"{method} stays within {number(max(run['distance']), 2)} of the group and has slope "
+        f"{number(run['slope'])}"
+        for method, run in methods.items()
+    ]
+    return "Two panels. " + "; ".join(parts) + "."

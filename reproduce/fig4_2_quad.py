@@ -1,0 +1,158 @@
+"""Figure 4.2, right, in real(16): where rounding in double hides the order no more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+from matplotlib.figure import Figure
+
+from cg.convergence import observed_order, slopes
+
+from . import top
+from .blocks import Block, Chart, Data, Table, Text, number
+from .context import Context
+from .fig4_2 import draw_errors, mark_roundoff
+from .style import label_panel
+
+__all__ = ["compute", "present"]
+
+# Every method as far as a few seconds of one core go.
+_LARGEST_POWER = {"CG4": 16, "CG4a": 16, "CG5a": 14, "CG6a": 11}
+_POWERS = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16)
+_FIT = 4
+"""Points, those with the smallest steps, that a slope is fitted to."""
+
+
+def compute(context: Context) -> Data:
+    """Integrate in real(16) with stepsizes down to 1/65536.
+
+    Returns
+    -------
+    Data
+        By reading the ``reference_error``, and by method: ``h``, ``error`` of B at t = 1,
+        ``local`` slopes between neighbours, ``slope`` fitted over the smallest four stepsizes,
+        ``largest_slope`` over all local ones.
+    """
+    chosen: tuple[top.Reading, ...] = ("momentum",)
+    if context.settings.full:
+        chosen = ("momentum", "velocity")
+    runs = [
+        (reading, method, 2**power)
+        for power in reversed(_POWERS)  # the longest first, so that no core waits at the end
+        for reading in chosen
+        for method in top.METHODS
+        if power <= _LARGEST_POWER[method]
+    ]
+    references = {reading: top.reference_end(reading)[1] for reading in chosen}
+    errors = {}
+    with ThreadPoolExecutor(context.workers) as pool:
+        try:
+            found = pool.map(_error, runs)
+            for done, (run, error) in enumerate(zip(runs, found, strict=True)):
+                errors[run] = error
+                context.progress(done + 1, len(runs))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return {
+        "readings": {
+            reading: {
+                "reference_error": references[reading],
+                "methods": {
+                    method: _order(
+                        {run[2]: errors[run] for run in runs if run[:2] == (reading, method)}
+                    )
+                    for method in top.METHODS
+                },
+            }
+            for reading in chosen
+        }
+    }
+
+
+def _error(run: tuple[top.Reading, str, int]) -> float:
+    reading, method, steps = run
+    return top.end_error(reading, method, steps, "real128")[0]
+
+
+def _order(errors: dict[int, float]) -> Data:
+    steps = sorted(errors)
+    h, error = [1 / n for n in steps], [errors[n] for n in steps]
+    local = slopes(h, error).tolist()
+    return {
+        "h": h,
+        "error": error,
+        "local": local,
+        "slope": observed_order(h[-_FIT:], error[-_FIT:]).order,
+        "largest_slope": max(local),
+    }
+
+
+def present(data: Data) -> Sequence[Block]:
+    """Draw errors against stepsizes, and tabulate slopes."""
+    blocks: list[Block] = [
+        Text(
+            "The compiled stepper in binary128, with the 36-digit coefficients of the catalogue "
+            "for CG4, CG4a and CG5a, and the paper's 8 digits for CG6a."
+        )
+    ]
+    for reading, part in data["readings"].items():
+        methods = part["methods"]
+        blocks.append(
+            Chart(
+                f"fig4.2-quad-{reading}",
+                lambda figure, methods=methods: _draw(figure, methods),  # type: ignore[misc]
+                f"Global error of B at t = 1 against the stepsize in real(16). "
+                f"{top.READINGS[reading]}. The error of the reference is about "
+                f"{number(part['reference_error'], 2)}.",
+                _describe(methods),
+                size=(8.0, 5.0),
+            )
+        )
+        rows = [
+            [
+                method,
+                number(run["h"][-1]),
+                number(run["error"][-1]),
+                number(run["slope"], 4),
+                number(run["largest_slope"]),
+            ]
+            for method, run in methods.items()
+        ]
+        blocks.append(
+            Table(
+                f"Slopes in real(16), {reading}",
+                ("method", "smallest h", "error there", f"slope over the last {_FIT} points",
+                 "largest slope between neighbours"),
+                rows,
+            )
+        )  # fmt: skip
+    return blocks
+
+
+def _draw(figure: Figure, methods: Data) -> None:
+    axes = figure.subplots()
+    finest = max((run["h"] for run in methods.values()), key=len)
+    for method, run in methods.items():
+        draw_errors(axes, run["h"], {method: run["error"]}, {})
+    # either side of the bundle of curves, so that no line runs along one
+    beginnings = {
+        4: 8 * methods["CG4"]["error"][0],
+        5: methods["CG5a"]["error"][0] / 8,
+        6: methods["CG6a"]["error"][0] / 8,
+    }
+    draw_errors(axes, finest, {}, beginnings)
+    mark_roundoff(axes)
+    axes.set_ylim(1e-22, 30)
+    axes.set_ylabel("global error of B at t = 1 (2-norm)")
+    label_panel(axes, "Error against stepsize in real(16)")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
+
+
+def _describe(methods: Data) -> str:
+    parts = [
+        f"{method} has slope {number(run['slope'])} down to {number(run['error'][-1], 2)}"
+        for method, run in methods.items()
+    ]
+    return "One panel, both axes logarithmic. " + "; ".join(parts) + "."

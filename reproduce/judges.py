@@ -1,0 +1,318 @@
+"""How numbers decide the claims of the paper.
+
+Every function takes the numbers of `evidence.gather` and the results of all items.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from . import top
+from .blocks import Data, number
+
+__all__ = [
+    "Results",
+    "Verdict",
+    "agrees",
+    "all_digits",
+    "best_at_tenth",
+    "beyond",
+    "catalogue_order",
+    "double",
+    "exact",
+    "flat",
+    "ill_conditioned",
+    "in_unit_interval",
+    "independence",
+    "initial",
+    "many",
+    "moderate",
+    "no_zero",
+    "six_no_further",
+    "six_reached",
+    "slope",
+    "slope_approximate",
+    "slope_six",
+    "solved",
+    "superior",
+    "table",
+    "theorem",
+    "truncated",
+    "typical_digits",
+    "usually",
+    "zeros",
+]
+
+Verdict = tuple[bool | None, str]
+"""Passed, failed, or (None) not reproducible; and the evidence or the reason."""
+
+Results = Mapping[str, Data]
+
+_MANY = 5
+
+
+def beyond(reason: str) -> Callable[[Data, Results], Verdict]:
+    """Return a judge that finds a claim not reproducible, for a reason."""
+    return lambda numbers, results: (None, f"not reproducible because {reason}")
+
+
+def catalogue_order(order: int, name: str, numbers: Data, results: Results) -> Verdict:
+    """Tell whether the catalogue's method has this order, found from its exact residuals."""
+    own = numbers["methods"][name]["exact_order"]
+    printed = results["appendix"]["methods"].get(name)
+    largest = ""
+    if printed is not None:
+        largest = f", largest residual {number(printed['residuals']['ours']['largest'], 2)}"
+    return own == order, f"order of {name} from its exact residuals: {own}{largest}"
+
+
+def slope(order: int, name: str, numbers: Data, results: Results) -> Verdict:
+    """Tell whether the slope is within 0.1 of the order in real(16), and within 0.25 in double."""
+    quad = results["fig4.2quad"]["readings"]["momentum"]["methods"][name]
+    double = [results["fig4.2"]["readings"][reading][name]["slope"] for reading in top.READINGS]
+    passed = all(abs(slope - order) < 0.1 for slope in (quad["slope"],))
+    passed = passed and all(slope is not None and abs(slope - order) < 0.25 for slope in double)
+    return passed, (
+        f"{name}: slope {number(quad['slope'], 4)} in real(16), "
+        f"{' and '.join(number(slope) for slope in double)} in double (either ω(0))"
+    )
+
+
+def slope_six(numbers: Data, results: Results) -> Verdict:
+    """Tell whether CG6a's slope at the smallest stepsizes is within 0.1 of six."""
+    run = results["fig4.2quad"]["readings"]["momentum"]["methods"]["CG6a"]
+    early = run["local"][:2]
+    passed = abs(run["slope"] - 6) < 0.1
+    return passed, (
+        f"CG6a: local slopes {' and '.join(number(s) for s in early)} for h from 1/4 to 1/16, but "
+        f"{number(run['slope'], 2)} over the smallest stepsizes, where the error stays at "
+        f"{number(run['error'][-1], 2)}"
+    )
+
+
+def slope_approximate(numbers: Data, results: Results) -> Verdict:
+    """Tell whether CG6a's slope at the smallest stepsizes is below 5.5."""
+    run = results["fig4.2quad"]["readings"]["momentum"]["methods"]["CG6a"]
+    double = results["fig4.2"]["readings"]["momentum"]["CG6a"]
+    return run["slope"] < 5.5, (
+        f"slope {number(run['slope'], 2)} at the smallest stepsizes in real(16); the error stays "
+        f"near {number(min(double['error']), 2)} in double too"
+    )
+
+
+def solved(order: int, numbers: Data, results: Results) -> Verdict:
+    """Tell whether the search found an exact method."""
+    data = results[f"search{order}"]
+    return data["distinct"] >= 1, _found(data)
+
+
+def many(order: int, numbers: Data, results: Results) -> Verdict:
+    """Tell whether the search found five distinct exact methods."""
+    data = results[f"search{order}"]
+    return data["distinct"] >= _MANY, _found(data)
+
+
+def _found(data: Data) -> str:
+    return f"{data['distinct']} distinct exact methods from {len(data['exact'])} starts"
+
+
+def independence(numbers: Data, results: Results) -> Verdict:
+    """Tell whether the Jacobian of all conditions has the rank that the independent ones count."""
+    parts = numbers["conditions"].values()
+    passed = all(
+        part["rank"] == [part["independent"]] * 2 and part["independent"] < part["all"]
+        for part in parts
+    )
+    return passed, "rank of the Jacobian of all conditions at random tableaux: " + ", ".join(
+        f"{part['rank'][0]} of {part['all']}" for part in parts
+    )
+
+
+def zeros(numbers: Data, results: Results) -> Verdict:
+    """Tell whether the integer table without its zeros has the paper's N_CG rows."""
+    rows = results["table3.2"]["rows"]
+    passed = all(row["trees"] - row["discarded"] == row["paper"]["N_CG"] for row in rows)
+    return passed, "; ".join(
+        f"order {row['paper']['q']}: {row['discarded']} zeros in {row['trees']} rows"
+        for row in rows
+    )
+
+
+def table(numbers: Data, results: Results) -> Verdict:
+    """Tell whether all numbers of the table agree."""
+    rows = results["table3.2"]["rows"]
+    return all(row["agree"] for row in rows), f"{sum(row['agree'] for row in rows)} of 3 rows agree"
+
+
+def double(order: int, numbers: Data, results: Results) -> Verdict:
+    """Tell whether five starts reach f ≤ 1e-15 in double."""
+    f = results[f"search{order}"]["f_double"]
+    reached = sum(value <= 1e-15 for value in f)
+    return (
+        reached >= _MANY,
+        f"{reached} of {len(f)} starts reach f ≤ 1e-15; smallest {number(min(f), 2)}",
+    )
+
+
+def usually(order: int, bound: float, numbers: Data, results: Results) -> Verdict:
+    """Tell whether more than half of the refined starts reach a bound."""
+    f = [value for value in results[f"search{order}"]["f_quad"] if value is not None]
+    reached = sum(value <= bound for value in f)
+    return 2 * reached > len(f), (
+        f"{reached} of {len(f)} refined starts have f ≤ {bound:.0e}"
+        + (f"; smallest {number(min(f), 2)}" if f else "")
+    )
+
+
+def six_reached(numbers: Data, results: Results) -> Verdict:
+    """Tell whether a start of order six reaches f ≤ 1e-6 in double."""
+    f = results["search6"]["f_double"]
+    reached = sum(value <= 1e-6 for value in f)
+    return reached > 0, f"{reached} of {len(f)} starts reach f ≤ 1e-6 in double"
+
+
+def six_no_further(numbers: Data, results: Results) -> Verdict:
+    """Tell whether no start of order six reaches f < 1e-7 in double."""
+    f = results["search6"]["f_double"]
+    return min(f) >= 1e-7, f"our f in double: smallest {number(min(f), 2)}, median " + number(
+        float(np.median(f)), 2
+    )
+
+
+def no_zero(numbers: Data, results: Results) -> Verdict:
+    """Tell whether the search found no exact method of order six."""
+    data = results["search6"]
+    return data["distinct"] == 0, _found(data) + f"; smallest f {number(data['best']['f'], 2)}"
+
+
+def ill_conditioned(numbers: Data, results: Results) -> Verdict:
+    """Tell whether the condition number at order six is a hundred times those below."""
+    at_random = {q: part["condition_number"] for q, part in numbers["conditions"].items()}
+    named = {name: numbers["methods"][name]["condition_number"] for name in ("CG4a", "CG6a")}
+    passed = at_random["6"] > 100 * max(at_random["4"], at_random["5"])
+    return passed and named["CG6a"] > 100 * named["CG4a"], (
+        "condition number of the Jacobian, median over random tableaux: "
+        + ", ".join(f"{number(value, 2)} (order {q})" for q, value in at_random.items())
+        + f"; at CG4a {number(named['CG4a'], 2)}, at CG6a {number(named['CG6a'], 2)}"
+    )
+
+
+def typical_digits(numbers: Data, results: Results) -> Verdict:
+    """Tell whether the median condition holds to six or seven decimals."""
+    part = numbers["approximate"]
+    return 6 <= part["median"] <= 7, (
+        f"decimals to which CG6a satisfies the median condition: {number(part['median'])}"
+    )
+
+
+def all_digits(numbers: Data, results: Results) -> Verdict:
+    """Tell whether every condition holds to six decimals."""
+    part = numbers["approximate"]
+    return part["worst"] >= 6, (
+        f"{part['six']} of {part['conditions']} conditions hold to 1e-6; the worst to "
+        f"{number(part['worst'])} decimals, in the root mean square "
+        f"{number(part['root_mean_square'])}"
+    )
+
+
+def moderate(numbers: Data, results: Results) -> Verdict:
+    """Tell whether no coefficient exceeds the largest of CG4, the method known before."""
+    sizes = {name: numbers["methods"][name]["largest_coefficient"] for name in top.METHODS}
+    own = {name: size for name, size in sizes.items() if name != "CG4"}
+    text = ", ".join(f"{name} {number(size)}" for name, size in own.items())
+    return max(own.values()) < sizes["CG4"], (
+        f"largest coefficient: {text}; for comparison CG4 {number(sizes['CG4'])}"
+    )
+
+
+def in_unit_interval(numbers: Data, results: Results) -> Verdict:
+    """Tell whether the abscissae of CG4a lie in [0, 1]."""
+    low, high = numbers["methods"]["CG4a"]["abscissae"]
+    return 0 <= low <= high <= 1, f"abscissae of CG4a from {number(low)} to {number(high)}"
+
+
+def initial(numbers: Data, results: Results) -> Verdict:
+    """Tell whether B(0) is a rotation to rounding."""
+    part = numbers["initial"]
+    return max(part.values()) < 1e-15, (
+        f"BᵀB − I: {number(part['orthogonality'], 2)}, det B − 1: {number(part['determinant'], 2)}"
+    )
+
+
+def superior(reading: top.Reading, numbers: Data, results: Results) -> Verdict:
+    """Tell whether the error of CG4a is below that of CG4 at all times, in either component."""
+    return _ratio(results, reading, "CG4a", ("CG4",), factor=1.0)
+
+
+def best_at_tenth(reading: top.Reading, numbers: Data, results: Results) -> Verdict:
+    """Tell whether the error of CG6a is always below the others', at t = 1 by half."""
+    return _ratio(results, reading, "CG6a", ("CG4", "CG4a", "CG5a"), factor=2.0)
+
+
+def _ratio(
+    results: Results, reading: top.Reading, name: str, others: tuple[str, ...], factor: float
+) -> Verdict:
+    runs = results["fig4.1"]["readings"][reading]["methods"]
+    texts, passed = [], True
+    for component, label in (("rotation", "B"), ("momentum", "ω")):
+        own = np.array(runs[name][component][1:])
+        best = np.min([runs[other][component][1:] for other in others], axis=0)
+        ratios = best / own
+        passed = passed and ratios[-1] > factor and bool((ratios > 1).all())
+        texts.append(
+            f"{label}: smaller by {number(float(ratios.min()))} to {number(float(ratios.max()))}, "
+            f"at t = 1 by {number(float(ratios[-1]))}"
+        )
+    rival = others[0] if len(others) == 1 else "the best of the others"
+    return passed, f"error of {name} against {rival}, all times. " + "; ".join(texts)
+
+
+def exact(numbers: Data, results: Results) -> Verdict:
+    """Tell whether the distance from SO(3) stays at rounding."""
+    distances = [
+        max(run["distance"])
+        for methods in results["fig4.2"]["readings"].values()
+        for run in methods.values()
+    ]
+    return max(distances) < 1e-14, f"largest distance from SO(3): {number(max(distances), 2)}"
+
+
+def theorem(numbers: Data, results: Results) -> Verdict:
+    """Tell whether slopes on another problem are within 0.1 of what the conditions give."""
+    slopes = numbers["rotation_slopes"]
+    orders = {name: numbers["methods"][name]["exact_order"] for name in slopes}
+    passed = all(abs(slopes[name] - orders[name]) < 0.1 for name in slopes)
+    return passed, "slopes on a rotation whose velocity depends on it: " + ", ".join(
+        f"{name} {number(slope, 4)} (order {orders[name]})" for name, slope in slopes.items()
+    )
+
+
+def flat(numbers: Data, results: Results) -> Verdict:
+    """Tell whether the methods agree with the classical ones to rounding."""
+    worst = max(numbers["flat"].values())
+    return worst < 1e-14, f"largest difference from the classical methods: {number(worst, 2)}"
+
+
+def truncated(name: str, numbers: Data, results: Results) -> Verdict:
+    """Tell whether every printed coefficient is ours truncated to 16 decimals."""
+    part = results["appendix"]["methods"][name]
+    passed = part["truncated"] == part["count"] and part["decimals"] == 16
+    return passed, (
+        f"{name}: {part['decimals']} decimals; {part['truncated']} of {part['count']} are ours "
+        f"truncated, {part['rounded']} ours rounded, none differs by more than "
+        f"{number(part['largest_difference'], 2)}"
+    )
+
+
+def agrees(name: str, numbers: Data, results: Results) -> Verdict:
+    """Tell whether printed coefficients are within two units of ours, and their zeros exact."""
+    part = results["appendix"]["methods"][name]
+    residuals = part["residuals"]
+    bound = 2 * 10.0 ** -part["decimals"]
+    return part["largest_difference"] <= bound and part["zeros_kept"], (
+        f"{part['count']} coefficients within {number(part['largest_difference'], 2)} of ours; "
+        f"largest residual {number(residuals['paper']['largest'], 2)} as printed, "
+        f"{number(residuals['ours']['largest'], 2)} ours"
+    )

@@ -1,0 +1,133 @@
+"""The report: one page of HTML that needs nothing beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from .blocks import Block, Chart, Table, Text
+from .items import ITEMS, Item
+from .style import render
+
+__all__ = ["page", "section", "write_report"]
+
+_TITLE = "Runge–Kutta methods of Crouch–Grossman type of high order, reproduced"
+_ORDER = (
+    "claims", "table3.2", "search4", "search5", "search6", "appendix", "fig4.1", "fig4.2",
+    "fig4.2quad",
+)  # fmt: skip
+_MARKS = {"pass": "✓", "fail": "✗", "not reproducible": "–"}
+
+
+def write_report(state: Mapping[str, Any], out: Path) -> None:
+    """Draw all figures into ``out/figures`` and write ``out/report.html``.
+
+    Parameters
+    ----------
+    state : mapping
+        What ``results.json`` holds.
+    out : Path
+    """
+    shown = [ITEMS[name] for name in _ORDER if name in state["items"]]
+    sections = [section(item, item.present(state["items"][item.name]), out) for item in shown]
+    (out / "report.html").write_text(page(state, shown, sections), encoding="utf-8")
+
+
+def page(state: Mapping[str, Any], shown: Iterable[Item], sections: Iterable[str]) -> str:
+    """Return the whole page."""
+    shown = list(shown)
+    links = "".join(f'<li><a href="#{_id(item)}">{escape(item.title)}</a></li>' for item in shown)
+    settings, run = state["settings"], state["run"]
+    extent = "extensive search" if settings["full"] else "default search"
+    times = ", ".join(f"{item.title}: {run['seconds'][item.name]:.1f} s" for item in shown)
+    css = files(__package__).joinpath("report.css").read_text(encoding="utf-8")
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(_TITLE)}</title>
+<style>
+{css}</style>
+</head>
+<body>
+<header>
+<h1>{escape(_TITLE)}</h1>
+<p>After Z. Jackiewicz, A. Marthinsen and B. Owren, “Construction of Runge–Kutta methods of
+Crouch–Grossman type of high order”, Advances in Computational Mathematics 13 (2000), 405–415.
+Every number of ours on this page was computed by one run and is in results.json too.</p>
+<p>Seed {settings["seed"]}, {extent}, version {escape(run["version"])}.</p>
+<nav aria-label="Contents"><ol>{links}</ol></nav>
+</header>
+<main>
+{"".join(sections)}</main>
+<footer><p>Time by item, {run["workers"]} threads. {escape(times)}.</p></footer>
+</body>
+</html>
+"""
+
+
+def section(item: Item, blocks: Iterable[Block], out: Path) -> str:
+    """Return an item's section; its figures are drawn into ``out/figures``."""
+    body = "".join(_block(block, out) for block in blocks)
+    name = _id(item)
+    return (
+        f'<section id="{name}" aria-labelledby="{name}-title">\n'
+        f'<h2 id="{name}-title">{escape(item.title)}</h2>\n{body}</section>\n'
+    )
+
+
+def _id(item: Item) -> str:
+    return "item-" + item.name.replace(".", "-")
+
+
+def _block(block: Block, out: Path) -> str:
+    match block:
+        case Text(text):
+            return f"<p>{escape(text)}</p>\n"
+        case Table():
+            return _table(block)
+        case Chart():
+            return _chart(block, out)
+
+
+def _chart(chart: Chart, out: Path) -> str:
+    svg = render(chart, out / "figures")
+    name = chart.name.replace(".", "-")
+    return (
+        f"<figure>\n{svg}\n<figcaption>{escape(chart.caption)}"
+        f'<span class="description" id="{name}-description">{escape(chart.description)}</span>'
+        f"</figcaption>\n</figure>\n"
+    )
+
+
+def _table(table: Table) -> str:
+    head = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in table.header)
+    rows = "".join("<tr>" + _row(row) + "</tr>\n" for row in table.rows)
+    kind = ' class="numeric"' if table.numeric else ""
+    inner = f"<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n"
+    caption = escape(table.caption)
+    if table.folded:
+        return (
+            f"<details><summary>{caption}</summary>"
+            f'<div class="wide"><table{kind} aria-label="{caption}">\n{inner}</table></div>'
+            "</details>\n"
+        )
+    return f'<div class="wide"><table{kind}>\n<caption>{caption}</caption>\n{inner}</table></div>\n'
+
+
+def _row(cells: Iterable[str]) -> str:
+    first, *rest = cells
+    return f'<th scope="row">{escape(first)}</th>' + "".join(map(_cell, rest))
+
+
+def _cell(text: str) -> str:
+    if text in _MARKS:
+        name = text.replace(" ", "-")
+        return (
+            f'<td class="verdict {name}"><span aria-hidden="true">{_MARKS[text]}</span> {text}</td>'
+        )
+    return f"<td>{escape(text)}</td>"

@@ -1,0 +1,137 @@
+"""Compute items one after the other, and write down each as it finishes."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import cg
+
+from . import fingerprint
+from .blocks import Data
+from .context import Context, Progress, Settings
+from .items import ITEMS, Item
+from .report import write_report
+
+__all__ = ["FORMAT", "OutputError", "check_output", "run"]
+
+FORMAT = "reproduce-paper 1"
+
+_RESULTS = "results.json"
+
+
+class OutputError(Exception):
+    """The output folder can't be used; the message says why."""
+
+
+def check_output(out: Path) -> None:
+    """Make the output folder and see that files can be written there.
+
+    Raises
+    ------
+    OutputError
+        If not.
+    """
+    try:
+        for folder in (out, out / "figures", out / "checkpoints"):
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+    except (FileExistsError, NotADirectoryError):
+        raise OutputError(f"{out} is not a directory") from None
+    except OSError as error:
+        raise OutputError(f"{out} is not writable: {error.strerror}") from None
+
+
+def run(
+    items: Sequence[Item],
+    out: Path,
+    settings: Settings,
+    workers: int,
+    progress: Callable[[Item], Progress] = lambda item: lambda done, total: None,
+    finished: Callable[[Item, float], None] = lambda item, seconds: None,
+) -> dict[str, Any]:
+    """Compute items and write ``results.json``, the figures and ``report.html``.
+
+    Items that an earlier run of the same version left in the folder, with the same settings,
+    stay in the report; there is no need for them to run again.
+
+    Parameters
+    ----------
+    items : sequence of Item
+        In the order in which to run them, with all that they need.
+    out : Path
+        Checked by `check_output`.
+    settings : Settings
+    workers : int
+    progress : callable
+        From an item to the function that receives its progress.
+    finished : callable
+        Called with every finished item and its time in seconds.
+
+    Returns
+    -------
+    dict
+        What ``results.json`` holds:
+
+        - ``format``: `FORMAT`;
+        - ``settings``: ``seed`` and ``full``;
+        - ``items``: by name the numbers of every item, as its ``compute`` documents them;
+        - ``run``: all that differs between equal runs: the ``seconds`` of each item, ``workers``,
+          ``version`` and a digest of the ``code``.
+    """
+    state = _earlier(out, settings)
+    state["run"]["workers"] = workers
+    results: dict[str, Data] = state["items"]
+    for item in items:
+        context = Context(settings, out / "checkpoints", workers, progress(item), results)
+        begun = time.perf_counter()
+        numbers = _plain(item.compute(context))
+        seconds = time.perf_counter() - begun
+        results[item.name] = numbers
+        state["items"] = results = {name: results[name] for name in ITEMS if name in results}
+        state["run"]["seconds"][item.name] = round(seconds, 2)
+        _write(out / _RESULTS, _dumps(state))
+        finished(item, seconds)
+    write_report(state, out)
+    return state
+
+
+def _earlier(out: Path, settings: Settings) -> dict[str, Any]:
+    """Return what an equal run has left in the folder, or the beginning of a new state."""
+    fresh = {
+        "format": FORMAT,
+        "settings": {"seed": settings.seed, "full": settings.full},
+        "items": {},
+        "run": {"seconds": {}, "version": cg.__version__, "code": fingerprint.of_package()},
+    }
+    try:
+        state: dict[str, Any] = json.loads((out / _RESULTS).read_text(encoding="utf-8"))
+        same = all(state[key] == fresh[key] for key in ("format", "settings"))
+        if same and state["run"]["code"] == fresh["run"]["code"]:  # type: ignore[index]
+            return state
+    except (OSError, ValueError, KeyError, TypeError):
+        pass  # nothing there that could be kept
+    return fresh
+
+
+def _plain(numbers: Data) -> Data:
+    """Return what reading the numbers back from JSON gives, so that both ways are the same."""
+    plain: Data = json.loads(json.dumps(numbers, allow_nan=False))
+    return plain
+
+
+def _dumps(state: dict[str, Any]) -> str:
+    return json.dumps(state, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _write(path: Path, text: str) -> None:
+    """Replace a file at once: a run that is killed leaves the old one or the new one."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, path)

@@ -1,0 +1,263 @@
+"""The computer search of Section 3.2: how far f was reduced, and what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cg.search import SearchResult, Start, search
+from cg.tableau import Tableau
+
+from . import fingerprint
+from .blocks import Block, Chart, Data, Table, Text, number
+from .coefficients import coefficient_table, method_data
+from .context import Context
+from .style import PALETTE, grid
+
+__all__ = ["PLANS", "Plan", "compute", "item_functions", "present"]
+
+_SHOWN = 3
+_SMALLEST_F = 1e-70  # what zero is drawn at
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to search for, and how long.
+
+    Attributes
+    ----------
+    order, stages : int
+    starts, full_starts : int
+        Random starts, and those of the extensive search.
+    maxfev : int
+        Evaluations in double.
+    refine_below : float
+        f in double that makes a start worth real(16).
+    refine_maxfev : int
+        Evaluations in real(16).
+    paper_double, paper_quad : float
+        What the paper says that f was reduced to.
+    """
+
+    order: int
+    stages: int
+    starts: int
+    full_starts: int
+    maxfev: int
+    refine_below: float
+    refine_maxfev: int
+    paper_double: float
+    paper_quad: float
+
+
+PLANS = {
+    4: Plan(4, 5, 1000, 20_000, 3_200, 1e-12, 320, 1e-15, 1e-31),
+    # zeros at order five lie at the end of long valleys: most take 1e4 to 1e5 evaluations
+    5: Plan(5, 9, 320, 6_400, 100_000, 1e-12, 920, 1e-15, 1e-31),
+    # no zero is known to this search, so that all starts go on, for a few Jacobians each
+    6: Plan(6, 16, 24, 480, 27_400, 1.0, 822, 1e-6, 1e-8),
+}
+
+
+def compute(plan: Plan, context: Context) -> Data:
+    """Search, going on from a checkpoint where there is one.
+
+    Returns
+    -------
+    Data
+        ``settings`` of the search and the ``paper``'s values of f; by start the lists
+        ``f_double``, ``nfev_double``, ``f_quad``, ``nfev_quad`` (null where not refined) and
+        ``exact``; the number of ``distinct`` exact methods, of those with
+        ``abscissae_in_unit_interval``, their ``largest_coefficients``; ``methods``, the chosen
+        ones with all coefficients; ``best``, the start with the smallest residual.
+    """
+    seed, full = context.settings.seed, context.settings.full
+    arguments: dict[str, Any] = {
+        "order": plan.order,
+        "stages": plan.stages,
+        "seed": seed,
+        "algorithm": "lmdif",
+        "maxfev": plan.maxfev,
+        "refine_below": plan.refine_below,
+        "refine_maxfev": plan.refine_maxfev,
+    }
+    digest = fingerprint.of_search(arguments)
+    result = search(
+        **arguments,
+        starts=plan.full_starts if full else plan.starts,
+        workers=context.workers,
+        checkpoint=context.checkpoints / f"search{plan.order}-seed{seed}-{digest}.jsonl",
+        progress=context.progress,
+    )
+    return _data(plan, result)
+
+
+def _data(plan: Plan, result: SearchResult) -> Data:
+    starts = result.starts
+    refined = [start.quad for start in starts]
+    f_double = [start.double.f for start in starts]
+    f_quad = [phase.f if phase else None for phase in refined]
+    settings = asdict(result.settings)
+    settings["rows"] = settings["rows"].name.lower()
+    return {
+        "settings": settings,
+        "paper": {"f_double": plan.paper_double, "f_quad": plan.paper_quad},
+        "f_double": f_double,
+        "nfev_double": [start.double.nfev for start in starts],
+        "f_quad": f_quad,
+        "nfev_quad": [phase.nfev if phase else None for phase in refined],
+        "exact": [start.exact for start in starts],
+        "f_double_quartiles": _quartiles(f_double),
+        "f_quad_quartiles": _quartiles([f for f in f_quad if f is not None]),
+        "distinct": len(result.methods),
+        "abscissae_in_unit_interval": sum(map(_in_unit_interval, result.methods)),
+        "largest_coefficients": [_largest(method) for method in result.methods],
+        "methods": [method_data(method) for method in _chosen(plan.order, result.methods)],
+        "best": _best(plan, result.best),
+    }
+
+
+def _quartiles(values: Sequence[float]) -> list[float] | None:
+    """Return minimum, quartiles and maximum; they are values that occur."""
+    if not values:
+        return None
+    ordered: list[float] = np.quantile(values, (0, 0.25, 0.5, 0.75, 1), method="nearest").tolist()
+    return ordered
+
+
+def _chosen(order: int, methods: Sequence[Tableau]) -> Sequence[Tableau]:
+    """Choose as the paper chose: abscissae in [0, 1] at order four, then small coefficients."""
+    if order == PLANS[4].order:
+        methods = sorted(methods, key=lambda method: not _in_unit_interval(method))
+    return methods[:_SHOWN]
+
+
+def _in_unit_interval(method: Tableau) -> bool:
+    return all(0 <= sum(row, Fraction(0)) <= 1 for row in method.exact[0])
+
+
+def _largest(method: Tableau) -> float:
+    return float(max(np.abs(method.a).max(), np.abs(method.b).max()))
+
+
+def _best(plan: Plan, start: Start) -> dict[str, Any]:
+    method = Tableau.from_packed(start.x, plan.stages, name=f"start {start.index}")
+    return {
+        "start": start.index,
+        "f": start.quad.f if start.quad else start.double.f,
+        "largest_residual": start.largest_residual,
+        "exact": start.exact,
+        **method_data(method),
+    }
+
+
+def present(plan: Plan, data: Data) -> Sequence[Block]:
+    """Draw how f is distributed, and show the chosen methods."""
+    settings, total, exact = data["settings"], len(data["exact"]), sum(data["exact"])
+    refined = sum(f is not None for f in data["f_quad"])
+    every = "every start" if refined == total else f"a start with f ≤ {settings['refine_below']:g}"
+    blocks: list[Block] = [
+        Text(
+            f"{total} starts, uniform in [−{settings['width']:g}, {settings['width']:g}], seed "
+            f"{settings['seed']}; lmdif in double with xtol = ftol = 1e-18 and at most "
+            f"{settings['maxfev']} evaluations, then, for {every}, in real(16) with "
+            f"xtol = ftol = 1e-32 and at most {settings['refine_maxfev']}. NumPy's generators "
+            "with a spawned seed a start take the place of zufall.f: a start is determined by "
+            "the seed and its number alone."
+        ),
+        Chart(
+            f"search{plan.order}",
+            partial(_draw, data=data),
+            f"Fraction of starts with at most this f, order {plan.order}, {plan.stages} stages. "
+            "Dotted lines: the paper's values.",
+            f"{total} starts; the median of f after double is "
+            f"{number(data['f_double_quartiles'][2], 2)}; {exact} starts ended in an exact method.",
+            size=(8.0, 3.6),
+        ),
+        Table(
+            "f after either phase",
+            ("phase", "paper", "starts", "smallest", "lower quartile", "median", "upper quartile",
+             "largest"),
+            [
+                _phase_row("double", "f_double", data, total),
+                _phase_row("real(16)", "f_quad", data, refined),
+            ],
+        ),
+        Text(_summary(data, exact, total)),
+    ]  # fmt: skip
+    for method in data["methods"]:
+        blocks.append(coefficient_table(_title(plan, method), method))
+    if not data["methods"]:
+        best = data["best"]
+        title = (
+            f"Not exact: the start with the smallest residual, f = {number(best['f'], 2)}, "
+            f"largest residual {number(best['largest_residual'], 2)}"
+        )
+        blocks.append(coefficient_table(title, best))
+    return blocks
+
+
+def _title(plan: Plan, method: Data) -> str:
+    inside = "in" if method["abscissae_in_unit_interval"] else "not all in"
+    return (
+        f"{method['name']}: largest coefficient {number(method['largest_coefficient'])}, "
+        f"abscissae {inside} [0, 1]"
+    )
+
+
+def _phase_row(title: str, key: str, data: Data, count: int) -> list[str]:
+    quartiles = data[f"{key}_quartiles"] or [None] * 5
+    values = (number(value, 2) for value in quartiles)
+    return [title, number(data["paper"][key], 1), number(count), *values]
+
+
+def _summary(data: Data, exact: int, total: int) -> str:
+    if not exact:
+        return f"None of {total} starts ended in an exact method."
+    return (
+        f"{exact} of {total} starts ended in an exact method (all residuals at the rounding of "
+        f"real(16)), {data['distinct']} of them distinct, {data['abscissae_in_unit_interval']} "
+        f"with all abscissae in [0, 1]. Those with the smallest coefficients follow, to 16 "
+        "decimals; results.json has all 36 digits."
+    )
+
+
+def _draw(figure: Figure, data: Data) -> None:
+    axes = figure.subplots()
+    phases = (
+        ("after double", data["f_double"], data["paper"]["f_double"], "vermilion", "o", "--"),
+        ("after real(16)", data["f_quad"], data["paper"]["f_quad"], "blue", "s", "-"),
+    )
+    for label, values, paper, colour, marker, line in phases:
+        kept = np.sort([max(f, _SMALLEST_F) for f in values if f is not None])
+        if kept.size:
+            fraction = np.arange(1, kept.size + 1) / kept.size
+            axes.step(
+                kept, fraction, where="post", color=PALETTE[colour], linestyle=line, marker=marker,
+                markersize=3.5, markevery=max(1, kept.size // 25),
+                label=f"{label}, {kept.size} starts",
+            )  # fmt: skip
+        axes.axvline(paper, color=PALETTE[colour], linestyle=":", linewidth=1.3)
+        axes.annotate(
+            f"paper {paper:.0e}", (paper, 1.0), xycoords=("data", "axes fraction"),
+            textcoords="offset points", xytext=(3, -2), fontsize=8, rotation=90, va="top",
+            color=PALETTE["black"],
+        )  # fmt: skip
+    grid(axes, x=True, y=False)
+    axes.set_ylim(0, 1.02)
+    axes.set_xlabel("f = sum of squared residuals")
+    axes.set_ylabel("fraction of starts")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+
+def item_functions(
+    order: int,
+) -> tuple[Callable[[Context], Data], Callable[[Data], Sequence[Block]]]:
+    """Return `compute` and `present` for the search of one order."""
+    return partial(compute, PLANS[order]), partial(present, PLANS[order])

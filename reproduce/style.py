@@ -1,0 +1,122 @@
+"""How figures look, and how they get into files."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from .blocks import Chart
+
+__all__ = ["LINES", "PALETTE", "grid", "label_panel", "render"]
+
+PALETTE: Mapping[str, str] = MappingProxyType(
+    {
+        "blue": "#0072B2",
+        "vermilion": "#D55E00",
+        "green": "#009E73",
+        "purple": "#CC79A7",
+        "orange": "#E69F00",
+        "sky": "#56B4E9",
+        "black": "#000000",
+    }
+)
+"""Colours that stay apart for colour-blind readers (M. Okabe and K. Ito, 2008)."""
+
+LINES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "CG4": {"color": PALETTE["vermilion"], "marker": "o", "linestyle": "-"},
+        "CG4a": {"color": PALETTE["blue"], "marker": "s", "linestyle": "--"},
+        "CG5a": {"color": PALETTE["green"], "marker": "^", "linestyle": "-."},
+        "CG6a": {"color": PALETTE["purple"], "marker": "D", "linestyle": (0, (1, 1))},
+    }
+)
+"""Each method has its colour, marker and line in all figures."""
+
+_RC: dict[Any, Any] = {
+    "font.size": 10.0,
+    "font.family": "DejaVu Sans",
+    "axes.titlesize": 10.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "#d9d9d9",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 5.0,
+    "legend.frameon": False,
+    "legend.fontsize": 9.0,
+    "legend.handlelength": 3.2,
+    "figure.facecolor": "white",
+    "svg.fonttype": "path",
+}
+
+
+def grid(axes: Axes, *, x: bool, y: bool) -> None:
+    """Make axes logarithmic, with a mark at every decade as far as there is room.
+
+    Parameters
+    ----------
+    axes : Axes
+    x, y : bool
+        Which of them.
+    """
+    for wanted, name, axis in ((x, "x", axes.xaxis), (y, "y", axes.yaxis)):
+        if wanted:
+            getattr(axes, f"set_{name}scale")("log")
+            axis.set_major_locator(LogLocator(base=10.0, numticks=9))
+            axis.set_minor_formatter(NullFormatter())
+
+
+def label_panel(axes: Axes, title: str) -> None:
+    """Give a panel its title, at the left."""
+    axes.set_title(title, loc="left")
+
+
+def render(chart: Chart, folder: Path) -> str:
+    """Draw a chart into ``folder/name.svg`` and ``.png``, and return it for a page.
+
+    Parameters
+    ----------
+    chart : Chart
+    folder : Path
+        Exists already.
+
+    Returns
+    -------
+    str
+        An ``svg`` element whose ids are its own, so that several fit on one page.
+    """
+    # The salt makes the ids inside the file, and so the file itself, the same every time.
+    with mpl.rc_context({**_RC, "svg.hashsalt": chart.name}):
+        figure = Figure(figsize=chart.size, layout="constrained")
+        FigureCanvasAgg(figure)
+        chart.draw(figure)
+        figure.savefig(folder / f"{chart.name}.png", dpi=160, metadata={"Software": None})
+        stream = io.StringIO()
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    svg = stream.getvalue()
+    (folder / f"{chart.name}.svg").write_text(svg, encoding="utf-8")
+    return _for_page(svg, chart)
+
+
+def _for_page(svg: str, chart: Chart) -> str:
+    body = svg[svg.index("<svg") :]
+    body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
+    body = re.sub(r'\s(xmlns(:\w+)?|version)="[^"]*"', "", body)
+    prefix = chart.name.replace(".", "-")
+    body = re.sub(r'\bid="', f'id="{prefix}-', body)
+    body = re.sub(r'href="#', f'href="#{prefix}-', body)
+    body = re.sub(r"url\(#", f"url(#{prefix}-", body)
+    opening = f'<svg role="img" aria-labelledby="{prefix}-description"'
+    return body.replace("<svg", opening, 1)

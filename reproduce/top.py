@@ -1,0 +1,140 @@
+"""The spinning top of Section 4, with its reference, for all figures about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from typing import Literal
+
+import numpy as np
+
+from cg.frames.base import Array
+from cg.integrate import integrate
+from cg.integrate.compiled import Kind, integrate_heavy_top
+from cg.problems import HeavyTop
+
+__all__ = [
+    "METHODS",
+    "READINGS",
+    "Errors",
+    "Reading",
+    "end_error",
+    "errors",
+    "reference_end",
+    "reference_error",
+]
+
+Reading = Literal["momentum", "velocity"]
+
+METHODS = ("CG4", "CG4a", "CG5a", "CG6a")
+"""The methods that the paper compares."""
+
+READINGS: dict[Reading, str] = {
+    "momentum": "m(0) = ω₀ = (0, 0, 1), as the paper's words have it",
+    "velocity": "m(0) = I ω₀ = (0, 0, 1/4), ω₀ an angular velocity",
+}
+"""Both readings of the paper's ω(0)."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one integration in double precision, at every step.
+
+    Attributes
+    ----------
+    t : ndarray, shape (steps + 1,)
+    rotation : ndarray, shape (steps + 1,)
+        2-norm of the error of B.
+    momentum : ndarray, shape (steps + 1,)
+        2-norm of the error of the momentum.
+    distance : ndarray, shape (steps + 1,)
+        Distance of B from SO(3) in the 2-norm.
+    """
+
+    t: Array
+    rotation: Array
+    momentum: Array
+    distance: Array
+
+
+@cache
+def _reference(reading: Reading, steps: int) -> tuple[Array, tuple[tuple[Fraction, ...], ...]]:
+    reference = HeavyTop(reading).reference([Fraction(k, steps) for k in range(steps + 1)])
+    return np.array(reference.errors), reference.values
+
+
+def reference_error(reading: Reading, steps: int) -> float:
+    """Return the largest estimated error of the reference on a grid over [0, 1]."""
+    return float(_reference(reading, steps)[0].max())
+
+
+@cache
+def reference_end(reading: Reading) -> tuple[tuple[Fraction, ...], float]:
+    """Return the exact numbers of the reference at t = 1, and its estimated error."""
+    reference = HeavyTop(reading).reference([1])
+    return reference.values[0], reference.errors[0]
+
+
+@cache
+def errors(reading: Reading, method: str, steps: int) -> Errors:
+    """Integrate over [0, 1] in double precision and compare with the reference.
+
+    Parameters
+    ----------
+    reading : {"momentum", "velocity"}
+    method : str
+    steps : int
+        Number of equal steps.
+    """
+    top = HeavyTop(reading)
+    solution = integrate(top.f, (0.0, 1.0), top.y0, frame=top.frame, method=method, h=1 / steps)
+    values = _reference(reading, steps)[1]
+    rotation, momentum = zip(
+        *(
+            _norms(list(map(Fraction, y.tolist())), x)
+            for y, x in zip(solution.y, values, strict=True)
+        ),
+        strict=True,
+    )
+    off = [_off_group(y[:9].tolist()) for y in solution.y]
+    return Errors(solution.t, np.array(rotation), np.array(momentum), np.array(off))
+
+
+def end_error(
+    reading: Reading, method: str, steps: int, kind: Kind = "real64"
+) -> tuple[float, float]:
+    """Return the errors of B and of the momentum at t = 1, computed by the compiled stepper.
+
+    Parameters
+    ----------
+    reading : {"momentum", "velocity"}
+    method : str
+    steps : int
+        Number of equal steps over [0, 1].
+    kind : {"real64", "real128"}, optional
+    """
+    solution = integrate_heavy_top(
+        HeavyTop(reading), method=method, h=Fraction(1, steps), steps=steps, kind=kind
+    )
+    return _norms(solution.exact(-1), reference_end(reading)[0])
+
+
+def _norms(y: Sequence[Fraction], exact: Sequence[Fraction]) -> tuple[float, float]:
+    """Return the 2-norms of the errors of B and m; differences are taken exactly."""
+    difference = np.array([float(x - z) for x, z in zip(y, exact, strict=True)])
+    rotation = np.linalg.norm(difference[:9].reshape(3, 3), 2)
+    return float(rotation), float(np.linalg.norm(difference[9:]))
+
+
+def _off_group(entries: Sequence[float]) -> float:
+    """Return half the 2-norm of BᵀB - I, exact but for the norm itself.
+
+    To first order this is the distance from the group, and rounding can't hide in it.
+    """
+    rows = [[Fraction(x) for x in entries[3 * i : 3 * i + 3]] for i in range(3)]
+    gram = [
+        [float(sum(row[i] * row[j] for row in rows) - (i == j)) for j in range(3)] for i in range(3)
+    ]
+    return float(np.linalg.norm(np.array(gram), 2)) / 2
