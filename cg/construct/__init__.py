@@ -1,0 +1,24 @@
+"""Tools on the set of methods of an order: construct, compose, eliminate, optimise."""
+
+from .compose import compose, triple_jump
+from .eliminate import eliminate, eliminate_stage, walk
+from .optimise import Goals, fewer_exponentials, optimise, principal_error
+from .point import NotExactError, Point, correct, pack_method, solved, to_tableau
+
+__all__ = [
+    "Goals",
+    "NotExactError",
+    "Point",
+    "compose",
+    "correct",
+    "eliminate",
+    "eliminate_stage",
+    "fewer_exponentials",
+    "optimise",
+    "pack_method",
+    "principal_error",
+    "solved",
+    "to_tableau",
+    "triple_jump",
+    "walk",
+]

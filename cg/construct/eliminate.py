@@ -1,0 +1,143 @@
+"""Fewer stages: drive one stage's influence to zero along the solution set, and drop it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from .point import Point, correct, solved
+
+__all__ = ["eliminate", "eliminate_stage", "walk"]
+
+_NEARLY_GONE = 1e-2  # from this fraction of the column on, the rest is tried at once
+_SMALLEST_STEP = 2e-3
+_INTERMEDIATE = 1e-19  # sum of squares that is good enough on the way
+
+
+def eliminate_stage(
+    point: Point, stage: int, *, largest: float = 4.0, budget: int = 1000
+) -> Point | None:
+    """Take one stage out.
+
+    Its column of ``a`` and its weight are shrunk together, in steps that adapt to how
+    well all other coefficients follow.
+
+    Parameters
+    ----------
+    point : Point
+        On the solution set.
+    stage : int
+        From 0.
+    largest : float, optional
+        Bound on the magnitude of coefficients on the way.
+    budget : int, optional
+        Bound on steps of the solver.
+
+    Returns
+    -------
+    Point or None
+        With one stage less, on its own solution set; None where the way is blocked.
+    """
+    column = point.column(stage)
+    target = point.x[column].copy()
+    left, step, used = 1.0, 0.2, 0
+    while left > 0:
+        wanted = left - step if left - step > _NEARLY_GONE else 0.0
+        x = point.x.copy()
+        x[column] = wanted * target
+        last = wanted == 0
+        iterations = 300 if last else 30
+        trial = correct(
+            Point(point.system, x),
+            column,
+            ftol=1e-26 if last else 1e-22,
+            max_iterations=iterations,
+        )
+        used += iterations if last else 10
+        good = solved(trial) if last else trial.f <= _INTERMEDIATE
+        if good and trial.largest <= largest:
+            point, left, step = trial, wanted, min(1.5 * step, 0.5)
+            continue
+        step /= 2
+        if step < _SMALLEST_STEP or used > budget:
+            return None
+    return point.without(stage)
+
+
+def walk(
+    point: Point, random: np.random.Generator, *, size: float = 0.3, largest: float = 4.0
+) -> Point:
+    """Return another point of the solution set, a random step of this Euclidean length away."""
+    for _ in range(6):
+        free = point.system.free
+        x = point.x.copy()
+        x[free] += size / np.sqrt(free.size) * random.standard_normal(free.size)
+        moved = correct(Point(point.system, x))
+        if solved(moved) and moved.largest <= largest:
+            return moved
+        size /= 2
+    return point
+
+
+def eliminate(
+    point: Point,
+    stages: int,
+    *,
+    random: np.random.Generator,
+    largest: float = 4.0,
+    tries: int = 6,
+    restarts: int = 3,
+    accept: Callable[[Point], bool] = lambda point: True,
+) -> Iterator[Point]:
+    """Eliminate stage after stage, yielding every point on the way down.
+
+    Parameters
+    ----------
+    point : Point
+        On the solution set.
+    stages : int
+        Where to stop.
+    random : numpy.random.Generator
+        Source of the order in which stages are tried, and of the walks.
+    largest : float, optional
+        Bound on the magnitude of coefficients.
+    tries : int, optional
+        Stages tried from one point, those with the smallest columns first.
+    restarts : int, optional
+        Walks to another point of the set after which a dead end is one.
+    accept : callable, optional
+        A test that a smaller point has to pass, for instance on its rank.
+
+    Yields
+    ------
+    Point
+        With one stage less than the one before.
+    """
+    stuck = 0
+    while point.system.stages > stages:
+        found = _try_stages(point, random, largest, tries, accept)
+        if found is None:
+            stuck += 1
+            if stuck > restarts:
+                return
+            point = walk(point, random, largest=largest)
+        else:
+            point, stuck = found, 0
+            yield point
+
+
+def _try_stages(
+    point: Point,
+    random: np.random.Generator,
+    largest: float,
+    tries: int,
+    accept: Callable[[Point], bool],
+) -> Point | None:
+    sizes = np.array([np.linalg.norm(point.x[point.column(k)]) for k in range(point.system.stages)])
+    order = np.argsort(sizes * np.exp(0.4 * random.standard_normal(sizes.size)))
+    for stage in order[:tries]:
+        smaller = eliminate_stage(point, int(stage), largest=largest)
+        if smaller is not None and accept(smaller):
+            return smaller
+    return None

@@ -1,0 +1,218 @@
+"""Better methods along the solution set.
+
+Each step solves a damped least-squares problem for the objective within the tangent
+space of the set, then moves back to the set by steps of least norm (Gauss–Newton on a
+manifold, with a correction as retraction).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from .. import _core_r64
+from ..conditions import condition_trees, count, row_lengths
+from .point import RANK_TOLERANCE, Point, correct, solved
+
+__all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
+
+Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Goals:
+    """What to minimise, as weights of a sum of squares.
+
+    Attributes
+    ----------
+    principal_error : float
+        Weight of the norm of the residuals of order q + 1.
+    coefficients : float
+        Weight of ``Σ |x|^6``'s square root, which presses on the largest coefficients.
+    abscissae : float
+        Weight of the distance of the abscissae from [0, 1].
+    bound, bound_weight : float
+        Weight of what the magnitudes of coefficients exceed `bound` by.
+    """
+
+    principal_error: float = 1.0
+    coefficients: float = 0.0
+    abscissae: float = 0.0
+    bound: float = 1.5
+    bound_weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("principal_error", "coefficients", "abscissae", "bound", "bound_weight"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be a finite number, not negative, got {value!r}")
+
+
+def principal_error(point: Point) -> float:
+    """Return the norm of all residuals of order q + 1 of the (first) weights."""
+    values, _ = _next_order(point, derivative=False)
+    return float(np.linalg.norm(values))
+
+
+def optimise(
+    point: Point,
+    goals: Goals,
+    *,
+    frozen: Sequence[int] | NDArray[np.intp] = (),
+    max_iterations: int = 60,
+    tolerance: float = 1e-4,
+    progress: Callable[[int, float], None] | None = None,
+) -> Point:
+    """Minimise a weighted sum of squares along the solution set.
+
+    Parameters
+    ----------
+    point : Point
+        On the solution set.
+    goals : Goals
+    frozen : sequence of int, optional
+        Entries that keep their values.
+    max_iterations : int, optional
+    tolerance : float, optional
+        Stop when five iterations together gain less than this fraction.
+    progress : callable, optional
+        Called with the iteration and the objective.
+
+    Returns
+    -------
+    Point
+        On the solution set, its objective no larger than at the start.
+    """
+    if not solved(point):
+        raise ValueError(f"point must be on the solution set, its sum of squares is {point.f:.2e}")
+    free = np.setdiff1d(point.system.free, np.asarray(frozen, dtype=np.intp))
+    values, jac = _objective(point, goals)
+    size, damping = float(values @ values), 1e-2
+    history = [size]
+    for iteration in range(max_iterations):
+        tangent = linalg.null_space(point.system.jacobian(point.x)[:, free], rcond=RANK_TOLERANCE)
+        if tangent.shape[1] == 0:
+            break
+        along = jac[:, free] @ tangent
+        gram, slope = along.T @ along, along.T @ values
+        scale = float(np.trace(gram)) / len(gram) + np.finfo(float).tiny
+        moved = None
+        while damping < 1e8:
+            step = linalg.solve(gram + damping * scale * np.eye(len(gram)), -slope, assume_a="pos")
+            x = point.x.copy()
+            x[free] += tangent @ step
+            trial = correct(Point(point.system, x), frozen, max_iterations=40)
+            trial_values, trial_jac = _objective(trial, goals)
+            trial_size = float(trial_values @ trial_values)
+            if solved(trial) and trial_size < size:
+                moved = trial
+                break
+            damping *= 5
+        if moved is None:
+            break
+        point, values, jac, size = moved, trial_values, trial_jac, trial_size
+        damping = max(damping / 5, 1e-12)
+        history.append(size)
+        if progress:
+            progress(iteration, size)
+        if len(history) > 5 and history[-6] - size <= tolerance * size:
+            break
+    return point
+
+
+def fewer_exponentials(
+    point: Point, *, largest: float = 4.0, patience: int = 10
+) -> tuple[Point, NDArray[np.intp]]:
+    """Drive coefficients to exact zeros, smallest magnitudes first.
+
+    Parameters
+    ----------
+    point : Point
+        On the solution set.
+    largest : float, optional
+        Bound on the magnitude of coefficients.
+    patience : int, optional
+        Entries in a row that refuse before giving up.
+
+    Returns
+    -------
+    point : Point
+        With zeros.
+    zeros : ndarray of int
+        Where they are.
+    """
+    zeros = np.setdiff1d(np.arange(point.system.size), point.system.free)
+    refused: set[int] = set()
+    failures = 0
+    while failures < patience:
+        candidates = [k for k in point.system.free if k not in refused and point.x[k] != 0]
+        if not candidates:
+            break
+        entry = min(candidates, key=lambda k: abs(point.x[k]))
+        frozen = np.append(zeros, entry)
+        trial: Point | None = point
+        for fraction in (0.6, 0.3, 0.1, 0.0):
+            assert trial is not None
+            x = trial.x.copy()
+            x[entry] = fraction * point.x[entry]
+            trial = correct(Point(point.system, x), frozen)
+            if not solved(trial) or trial.largest > largest:
+                trial = None
+                break
+        if trial is None:
+            refused.add(entry)
+            failures += 1
+        else:
+            point, zeros, failures = trial, frozen, 0
+    return point, np.sort(zeros)
+
+
+def _objective(point: Point, goals: Goals) -> Terms:
+    parts: list[Terms] = []
+    if goals.principal_error:
+        values, jac = _next_order(point, derivative=True)
+        parts.append((goals.principal_error * values, goals.principal_error * jac))
+    x = point.x
+    if goals.coefficients:
+        slope = 3 * np.abs(x) ** 2
+        parts.append(
+            (goals.coefficients * np.sign(x) * np.abs(x) ** 3, goals.coefficients * np.diag(slope))
+        )
+    if goals.bound_weight:
+        beyond = np.maximum(np.abs(x) - goals.bound, 0)
+        sign = np.where(beyond > 0, np.sign(x), 0.0)
+        parts.append((goals.bound_weight * beyond, goals.bound_weight * np.diag(sign)))
+    if goals.abscissae:
+        sums = _row_sums(point)
+        c = sums @ x
+        beyond = np.maximum(c - 1, 0) + np.minimum(c, 0)
+        parts.append((goals.abscissae * beyond, goals.abscissae * sums * (beyond != 0)[:, None]))
+    if not parts:
+        raise ValueError("goals must have at least one weight that isn't zero")
+    return np.concatenate([v for v, _ in parts]), np.concatenate([j for _, j in parts])
+
+
+def _row_sums(point: Point) -> NDArray[np.float64]:
+    system = point.system
+    lengths = row_lengths(system.packed_stages, system.rows)[: system.stages]
+    sums = np.zeros((system.stages, system.size))
+    begin = 0
+    for row, length in enumerate(lengths):
+        sums[row, begin : begin + length] = 1
+        begin += length
+    return sums
+
+
+def _next_order(point: Point, derivative: bool) -> Terms:
+    system = point.system
+    order = system.order + 1
+    trees = np.array(condition_trees(order)[count(system.order) :], dtype=np.intc)
+    shape = (order, system.packed_stages, int(system.rows))
+    values: NDArray[np.float64] = _core_r64.residuals(*shape, point.x, trees)
+    if not derivative:
+        return values, np.empty((0, system.size))
+    return values, _core_r64.jacobian(*shape, point.x, trees)

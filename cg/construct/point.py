@@ -1,0 +1,206 @@
+"""A point of the solution set: a packed tableau that satisfies a system of order conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from .. import quad
+from ..conditions import Rows, pack, row_lengths
+from ..search import EXACT
+from ..solve.minimum_norm import fit_conditions
+from ..solve.refine import refine
+from ..solve.system import System
+from ..tableau import Tableau
+
+__all__ = ["NotExactError", "Point", "correct", "pack_method", "solved", "to_tableau"]
+
+SOLVED = 1e-23
+"""Sum of squared residuals in double below which refinement finds an exact solution nearby."""
+
+RANK_TOLERANCE = 1e-9
+"""Singular values below this fraction of the largest count as zero."""
+
+
+class NotExactError(RuntimeError):
+    """Refinement in real(16) did not end at a zero of all order conditions."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Packed coefficients on, or close to, the solution set of a system.
+
+    Attributes
+    ----------
+    system : System
+    x : ndarray, shape (system.size,)
+    """
+
+    system: System
+    x: NDArray[np.float64]
+
+    @property
+    def largest(self) -> float:
+        """Largest magnitude of a coefficient."""
+        return float(np.abs(self.x).max())
+
+    @property
+    def f(self) -> float:
+        """Sum of squared residuals of the independent conditions."""
+        return float(np.sum(self.system.residual(self.x) ** 2))
+
+    def singular_values(self) -> NDArray[np.float64]:
+        """Singular values of the Jacobian of the independent conditions."""
+        jac = self.system.jacobian(self.x)[:, self.system.free]
+        return np.asarray(linalg.svdvals(jac))
+
+    @property
+    def rank(self) -> int:
+        """Rank of the Jacobian; all conditions are independent there if it is full."""
+        values = self.singular_values()
+        return int(np.sum(values > RANK_TOLERANCE * values[0]))
+
+    def column(self, stage: int) -> NDArray[np.intp]:
+        """Return the indices of the entries by which a stage (from 0) acts on others."""
+        lengths = row_lengths(self.system.packed_stages, self.system.rows)
+        starts = np.concatenate([[0], np.cumsum(lengths)])
+        return np.array(
+            [
+                starts[row] + stage
+                for row, length in enumerate(lengths)
+                if row != stage and stage < length
+            ],
+            dtype=np.intp,
+        )
+
+    def without(self, stage: int) -> Point:
+        """Drop a stage (from 0) whose column is zero."""
+        lengths = row_lengths(self.system.packed_stages, self.system.rows)
+        kept, begin = [], 0
+        for row, length in enumerate(lengths):
+            if row != stage:
+                kept += [begin + column for column in range(length) if column != stage]
+            begin += length
+        smaller = System(
+            self.system.order, self.system.stages - 1, self.system.rows, self.system.embedded
+        )
+        return Point(smaller, self.x[kept])
+
+
+def correct(
+    point: Point,
+    frozen: Sequence[int] | NDArray[np.intp] = (),
+    *,
+    ftol: float = 1e-26,
+    damping: float = 1e-6,
+    max_iterations: int = 200,
+) -> Point:
+    """Move back to the solution set by small steps of least norm.
+
+    Parameters
+    ----------
+    point : Point
+        Close to the set.
+    frozen : sequence of int, optional
+        Entries that must keep their values.
+    ftol, damping, max_iterations
+        As for `cg.solve.minimum_norm.fit_conditions`.
+
+    Returns
+    -------
+    Point
+        Where the solver ended, on the set or not; see `solved`.
+    """
+    system = point.system
+    free = np.setdiff1d(system.free, np.asarray(frozen, dtype=np.intp))
+    fit = fit_conditions(
+        point.x,
+        system.stages,
+        system.order,
+        rows=system.rows,
+        embedded=system.embedded,
+        free=free,
+        ftol=ftol,
+        damping=damping,
+        max_iterations=max_iterations,
+    )
+    return Point(system, fit.x)
+
+
+def solved(point: Point) -> bool:
+    """Tell whether the conditions hold to rounding in double."""
+    return point.f <= SOLVED * max(1.0, point.largest) ** 2
+
+
+def pack_method(method: Tableau, order: int | None = None) -> Point:
+    """Return the point of a method; of a pair if it has second weights of order q - 1.
+
+    Parameters
+    ----------
+    method : Tableau
+    order : int, optional
+        By default the method's own.
+    """
+    order = method.order if order is None else order
+    if method.b_embedded is None:
+        system = System(order, method.stages, method.rows)
+        return Point(system, pack(method.a, method.b))
+    stages = method.stages
+    rows = method.rows
+    wide = np.zeros((stages + 1, stages + 1))
+    wide[:stages, :stages] = method.a
+    wide[stages, :stages] = method.b_embedded
+    return Point(System(order, stages, rows, True), pack(wide, [*method.b, 0.0], rows))
+
+
+def to_tableau(
+    point: Point, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
+) -> Tableau:
+    """Refine a point in real(16) and make it a method.
+
+    Exact zeros of the point stay zero.
+
+    Raises
+    ------
+    NotExactError
+        If the conditions don't hold to the floor of binary128 afterwards.
+    """
+    system = point.system
+    zeros = np.flatnonzero(point.x == 0)
+    free = np.setdiff1d(system.free, np.concatenate([zeros, np.asarray(frozen, dtype=np.intp)]))
+    refined = refine(
+        quad.from_float(point.x),
+        system.stages,
+        system.order,
+        rows=system.rows,
+        embedded=system.embedded,
+        free=free,
+    )
+    scale = max(1.0, point.largest)
+    if refined.largest_residual > EXACT * scale:
+        raise NotExactError(
+            f"largest residual {refined.largest_residual:.2e} after refinement, "
+            f"more than {EXACT * scale:.0e}"
+        )
+    decimals = list(map(quad.to_decimal, quad.decode(refined.x)))
+    return _unpack(decimals, system, name, source)
+
+
+def _unpack(decimals: list[str], system: System, name: str, source: str) -> Tableau:
+    lengths = row_lengths(system.packed_stages, system.rows)
+    cut, begin = [], 0
+    for length in lengths:
+        cut.append(decimals[begin : begin + length])
+        begin += length
+    second = None
+    if system.embedded:
+        second = cut[system.stages][: system.stages]
+        second += ["0"] * (system.stages - len(second))
+    stages = system.stages
+    a = [row[: stages if system.rows is Rows.FULL else None] for row in cut[:stages]]
+    b = cut[-1][:stages]
+    return Tableau(a, b, name=name, source=source, b_embedded=second)
