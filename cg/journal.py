@@ -1,69 +1,78 @@
-"""The file that keeps what a search has found, a line a start.
+"""A file that keeps what a long run has found, one record a line.
 
-A killed run loses at most the line that it was writing; a search with the same
-settings goes on from there.
+A killed run loses at most the line that it was writing; a run with the same settings
+goes on from there.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TextIO
-
-from .starts import Phase, SearchSettings, Start
+from typing import Any, TextIO
 
 __all__ = ["Journal"]
 
-_FORMAT = "cg search 1"
+_FORMAT = "cg journal 1"
 
 
 class Journal:
-    """An open journal; made by `open`."""
+    """An open journal; made by `open`.
 
-    def __init__(self, stream: TextIO, starts: tuple[Start, ...]) -> None:
+    Attributes
+    ----------
+    records : tuple of dict
+        What the file held when it was opened.
+    """
+
+    def __init__(self, stream: TextIO, records: tuple[dict[str, Any], ...]) -> None:
         self._stream = stream
-        self.starts = starts
+        self.records = records
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], settings: SearchSettings) -> Journal:
-        """Open for appending; read the starts that it already holds.
+    def open(cls, path: str | os.PathLike[str], settings: Mapping[str, Any]) -> Journal:
+        """Open for appending, and read what is there.
+
+        Parameters
+        ----------
+        path : path
+        settings : mapping
+            What the run does; a file that begins with other settings is refused.
 
         Raises
         ------
         ValueError
-            If the file belongs to other settings, or isn't a journal.
+            If the file belongs to other settings, or has a damaged line before its last.
         OSError
             If it can't be written.
         """
         path = Path(path)
-        header = json.dumps({"format": _FORMAT, **asdict(settings)})
+        header = json.dumps({"format": _FORMAT, **settings})
         stream = path.open("a+", encoding="utf-8")
         try:
             stream.seek(0)
             text = stream.read()
             whole = text[: text.rfind("\n") + 1]
             lines = whole.splitlines()
-            if text and (not lines or lines[0] != header):
+            if lines[:1] != [header] and (lines or not header.startswith(text)):
                 raise ValueError(
-                    f"checkpoint {path} belongs to another search: expected {header}, "
+                    f"checkpoint {path} belongs to another run: expected {header}, "
                     f"it begins with {text[:200]!r}"
                 )
             if len(whole) < len(text):  # the line that a killed run left unfinished
                 stream.truncate(len(whole.encode("utf-8")))
-            starts = tuple(_read(line, path) for line in lines[1:])
-            journal = cls(stream, starts)
-            if not text:
+            journal = cls(stream, tuple(_read(line, path) for line in lines[1:]))
+            if not lines:
                 journal._write(header)
         except BaseException:
             stream.close()
             raise
         return journal
 
-    def append(self, start: Start) -> None:
-        """Write one start, and make sure that it is on disk."""
-        self._write(json.dumps(asdict(start)))
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Write one record, and make sure that it is on disk."""
+        self._write(json.dumps(dict(record)))
 
     def close(self) -> None:
         """Close the file."""
@@ -75,17 +84,11 @@ class Journal:
         os.fsync(self._stream.fileno())
 
 
-def _read(line: str, path: Path) -> Start:
+def _read(line: str, path: Path) -> dict[str, Any]:
     try:
-        fields = json.loads(line)
-        refined = fields["quad"]
-        return Start(
-            index=fields["index"],
-            double=Phase(**fields["double"]),
-            quad=None if refined is None else Phase(**refined),
-            x=tuple(fields["x"]),
-            largest_residual=fields["largest_residual"],
-            exact=fields["exact"],
-        )
-    except (KeyError, TypeError, ValueError) as error:
+        record = json.loads(line)
+    except ValueError as error:
         raise ValueError(f"checkpoint {path} has a damaged line: {line[:80]!r}") from error
+    if not isinstance(record, dict):
+        raise ValueError(f"checkpoint {path} has a damaged line: {line[:80]!r}")
+    return record

@@ -11,7 +11,7 @@ import operator
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import cached_property
 
@@ -182,14 +182,15 @@ def search(
     )
     starts = _integer("starts", starts, 1)
     workers = _integer("workers", workers, 1) if workers is not None else available_cores()
-    journal = Journal.open(checkpoint, settings) if checkpoint is not None else None
-    done = {start.index: start for start in journal.starts} if journal else {}
+    journal = Journal.open(checkpoint, asdict(settings)) if checkpoint is not None else None
+    records = map(Start.from_record, journal.records if journal else ())
+    done = {start.index: start for start in records}
     missing = [index for index in range(starts) if index not in done]
     try:
         for start in _run(settings, missing, workers):
             done[start.index] = start
             if journal:
-                journal.append(start)
+                journal.append(start.record())
             if progress:
                 progress(sum(index < starts for index in done), starts)
     finally:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from .conditions import Rows
 
@@ -55,6 +57,32 @@ class Start:
     x: tuple[str, ...]
     largest_residual: float
     exact: bool
+
+    def record(self) -> dict[str, Any]:
+        """Return it as plain data, from which `from_record` makes it again."""
+        return asdict(self)
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Start:
+        """Read what `record` wrote.
+
+        Raises
+        ------
+        ValueError
+            If a field is missing or of the wrong kind.
+        """
+        try:
+            refined = record["quad"]
+            return cls(
+                index=int(record["index"]),
+                double=Phase(**record["double"]),
+                quad=None if refined is None else Phase(**refined),
+                x=tuple(map(str, record["x"])),
+                largest_residual=float(record["largest_residual"]),
+                exact=bool(record["exact"]),
+            )
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"not the record of a start: {str(record)[:80]}") from error
 
 
 @dataclass(frozen=True)
