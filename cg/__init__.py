@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from . import frames
 from .catalogue import methods
+from .construct import construct
 from .integrate import integrate
 from .search import search
 from .solve.lmdif import lmdif
 from .tableau import Tableau, TableauError
 
-__all__ = ["Tableau", "TableauError", "frames", "integrate", "lmdif", "methods", "search"]
+__all__ = [
+    "Tableau",
+    "TableauError",
+    "construct",
+    "frames",
+    "integrate",
+    "lmdif",
+    "methods",
+    "search",
+]
 __version__ = "0.1.0"

@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from . import _core_r64, _core_r128, quad
+from .checks import check_integer
 from .conditions import (
     HIGHEST_ORDER,
     Rows,
@@ -29,6 +28,7 @@ from .conditions import (
     unknowns,
 )
 from .journal import Journal
+from .parallel import as_finished, available_cores
 from .solve.minimum_norm import fit_conditions
 from .solve.refine import refine
 from .starts import Phase, SearchSettings, Start
@@ -180,14 +180,14 @@ def search(
     settings = _settings(
         order, stages, seed, algorithm, rows, width, maxfev, refine_below, refine_maxfev, force
     )
-    starts = _integer("starts", starts, 1)
-    workers = _integer("workers", workers, 1) if workers is not None else available_cores()
+    starts = check_integer("starts", starts, 1)
+    workers = check_integer("workers", workers, 1) if workers is not None else available_cores()
     journal = Journal.open(checkpoint, asdict(settings)) if checkpoint is not None else None
     records = map(Start.from_record, journal.records if journal else ())
     done = {start.index: start for start in records}
     missing = [index for index in range(starts) if index not in done]
     try:
-        for start in _run(settings, missing, workers):
+        for start in as_finished(partial(run_start, settings), missing, workers):
             done[start.index] = start
             if journal:
                 journal.append(start.record())
@@ -197,31 +197,6 @@ def search(
         if journal:
             journal.close()
     return SearchResult(settings, tuple(done[index] for index in range(starts)))
-
-
-def available_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
-def _run(settings: SearchSettings, indices: Sequence[int], workers: int) -> Iterator[Start]:
-    """Yield starts as they finish; queue only few at a time so that an interrupt ends soon."""
-    waiting = iter(indices)
-    # one start a core: threads inside the linear algebra would only be in each other's way
-    with threadpool_limits(1), ThreadPoolExecutor(max_workers=workers) as pool:
-        pending: set[Future[Start]] = set()
-        try:
-            for index in waiting:
-                pending.add(pool.submit(run_start, settings, index))
-                if len(pending) < 2 * workers:
-                    continue
-                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in finished)
-            while pending:
-                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in finished)
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def run_start(settings: SearchSettings, index: int) -> Start:
@@ -288,11 +263,11 @@ def _settings(
     refine_maxfev: int | None,
     force: bool,
 ) -> SearchSettings:
-    order = _integer("order", order, 1)
+    order = check_integer("order", order, 1)
     if order > HIGHEST_ORDER:
         raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
-    stages = _integer("stages", stages, 1)
-    seed = _integer("seed", seed, 0)
+    stages = check_integer("stages", stages, 1)
+    seed = check_integer("seed", seed, 0)
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
     rows = Rows(rows)
@@ -307,10 +282,10 @@ def _settings(
             raise ValueError(f"{name} must be a finite number, not negative, got {value!r}")
     if maxfev is None:
         maxfev = 200 * (size + 1) if algorithm == "lmdif" else 400
-    maxfev = _integer("maxfev", maxfev, 1)
+    maxfev = check_integer("maxfev", maxfev, 1)
     if refine_maxfev is None:
         refine_maxfev = 20 * (size + 1)
-    refine_maxfev = _integer("refine_maxfev", refine_maxfev, 1)
+    refine_maxfev = check_integer("refine_maxfev", refine_maxfev, 1)
     return SearchSettings(
         order,
         stages,
@@ -322,13 +297,3 @@ def _settings(
         float(refine_below),
         refine_maxfev,
     )
-
-
-def _integer(name: str, value: int, least: int) -> int:
-    try:
-        checked = operator.index(value)
-    except TypeError:
-        raise TypeError(f"{name} must be an integer, got {value!r}") from None
-    if checked < least:
-        raise ValueError(f"{name} must be at least {least}, got {value}")
-    return checked

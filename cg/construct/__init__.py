@@ -1,15 +1,19 @@
 """Tools on the set of methods of an order: construct, compose, eliminate, optimise."""
 
 from .compose import compose, triple_jump
+from .construct import Attempt, Construction, construct
 from .eliminate import eliminate, eliminate_stage, walk
 from .optimise import Goals, fewer_exponentials, optimise, principal_error
 from .point import NotExactError, Point, correct, pack_method, solved, to_tableau
 
 __all__ = [
+    "Attempt",
+    "Construction",
     "Goals",
     "NotExactError",
     "Point",
     "compose",
+    "construct",
     "correct",
     "eliminate",
     "eliminate_stage",

@@ -1,0 +1,323 @@
+"""From random starts to an exact method with few stages."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_integer
+from ..conditions import HIGHEST_ORDER, Rows, count, unknowns
+from ..journal import Journal
+from ..parallel import as_finished, available_cores
+from ..solve.minimum_norm import fit_conditions
+from ..solve.system import System
+from ..tableau import Tableau
+from .eliminate import eliminate
+from .point import NotExactError, Point, correct, solved, to_tableau
+
+__all__ = ["Attempt", "Construction", "ConstructionSettings", "construct", "run_attempt"]
+
+_FEWEST_EASY = {1: 1, 2: 2, 3: 3, 4: 5, 5: 10, 6: 18, 7: 36}
+"""Stages from which on random starts reach the solution set often enough, by order."""
+
+
+@dataclass(frozen=True)
+class ConstructionSettings:
+    """What a construction does; see `construct`."""
+
+    order: int
+    stages: int
+    seed: int
+    first_stages: int
+    width: float
+    iterations: int
+    largest: float
+    restarts: int
+    full_rank: bool
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One random start and how far down it came.
+
+    Attributes
+    ----------
+    index : int
+        With the seed it determines everything else.
+    stages : int
+        Fewest stages reached.
+    solved : bool
+        Whether it is on the solution set there, within the bounds asked for.
+    f : float
+        Sum of squared residuals there, in double.
+    x : tuple of float
+        Packed coefficients there.
+    """
+
+    index: int
+    stages: int
+    solved: bool
+    f: float
+    x: tuple[float, ...] = field(repr=False)
+
+    def record(self) -> dict[str, Any]:
+        """Return it as plain data, floats in hexadecimal."""
+        return {**asdict(self), "f": self.f.hex(), "x": [entry.hex() for entry in self.x]}
+
+    @classmethod
+    def from_record(cls, record: dict[str, Any]) -> Attempt:
+        """Read what `record` wrote; ValueError if it isn't that."""
+        try:
+            x = tuple(map(float.fromhex, record["x"]))
+            return cls(
+                index=int(record["index"]),
+                stages=int(record["stages"]),
+                solved=bool(record["solved"]),
+                f=float.fromhex(record["f"]),
+                x=x,
+            )
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"not the record of an attempt: {str(record)[:80]}") from error
+
+
+@dataclass(frozen=True)
+class Construction:
+    """What a construction came to.
+
+    Attributes
+    ----------
+    settings : ConstructionSettings
+    method : Tableau or None
+        The exact method, refined in real(16); None if the tries ran out.
+    best : Attempt
+        The attempt that the method is from, else the one that came furthest: not a
+        method of the wanted order and stages.
+    tries : int
+        Attempts made.
+    """
+
+    settings: ConstructionSettings
+    method: Tableau | None
+    best: Attempt
+    tries: int
+
+    @property
+    def exact(self) -> bool:
+        """Whether a method was found."""
+        return self.method is not None
+
+
+def construct(
+    order: int,
+    stages: int,
+    seed: int,
+    *,
+    tries: int = 400,
+    largest: float = 3.0,
+    restarts: int = 2,
+    full_rank: bool = False,
+    first_stages: int | None = None,
+    width: float | None = None,
+    iterations: int = 500,
+    workers: int | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: Callable[[Attempt], None] | None = None,
+    force: bool = False,
+) -> Construction:
+    """Construct an exact explicit method from random starts.
+
+    Each try solves the order conditions from a random guess with enough stages and then
+    eliminates stages along the solution set. The method returned is the one of the
+    first successful try by number, whatever the number of workers.
+
+    Parameters
+    ----------
+    order, stages : int
+        What is wanted.
+    seed : int
+        Not negative; try k depends on (seed, k) alone.
+    tries : int, optional
+        Random starts at most.
+    largest : float, optional
+        Bound on the magnitude of coefficients.
+    restarts : int, optional
+        Walks along the solution set where elimination gets stuck.
+    full_rank : bool, optional
+        Accept only points at which all conditions are independent, which is what a
+        certificate without further identities needs.
+    first_stages : int, optional
+        Stages of the random starts; by default as many as the order makes easy.
+    width : float, optional
+        Guesses are uniform in [-width, width]; by default 1 up to order 4, 0.5 above.
+    iterations : int, optional
+        Bound on the solver's steps for a random start.
+    workers : int, optional
+        Threads; all cores by default.
+    checkpoint : path, optional
+        File that receives every try, and from which an interrupted run goes on.
+    progress : callable, optional
+        Called with each `Attempt`.
+    force : bool, optional
+        Try even where there are fewer unknowns than independent conditions.
+
+    Returns
+    -------
+    Construction
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is out of its range, or there are too few stages.
+
+    Examples
+    --------
+    >>> construct(order=3, stages=3, seed=1).method.order
+    3
+    """
+    settings = _settings(
+        order, stages, seed, largest, restarts, full_rank, first_stages, width, iterations, force
+    )
+    tries = check_integer("tries", tries, 1)
+    workers = available_cores() if workers is None else check_integer("workers", workers, 1)
+    header = {"construct": asdict(settings)}
+    journal = Journal.open(checkpoint, header) if checkpoint is not None else None
+    try:
+        records = map(Attempt.from_record, journal.records if journal else ())
+        done = {attempt.index: attempt for attempt in records}
+        method = None
+        for attempt in _in_order(settings, tries, workers, done, journal, progress):
+            if attempt.solved and attempt.stages == settings.stages:
+                method = _refined(settings, attempt)
+                if method is not None:
+                    return Construction(settings, method, attempt, attempt.index + 1)
+    finally:
+        if journal:
+            journal.close()
+    best = min((done[index] for index in range(tries)), key=lambda a: (not a.solved, a.stages, a.f))
+    return Construction(settings, None, best, tries)
+
+
+def _in_order(
+    settings: ConstructionSettings,
+    tries: int,
+    workers: int,
+    done: dict[int, Attempt],
+    journal: Journal | None,
+    progress: Callable[[Attempt], None] | None,
+) -> Iterator[Attempt]:
+    """Yield attempts by index, running those that aren't done yet as workers get free."""
+    missing = [index for index in range(tries) if index not in done]
+    running = as_finished(partial(run_attempt, settings), missing, workers)
+    try:
+        for index in range(tries):
+            while index not in done:
+                attempt = next(running)
+                done[attempt.index] = attempt
+                if journal:
+                    journal.append(attempt.record())
+                if progress:
+                    progress(attempt)
+            yield done[index]
+    finally:
+        running.close()
+
+
+def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
+    """Run one try alone."""
+    random = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
+    spread = max(0, settings.first_stages - settings.stages)
+    stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
+    system = System(settings.order, stages)
+    guess = random.uniform(-settings.width, settings.width, system.size)
+    fit = fit_conditions(guess, stages, settings.order, max_iterations=settings.iterations)
+    point = Point(system, fit.x)
+    if 1e-26 < fit.f < 1e-15:
+        point = correct(point, max_iterations=300)
+    if not _acceptable(settings, point):
+        return _attempt(settings, index, point)
+    for smaller in eliminate(
+        point,
+        settings.stages,
+        random=random,
+        largest=settings.largest,
+        restarts=settings.restarts,
+        accept=partial(_acceptable, settings),
+    ):
+        point = smaller
+    return _attempt(settings, index, point)
+
+
+def _acceptable(settings: ConstructionSettings, point: Point) -> bool:
+    if not solved(point) or point.largest > settings.largest:
+        return False
+    return not settings.full_rank or point.rank == count(settings.order, independent=True)
+
+
+def _attempt(settings: ConstructionSettings, index: int, point: Point) -> Attempt:
+    good = _acceptable(settings, point)
+    return Attempt(index, point.system.stages, good, point.f, tuple(point.x.tolist()))
+
+
+def _refined(settings: ConstructionSettings, attempt: Attempt) -> Tableau | None:
+    point = Point(System(settings.order, attempt.stages), _array(attempt.x))
+    try:
+        return to_tableau(
+            point,
+            name=f"order {settings.order}, {settings.stages} stages, try {attempt.index}",
+            source=f"construct, seed {settings.seed}, try {attempt.index}",
+        )
+    except NotExactError:
+        return None
+
+
+def _array(x: tuple[float, ...]) -> NDArray[np.float64]:
+    return np.array(x, dtype=np.float64)
+
+
+def _settings(
+    order: int,
+    stages: int,
+    seed: int,
+    largest: float,
+    restarts: int,
+    full_rank: bool,
+    first_stages: int | None,
+    width: float | None,
+    iterations: int,
+    force: bool,
+) -> ConstructionSettings:
+    order = check_integer("order", order, 1)
+    if order > HIGHEST_ORDER:
+        raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
+    stages = check_integer("stages", stages, 1)
+    size, conditions = unknowns(stages, Rows.EXPLICIT), count(order, independent=True)
+    if size < conditions and not force:
+        raise ValueError(
+            f"stages = {stages} gives {size} unknowns for {conditions} independent conditions of "
+            f"order {order}; pass force=True to try all the same"
+        )
+    if first_stages is None:
+        first_stages = max(stages, _FEWEST_EASY.get(order, 2 * stages))
+    first_stages = check_integer("first_stages", first_stages, stages)
+    if width is None:
+        width = 1.0 if order <= 4 else 0.5
+    for name, value in (("largest", largest), ("width", width)):
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be a finite positive number, got {value!r}")
+    return ConstructionSettings(
+        order,
+        stages,
+        check_integer("seed", seed, 0),
+        first_stages,
+        float(width),
+        check_integer("iterations", iterations, 1),
+        float(largest),
+        check_integer("restarts", restarts, 0),
+        bool(full_rank),
+    )
