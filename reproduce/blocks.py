@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-__all__ = ["Block", "Chart", "Data", "Table", "Text", "number"]
+__all__ = ["Block", "Chart", "Data", "Table", "Text", "number", "places"]
 
 Data = Mapping[str, Any]
 """The numbers of an item: what JSON can hold, no more."""
@@ -84,3 +84,8 @@ def number(value: float | int | None, digits: int = 3) -> str:
         return "–"
     text = f"{value:.{digits}g}" if isinstance(value, float) else str(value)
     return text.replace("-", "−")
+
+
+def places(value: float | None, count: int = 3) -> str:
+    """Write a number with so many decimals, – for None."""
+    return "–" if value is None else f"{value:.{count}f}".replace("-", "−")

@@ -9,12 +9,23 @@ from typing import Any
 
 import numpy as np
 
+from cg.conditions import Rows, jacobian
 from cg.quad import to_decimal
 from cg.tableau import Tableau
 
 from .blocks import Data, Table
 
-__all__ = ["coefficient_table", "fixed", "labels", "method_data"]
+__all__ = [
+    "RANK_THRESHOLD",
+    "coefficient_table",
+    "condition_number",
+    "fixed",
+    "labels",
+    "method_data",
+]
+
+RANK_THRESHOLD = 1e-12
+"""Singular values below this, relative to the largest, count as zero."""
 
 _COLUMNS = 3
 _WIDE = DecimalContext(prec=80)
@@ -40,14 +51,22 @@ def fixed(text: str, places: int) -> str:
     return f"{rounded:f}".replace("-", "−")
 
 
-def method_data(method: Tableau) -> dict[str, Any]:
+def method_data(method: Tableau, order: int) -> dict[str, Any]:
     """Return an explicit method as plain data.
+
+    Parameters
+    ----------
+    method : Tableau
+    order : int
+        Of the conditions whose Jacobian is looked at.
 
     Returns
     -------
     dict
         ``name``; ``coefficients``, a list of pairs of label and decimal with 36 digits;
-        ``largest_coefficient`` of a and b; ``abscissae_in_unit_interval``.
+        ``largest_coefficient`` of a and b; ``abscissae_in_unit_interval``;
+        ``condition_number`` of the Jacobian of the independent conditions, null where its rank
+        is deficient.
     """
     a, b = method.exact
     c = [sum(row, Fraction(0)) for row in a]
@@ -60,7 +79,17 @@ def method_data(method: Tableau) -> dict[str, Any]:
         ],
         "largest_coefficient": float(max(np.abs(method.a).max(), np.abs(method.b).max())),
         "abscissae_in_unit_interval": all(0 <= entry <= 1 for entry in c),
+        "condition_number": condition_number(method, order),
     }
+
+
+def condition_number(method: Tableau, order: int) -> float | None:
+    """Return that of the Jacobian of the independent conditions; None if it hasn't full rank."""
+    derivatives = jacobian(method.a, method.b, order, independent=True, rows=Rows.EXPLICIT)
+    singular = np.linalg.svd(derivatives, compute_uv=False)
+    if singular[-1] <= RANK_THRESHOLD * singular[0]:
+        return None
+    return float(singular[0] / singular[-1])
 
 
 def coefficient_table(title: str, method: Data, places: int = 16) -> Table:

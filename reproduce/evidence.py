@@ -18,12 +18,12 @@ from cg.problems import HeavyTop, StateDependentRotation
 from cg.tableau import Tableau
 
 from .blocks import Data
+from .coefficients import RANK_THRESHOLD, condition_number
 from .table3_2 import PAPER
 
 __all__ = ["gather"]
 
 _POINTS = 5
-_RANK_THRESHOLD = 1e-12
 _SLOPE_STEPS = (8, 16, 32, 64, 128)
 _TESTED = ("CG3", "CG4", "CG4a", "CG5a")
 _DISTINGUISHED = ("CG4", "CG4a", "CG5a", "CG6a")
@@ -70,7 +70,7 @@ def _conditions(order: int, stages: int, seed: int) -> Data:
         x = generator.uniform(-1, 1, unknowns(stages))
         a, b = unpack(x.tolist(), stages, Rows.EXPLICIT)
         every = _singular_values(a, b, order, independent=False)
-        ranks.append(int((every > _RANK_THRESHOLD * every[0]).sum()))
+        ranks.append(int((every > RANK_THRESHOLD * every[0]).sum()))
         own = _singular_values(a, b, order, independent=True)
         numbers.append(float(own[0] / own[-1]))
     return {
@@ -90,13 +90,11 @@ def _singular_values(a: Any, b: Any, order: int, *, independent: bool) -> Array:
 
 
 def _method(method: Tableau) -> Data:
-    singular = _singular_values(method.a, method.b, method.order, independent=True)
-    full = singular[-1] > _RANK_THRESHOLD * singular[0]
     return {
         "exact_order": method.exact_order,
         "largest_coefficient": float(max(np.abs(method.a).max(), np.abs(method.b).max())),
         "abscissae": [float(method.c.min()), float(method.c.max())],
-        "condition_number": float(singular[0] / singular[-1]) if full else None,
+        "condition_number": condition_number(method, method.order),
     }
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from cg.convergence import observed_order, slopes
 
 from . import top
-from .blocks import Block, Chart, Data, Table, Text, number
+from .blocks import Block, Chart, Data, Table, Text, number, places
 from .context import Context
 from .fig4_2 import draw_errors, mark_roundoff
 from .style import label_panel
@@ -115,8 +115,8 @@ def present(data: Data) -> Sequence[Block]:
                 method,
                 number(run["h"][-1]),
                 number(run["error"][-1]),
-                number(run["slope"], 4),
-                number(run["largest_slope"]),
+                places(run["slope"]),
+                places(run["largest_slope"], 2),
             ]
             for method, run in methods.items()
         ]
@@ -152,7 +152,7 @@ def _draw(figure: Figure, methods: Data) -> None:
 
 def _describe(methods: Data) -> str:
     parts = [
-        f"{method} has slope {number(run['slope'])} down to {number(run['error'][-1], 2)}"
+        f"{method} has slope {places(run['slope'])} down to {number(run['error'][-1], 2)}"
         for method, run in methods.items()
     ]
     return "One panel, both axes logarithmic. " + "; ".join(parts) + "."

@@ -8,11 +8,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from .blocks import Block, Chart, Table, Text
+from .blocks import Block, Chart, Data, Table, Text
 from .items import ITEMS, Item
 from .style import render
 
-__all__ = ["page", "section", "write_report"]
+__all__ = ["page", "section"]
 
 _TITLE = "Runge–Kutta methods of Crouch–Grossman type of high order, reproduced"
 _ORDER = (
@@ -22,23 +22,17 @@ _ORDER = (
 _MARKS = {"pass": "✓", "fail": "✗", "not reproducible": "–"}
 
 
-def write_report(state: Mapping[str, Any], out: Path) -> None:
-    """Draw all figures into ``out/figures`` and write ``out/report.html``.
+def page(state: Mapping[str, Any], sections: Mapping[str, str]) -> str:
+    """Return the whole page.
 
     Parameters
     ----------
     state : mapping
         What ``results.json`` holds.
-    out : Path
+    sections : mapping
+        By item, what `section` returned.
     """
-    shown = [ITEMS[name] for name in _ORDER if name in state["items"]]
-    sections = [section(item, item.present(state["items"][item.name]), out) for item in shown]
-    (out / "report.html").write_text(page(state, shown, sections), encoding="utf-8")
-
-
-def page(state: Mapping[str, Any], shown: Iterable[Item], sections: Iterable[str]) -> str:
-    """Return the whole page."""
-    shown = list(shown)
+    shown = [ITEMS[name] for name in _ORDER if name in sections]
     links = "".join(f'<li><a href="#{_id(item)}">{escape(item.title)}</a></li>' for item in shown)
     settings, run = state["settings"], state["run"]
     extent = "extensive search" if settings["full"] else "default search"
@@ -58,21 +52,22 @@ def page(state: Mapping[str, Any], shown: Iterable[Item], sections: Iterable[str
 <h1>{escape(_TITLE)}</h1>
 <p>After Z. Jackiewicz, A. Marthinsen and B. Owren, “Construction of Runge–Kutta methods of
 Crouch–Grossman type of high order”, Advances in Computational Mathematics 13 (2000), 405–415.
-Every number of ours on this page was computed by one run and is in results.json too.</p>
+Every number of ours on this page was computed by reproduce-paper and is in results.json
+too.</p>
 <p>Seed {settings["seed"]}, {extent}, version {escape(run["version"])}.</p>
 <nav aria-label="Contents"><ol>{links}</ol></nav>
 </header>
 <main>
-{"".join(sections)}</main>
+{"".join(sections[item.name] for item in shown)}</main>
 <footer><p>Time by item, {run["workers"]} threads. {escape(times)}.</p></footer>
 </body>
 </html>
 """
 
 
-def section(item: Item, blocks: Iterable[Block], out: Path) -> str:
-    """Return an item's section; its figures are drawn into ``out/figures``."""
-    body = "".join(_block(block, out) for block in blocks)
+def section(item: Item, numbers: Data, out: Path) -> str:
+    """Return the section of an item's numbers; its figures are drawn into ``out/figures``."""
+    body = "".join(_block(block, out) for block in item.present(numbers))
     name = _id(item)
     return (
         f'<section id="{name}" aria-labelledby="{name}-title">\n'

@@ -16,13 +16,14 @@ from . import fingerprint
 from .blocks import Data
 from .context import Context, Progress, Settings
 from .items import ITEMS, Item
-from .report import write_report
+from .report import page, section
 
 __all__ = ["FORMAT", "OutputError", "check_output", "run"]
 
 FORMAT = "reproduce-paper 1"
 
 _RESULTS = "results.json"
+_REPORT = "report.html"
 
 
 class OutputError(Exception):
@@ -56,7 +57,7 @@ def run(
     progress: Callable[[Item], Progress] = lambda item: lambda done, total: None,
     finished: Callable[[Item, float], None] = lambda item, seconds: None,
 ) -> dict[str, Any]:
-    """Compute items and write ``results.json``, the figures and ``report.html``.
+    """Compute items; write ``results.json``, figures and ``report.html`` as each finishes.
 
     Items that an earlier run of the same version left in the folder, with the same settings,
     stay in the report; there is no need for them to run again.
@@ -88,6 +89,7 @@ def run(
     state = _earlier(out, settings)
     state["run"]["workers"] = workers
     results: dict[str, Data] = state["items"]
+    sections = {name: section(ITEMS[name], numbers, out) for name, numbers in results.items()}
     for item in items:
         context = Context(settings, out / "checkpoints", workers, progress(item), results)
         begun = time.perf_counter()
@@ -96,9 +98,10 @@ def run(
         results[item.name] = numbers
         state["items"] = results = {name: results[name] for name in ITEMS if name in results}
         state["run"]["seconds"][item.name] = round(seconds, 2)
+        sections[item.name] = section(item, numbers, out)
         _write(out / _RESULTS, _dumps(state))
+        _write(out / _REPORT, page(state, sections))
         finished(item, seconds)
-    write_report(state, out)
     return state
 
 

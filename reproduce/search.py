@@ -59,7 +59,7 @@ class Plan:
 PLANS = {
     4: Plan(4, 5, 1000, 20_000, 3_200, 1e-12, 320, 1e-15, 1e-31),
     # zeros at order five lie at the end of long valleys: most take 1e4 to 1e5 evaluations
-    5: Plan(5, 9, 320, 6_400, 100_000, 1e-12, 920, 1e-15, 1e-31),
+    5: Plan(5, 9, 320, 6_400, 100_000, 1e-12, 1840, 1e-15, 1e-31),
     # no zero is known to this search, so that all starts go on, for a few Jacobians each
     6: Plan(6, 16, 24, 480, 27_400, 1.0, 822, 1e-6, 1e-8),
 }
@@ -118,7 +118,9 @@ def _data(plan: Plan, result: SearchResult) -> Data:
         "distinct": len(result.methods),
         "abscissae_in_unit_interval": sum(map(_in_unit_interval, result.methods)),
         "largest_coefficients": [_largest(method) for method in result.methods],
-        "methods": [method_data(method) for method in _chosen(plan.order, result.methods)],
+        "methods": [
+            method_data(method, plan.order) for method in _chosen(plan.order, result.methods)
+        ],
         "best": _best(plan, result.best),
     }
 
@@ -153,7 +155,7 @@ def _best(plan: Plan, start: Start) -> dict[str, Any]:
         "f": start.quad.f if start.quad else start.double.f,
         "largest_residual": start.largest_residual,
         "exact": start.exact,
-        **method_data(method),
+        **method_data(method, plan.order),
     }
 
 
@@ -245,9 +247,9 @@ def _draw(figure: Figure, data: Data) -> None:
             )  # fmt: skip
         axes.axvline(paper, color=PALETTE[colour], linestyle=":", linewidth=1.3)
         axes.annotate(
-            f"paper {paper:.0e}", (paper, 1.0), xycoords=("data", "axes fraction"),
-            textcoords="offset points", xytext=(3, -2), fontsize=8, rotation=90, va="top",
-            color=PALETTE["black"],
+            f"paper {paper:.0e} {label}", (paper, 1.0), xycoords=("data", "axes fraction"),
+            textcoords="offset points", xytext=(4, -4), fontsize=8, rotation=90, va="top",
+            color=PALETTE["black"], bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
         )  # fmt: skip
     grid(axes, x=True, y=False)
     axes.set_ylim(0, 1.02)

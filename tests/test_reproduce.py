@@ -1,0 +1,432 @@
+import json
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from fractions import Fraction
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import pytest
+
+from cg.catalogue import methods
+from cg.quad import to_decimal
+from cg.reproduce import fig4_1, fig4_2_quad, items, judges, search, table3_2
+from cg.reproduce import run as run_module
+from cg.reproduce.appendix import compute as compare_appendix
+from cg.reproduce.blocks import Table, number
+from cg.reproduce.claims import CLAIMS, NEEDS
+from cg.reproduce.coefficients import fixed, labels, method_data
+from cg.reproduce.context import Context, Settings
+from cg.reproduce.main import main
+from cg.reproduce.report import page
+from cg.reproduce.search import PLANS
+
+VOID = {"meta", "link", "img", "br", "hr", "input"}
+
+
+def context(folder, **changes):
+    return Context(Settings(), folder, 2, **changes)
+
+
+def read(out):
+    def refuse(constant):
+        raise ValueError(f"{constant} is no JSON")
+
+    return json.loads((out / "results.json").read_text("utf-8"), parse_constant=refuse)
+
+
+class Page(HTMLParser):
+    """What a page loads, and whether its elements nest."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.loads, self.ids, self.links, self.tags = [], [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        values = dict(attrs)
+        for name, value in attrs:
+            if name in ("src", "srcset", "data", "poster") or (tag == "link" and name == "href"):
+                self.loads.append(value)
+            if name in ("href", "xlink:href"):
+                self.links.append(value)
+        if "id" in values:
+            self.ids.append(values["id"])
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def check_page(text):
+    parsed = Page(text)
+    assert parsed.open == []
+    assert parsed.loads == []
+    assert len(parsed.ids) == len(set(parsed.ids))
+    assert all(link.startswith("#") and link[1:] in parsed.ids for link in parsed.links)
+    for forbidden in ("http://", "https://", "@import", "<script", "url(//"):
+        assert forbidden not in text
+    return parsed
+
+
+def test_unknown_item_lists_those_there_are(capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(["--only", "fig9.9"])
+    assert stopped.value.code == 2
+    message = capsys.readouterr().err
+    assert "fig9.9" in message
+    assert all(name in message for name in items.ITEMS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--seed", "-1"], "--seed"),
+        (["--seed", "one"], "--seed"),
+        (["--workers", "0"], "--workers"),
+        (["--workers", "1.5"], "--workers"),
+        (["--frequency"], "--frequency"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, named, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    def refuse(*arguments):
+        raise AssertionError("work has begun")
+
+    monkeypatch.setattr("cg.reproduce.main.run", refuse)
+
+
+@pytest.mark.usefixtures("no_work")
+def test_out_is_a_file(tmp_path, capsys):
+    path = tmp_path / "taken"
+    path.write_text("mine")
+    assert main(["--out", str(path)]) == 2
+    assert f"{path} is not a directory" in capsys.readouterr().err
+    assert main(["--out", str(path / "below")]) == 2
+    assert "is not a directory" in capsys.readouterr().err
+    assert path.read_text() == "mine"
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc takes no folders, not even from root")
+def test_out_is_not_writable(capsys):
+    assert main(["--out", "/proc/nothing"]) == 2
+    assert "/proc/nothing is not writable" in capsys.readouterr().err
+
+
+def test_list(capsys):
+    assert main(["--list"]) == 0
+    printed = capsys.readouterr().out
+    assert [line.split()[0] for line in printed.splitlines()] == list(items.ITEMS)
+
+
+def test_needs_come_first():
+    chosen = [item.name for item in items.select(["claims"])]
+    assert chosen[-1] == "claims"
+    assert set(NEEDS) < set(chosen)
+    assert [item.name for item in items.select(["fig4.1"])] == ["fig4.1"]
+
+
+def test_table_end_to_end(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["--only", "table3.2", "--out", str(out)]) == 0
+    assert "Table of Section 3.2" in capsys.readouterr().err
+    results = read(out)
+    assert list(results["items"]) == ["table3.2"]
+    assert results["settings"] == {"seed": 0, "full": False}
+    rows = results["items"]["table3.2"]["rows"]
+    assert [row["computed"] for row in rows] == [dict(row) for row in table3_2.PAPER]
+    assert [(row["trees"], row["discarded"]) for row in rows] == [(22, 9), (64, 26), (196, 83)]
+    text = (out / "report.html").read_text("utf-8")
+    check_page(text)
+    assert all(f"<td>{n}</td>" in text for n in (13, 38, 113, 8, 17, 37, 15, 45, 136))
+
+
+@pytest.fixture(scope="module")
+def figures(tmp_path_factory):
+    """Two runs of the same items into different folders."""
+    folders = [tmp_path_factory.mktemp("figures") for _ in range(2)]
+    for folder in folders:
+        names = ("fig4.1", "fig4.2", "appendix", "table3.2")
+        assert main([*(f"--only={name}" for name in names), "--out", str(folder)]) == 0
+    return folders
+
+
+def test_figures_exist(figures):
+    folder = figures[0] / "figures"
+    names = {f"fig{n}-{reading}" for n in ("4.1", "4.2") for reading in ("momentum", "velocity")}
+    assert {path.name for path in folder.iterdir()} == {
+        f"{name}.{suffix}" for name in names for suffix in ("png", "svg")
+    }
+    for name in names:
+        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+        assert ElementTree.parse(folder / f"{name}.svg").getroot().tag.endswith("svg")
+
+
+def test_page_with_figures_is_self_contained(figures):
+    parsed = check_page((figures[0] / "report.html").read_text("utf-8"))
+    assert parsed.tags.count("svg") == parsed.tags.count("figure") == 4
+    assert parsed.tags.count("figcaption") == 4
+
+
+def test_equal_runs_give_equal_files(figures):
+    first, second = map(read, figures)
+    assert first.pop("run") != {}
+    assert second.pop("run") != {}
+    assert first == second
+    for path in (figures[0] / "figures").iterdir():
+        assert path.read_bytes() == (figures[1] / "figures" / path.name).read_bytes()
+
+
+def test_reference_is_better_than_double(figures):
+    readings = read(figures[0])["items"]["fig4.1"]["readings"]
+    assert all(0 < part["reference_error"] < 1e-30 for part in readings.values())
+
+
+def test_appendix_agrees(figures):
+    found = read(figures[0])["items"]["appendix"]["methods"]
+    assert [part["count"] for part in found.values()] == [20, 54, 152]
+    for name in ("CG4a", "CG5a"):
+        part = found[name]
+        assert part["largest_difference"] <= 2e-16
+        assert part["residuals"]["ours"]["largest"] < 1e-32
+        assert 1e-18 < part["residuals"]["paper"]["largest"] < 1e-14
+    assert found["CG6a"]["residuals"]["paper"] == found["CG6a"]["residuals"]["ours"]
+
+
+def test_slopes_and_distance(figures):
+    readings = read(figures[0])["items"]["fig4.2"]["readings"]
+    for runs in readings.values():
+        assert max(max(run["distance"]) for run in runs.values()) < 1e-14
+        assert runs["CG4a"]["slope"] == pytest.approx(4, abs=0.1)
+        assert runs["CG5a"]["slope"] == pytest.approx(5, abs=0.1)
+        assert runs["CG6a"]["slope"] < 2
+
+
+def test_items_of_an_equal_run_stay(tmp_path):
+    out = ["--out", str(tmp_path)]
+    main(["--only", "table3.2", *out])
+    main(["--only", "appendix", *out])
+    assert list(read(tmp_path)["items"]) == ["table3.2", "appendix"]
+    assert set(read(tmp_path)["run"]["seconds"]) == {"table3.2", "appendix"}
+    text = (tmp_path / "report.html").read_text("utf-8")
+    assert Page(text).tags.count("section") == 2
+    main(["--only", "table3.2", "--seed", "5", *out])
+    assert list(read(tmp_path)["items"]) == ["table3.2"]
+
+
+@pytest.mark.parametrize("left", ["", "{", "[1]", '{"format": "reproduce-paper 1"}', "null"])
+def test_unreadable_results_are_replaced(tmp_path, left):
+    (tmp_path / "results.json").write_text(left)
+    assert main(["--only", "table3.2", "--out", str(tmp_path)]) == 0
+    assert list(read(tmp_path)["items"]) == ["table3.2"]
+
+
+def test_finished_items_outlive_a_later_failure(tmp_path):
+    def fail(context):
+        raise RuntimeError("power cut")
+
+    run_module.check_output(tmp_path)
+    broken = replace(items.ITEMS["fig4.1"], compute=fail)
+    with pytest.raises(RuntimeError, match="power cut"):
+        run_module.run([items.ITEMS["table3.2"], broken], tmp_path, Settings(), 1)
+    assert list(read(tmp_path)["items"]) == ["table3.2"]
+    check_page((tmp_path / "report.html").read_text("utf-8"))
+
+
+def test_numbers_that_json_lacks_are_refused(tmp_path):
+    run_module.check_output(tmp_path)
+    broken = replace(items.ITEMS["fig4.1"], compute=lambda context: {"x": float("nan")})
+    with pytest.raises(ValueError, match="JSON"):
+        run_module.run([broken], tmp_path, Settings(), 1)
+
+
+SMALL = replace(PLANS[4], starts=60, full_starts=70)
+
+
+def test_interrupted_search_goes_on(tmp_path):
+    def stop(done, total):
+        if done == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        search.compute(SMALL, context(tmp_path, progress=stop))
+    (journal,) = tmp_path.iterdir()
+    kept = journal.read_text().splitlines()
+    assert 21 <= len(kept) < 61
+    with journal.open("a") as stream:
+        stream.write('{"index": 59, "dou')  # what a kill in the middle of a line leaves
+
+    resumed = search.compute(SMALL, context(tmp_path))
+    assert journal.read_text().splitlines()[: len(kept)] == kept
+    fresh = tmp_path / "fresh"
+    fresh.mkdir()
+    assert resumed == search.compute(SMALL, context(fresh))
+    assert resumed["distinct"] > 3
+
+
+def test_search_with_other_settings_has_its_own_checkpoint(tmp_path):
+    search.compute(replace(SMALL, starts=2), context(tmp_path))
+    search.compute(replace(SMALL, starts=2, maxfev=100), context(tmp_path))
+    search.compute(replace(SMALL, starts=2), replace(context(tmp_path), settings=Settings(1)))
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_full_has_more_starts_and_shares_the_checkpoint(tmp_path):
+    default = search.compute(SMALL, context(tmp_path))
+    full = search.compute(SMALL, replace(context(tmp_path), settings=Settings(0, full=True)))
+    assert len(full["f_double"]) == 70
+    assert full["f_double"][:60] == default["f_double"]
+    assert len(list(tmp_path.iterdir())) == 1
+    assert all(plan.full_starts > 10 * plan.starts for plan in PLANS.values())
+
+
+def test_methods_are_chosen_as_the_paper_chose(tmp_path):
+    data = search.compute(replace(SMALL, starts=300), context(tmp_path))
+    inside = [method["abscissae_in_unit_interval"] for method in data["methods"]]
+    assert inside == sorted(inside, reverse=True)
+    assert inside[0]
+    for method in data["methods"]:
+        assert [label for label, _ in method["coefficients"]] == labels(5)
+        b = [Fraction(value) for label, value in method["coefficients"] if label[0] == "b"]
+        assert abs(sum(b) - 1) < 1e-33
+    sizes = data["largest_coefficients"]
+    assert sizes == sorted(sizes)
+
+
+def test_search_without_a_method_says_so(tmp_path):
+    plan = replace(PLANS[5], starts=2, maxfev=300)
+    data = search.compute(plan, context(tmp_path))
+    assert data["distinct"] == 0
+    assert data["f_quad_quartiles"] is None
+    blocks = search.present(plan, data)
+    titles = [block.caption for block in blocks if isinstance(block, Table)]
+    assert titles[-1].startswith("Not exact")
+    assert json.dumps(data, allow_nan=False)
+
+
+def test_coefficients_are_rounded_from_all_digits():
+    assert fixed("0.12345678901234565001", 16) == "0.1234567890123457"
+    assert fixed("-1.5", 3) == "−1.500"
+    assert fixed("0", 2) == "0.00"
+    values = dict(method_data(methods["CG4"], 4)["coefficients"])
+    a = methods["CG4"].exact[0]
+    assert values["a32"] == to_decimal(a[2][1])
+    assert values["c4"] == to_decimal(sum(a[3]))
+    assert len(labels(16)) == len(set(labels(16))) == 152
+
+
+def test_number():
+    assert number(-1.5e-7, 2) == "−1.5e−07"
+    assert number(None) == "–"
+    assert number(196) == "196"
+
+
+def test_table_of_uneven_rows_is_refused():
+    with pytest.raises(ValueError, match="3 cells"):
+        Table("t", ("a", "b", "c"), [("1", "2")])
+
+
+def test_slope_in_quad_is_seen_below_double():
+    errors = {2**k: 3 * 2.0 ** (-5 * k) for k in range(4, 20, 2)}
+    data = fig4_2_quad._order(errors)
+    assert data["slope"] == pytest.approx(5)
+    assert data["error"][-1] < 1e-26
+
+
+def test_page_escapes():
+    state = {
+        "settings": {"seed": 0, "full": False},
+        "run": {"version": "<b>", "seconds": {}, "workers": 1},
+    }
+    assert "<b>" not in page(state, {})
+
+
+def test_claims_name_where_they_are_made():
+    assert all(claim.section and claim.text.endswith((".", "…")) for claim in CLAIMS)
+    assert len({(claim.section, claim.text) for claim in CLAIMS}) == len(CLAIMS)
+
+
+def test_verdicts_follow_numbers(tmp_path):
+    tables = table3_2.compute(context(tmp_path))
+    top = fig4_1.compute(context(tmp_path))
+    results = {"table3.2": tables, "fig4.1": top, "appendix": compare_appendix(context(tmp_path))}
+    assert judges.table({}, results)[0]
+    assert judges.superior("momentum", {}, results)[0]
+    assert judges.best_at_tenth("velocity", {}, results)[0]
+    assert judges.agrees("CG5a", {}, results)[0]
+
+    tables["rows"][1]["agree"] = False
+    assert not judges.table({}, results)[0]
+    runs = top["readings"]["momentum"]["methods"]
+    runs["CG4"], runs["CG4a"] = runs["CG4a"], runs["CG4"]
+    assert not judges.superior("momentum", {}, results)[0]
+    results["appendix"]["methods"]["CG5a"]["zeros_kept"] = False
+    assert not judges.agrees("CG5a", {}, results)[0]
+
+
+@pytest.mark.parametrize(
+    ("f", "usual"), [([1e-40, 1e-33, 1.0], True), ([1e-40, 1e-30, None], False), ([None], False)]
+)
+def test_usually_means_more_than_half(f, usual):
+    assert judges.usually(4, 1e-31, {}, {"search4": {"f_quad": f}})[0] is usual
+
+
+def start_search(out):
+    command = [sys.executable, "-m", "cg.reproduce", "--only", "search4", "--out", str(out)]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.slow
+def test_killed_run_goes_on(tmp_path):
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    process = start_search(killed)
+    deadline = time.monotonic() + 120
+    while not any(p.read_text().count("\n") > 30 for p in killed.glob("checkpoints/*.jsonl")):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert not (killed / "results.json").exists()
+    for out in (killed, whole):
+        process = start_search(out)
+        message = process.communicate()[1]
+        assert process.returncode == 0, message
+    assert read(killed)["items"] == read(whole)["items"]
+
+
+@pytest.mark.slow
+def test_whole_default_run(tmp_path):
+    begun = time.monotonic()
+    assert main(["--out", str(tmp_path)]) == 0
+    assert time.monotonic() - begun < 300
+    results = read(tmp_path)["items"]
+    assert list(results) == list(items.ITEMS)
+    assert results["search4"]["distinct"] >= 50
+    assert results["search5"]["distinct"] >= 1
+    slopes = results["fig4.2quad"]["readings"]["momentum"]["methods"]
+    for name, order in (("CG4", 4), ("CG4a", 4), ("CG5a", 5)):
+        assert slopes[name]["slope"] == pytest.approx(order, abs=0.05)
+        assert slopes[name]["error"][-1] < 2e-17
+    verdicts = results["claims"]["count"]
+    assert sum(verdicts.values()) == len(CLAIMS)
+    parsed = check_page((tmp_path / "report.html").read_text("utf-8"))
+    assert parsed.tags.count("section") == len(items.ITEMS)
+    assert parsed.tags.count("figure") == 8
