@@ -106,36 +106,37 @@ CLAIMS = (
         "A method has order q if Φ(t) = 1/γ(t) for all ordered trees with 2 to q + 1 nodes.",
         judges.theorem,
     ),
+    Claim("3.1", "The tree tables can be generated for arbitrarily high order.", judges.trees),
     Claim("3.1", "The order conditions are not all independent.", judges.independence),
     Claim("3.1", "An integer table has zeros for the trees that can be discarded.", judges.zeros),
     Claim(
         "3.2",
-        "Many starts reduce f to about 1e-15 in double: order four.",
+        "Many starts reduce f to about 1e−15 in double: order four.",
         partial(judges.double, 4),
     ),
     Claim(
         "3.2",
-        "Many starts reduce f to about 1e-15 in double: order five.",
+        "Many starts reduce f to about 1e−15 in double: order five.",
         partial(judges.double, 5),
     ),
     Claim(
         "3.2", "The system of order six seems to be very ill-conditioned.", judges.ill_conditioned
     ),
-    Claim("3.2", "At order six f can be reduced to about 1e-6 in double …", judges.six_reached),
+    Claim("3.2", "At order six f can be reduced to about 1e−6 in double …", judges.six_reached),
     Claim("3.2", "… and no further.", judges.six_no_further),
     Claim(
         "3.2",
-        "Extended precision usually reduces f to about 1e-31: order four.",
+        "Extended precision usually reduces f to about 1e−31: order four.",
         partial(judges.usually, 4, 1e-31),
     ),
     Claim(
         "3.2",
-        "Extended precision usually reduces f to about 1e-31: order five.",
+        "Extended precision usually reduces f to about 1e−31: order five.",
         partial(judges.usually, 5, 1e-31),
     ),
     Claim(
         "3.2",
-        "Extended precision usually reduces f to about 1e-8: order six.",
+        "Extended precision usually reduces f to about 1e−8: order six.",
         partial(judges.usually, 6, 1e-8),
     ),
     Claim("3.2", "Table of q, s, n, N_CG and N_RK.", judges.table),

@@ -16,6 +16,7 @@ from cg.frames.base import Array
 from cg.integrate import integrate
 from cg.problems import HeavyTop, StateDependentRotation
 from cg.tableau import Tableau
+from cg.trees import catalan, forest
 
 from .blocks import Data
 from .coefficients import RANK_THRESHOLD, condition_number
@@ -24,6 +25,7 @@ from .table3_2 import PAPER
 __all__ = ["gather"]
 
 _POINTS = 5
+_HIGH_ORDER = 10
 _SLOPE_STEPS = (8, 16, 32, 64, 128)
 _TESTED = ("CG3", "CG4", "CG4a", "CG5a")
 _DISTINGUISHED = ("CG4", "CG4a", "CG5a", "CG6a")
@@ -51,7 +53,9 @@ def gather(seed: int) -> Data:
         - ``rotation_slopes``: slope of the error on a rotation whose velocity depends on it;
         - ``flat``: largest difference, on a flat manifold, from the classical method of the same
           tableau;
-        - ``initial``: how far B(0) is from orthogonal and its determinant from 1.
+        - ``initial``: how far B(0) is from orthogonal and its determinant from 1;
+        - ``trees``: how many are ``generated`` for the conditions of an ``order``, and how many
+          are ``expected``.
     """
     return {
         "conditions": {str(row["q"]): _conditions(row["q"], row["s"], seed) for row in PAPER},
@@ -60,6 +64,7 @@ def gather(seed: int) -> Data:
         "rotation_slopes": _rotation_slopes(),
         "flat": {name: _flat(methods[name]) for name in _DISTINGUISHED},
         "initial": _initial(),
+        "trees": _trees(),
     }
 
 
@@ -147,4 +152,12 @@ def _initial() -> Data:
     return {
         "orthogonality": float(np.abs(rotation.T @ rotation - np.eye(3)).max()),
         "determinant": abs(float(np.linalg.det(rotation)) - 1),
+    }
+
+
+def _trees() -> Data:
+    return {
+        "order": _HIGH_ORDER,
+        "generated": len(forest(_HIGH_ORDER + 1)),
+        "expected": sum(map(catalan, range(_HIGH_ORDER + 1))),
     }

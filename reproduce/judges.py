@@ -39,6 +39,7 @@ __all__ = [
     "superior",
     "table",
     "theorem",
+    "trees",
     "truncated",
     "typical_digits",
     "usually",
@@ -118,6 +119,15 @@ def _found(data: Data) -> str:
     return f"{data['distinct']} distinct exact methods from {len(data['exact'])} starts"
 
 
+def trees(numbers: Data, results: Results) -> Verdict:
+    """Tell whether as many trees are generated, far beyond order six, as there should be."""
+    part = numbers["trees"]
+    return part["generated"] == part["expected"], (
+        f"{part['generated']} ordered trees for order {part['order']}, by the sum of Catalan "
+        f"numbers {part['expected']}"
+    )
+
+
 def independence(numbers: Data, results: Results) -> Verdict:
     """Tell whether the Jacobian of all conditions has the rank that the independent ones count."""
     parts = numbers["conditions"].values()
@@ -152,7 +162,7 @@ def double(order: int, numbers: Data, results: Results) -> Verdict:
     reached = sum(value <= 1e-15 for value in f)
     return (
         reached >= _MANY,
-        f"{reached} of {len(f)} starts reach f ≤ 1e-15; smallest {number(min(f), 2)}",
+        f"{reached} of {len(f)} starts reach f ≤ 1e−15; smallest {number(min(f), 2)}",
     )
 
 
@@ -161,7 +171,7 @@ def usually(order: int, bound: float, numbers: Data, results: Results) -> Verdic
     f = [value for value in results[f"search{order}"]["f_quad"] if value is not None]
     reached = sum(value <= bound for value in f)
     return 2 * reached > len(f), (
-        f"{reached} of {len(f)} refined starts have f ≤ {bound:.0e}"
+        f"{reached} of {len(f)} refined starts have f ≤ {number(bound, 1)}"
         + (f"; smallest {number(min(f), 2)}" if f else "")
     )
 
@@ -170,7 +180,7 @@ def six_reached(numbers: Data, results: Results) -> Verdict:
     """Tell whether a start of order six reaches f ≤ 1e-6 in double."""
     f = results["search6"]["f_double"]
     reached = sum(value <= 1e-6 for value in f)
-    return reached > 0, f"{reached} of {len(f)} starts reach f ≤ 1e-6 in double"
+    return reached > 0, f"{reached} of {len(f)} starts reach f ≤ 1e−6 in double"
 
 
 def six_no_further(numbers: Data, results: Results) -> Verdict:
@@ -218,7 +228,7 @@ def all_digits(numbers: Data, results: Results) -> Verdict:
     """Tell whether every condition holds to six decimals."""
     part = numbers["approximate"]
     return part["worst"] >= 6, (
-        f"{part['six']} of {part['conditions']} conditions hold to 1e-6; the worst to "
+        f"{part['six']} of {part['conditions']} conditions hold to 1e−6; the worst to "
         f"{number(part['worst'])} decimals, in the root mean square "
         f"{number(part['root_mean_square'])}"
     )

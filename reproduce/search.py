@@ -163,13 +163,17 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
     """Draw how f is distributed, and show the chosen methods."""
     settings, total, exact = data["settings"], len(data["exact"]), sum(data["exact"])
     refined = sum(f is not None for f in data["f_quad"])
-    every = "every start" if refined == total else f"a start with f ≤ {settings['refine_below']:g}"
+    every = (
+        "every start"
+        if refined == total
+        else f"a start with f ≤ {number(settings['refine_below'], 1)}"
+    )
     blocks: list[Block] = [
         Text(
             f"{total} starts, uniform in [−{settings['width']:g}, {settings['width']:g}], seed "
-            f"{settings['seed']}; lmdif in double with xtol = ftol = 1e-18 and at most "
+            f"{settings['seed']}; lmdif in double with xtol = ftol = 1e−18 and at most "
             f"{settings['maxfev']} evaluations, then, for {every}, in real(16) with "
-            f"xtol = ftol = 1e-32 and at most {settings['refine_maxfev']}. NumPy's generators "
+            f"xtol = ftol = 1e−32 and at most {settings['refine_maxfev']}. NumPy's generators "
             "with a spawned seed a start take the place of zufall.f: a start is determined by "
             "the seed and its number alone."
         ),
@@ -245,11 +249,9 @@ def _draw(figure: Figure, data: Data) -> None:
                 markersize=3.5, markevery=max(1, kept.size // 25),
                 label=f"{label}, {kept.size} starts",
             )  # fmt: skip
-        axes.axvline(paper, color=PALETTE[colour], linestyle=":", linewidth=1.3)
-        axes.annotate(
-            f"paper {paper:.0e} {label}", (paper, 1.0), xycoords=("data", "axes fraction"),
-            textcoords="offset points", xytext=(4, -4), fontsize=8, rotation=90, va="top",
-            color=PALETTE["black"], bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        axes.axvline(
+            paper, color=PALETTE[colour], linestyle=":", linewidth=1.5,
+            label=f"paper, {label}: {number(paper, 1)}",
         )  # fmt: skip
     grid(axes, x=True, y=False)
     axes.set_ylim(0, 1.02)
