@@ -3,26 +3,39 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Points = NDArray[Any]
+"""Points and tangents: float64 or complex128, as `Frame.dtype` says."""
+
+Convention = Literal["body", "space"]
 
 MEMBERSHIP_TOLERANCE = 1e-8
 
 
 class Frame(ABC):
-    r"""Vector fields :math:`E_1, \dots, E_m` on a manifold embedded in real arrays.
+    r"""Vector fields :math:`E_1, \dots, E_m` on a manifold embedded in arrays.
 
     A differential equation is written in the frame as
     :math:`y' = \sum_i f_i(t, y) E_i(y)` (equation (1.1) of [1]_), and a numerical method moves
     along flows of :math:`y' = \sum_i v_i E_i(y)` with constant :math:`v` (equation (1.2)).
 
     A subclass is immutable, compares by value, and supplies the members marked abstract; that is
-    all an integrator asks of it.  Every method works on single points and on batches: ``v`` has
-    shape ``(..., dim)``, ``y`` has shape ``(..., *point_shape)``, and leading axes broadcast.
+    all an integrator needs.  Every method works on single points and on batches: ``v`` has shape
+    ``(..., dim)``, ``y`` has shape ``(..., *point_shape)``, and leading axes broadcast.  The
+    coefficients ``v`` are always real; points are real unless ``dtype`` says otherwise.
+
+    On matrix groups the fields are invariant under one of the two multiplications, with
+    :math:`\Omega(v)` in the Lie algebra: ``convention="body"`` is :math:`y' = y\,\Omega(v)`,
+    ``convention="space"`` is :math:`y' = \Omega(v)\,y`.  Groups of rigid motions (``SO3``,
+    ``SO``, ``UnitQuaternion``, ``SE3``) are of the first kind unless told, since angular
+    velocities come in body axes; the other groups are of the second, since they propagate
+    :math:`x' = \Omega x`.  Homogeneous spaces are moved from the left, :math:`y' = \Omega(v)\,y`.
 
     References
     ----------
@@ -40,12 +53,34 @@ class Frame(ABC):
     def point_shape(self) -> tuple[int, ...]:
         """Shape of the array that holds one point."""
 
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of a point's entries: float64, or complex128."""
+        return np.dtype(np.float64)
+
+    def __repr__(self) -> str:
+        if not is_dataclass(self):
+            return super().__repr__()
+        arguments = []
+        by_keyword = False
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if not entry.init:
+                continue
+            if entry.default is not MISSING and value == entry.default:
+                by_keyword = True
+                continue
+            text = f'"{value}"' if isinstance(value, str) else repr(value)
+            keyword = f"{entry.name}=" if by_keyword or entry.kw_only else ""
+            arguments.append(keyword + text)
+        return f"{type(self).__name__}({', '.join(arguments)})"
+
     @abstractmethod
-    def field(self, v: ArrayLike, y: ArrayLike) -> Array:
+    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         r"""Return the tangent :math:`\sum_i v_i E_i(y)`, shape ``(..., *point_shape)``."""
 
     @abstractmethod
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
         r"""Return the time-1 flow of :math:`\sum_i v_i E_i` through ``y``.
 
         Raises
@@ -59,12 +94,32 @@ class Frame(ABC):
         """Return the distance of ``y`` from the manifold, shape ``(...)``."""
 
     @abstractmethod
-    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the distance between points of the manifold, shape ``(...)``."""
-
-    @abstractmethod
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
         """Return random points, shape ``(*size, *point_shape)``."""
+
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return the distance between points, shape ``(...)``; here that in the ambient space."""
+        difference = self._points(x, "x") - self._points(y)
+        axes = tuple(range(-len(self.point_shape), 0))
+        return np.asarray(np.sqrt((np.abs(difference) ** 2).sum(axis=axes)))
+
+    def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
+        """Return coefficients whose flow takes ``y0`` to ``y1``, the smallest where many do.
+
+        Parameters
+        ----------
+        y0, y1
+            Points, shape ``(..., *point_shape)``.
+
+        Returns
+        -------
+        ndarray or None
+            ``v`` with ``flow(v, y0) == y1``, shape ``(..., dim)``, NaN where there is none.
+            None if this frame knows no such map at all; measure in the ambient space then.
+        """
+        self._points(y0, "y0")
+        self._points(y1, "y1")
+        return None
 
     def random_vector(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
         """Return standard normal coefficients, shape ``(*size, dim)``."""
@@ -72,8 +127,8 @@ class Frame(ABC):
 
     def check_point(
         self, y: ArrayLike, *, tolerance: float = MEMBERSHIP_TOLERANCE, name: str = "y"
-    ) -> Array:
-        """Return ``y`` as a new float64 array after checking that it is one point.
+    ) -> Points:
+        """Return ``y`` as a new array of type ``dtype`` after checking that it is one point.
 
         Parameters
         ----------
@@ -87,9 +142,10 @@ class Frame(ABC):
         Raises
         ------
         ValueError
-            If ``y`` is not real, has another shape, is not finite or lies off the manifold.
+            If ``y`` isn't numeric (real, unless points are complex), has another shape, is not
+            finite or lies off the manifold.
         """
-        point = real_array(y, name)
+        point = real_array(y, name) if self.dtype.kind == "f" else complex_array(y, name)
         if point.shape != self.point_shape:
             raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}")
         if not np.isfinite(point).all():
@@ -102,16 +158,20 @@ class Frame(ABC):
             )
         return point
 
-    def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-        """Return ``v`` and ``y`` as float64 arrays whose trailing axes fit this frame."""
+    def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
+        """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
+        return self._vectors(v), self._points(y)
+
+    def _vectors(self, v: ArrayLike) -> Array:
+        """Return ``v`` as a float64 array whose last axis has length ``dim``."""
         vector = np.asarray(v, dtype=np.float64)
         if vector.ndim == 0 or vector.shape[-1] != self.dim:
             raise ValueError(f"v must have shape (..., {self.dim}), got {vector.shape}")
-        return vector, self._points(y)
+        return vector
 
-    def _points(self, y: ArrayLike, name: str = "y") -> Array:
-        """Return ``y`` as a float64 array whose trailing axes are ``point_shape``."""
-        points = np.asarray(y, dtype=np.float64)
+    def _points(self, y: ArrayLike, name: str = "y") -> Points:
+        """Return ``y`` as an array of type ``dtype`` whose trailing axes are ``point_shape``."""
+        points = np.asarray(y, dtype=self.dtype)
         shape = self.point_shape
         if points.shape[max(points.ndim - len(shape), 0) :] != shape:
             wanted = ", ".join(map(str, shape))
@@ -121,10 +181,34 @@ class Frame(ABC):
 
 def real_array(value: Any, name: str) -> Array:
     """Return ``value`` as a new C-ordered float64 array; ValueError if it isn't real numbers."""
+    return _number_array(value, name, np.float64, "biufO", "real")
+
+
+def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
+    """Return ``value`` as a new C-ordered complex128 array; ValueError if it isn't numbers."""
+    return _number_array(value, name, np.complex128, "biufcO", "complex")
+
+
+def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str) -> NDArray[Any]:
     try:
         raw = np.asarray(value)
-        if raw.dtype.kind not in "biufO":
+        if raw.dtype.kind not in kinds:
             raise TypeError(f"dtype {raw.dtype}")
-        return np.array(raw, dtype=np.float64, order="C")
+        return np.array(raw, dtype=dtype, order="C")
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of real numbers, got {value!r}") from error
+        raise ValueError(
+            f"{name} must be an array of {adjective} numbers, got {value!r}"
+        ) from error
+
+
+def check_size(n: Any, smallest: int = 1, name: str = "n") -> None:
+    """Raise ValueError unless ``n`` is an integer that is large enough."""
+    if isinstance(n, bool) or not isinstance(n, int) or n < smallest:
+        wanted = "a positive integer" if smallest == 1 else f"an integer of at least {smallest}"
+        raise ValueError(f"{name} must be {wanted}, got {n!r}")
+
+
+def check_convention(convention: Any) -> None:
+    """Raise ValueError unless ``convention`` is one of the two."""
+    if convention not in ("body", "space"):
+        raise ValueError(f'convention must be "body" or "space", got {convention!r}')

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame
+from cg.frames.base import Array, Frame, check_size
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Euclidean(Frame):
     r"""The space :math:`R^n` with the frame :math:`E_i = \partial / \partial x_i`.
 
@@ -31,11 +31,7 @@ class Euclidean(Frame):
     n: int
 
     def __post_init__(self) -> None:
-        if isinstance(self.n, bool) or not isinstance(self.n, int) or self.n < 1:
-            raise ValueError(f"n must be a positive integer, got {self.n!r}")
-
-    def __repr__(self) -> str:
-        return f"Euclidean({self.n})"
+        check_size(self.n)
 
     @property
     def dim(self) -> int:
@@ -61,10 +57,9 @@ class Euclidean(Frame):
         """Return zeros: every array is a point."""
         return np.zeros(self._points(y).shape[:-1])
 
-    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the 2-norm of ``x - y``, shape ``(...)``."""
-        difference = self._points(x, "x") - self._points(y)
-        return np.asarray(np.linalg.norm(difference, axis=-1))
+    def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        """Return ``y1 - y0``, shape ``(..., n)``."""
+        return np.asarray(self._points(y1, "y1") - self._points(y0, "y0"))
 
     def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
         """Return standard normal points, shape ``(*size, n)``."""

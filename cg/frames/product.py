@@ -10,15 +10,16 @@ from math import prod
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame
+from cg.frames.base import Array, Frame, Points
 
 
 @dataclass(frozen=True, init=False)
 class Product(Frame):
     """A product of manifolds, each moved by its own frame.
 
-    A point is one flat vector: the points of the factors, each raveled in C order, joined in
-    the order of the factors.  The coefficients are joined likewise.
+    A point is one flat real vector: the points of the factors, each raveled in C order, joined
+    in the order of the factors; a complex entry becomes its real and its imaginary part.  The
+    coefficients are joined likewise.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ class Product(Frame):
                 raise TypeError(f"factors[{index}] must be a Frame, got {factor!r}")
         object.__setattr__(self, "factors", factors)
         object.__setattr__(self, "_vector_slices", _slices([f.dim for f in factors]))
-        object.__setattr__(self, "_point_slices", _slices([prod(f.point_shape) for f in factors]))
+        object.__setattr__(self, "_point_slices", _slices([_length(f) for f in factors]))
 
     def __repr__(self) -> str:
         return f"Product({', '.join(map(repr, self.factors))})"
@@ -67,7 +68,7 @@ class Product(Frame):
         """The shape ``(n,)`` of a flat vector that holds all factors' points."""
         return (self._point_slices[-1].stop,)
 
-    def split(self, y: ArrayLike) -> tuple[Array, ...]:
+    def split(self, y: ArrayLike) -> tuple[Points, ...]:
         """Return the factors' points, the i-th of shape ``(..., *factors[i].point_shape)``.
 
         Raises
@@ -93,6 +94,18 @@ class Product(Frame):
                 for index, (factor, part) in enumerate(zip(self.factors, parts, strict=True))
             ]
         )
+
+    def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
+        """Return the factors' coordinates, joined; None if a factor has none."""
+        starts = self._split(self._points(y0, "y0"))
+        ends = self._split(self._points(y1, "y1"))
+        found = []
+        for factor, start, end in zip(self.factors, starts, ends, strict=True):
+            coordinates = factor.exp_coordinates(start, end)
+            if coordinates is None:
+                return None
+            found.append(coordinates)
+        return np.concatenate(found, axis=-1)
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' tangents, joined: shape ``(..., n)``."""
@@ -130,23 +143,31 @@ class Product(Frame):
     def _split_vector(self, vector: Array) -> list[Array]:
         return [vector[..., part] for part in self._vector_slices]
 
-    def _split(self, point: Array) -> tuple[Array, ...]:
+    def _split(self, point: Array) -> tuple[Points, ...]:
         lead = point.shape[:-1]
         return tuple(
-            point[..., part].reshape(lead + factor.point_shape)
+            np.ascontiguousarray(point[..., part])
+            .view(factor.dtype)
+            .reshape(lead + factor.point_shape)
             for factor, part in zip(self.factors, self._point_slices, strict=True)
         )
 
-    def _join(self, points: Sequence[Array]) -> Array:
+    def _join(self, points: Sequence[Points]) -> Array:
         flat = []
         for factor, point in zip(self.factors, points, strict=True):
             shape = factor.point_shape
-            flat.append(point.reshape((*point.shape[: point.ndim - len(shape)], prod(shape))))
+            rows = point.reshape((*point.shape[: point.ndim - len(shape)], prod(shape)))
+            flat.append(np.ascontiguousarray(rows).view(np.float64))
         leads = {part.shape[:-1] for part in flat}
         if len(leads) > 1:
             lead = np.broadcast_shapes(*leads)
             flat = [np.broadcast_to(part, (*lead, part.shape[-1])) for part in flat]
         return np.concatenate(flat, axis=-1)
+
+
+def _length(factor: Frame) -> int:
+    """Return how many real numbers hold a point."""
+    return prod(factor.point_shape) * (2 if factor.dtype.kind == "c" else 1)
 
 
 def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:

@@ -1,0 +1,222 @@
+"""What all matrix groups share: a basis of the Lie algebra, the flow, and its inverse."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Convention, Frame, Points, check_convention, check_size
+from cg.frames.matrix_functions import (
+    combine,
+    distance_from_unitary,
+    expm,
+    newton_schulz,
+    random_unitary,
+    real_logarithm,
+)
+
+
+class MatrixGroup(Frame):
+    r"""A group of square matrices with the frame of its left- or right-invariant fields.
+
+    With :math:`\Omega(v) = \sum_i v_i B_i` for a basis :math:`B_i` of the Lie algebra,
+    ``convention="body"`` has the fields :math:`y' = y\,\Omega(v)` and ``convention="space"`` has
+    :math:`y' = \Omega(v)\,y`.  A group supplies ``size``, ``convention``, ``_make_basis`` and
+    ``membership_error``, and closed forms where it has them.
+    """
+
+    @property
+    @abstractmethod
+    def convention(self) -> Convention:
+        """Which of the two families of fields."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of rows of the matrices."""
+
+    @abstractmethod
+    def _make_basis(self) -> Points:
+        """Return the matrices ``basis``, linearly independent over the reals."""
+
+    @cached_property
+    def basis(self) -> Points:
+        """The matrices of the fields, shape ``(dim, size, size)``, read-only."""
+        basis = np.asarray(self._make_basis(), dtype=self.dtype)
+        basis.flags.writeable = False
+        return basis
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the group."""
+        return len(self.basis)
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """The shape ``(size, size)``."""
+        return (self.size, self.size)
+
+    @cached_property
+    def structure_constants(self) -> Array:
+        r"""The numbers in :math:`[B_i, B_j] = \sum_k c_{ijk} B_k`, shape ``(dim, dim, dim)``."""
+        products = self.basis[:, None] @ self.basis[None, :]
+        constants = self.coefficients(products - products.swapaxes(0, 1))
+        constants.flags.writeable = False
+        return constants
+
+    def algebra(self, v: ArrayLike) -> Points:
+        r"""Return :math:`\Omega(v)`, shape ``(..., size, size)``."""
+        return combine(self._vectors(v), self.basis)
+
+    def coefficients(self, matrix: ArrayLike) -> Array:
+        """Return ``v`` of elements ``algebra(v)`` of the Lie algebra, shape ``(..., dim)``.
+
+        Of other matrices it takes the orthogonal projection onto the algebra.
+        """
+        matrices = self._points(matrix, "matrix")
+        flat = matrices.reshape(*matrices.shape[:-2], -1)
+        return np.asarray((flat @ self._dual.conj().T).real)
+
+    @cached_property
+    def _dual(self) -> Points:
+        flat = self.basis.reshape(self.dim, -1)
+        return np.asarray(np.linalg.solve((flat @ flat.conj().T).real, flat))
+
+    def exponential(self, v: ArrayLike) -> Points:
+        r"""Return :math:`e^{\Omega(v)}`, shape ``(..., size, size)``."""
+        return expm(self.algebra(v))
+
+    def logarithm(self, x: ArrayLike) -> Array:
+        """Return the smallest ``v`` with ``exponential(v) == x``, NaN where there is none."""
+        return self.coefficients(real_logarithm(self._points(x, "x")))
+
+    def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
+        r"""Return the blocks of the exponential of :math:`\Omega(v)` bordered by columns.
+
+        Parameters
+        ----------
+        v
+            Shape ``(..., dim)``.
+        columns
+            The border :math:`U`, shape ``(..., size, k)``.
+
+        Returns
+        -------
+        linear : ndarray
+            :math:`e^{\Omega}`, shape ``(..., size, size)``.
+        moved : ndarray
+            :math:`\int_0^1 e^{s\Omega} ds\, U`, shape ``(..., size, k)``.
+        """
+        generator = self.algebra(v)
+        n, k = columns.shape[-2:]
+        lead = np.broadcast_shapes(generator.shape[:-2], columns.shape[:-2])
+        bordered = np.zeros((*lead, n + k, n + k), dtype=self.dtype)
+        bordered[..., :n, :n] = generator
+        bordered[..., :n, n:] = columns
+        exponential = expm(bordered)
+        return exponential[..., :n, :n], exponential[..., :n, n:]
+
+    def inverse(self, x: ArrayLike) -> Points:
+        """Return the inverses of group elements, shape ``(..., size, size)``."""
+        return np.asarray(np.linalg.inv(self._points(x, "x")))
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` with rounding errors off the group removed."""
+        return y
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
+        """Return ``y @ algebra(v)`` (body) or ``algebra(v) @ y`` (space)."""
+        vector, point = self._arguments(v, y)
+        return self._multiply(self.algebra(vector), point)
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
+        """Return ``y @ exponential(v)`` (body) or ``exponential(v) @ y`` (space).
+
+        Raises
+        ------
+        ValueError
+            If the trailing axes have other lengths.
+        """
+        vector, point = self._arguments(v, y)
+        return self.restore(self._multiply(self.exponential(vector), point))
+
+    def _multiply(self, x: Points, y: Points) -> Points:
+        return np.asarray(y @ x if self.convention == "body" else x @ y)
+
+    def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        """Return the logarithm of the quotient of ``y1`` and ``y0``, NaN where it has none."""
+        start, end = self._points(y0, "y0"), self._points(y1, "y1")
+        inverse = self.inverse(start)
+        body = self.convention == "body"
+        return self.logarithm(inverse @ end if body else end @ inverse)
+
+    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+        """Return exponentials of normal coefficients of deviation 1/2."""
+        return self.restore(self.exponential(0.5 * self.random_vector(rng, size)))
+
+
+class QuadraticGroup(MatrixGroup):
+    r"""A group :math:`\{x : x^* x = I\}` for an involution :math:`x \mapsto x^*`.
+
+    The involution reverses products, so that ``restore`` can take the step of `newton_schulz`.
+    Here it is the conjugate transpose, and points are uniform in Haar measure.
+    """
+
+    _special: ClassVar[bool] = False
+
+    def inverse(self, x: ArrayLike) -> Points:
+        """Return the images under the involution, which on the group are the inverses."""
+        return np.asarray(self._points(x, "x").mT.conj())
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after a Newton-Schulz step towards the group."""
+        return newton_schulz(y, self.inverse(y))
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the 2-norm distance to the nearest element of the group, shape ``(...)``."""
+        return distance_from_unitary(self._points(y), special=self._special)
+
+    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+        """Return points uniform in Haar measure, shape ``(*size, size, size)``."""
+        point = random_unitary(rng, (*size, *self.point_shape), complex_=self.dtype.kind == "c")
+        if self._special:
+            # Multiplying a column commutes with the action of the group from the left.
+            point[..., 0] /= np.linalg.det(point)[..., None]
+        return self.restore(point)
+
+
+@dataclass(frozen=True, repr=False)
+class SizedMatrixGroup(MatrixGroup):
+    """A matrix group of a family that is numbered by the size of its matrices.
+
+    Parameters
+    ----------
+    n
+        Number of rows.
+    convention
+        ``"body"`` or ``"space"``.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` is no integer or too small, or ``convention`` is neither of the two.
+    """
+
+    n: int
+    convention: Convention = "space"
+
+    smallest: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        check_size(self.n, self.smallest)
+        check_convention(self.convention)
+
+    @property
+    def size(self) -> int:
+        """Number of rows, ``n``."""
+        return self.n

@@ -1,0 +1,97 @@
+"""The rotation groups SO(n), as matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Convention, Points
+from cg.frames.matrix_functions import rotation_matrix_logarithm
+from cg.frames.matrix_group import QuadraticGroup, SizedMatrixGroup
+from cg.frames.rotations import averaged_rotation, rotate, rotation_logarithm
+
+
+@dataclass(frozen=True, repr=False)
+class SO(QuadraticGroup, SizedMatrixGroup):
+    r"""Rotations of :math:`R^n`: orthogonal matrices of determinant 1.
+
+    The coefficients are entries of the skew matrix :math:`\Omega`: one for each pair
+    :math:`i < j`, the last pair first, of value :math:`(-1)^{i+j+1}\,\Omega_{ji}`.  With these
+    signs ``SO(3)`` has the rotation vector as its coefficients, as `SO3` does, and ``SO(2)`` the
+    angle.
+
+    Parameters
+    ----------
+    n
+        Number of rows, at least 2.
+    convention
+        ``"body"``: :math:`y' = y\,\Omega` (default), ``"space"``: :math:`y' = \Omega\,y`.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` or ``convention`` is impossible.
+
+    Notes
+    -----
+    The exponential is a closed form for n = 2 and 3 and ``scipy.linalg.expm`` beyond.  Every
+    pair of points has `exp_coordinates`, from the real Schur form.  Each flow ends with a step
+    towards the group that removes rounding errors [1]_.
+
+    References
+    ----------
+    .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008, section 8.3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> SO(4).dim
+    6
+    >>> SO(2).flow([np.pi / 2], np.eye(2)).round(15) + 0.0
+    array([[ 0., -1.],
+           [ 1.,  0.]])
+    """
+
+    convention: Convention = "body"
+
+    smallest: ClassVar[int] = 2
+    _special: ClassVar[bool] = True
+
+    def _make_basis(self) -> Points:
+        pairs = [(i, j) for i in range(self.n) for j in range(i + 1, self.n)]
+        basis = np.zeros((len(pairs), self.n, self.n))
+        for generator, (i, j) in zip(basis, reversed(pairs), strict=True):
+            generator[j, i] = (-1.0) ** (i + j + 1)
+            generator[i, j] = -generator[j, i]
+        return basis
+
+    def exponential(self, v: ArrayLike) -> Points:
+        r"""Return the rotations :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
+        if self.n == 2:
+            angle = self._vectors(v)[..., 0]
+            cosine, sine = np.cos(angle), np.sin(angle)
+            rows = [np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)]
+            return np.stack(rows, axis=-2)
+        if self.n == 3:
+            return rotate(self._vectors(v), np.eye(3))
+        return super().exponential(v)
+
+    def logarithm(self, x: ArrayLike) -> Array:
+        r"""Return coefficients with angles at most :math:`\pi`, shape ``(..., dim)``."""
+        rotation = self._points(x, "x")
+        if self.n == 2:
+            skew = rotation[..., 1, 0] - rotation[..., 0, 1]
+            return np.asarray(np.arctan2(skew, np.trace(rotation, axis1=-2, axis2=-1))[..., None])
+        if self.n == 3:
+            return rotation_logarithm(rotation)
+        return self.coefficients(rotation_matrix_logarithm(rotation))
+
+    def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
+        """Return the exponential and the bordering columns' average, closed for n = 3."""
+        if self.n == 3:
+            vector = self._vectors(v)
+            return rotate(vector, np.eye(3)), averaged_rotation(vector, columns)
+        return super().affine_exponential(v, columns)
