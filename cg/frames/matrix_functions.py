@@ -121,7 +121,7 @@ def real_logarithm(x: Points) -> Points:
     """
     identity = np.eye(x.shape[-1])
     away = x - identity
-    near = np.linalg.matrix_norm(away, ord=1) <= _NEAR
+    near = np.asarray(np.linalg.matrix_norm(away, ord=1) <= _NEAR)
     safe = np.where(near[..., None, None], away, 0.0)
     z = np.linalg.solve(safe + 2.0 * identity, safe)
     square = z @ z

@@ -1,0 +1,52 @@
+"""The general linear groups GL(n)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Points
+from cg.frames.matrix_group import SizedMatrixGroup
+
+
+@dataclass(frozen=True, repr=False)
+class GL(SizedMatrixGroup):
+    r"""Invertible real matrices.
+
+    The coefficients are the entries of :math:`\Omega`, row by row.
+
+    Parameters
+    ----------
+    n
+        Number of rows, at least 1.
+    convention
+        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` or ``convention`` is impossible.
+
+    Notes
+    -----
+    The exponential is ``scipy.linalg.expm``.  Two points have `exp_coordinates` where their
+    quotient has no eigenvalue on the negative real axis.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> GL(2).flow([0.0, 1.0, 0.0, 0.0], np.eye(2))
+    array([[1., 1.],
+           [0., 1.]])
+    """
+
+    def _make_basis(self) -> Points:
+        return np.eye(self.n * self.n).reshape(-1, self.n, self.n)
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return zero for invertible matrices, infinity where singular to working precision."""
+        singular = np.linalg.svd(self._points(y), compute_uv=False)
+        smallest = self.n * np.finfo(np.float64).eps * singular[..., 0]
+        return np.where(singular[..., -1] > smallest, 0.0, np.inf)

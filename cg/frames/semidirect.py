@@ -1,0 +1,144 @@
+"""The semidirect product of a matrix group and the vectors it acts on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Convention, Points, check_size
+from cg.frames.matrix_group import MatrixGroup
+
+
+@dataclass(frozen=True, repr=False)
+class Semidirect(MatrixGroup):
+    r"""Affine maps :math:`x \mapsto g x + p`, with :math:`g` in a real matrix group.
+
+    A point is the matrix :math:`\binom{g\;\;p}{0\;\;I}`, where :math:`p` has one column or
+    several.  Thus ``Semidirect(SO3())`` is the group of rigid motions, and
+    ``Semidirect(SO3(), 2)`` carries attitude, velocity and position.  The coefficients are those
+    of the group, then the columns of :math:`\Omega`'s upper right block one after the other.
+
+    Parameters
+    ----------
+    group
+        A real matrix group.  Its convention is that of the product.
+    copies
+        Number of columns of :math:`p`.
+
+    Raises
+    ------
+    TypeError
+        If ``group`` isn't a `MatrixGroup`.
+    ValueError
+        If ``group`` is complex or ``copies`` not a positive integer.
+
+    Notes
+    -----
+    With :math:`\Omega` bordered by :math:`U`, the blocks of the exponential are
+    :math:`e^{\Omega}` and :math:`\int_0^1 e^{s\Omega} ds\,U`: closed forms where the group is
+    SO(3) [1]_, ``scipy.linalg.expm`` elsewhere.
+
+    References
+    ----------
+    .. [1] R. M. Murray, Z. Li, S. S. Sastry, *A Mathematical Introduction to Robotic
+       Manipulation*, CRC Press, 1994, chapter 2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cg.frames import SL
+    >>> frame = Semidirect(SL(2))
+    >>> frame.dim, frame.point_shape
+    (5, (3, 3))
+    """
+
+    group: MatrixGroup
+    copies: int = 1
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.group, MatrixGroup):
+            raise TypeError(f"group must be a MatrixGroup, got {self.group!r}")
+        if self.group.dtype.kind == "c":
+            raise ValueError(f"group must be real, got {self.group!r}")
+        check_size(self.copies, name="copies")
+
+    @property
+    def convention(self) -> Convention:
+        """The group's convention."""
+        return self.group.convention
+
+    @property
+    def size(self) -> int:
+        """Number of rows: the group's and one for each column."""
+        return self.group.size + self.copies
+
+    def _make_basis(self) -> Points:
+        n, k = self.group.size, self.copies
+        basis = np.zeros((self.group.dim + n * k, n + k, n + k))
+        basis[: self.group.dim, :n, :n] = self.group.basis
+        for column in range(k):
+            for row in range(n):
+                basis[self.group.dim + n * column + row, row, n + column] = 1.0
+        return basis
+
+    def _assemble(self, linear: Array, columns: Array) -> Array:
+        n = self.group.size
+        lead = np.broadcast_shapes(linear.shape[:-2], columns.shape[:-2])
+        point = np.zeros((*lead, *self.point_shape))
+        point[..., :n, :n] = linear
+        point[..., :n, n:] = columns
+        point[..., n:, n:] = np.eye(self.copies)
+        return point
+
+    def exponential(self, v: ArrayLike) -> Points:
+        """Return the affine maps, shape ``(..., size, size)``."""
+        vector = self._vectors(v)
+        split = self.group.dim
+        stacked = vector[..., split:].reshape(*vector.shape[:-1], self.copies, self.group.size)
+        return self._assemble(*self.group.affine_exponential(vector[..., :split], stacked.mT))
+
+    def logarithm(self, x: ArrayLike) -> Array:
+        """Return coefficients from the group's logarithm, NaN where it has none."""
+        point = self._points(x, "x")
+        n = self.group.size
+        vector = self.group.logarithm(point[..., :n, :n])
+        finite = np.isfinite(vector).all(axis=-1, keepdims=True)
+        _, average = self.group.affine_exponential(np.where(finite, vector, 0.0), np.eye(n))
+        columns = np.linalg.solve(average, point[..., :n, n:])
+        flat = columns.mT.reshape(*point.shape[:-2], -1)
+        return np.concatenate([vector, np.where(finite, flat, np.nan)], axis=-1)
+
+    def inverse(self, x: ArrayLike) -> Points:
+        """Return the inverse maps, shape ``(..., size, size)``."""
+        point = self._points(x, "x")
+        n = self.group.size
+        linear = self.group.inverse(point[..., :n, :n])
+        return self._assemble(linear, -linear @ point[..., :n, n:])
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` with its linear part restored and the constant rows exact."""
+        n = self.group.size
+        return self._assemble(self.group.restore(y[..., :n, :n]), y[..., :n, n:])
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the larger of the group's error and the constant rows', shape ``(...)``."""
+        point = self._points(y)
+        n = self.group.size
+        rows = point[..., n:, :] - np.eye(self.size)[n:]
+        off = np.abs(rows).max(axis=(-2, -1))
+        return np.asarray(np.maximum(self.group.membership_error(point[..., :n, :n]), off))
+
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return the root of the group's distance and the columns', squared and added."""
+        first, second = self._points(x, "x"), self._points(y)
+        n = self.group.size
+        linear = self.group.distance(first[..., :n, :n], second[..., :n, :n])
+        columns = np.linalg.norm(first[..., :n, n:] - second[..., :n, n:], axis=(-2, -1))
+        return np.asarray(np.hypot(linear, columns))
+
+    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+        """Return random points of the group with normal columns."""
+        linear = self.group.random_point(rng, size)
+        return self._assemble(linear, rng.standard_normal((*size, self.group.size, self.copies)))

@@ -1,0 +1,65 @@
+"""The special linear groups SL(n)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Points
+from cg.frames.matrix_group import SizedMatrixGroup
+
+
+@dataclass(frozen=True, repr=False)
+class SL(SizedMatrixGroup):
+    r"""Real matrices of determinant 1.
+
+    The coefficients are the entries of :math:`\Omega`, row by row, without the last one, which
+    makes the trace zero.
+
+    Parameters
+    ----------
+    n
+        Number of rows, at least 2.
+    convention
+        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` or ``convention`` is impossible.
+
+    Notes
+    -----
+    The exponential is ``scipy.linalg.expm``.  After each flow the determinant's rounding error
+    is divided out.  Rounding grows with the condition of a matrix, as everywhere.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> SL(2).flow([np.log(2.0), 0.0, 0.0], np.eye(2)).round(15)
+    array([[2. , 0. ],
+           [0. , 0.5]])
+    """
+
+    smallest: ClassVar[int] = 2
+
+    def _make_basis(self) -> Points:
+        basis = np.eye(self.n * self.n)[:-1].reshape(-1, self.n, self.n)
+        for i in range(self.n - 1):
+            basis[i * (self.n + 1), -1, -1] = -1.0
+        return basis
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after a Newton step towards determinant 1."""
+        return np.asarray(y * (1.0 - (np.linalg.det(y) - 1.0) / self.n)[..., None, None])
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        r"""Return :math:`|\det y - 1| / n`, shape ``(...)``.
+
+        To first order this is the smallest 2-norm of a matrix :math:`\delta` with
+        :math:`y = x (I + \delta)` for a point :math:`x`.
+        """
+        return np.asarray(np.abs(np.linalg.det(self._points(y)) - 1.0) / self.n)

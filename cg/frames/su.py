@@ -1,0 +1,73 @@
+"""The special unitary groups SU(n)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Points
+from cg.frames.matrix_functions import special_unitary_logarithm
+from cg.frames.rotations import half_angle, quaternion_logarithm
+from cg.frames.u import U, gell_mann
+
+
+@dataclass(frozen=True, repr=False)
+class SU(U):
+    r"""Unitary complex matrices of determinant 1.
+
+    The generators are :math:`B_k = -\tfrac{i}{2} \lambda_k` with the generalised Gell-Mann
+    matrices :math:`\lambda_k` of `gell_mann`; for n = 2 these are Pauli's, and the coefficients
+    are the rotation vector on the Bloch sphere, as for `UnitQuaternion`.
+
+    Parameters
+    ----------
+    n
+        Number of rows, at least 2.
+    convention
+        ``"space"``: :math:`y' = \Omega\,y` (default), ``"body"``: :math:`y' = y\,\Omega`.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` or ``convention`` is impossible.
+
+    Notes
+    -----
+    For n = 2, :math:`\Omega^2 = -\tfrac14 |v|^2 I`, so that the exponential is
+    :math:`\cos x\, I + \Omega \sin(x) / x` with :math:`x = |v| / 2`; beyond it is
+    ``scipy.linalg.expm``.  Every pair of points has `exp_coordinates`.
+
+    Examples
+    --------
+    A pulse about the first axis inverts a two-level system.
+
+    >>> import numpy as np
+    >>> SU(2).flow([np.pi, 0.0, 0.0], np.eye(2)).round(15) + 0.0
+    array([[0.+0.j, 0.-1.j],
+           [0.-1.j, 0.+0.j]])
+    """
+
+    smallest: ClassVar[int] = 2
+    _special: ClassVar[bool] = True
+
+    def _make_basis(self) -> Points:
+        return -0.5j * gell_mann(self.n)
+
+    def exponential(self, v: ArrayLike) -> Points:
+        r"""Return :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
+        if self.n > 2:
+            return super().exponential(v)
+        half, sinc = half_angle(self._vectors(v))
+        identity = np.cos(half)[..., None, None] * np.eye(2)
+        return np.asarray(identity + sinc[..., None, None] * self.algebra(v))
+
+    def logarithm(self, x: ArrayLike) -> Array:
+        r"""Return coefficients whose eigenvalues' angles add up to zero."""
+        if self.n > 2:
+            return self.coefficients(special_unitary_logarithm(self._points(x, "x")))
+        scalar = 0.5 * np.trace(self._points(x, "x"), axis1=-2, axis2=-1).real
+        # The basis is half the quaternion units.
+        return quaternion_logarithm(0.5 * self.coefficients(x), np.asarray(scalar))
