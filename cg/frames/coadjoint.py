@@ -1,0 +1,223 @@
+"""Coadjoint orbits, where Lie-Poisson systems evolve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Convention, Frame, check_convention, real_array
+from cg.frames.matrix_functions import combine, expm
+from cg.frames.matrix_group import MatrixGroup
+from cg.frames.rotations import rotate
+
+Constants = tuple[tuple[tuple[float, ...], ...], ...]
+
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, repr=False)
+class CoadjointOrbit(Frame):
+    r"""A coadjoint orbit in the dual of a Lie algebra: where a Lie-Poisson system evolves.
+
+    With structure constants :math:`[e_i, e_j] = \sum_k c_{ijk} e_k` the fields are
+    :math:`y' = \operatorname{ad}^*_v y`, :math:`y_j' = \sum_{ik} v_i c_{ijk} y_k`.  On
+    :math:`so(3)^*` this is :math:`y' = y \times v`, the free rigid body if :math:`v` is the
+    angular velocity that belongs to the angular momentum :math:`y`.
+
+    Parameters
+    ----------
+    algebra
+        A matrix group, whose algebra is taken in its basis (its convention doesn't matter), or
+        structure constants, shape ``(m, m, m)``.
+    point
+        A point of the orbit, shape ``(m,)``.
+    convention
+        ``"body"``: :math:`y' = \operatorname{ad}^*_v y` (default), ``"space"``:
+        :math:`y' = -\operatorname{ad}^*_v y`, for systems reduced from the right.
+
+    Raises
+    ------
+    ValueError
+        If ``algebra`` is not antisymmetric or breaks the Jacobi identity, ``point`` doesn't fit
+        it, or ``convention`` is neither of the two.
+
+    Notes
+    -----
+    The linear and the quadratic Casimir functions (on :math:`so(3)^*` the norm, on
+    :math:`se(3)^*` the norm of the linear momentum and its product with the angular one) are
+    found from the structure constants.  Their values at ``point`` define the manifold, each
+    flow ends with a Gauss-Newton step back to them, and `membership_error` is the length of such
+    a step.  Casimirs of higher degree, that of su(3) for instance, are kept by the flow to
+    rounding, but not restored.  The flow is a rotation on :math:`so(3)^*` and
+    ``scipy.linalg.expm`` beyond.
+
+    References
+    ----------
+    .. [1] J. E. Marsden, T. S. Ratiu, *Introduction to Mechanics and Symmetry*, 2nd ed.,
+       Springer, 1999, chapters 13 and 14.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cg.frames import SO3
+    >>> frame = CoadjointOrbit(SO3(), (2.0, 0.0, 0.0))
+    >>> frame.flow([0.0, 0.0, np.pi / 2], [2.0, 0.0, 0.0]).round(15) + 0.0
+    array([ 0., -2.,  0.])
+    """
+
+    algebra: MatrixGroup | Constants
+    point: tuple[float, ...]
+    convention: Convention = "body"
+
+    def __post_init__(self) -> None:
+        check_convention(self.convention)
+        if not isinstance(self.algebra, MatrixGroup):
+            object.__setattr__(self, "algebra", _checked_constants(self.algebra))
+        point = real_array(self.point, "point")
+        if point.shape != self.point_shape or not np.isfinite(point).all():
+            raise ValueError(
+                f"point must be {self.dim} finite numbers, as many as the algebra has "
+                f"dimensions, got {self.point!r}"
+            )
+        object.__setattr__(self, "point", tuple(point.tolist()))
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the algebra."""
+        return self.algebra.dim if isinstance(self.algebra, MatrixGroup) else len(self.algebra)
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """The shape ``(dim,)``."""
+        return (self.dim,)
+
+    @cached_property
+    def _fields(self) -> Array:
+        """The matrices of the fields, shape ``(dim, dim, dim)``."""
+        group = self.algebra
+        constants = group.structure_constants if isinstance(group, MatrixGroup) else np.array(group)
+        return constants if self.convention == "body" else -constants
+
+    @cached_property
+    def _turn(self) -> float:
+        """Sign s such that the fields are s times v cross y, zero if they aren't."""
+        if self.dim == 3:
+            for sign in (-1.0, 1.0):
+                cross = np.cross(np.eye(3)[:, None], np.eye(3)[None, :]).swapaxes(1, 2)
+                if np.array_equal(self._fields, sign * cross):
+                    return sign
+        return 0.0
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Array:
+        r"""Return :math:`\pm \operatorname{ad}^*_v y`, shape ``(..., dim)``."""
+        vector, point = self._arguments(v, y)
+        return np.asarray((combine(vector, self._fields) @ point[..., None])[..., 0])
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return the time-1 flow, shape ``(..., dim)``.
+
+        Raises
+        ------
+        ValueError
+            If the trailing axes have other lengths.
+        """
+        vector, point = self._arguments(v, y)
+        column = point[..., None]
+        if self._turn:
+            moved = rotate(self._turn * vector, column)
+        else:
+            moved = expm(combine(vector, self._fields)) @ column
+        return self.restore(moved[..., 0])
+
+    @cached_property
+    def linear_casimirs(self) -> Array:
+        """Rows ``c`` with ``c @ y`` constant on every orbit, shape ``(count, dim)``."""
+        return _null_space(self._fields.reshape(-1, self.dim, self.dim).mT)
+
+    @cached_property
+    def quadratic_casimirs(self) -> Array:
+        """Symmetric ``C`` with ``y @ C @ y`` constant on orbits, shape ``(count, dim, dim)``."""
+        rows, columns = np.triu_indices(self.dim)
+        k = np.arange(len(rows))
+        symmetric = np.zeros((len(rows), self.dim, self.dim))
+        symmetric[k, rows, columns] = symmetric[k, columns, rows] = 1.0
+        derivatives = []
+        for matrix in self._fields:
+            product = symmetric @ matrix
+            derivatives.append((product + product.mT).reshape(len(rows), -1).T)
+        found = _null_space(np.array(derivatives))
+        return combine(found, symmetric)
+
+    def _casimirs(self, y: Array) -> tuple[Array, Array]:
+        """Return the Casimirs' excess over their values at ``point``, and their gradients."""
+        home = np.array(self.point)
+        linear, quadratic = self.linear_casimirs, self.quadratic_casimirs
+        difference = y - home
+        middle = (quadratic @ (y + home)[..., None, :, None])[..., 0]
+        excess = (middle @ difference[..., None])[..., 0]
+        gradients = 2.0 * (quadratic @ y[..., None, :, None])[..., 0]
+        if not len(linear):
+            return excess, gradients
+        constant = np.broadcast_to(linear, (*y.shape[:-1], *linear.shape))
+        return (
+            np.concatenate([difference @ linear.T, excess], axis=-1),
+            np.concatenate([constant, gradients], axis=-2),
+        )
+
+    def _correction(self, y: Array) -> tuple[Array, Array]:
+        excess, gradients = self._casimirs(y)
+        if gradients.shape[-2] == 1:
+            square = np.vecdot(gradients, gradients)
+            multiplier = np.divide(excess, square, out=np.zeros_like(square), where=square > 0.0)
+            return excess, multiplier * gradients[..., 0, :]
+        inverse = np.linalg.pinv(gradients, rcond=_ROUNDING)
+        return excess, (inverse @ excess[..., None])[..., 0]
+
+    def restore(self, y: Array) -> Array:
+        """Return ``y`` after a Gauss-Newton step to the orbit's Casimirs."""
+        finite = np.isfinite(y).all(axis=-1, keepdims=True)
+        return np.asarray(y - self._correction(np.where(finite, y, self.point))[1])
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the length of the step back to the orbit's Casimirs, shape ``(...)``.
+
+        Where their gradients vanish or depend on each other, the largest excess, divided by
+        twice the length of ``point`` if that isn't zero, is a lower bound.
+        """
+        excess, step = self._correction(self._points(y))
+        scale = max(2.0 * float(np.linalg.norm(self.point)), _ROUNDING)
+        largest = np.abs(excess).max(axis=-1, initial=0.0) / max(scale, 1.0)
+        return np.asarray(np.maximum(np.linalg.norm(step, axis=-1), largest))
+
+    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+        """Return ``point`` after two flows with normal coefficients."""
+        y = self.flow(self.random_vector(rng, size), np.array(self.point))
+        return self.flow(self.random_vector(rng, size), y)
+
+
+def _checked_constants(value: ArrayLike) -> Constants:
+    constants = real_array(value, "algebra")
+    m = len(constants) if constants.ndim else 0
+    if m < 1 or constants.shape != (m, m, m) or not np.isfinite(constants).all():
+        raise ValueError(
+            "algebra must be a MatrixGroup or finite structure constants of shape (m, m, m), "
+            f"got shape {constants.shape}"
+        )
+    size = np.abs(constants).max()
+    if np.abs(constants + constants.swapaxes(0, 1)).max() > _ROUNDING * size:
+        raise ValueError("algebra must have constants antisymmetric in the first two indices")
+    nested = np.einsum("ijl,lkm->ijkm", constants, constants)
+    cyclic = nested + nested.transpose(1, 2, 0, 3) + nested.transpose(2, 0, 1, 3)
+    if np.abs(cyclic).max() > _ROUNDING * m * size**2:
+        raise ValueError("algebra must satisfy the Jacobi identity")
+    return tuple(tuple(tuple(row) for row in block) for block in constants.tolist())
+
+
+def _null_space(matrices: Array) -> Array:
+    """Return an orthonormal basis, one row each, of what all matrices of a stack send to zero."""
+    gram = (matrices.mT @ matrices).sum(axis=0)
+    values, vectors = np.linalg.eigh(gram)
+    return np.asarray(vectors.T[values <= _ROUNDING * max(float(values[-1]), _ROUNDING)])

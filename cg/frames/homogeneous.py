@@ -1,0 +1,66 @@
+"""What manifolds moved by a matrix group share."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Frame, Points
+from cg.frames.matrix_group import MatrixGroup
+
+
+class HomogeneousSpace(Frame):
+    r"""A manifold on which a matrix group acts linearly from the left.
+
+    The fields are those of the action, :math:`y' = \tfrac{d}{ds} e^{s\Omega(v)} \cdot y` at
+    :math:`s = 0`, and their flow is :math:`e^{\Omega(v)} \cdot y`.  The coefficients are those of
+    the group; usually there are more of them than the manifold has dimensions, and different ones
+    may stand for the same tangent.
+
+    A space supplies ``group``, the action and its derivative, and ``restore``.
+
+    References
+    ----------
+    .. [1] A. Iserles, H. Z. Munthe-Kaas, S. P. Norsett, A. Zanna, "Lie-group methods", Acta
+       Numerica 9 (2000), 215-365.
+    """
+
+    @property
+    @abstractmethod
+    def group(self) -> MatrixGroup:
+        """The group that acts."""
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the group."""
+        return self.group.dim
+
+    def _act(self, x: Points, y: Points) -> Points:
+        """Return the point to which the group element ``x`` takes ``y``."""
+        return np.asarray(x @ y)
+
+    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
+        """Return the tangent at ``y`` of the element ``omega`` of the Lie algebra."""
+        return np.asarray(omega @ y)
+
+    @abstractmethod
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` with rounding errors off the manifold removed."""
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
+        """Return the tangent of the group's action, shape ``(..., *point_shape)``."""
+        vector, point = self._arguments(v, y)
+        return self._act_infinitesimally(self.group.algebra(vector), point)
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
+        """Return ``y`` moved by the group element of ``v``, shape ``(..., *point_shape)``.
+
+        Raises
+        ------
+        ValueError
+            If the trailing axes have other lengths.
+        """
+        vector, point = self._arguments(v, y)
+        return self.restore(self._act(self.group.exponential(vector), point))

@@ -1,0 +1,143 @@
+"""Isospectral orbits: symmetric or Hermitian matrices with given eigenvalues."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Points, complex_array, real_array
+from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.matrix_group import MatrixGroup
+from cg.frames.so import SO
+from cg.frames.su import SU
+
+
+@dataclass(frozen=True, repr=False)
+class IsospectralOrbit(HomogeneousSpace):
+    r"""Matrices with given eigenvalues, moved by :math:`y \mapsto e^{\Omega} y e^{-\Omega}`.
+
+    The fields are :math:`y' = [\Omega(v), y]`: real symmetric matrices with the skew
+    :math:`\Omega` of `SO`, as in Toda's and Brockett's flows, or Hermitian matrices with the
+    traceless skew-Hermitian :math:`\Omega` of `SU`, as for a density matrix.
+
+    Parameters
+    ----------
+    spectrum
+        The real eigenvalues, at least two, in any order; they are kept sorted.
+    hermitian
+        Whether the points are complex.
+
+    Raises
+    ------
+    ValueError
+        If ``spectrum`` isn't a vector of at least two finite real numbers, or ``hermitian`` not
+        a bool.
+
+    Notes
+    -----
+    After each flow the eigenvalues, which rounding has changed, are set to ``spectrum`` in the
+    eigenbasis of the result.  There are no `exp_coordinates`: between points with close
+    eigenvalues they would be large however near the points are.
+
+    References
+    ----------
+    .. [1] M. P. Calvo, A. Iserles, A. Zanna, "Numerical solution of isospectral flows", Math.
+       Comp. 66 (1997), 1461-1486.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> y0 = np.array([[1.0, 1.0], [1.0, 1.0]])
+    >>> frame = IsospectralOrbit.through(y0)
+    >>> frame.flow([np.pi / 4], y0).round(15) + 0.0
+    array([[0., 0.],
+           [0., 2.]])
+    """
+
+    spectrum: tuple[float, ...]
+    hermitian: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        values = real_array(self.spectrum, "spectrum")
+        if values.ndim != 1 or len(values) < 2 or not np.isfinite(values).all():
+            raise ValueError(
+                f"spectrum must be at least two finite real numbers, got {self.spectrum!r}"
+            )
+        if not isinstance(self.hermitian, bool):
+            raise ValueError(f"hermitian must be True or False, got {self.hermitian!r}")
+        object.__setattr__(self, "spectrum", tuple(sorted(values.tolist())))
+
+    @classmethod
+    def through(cls, y0: ArrayLike) -> IsospectralOrbit:
+        """Return the orbit of a matrix.
+
+        Parameters
+        ----------
+        y0
+            Symmetric, or Hermitian if complex, shape ``(n, n)``.
+
+        Raises
+        ------
+        ValueError
+            If ``y0`` isn't a finite square matrix, or not symmetric.
+        """
+        is_complex = np.iscomplexobj(y0)
+        point: Points = complex_array(y0, "y0") if is_complex else real_array(y0, "y0")
+        if point.ndim != 2 or point.shape[0] != point.shape[1] or not np.isfinite(point).all():
+            raise ValueError(f"y0 must be a finite square matrix, got {y0!r}")
+        frame = cls(tuple(np.linalg.eigvalsh(point).tolist()), hermitian=is_complex)
+        frame.check_point(point, name="y0")
+        return frame
+
+    @cached_property
+    def group(self) -> MatrixGroup:
+        """The rotations, or special unitary matrices, that conjugate."""
+        n = len(self.spectrum)
+        return SU(n, "space") if self.hermitian else SO(n, "space")
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """The shape ``(n, n)`` with as many rows as eigenvalues."""
+        return self.group.point_shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Complex where ``hermitian``."""
+        return self.group.dtype
+
+    def _act(self, x: Points, y: Points) -> Points:
+        return np.asarray(x @ y @ x.mT.conj())
+
+    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
+        return np.asarray(omega @ y - y @ omega)
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` with the eigenvalues replaced by ``spectrum``."""
+        finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
+        _, vectors = np.linalg.eigh(np.where(finite, y, np.eye(len(self.spectrum))))
+        return np.where(finite, self._with_eigenvectors(vectors), y)
+
+    def _with_eigenvectors(self, vectors: Points) -> Points:
+        product = (vectors * np.array(self.spectrum)) @ vectors.mT.conj()
+        return np.asarray(0.5 * (product + product.mT.conj()))
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the larger of the skew part's norm and the eigenvalues' error, shape ``(...)``.
+
+        By Weyl's inequality the latter is the 2-norm distance of the symmetric part from the
+        orbit.
+        """
+        point = self._points(y)
+        adjoint = point.mT.conj()
+        skew = np.linalg.matrix_norm(0.5 * (point - adjoint), ord=2)
+        eigenvalues = np.linalg.eigvalsh(0.5 * (point + adjoint))
+        off = np.abs(eigenvalues - np.array(self.spectrum)).max(axis=-1)
+        return np.asarray(np.maximum(skew, off))
+
+    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+        """Return the spectrum in uniformly distributed orthonormal bases."""
+        return self._with_eigenvectors(self.group.random_point(rng, size))

@@ -1,0 +1,84 @@
+"""Stiefel manifolds: orthonormal k-frames in R^n."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Points, check_size
+from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.matrix_functions import distance_from_unitary, newton_schulz, random_unitary
+from cg.frames.matrix_group import MatrixGroup
+from cg.frames.so import SO
+
+
+@dataclass(frozen=True, repr=False)
+class Stiefel(HomogeneousSpace):
+    r"""Matrices of k orthonormal columns of length n, moved by SO(n): :math:`y' = \Omega(v)\,y`.
+
+    The coefficients are those of `SO`.
+
+    Parameters
+    ----------
+    n
+        Number of rows, at least 2.
+    k
+        Number of columns, from 1 to ``n``.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` or ``k`` is impossible.
+
+    Notes
+    -----
+    The flow is that of `SO`, and a last Newton-Schulz step towards the polar factor [1]_.
+    There are no `exp_coordinates`: the rotations between two points are many, and the smallest
+    has no closed form.
+
+    References
+    ----------
+    .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008, section 8.3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> frame = Stiefel(5, 2)
+    >>> y = frame.flow(np.arange(10.0), np.eye(5, 2))
+    >>> bool(frame.membership_error(y) < 1e-15)
+    True
+    """
+
+    n: int
+    k: int
+
+    def __post_init__(self) -> None:
+        check_size(self.n, 2)
+        check_size(self.k, name="k")
+        if self.k > self.n:
+            raise ValueError(f"k must be at most n = {self.n}, got {self.k!r}")
+
+    @cached_property
+    def group(self) -> MatrixGroup:
+        """The rotations of the space around."""
+        return SO(self.n, "space")
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """The shape ``(n, k)``."""
+        return (self.n, self.k)
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after a Newton-Schulz step towards orthonormal columns."""
+        return newton_schulz(y, y.mT)
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the 2-norm distance to the nearest orthonormal columns, shape ``(...)``."""
+        return distance_from_unitary(self._points(y), special=False)
+
+    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+        """Return points uniform under rotations, shape ``(*size, n, k)``."""
+        return self.restore(random_unitary(rng, (*size, *self.point_shape)))
