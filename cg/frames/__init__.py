@@ -1,8 +1,50 @@
 """Rigid frames: manifolds with vector fields whose flows are known."""
 
 from cg.frames.base import Frame
+from cg.frames.coadjoint import CoadjointOrbit
 from cg.frames.euclidean import Euclidean
+from cg.frames.field_frame import FieldFrame
+from cg.frames.gl import GL
+from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.isospectral import IsospectralOrbit
+from cg.frames.matrix_frame import MatrixFrame
+from cg.frames.matrix_group import MatrixGroup
 from cg.frames.product import Product
-from cg.frames.so3 import SO3, hat, vee
+from cg.frames.quaternion import UnitQuaternion
+from cg.frames.rotations import hat, vee
+from cg.frames.se3 import SE3
+from cg.frames.semidirect import Semidirect
+from cg.frames.sl import SL
+from cg.frames.so import SO
+from cg.frames.so3 import SO3
+from cg.frames.sp import Sp
+from cg.frames.sphere import Sphere
+from cg.frames.stiefel import Stiefel
+from cg.frames.su import SU
+from cg.frames.u import U
 
-__all__ = ["SO3", "Euclidean", "Frame", "Product", "hat", "vee"]
+__all__ = [
+    "GL",
+    "SE3",
+    "SL",
+    "SO",
+    "SO3",
+    "SU",
+    "CoadjointOrbit",
+    "Euclidean",
+    "FieldFrame",
+    "Frame",
+    "HomogeneousSpace",
+    "IsospectralOrbit",
+    "MatrixFrame",
+    "MatrixGroup",
+    "Product",
+    "Semidirect",
+    "Sp",
+    "Sphere",
+    "Stiefel",
+    "U",
+    "UnitQuaternion",
+    "hat",
+    "vee",
+]

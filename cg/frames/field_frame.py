@@ -1,0 +1,163 @@
+"""A user's own frame: vector fields given as functions, with their flow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Points, check_size
+from cg.frames.user import Function, UserFrame
+
+
+class FieldFrame(UserFrame):
+    r"""Vector fields given as functions, together with the flow of their combinations.
+
+    Parameters
+    ----------
+    fields
+        Functions ``E(y)`` of one point that return a tangent.
+    flow
+        Function ``flow(v, y)`` of coefficients of shape ``(m,)`` and one point that returns the
+        time-1 flow of :math:`\sum_i v_i E_i` through it.
+    point_shape
+        Shape of a point, an integer for vectors.
+    dtype
+        ``float`` or ``complex``, the type of a point's entries.
+    membership_error
+        Function of one point that returns its distance from the manifold.  Without it every
+        array is a point.
+    restore
+        Function that takes a point with rounding errors off the manifold back to it; called
+        after each flow.
+    distance
+        Function of two points.  Without it the distance is that in the ambient space.
+    exp_coordinates
+        Function of two points that returns ``v`` with ``flow(v, y0) == y1``.
+    random_point
+        Function of a random generator that returns one point.
+
+    Raises
+    ------
+    TypeError
+        If something isn't callable that should be.
+    ValueError
+        If there is no field, or ``point_shape`` or ``dtype`` is impossible.
+
+    Notes
+    -----
+    Functions are called with one point at a time; batches are loops.  Nothing checks that
+    ``flow`` belongs to ``fields``; `field` and `flow` with small ``v`` tell.
+
+    Examples
+    --------
+    The hyperbolas ``y[0] * y[1] == constant``:
+
+    >>> import numpy as np
+    >>> squeeze = FieldFrame(
+    ...     [lambda y: np.array([y[0], -y[1]])],
+    ...     lambda v, y: np.array([y[0] * np.exp(v[0]), y[1] * np.exp(-v[0])]),
+    ...     point_shape=2,
+    ... )
+    >>> squeeze.flow([np.log(2.0)], [1.0, 1.0])
+    array([2. , 0.5])
+    """
+
+    _fields: tuple[Function, ...]
+    _flow: Function
+    _point_shape: tuple[int, ...]
+    _dtype: np.dtype[Any]
+
+    def __init__(
+        self,
+        fields: Sequence[Function],
+        flow: Function,
+        *,
+        point_shape: int | Sequence[int],
+        dtype: Any = float,
+        membership_error: Function | None = None,
+        restore: Function | None = None,
+        distance: Function | None = None,
+        exp_coordinates: Function | None = None,
+        random_point: Function | None = None,
+    ) -> None:
+        functions = tuple(fields)
+        if not functions:
+            raise ValueError("fields must hold at least one function, got none")
+        for name, value in [
+            *((f"fields[{i}]", f) for i, f in enumerate(functions)),
+            ("flow", flow),
+        ]:
+            if not callable(value):
+                raise TypeError(f"{name} must be a function, got {value!r}")
+        shape = (point_shape,) if isinstance(point_shape, int) else tuple(point_shape)
+        for length in shape:
+            check_size(length, name="point_shape")
+        if dtype not in (float, complex, np.float64, np.complex128):
+            raise ValueError(f"dtype must be float or complex, got {dtype!r}")
+        object.__setattr__(self, "_fields", functions)
+        object.__setattr__(self, "_flow", flow)
+        object.__setattr__(self, "_point_shape", shape)
+        object.__setattr__(self, "_dtype", np.dtype(dtype))
+        self._set_functions(
+            membership_error=membership_error,
+            restore=restore,
+            distance=distance,
+            exp_coordinates=exp_coordinates,
+            random_point=random_point,
+        )
+
+    def __repr__(self) -> str:
+        names = ", ".join(getattr(f, "__name__", repr(f)) for f in self._fields)
+        return f"FieldFrame([{names}], point_shape={self._point_shape})"
+
+    def _key(self) -> tuple[Any, ...]:
+        return (*super()._key(), self._fields, self._flow)
+
+    @property
+    def dim(self) -> int:
+        """Number of fields."""
+        return len(self._fields)
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """Shape of a point."""
+        return self._point_shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of a point's entries."""
+        return self._dtype
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
+        r"""Return :math:`\sum_i v_i E_i(y)`, shape ``(..., *point_shape)``.
+
+        Raises
+        ------
+        ValueError
+            If one of the functions returns another shape or no numbers.
+        """
+        vector, point = self._arguments(v, y)
+        rank = len(self._point_shape)
+        tangent = np.zeros((), dtype=self.dtype)
+        for i, function in enumerate(self._fields):
+            arguments = [(point, rank)]
+            value = self._call(f"fields[{i}]", function, arguments, self.point_shape, self.dtype)
+            coefficient = vector[..., i].reshape(vector.shape[:-1] + (1,) * rank)
+            tangent = tangent + coefficient * value
+        return tangent
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
+        """Return what the user's flow says, shape ``(..., *point_shape)``.
+
+        Raises
+        ------
+        ValueError
+            If it returns another shape or no numbers.
+        """
+        vector, point = self._arguments(v, y)
+        arguments = [(vector, 1), (point, len(self._point_shape))]
+        moved = self._call("flow", self._flow, arguments, self.point_shape, self.dtype)
+        return self.restore(moved)

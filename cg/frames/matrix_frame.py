@@ -1,0 +1,129 @@
+"""A user's own frame: linear vector fields given as matrices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Points, check_size, complex_array, real_array
+from cg.frames.matrix_functions import combine, expm
+from cg.frames.user import Function, UserFrame
+
+
+class MatrixFrame(UserFrame):
+    r"""The vector fields :math:`E_i(y) = A_i y` for given matrices.
+
+    Parameters
+    ----------
+    matrices
+        The :math:`A_i`, real or complex, shape ``(m, n, n)``.
+    columns
+        Number of columns of a point; None for points that are vectors of length ``n``.
+    membership_error
+        Function of one point that returns its distance from the manifold on which the fields
+        act.  Without it every array is a point.
+    restore
+        Function that takes a point with rounding errors off the manifold back to it; called
+        after each flow.  Without it rounding errors add up, as a random walk at best.
+    random_point
+        Function of a random generator that returns one point.
+
+    Raises
+    ------
+    TypeError
+        If one of the functions isn't callable.
+    ValueError
+        If ``matrices`` aren't finite numbers of that shape, or ``columns`` no positive integer.
+
+    Notes
+    -----
+    The flow is ``scipy.linalg.expm`` of :math:`\sum_i v_i A_i`.
+
+    Examples
+    --------
+    Rotations of a plane that is stretched along the second axis keep an ellipse.
+
+    >>> import numpy as np
+    >>> frame = MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]])
+    >>> frame.flow([np.pi / 2], [1.0, 0.0]).round(15) + 0.0
+    array([0., 2.])
+    """
+
+    _matrices: Points
+    _columns: int | None
+
+    def __init__(
+        self,
+        matrices: ArrayLike,
+        columns: int | None = None,
+        *,
+        membership_error: Function | None = None,
+        restore: Function | None = None,
+        random_point: Function | None = None,
+    ) -> None:
+        is_complex = np.iscomplexobj(matrices)
+        array: Points = (complex_array if is_complex else real_array)(matrices, "matrices")
+        if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
+            raise ValueError(f"matrices must have shape (m, n, n), got {array.shape}")
+        if not np.isfinite(array).all():
+            raise ValueError("matrices must be finite")
+        if columns is not None:
+            check_size(columns, name="columns")
+        array.flags.writeable = False
+        object.__setattr__(self, "_matrices", array)
+        object.__setattr__(self, "_columns", columns)
+        self._set_functions(
+            membership_error=membership_error, restore=restore, random_point=random_point
+        )
+
+    def __repr__(self) -> str:
+        columns = "" if self._columns is None else f", {self._columns}"
+        functions = "".join(f", {name}={value!r}" for name, value in self._functions.items())
+        return f"MatrixFrame({self._matrices.tolist()}{columns}{functions})"
+
+    def _key(self) -> tuple[Any, ...]:
+        return (*super()._key(), self._matrices.tobytes())
+
+    @property
+    def matrices(self) -> Points:
+        """The matrices of the fields, shape ``(m, n, n)``, read-only."""
+        return self._matrices
+
+    @property
+    def dim(self) -> int:
+        """Number of matrices."""
+        return len(self._matrices)
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """The shape ``(n,)``, or ``(n, columns)``."""
+        n = self._matrices.shape[1]
+        return (n,) if self._columns is None else (n, self._columns)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Complex if the matrices are."""
+        return self._matrices.dtype
+
+    def _apply(self, matrix: Points, y: Points) -> Points:
+        if self._columns is None:
+            return np.asarray((matrix @ y[..., None])[..., 0])
+        return np.asarray(matrix @ y)
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
+        r"""Return :math:`\sum_i v_i A_i y`, shape ``(..., *point_shape)``."""
+        vector, point = self._arguments(v, y)
+        return self._apply(combine(vector, self._matrices), point)
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
+        r"""Return :math:`\exp(\sum_i v_i A_i)\, y`, shape ``(..., *point_shape)``.
+
+        Raises
+        ------
+        ValueError
+            If the trailing axes have other lengths.
+        """
+        vector, point = self._arguments(v, y)
+        return self.restore(self._apply(expm(combine(vector, self._matrices)), point))

@@ -1,0 +1,133 @@
+"""What a user's own frames share: functions of points that the user may supply."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, Frame, Points, complex_array, real_array
+
+Function = Callable[..., Any]
+
+
+class UserFrame(Frame):
+    """A frame some of whose members are functions that the user supplies.
+
+    They are given single points, whatever the batch, and their results are checked.
+    """
+
+    _functions: dict[str, Function]
+
+    def _set_functions(self, **functions: Function | None) -> None:
+        for name, function in functions.items():
+            if function is not None and not callable(function):
+                raise TypeError(f"{name} must be a function or None, got {function!r}")
+        given = {name: function for name, function in functions.items() if function is not None}
+        object.__setattr__(self, "_functions", given)
+
+    def _key(self) -> tuple[Any, ...]:
+        """Return what two equal frames agree in."""
+        return (self.point_shape, self.dtype, tuple(sorted(self._functions.items())))
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other._key() == self._key()
+
+    def __hash__(self) -> int:
+        return hash((self.point_shape, self.dtype, tuple(self._functions)))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"a {type(self).__name__} is immutable: {name} can't be set")
+
+    def _call(
+        self,
+        name: str,
+        function: Function,
+        arguments: list[tuple[Points, int]],
+        shape: tuple[int, ...],
+        dtype: Any = np.float64,
+    ) -> Points:
+        """Call ``function`` for every entry of a batch, and stack what it returns.
+
+        Parameters
+        ----------
+        name
+            What to call the function in an error message.
+        function
+            Called with one array for each of ``arguments``.
+        arguments
+            Arrays, each with the number of its trailing axes that form one argument.
+        shape, dtype
+            What ``function`` must return.
+        """
+        leads = [a.shape[: a.ndim - axes] for a, axes in arguments]
+        lead = np.broadcast_shapes(*leads)
+        spread = [np.broadcast_to(a, lead + a.shape[a.ndim - axes :]) for a, axes in arguments]
+        result = np.empty(lead + shape, dtype=dtype)
+        convert = complex_array if result.dtype.kind == "c" else real_array
+        for index in np.ndindex(lead):
+            value = convert(function(*(a[index] for a in spread)), f"the value of {name}")
+            if value.shape != shape:
+                raise ValueError(f"{name} must return shape {shape}, got shape {value.shape}")
+            result[index] = value
+        return result
+
+    def _on_points(self, name: str, shape: tuple[int, ...], *points: Points) -> Points | None:
+        """Return what the user's function of that name says of the points, None without one."""
+        function = self._functions.get(name)
+        if function is None:
+            return None
+        rank = len(self.point_shape)
+        dtype = self.dtype if name == "restore" else np.float64
+        return self._call(name, function, [(p, rank) for p in points], shape, dtype)
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after the user's ``restore``, if there is one."""
+        restored = self._on_points("restore", self.point_shape, y)
+        return y if restored is None else restored
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return what the user's function says, else zeros: every array is a point then."""
+        point = self._points(y)
+        error = self._on_points("membership_error", (), point)
+        return (
+            np.zeros(point.shape[: point.ndim - len(self.point_shape)]) if error is None else error
+        )
+
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return what the user's function says, else the distance in the ambient space."""
+        distance = self._on_points("distance", (), self._points(x, "x"), self._points(y))
+        return super().distance(x, y) if distance is None else distance
+
+    def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
+        """Return what the user's function says, else None."""
+        points = self._points(y0, "y0"), self._points(y1, "y1")
+        return self._on_points("exp_coordinates", (self.dim,), *points)
+
+    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+        """Return points from the user's function, or normal ones where all arrays are points.
+
+        Raises
+        ------
+        NotImplementedError
+            If the user gave ``membership_error``, but no ``random_point``.
+        """
+        function = self._functions.get("random_point")
+        if function is not None:
+            # A batch of empty arguments, so that the function is called once for each point.
+            empty = np.empty((*size, 0))
+            return self._call(
+                "random_point",
+                lambda _: function(rng),
+                [(empty, 1)],
+                self.point_shape,
+                self.dtype,
+            )
+        if "membership_error" in self._functions:
+            raise NotImplementedError(f"{self!r} has a membership_error, but no random_point")
+        normal = rng.standard_normal((*size, *self.point_shape))
+        if self.dtype.kind == "c":
+            return normal + 1j * rng.standard_normal(normal.shape)
+        return normal
