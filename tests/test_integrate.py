@@ -246,7 +246,7 @@ def never(t, y):
         ({"frame": "SO3"}, TypeError, "frame must be a Frame"),
         ({"method": "CG99"}, ValueError, "method must be one of .*CG3.*, got 'CG99'"),
         ({"method": 3}, TypeError, "method must be a name or a Tableau, got 3"),
-        ({"method": IMPLICIT}, ValueError, "method must be explicit"),
+        ({"method": IMPLICIT, "stage_solver": "guess"}, ValueError, "stage_solver must be .newton"),
         ({"h": 0.0}, ValueError, "h must be positive and finite, got 0.0"),
         ({"h": -0.1}, ValueError, "h must be positive and finite, got -0.1"),
         ({"h": np.nan}, ValueError, "h must be positive and finite, got nan"),

@@ -5,7 +5,7 @@ import pytest
 
 from cg.catalogue import methods
 from cg.convergence import final_errors, observed_order, slopes
-from cg.integrate import fixed
+from cg.integrate.step import Step
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 
@@ -59,9 +59,9 @@ def test_the_methods_of_the_paper_are_among_them():
 
 @pytest.mark.parametrize("name", [n for n, (_, order) in BELOW_SIX.items() if order >= 3])
 def test_reversed_rows_drop_to_order_two(problem, name, monkeypatch):
-    compose = fixed._Step.compose
+    compose = Step.compose
     monkeypatch.setattr(
-        fixed._Step,
+        Step,
         "compose",
         lambda self, row, fields, point, h: compose(self, row[::-1], fields, point, h),
     )

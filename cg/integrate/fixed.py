@@ -1,57 +1,34 @@
-"""Explicit Crouch-Grossman methods with a fixed step."""
+"""Crouch-Grossman methods with a fixed step."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from numbers import Real
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame, real_array
+from cg.frames.base import Array, Frame, Points, complex_array, real_array
+from cg.integrate.implicit import DEFAULT_STAGE_SOLVER
+from cg.integrate.result import Trajectory
+from cg.integrate.step import Coefficients, Step
 from cg.tableau import Tableau
 
-Coefficients = Callable[[float, Array], ArrayLike]
+__all__ = [
+    "Coefficients",
+    "Trajectory",
+    "check_points",
+    "check_problem",
+    "check_span",
+    "fixed_steps",
+    "integrate",
+    "resolve_method",
+    "time_grid",
+]
 
 # A step number must be an exact float, or the times would not be distinct.
 _MOST_STEPS = 2**53
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """A numerical solution.
-
-    Attributes
-    ----------
-    t
-        Times, shape ``(steps + 1,)``, read-only.
-    y
-        Points, shape ``(steps + 1, *point_shape)``, read-only.
-    nfev
-        Number of evaluations of the coefficients.
-    nexp
-        Number of flows (exponentials) that were computed.
-    method
-        The tableau that was used.
-    h
-        Absolute size of all steps but perhaps the last.
-    """
-
-    t: Array
-    y: Array
-    nfev: int
-    nexp: int
-    method: Tableau
-    h: float
-
-    def __repr__(self) -> str:
-        return (
-            f"Trajectory(t={self.t[0]:g}...{self.t[-1]:g}, steps={len(self.t) - 1}, "
-            f"nfev={self.nfev}, nexp={self.nexp}, h={self.h:g})"
-        )
 
 
 def integrate(
@@ -62,15 +39,16 @@ def integrate(
     frame: Frame,
     method: str | Tableau,
     h: float,
+    stage_solver: str = DEFAULT_STAGE_SOLVER,
 ) -> Trajectory:
-    r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` by an explicit method with a fixed step.
+    r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` with a fixed step.
 
-    One step from :math:`p = y_k` is equation (2.2) of [1]_: with :math:`F_j` the vector field
-    whose coefficients are frozen at stage :math:`j`,
+    One step from :math:`p = y_k` is equation (2.2) of [1]_, or (2.3) for an implicit method:
+    with :math:`F_j` the vector field whose coefficients are frozen at stage :math:`j`,
 
     .. math::
 
-        Y_i = e^{h a_{i,i-1} F_{i-1}} \cdots e^{h a_{i1} F_1} p, \qquad
+        Y_i = e^{h a_{is} F_s} \cdots e^{h a_{i1} F_1} p, \qquad
         y_{k+1} = e^{h b_s F_s} \cdots e^{h b_1 F_1} p .
 
     The flow of the lowest stage is applied first, the coefficients of stage :math:`i` are taken
@@ -79,12 +57,14 @@ def integrate(
     Parameters
     ----------
     f
-        ``f(t, y)`` returns the coefficients, shape ``(frame.dim,)``.  It is given a read-only
-        ``y`` of shape ``frame.point_shape``.  An exception that it raises ends the call.
+        ``f(t, y)`` returns the coefficients, shape ``(*batch, frame.dim)``.  It is given a
+        read-only ``y`` of shape ``(*batch, *frame.point_shape)``.  An exception that it raises
+        ends the call.
     t_span
         Initial and final time.  If the final time is smaller, integration runs backward.
     y0
-        Initial point, shape ``frame.point_shape``.
+        Initial point, shape ``frame.point_shape``; or with any number of leading axes, an
+        ensemble of initial points that are integrated at once.
     frame
         The frame that holds the points and supplies the flows.
     method
@@ -92,6 +72,8 @@ def integrate(
     h
         Step size, positive whatever the direction.  If it doesn't divide the span, the last
         step is shorter.
+    stage_solver
+        How the stages of an implicit method are found: ``"newton"`` or ``"fixed-point"``.
 
     Returns
     -------
@@ -107,6 +89,8 @@ def integrate(
         another shape or numbers that aren't finite.
     OverflowError
         If the solution exceeds the range of floating point.
+    ConvergenceError
+        If the stages of an implicit method can't be found.
 
     References
     ----------
@@ -125,31 +109,98 @@ def integrate(
     >>> solution.y[-1].round(12)[:, 0]
     array([0., 1., 0.])
     """
+    tableau = check_problem(f, frame, method)
+    times = time_grid(t_span, h)
+    point = check_points(frame, y0)
+    batch = point.shape[: point.ndim - len(frame.point_shape)]
+    step = Step(f, frame, tableau, batch=batch, stage_solver=stage_solver)
+    points = np.empty((len(times), *point.shape), dtype=point.dtype)
+    points[0] = point
+    for k, (_, reached) in enumerate(fixed_steps(step, times, float(h), point), start=1):
+        points[k] = reached
+    times.flags.writeable = points.flags.writeable = False
+    return Trajectory(times, points, step.nfev, step.nexp, tableau, float(h))
+
+
+def fixed_steps(
+    step: Step, times: Array, h: float, point: Points
+) -> Iterator[tuple[float, Points]]:
+    """Give time and point at the end of each step of a fixed-step integration.
+
+    Parameters
+    ----------
+    step
+        The step function.
+    times
+        The grid, as `time_grid` makes it.
+    h
+        Step size, positive.
+    point
+        The initial point or points.
+
+    Raises
+    ------
+    OverflowError
+        If the solution exceeds the range of floating point.
+    """
+    grid: list[float] = times.tolist()
+    # Full steps take h itself, not differences of rounded times, so that all are equal.
+    size = math.copysign(h, grid[-1] - grid[0])
+    for k in range(1, len(grid)):
+        if k == len(grid) - 1:
+            size = _last_step(grid[-2], grid[-1], size)
+        point = step(grid[k - 1], point, size)
+        if not np.isfinite(point).all():
+            raise OverflowError(f"the solution is no longer finite at t = {grid[k]:.17g}")
+        yield grid[k], point
+
+
+def check_problem(f: object, frame: object, method: str | Tableau) -> Tableau:
+    """Return the tableau after checking what every integration begins with.
+
+    Raises
+    ------
+    TypeError
+        If ``f`` isn't callable, ``frame`` isn't a `Frame`, or ``method`` is neither a name nor a
+        tableau.
+    ValueError
+        If no method has that name.
+    """
     if not callable(f):
         raise TypeError(f"f must be callable as f(t, y), got {f!r}")
     if not isinstance(frame, Frame):
         raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
-    tableau = resolve_method(method)
-    if not tableau.explicit:
-        raise ValueError(f"method must be explicit, got the implicit {method!r}")
-    times = time_grid(t_span, h)
-    point = frame.check_point(y0, name="y0")
+    return resolve_method(method)
 
-    step = _Step(f, frame, tableau)
-    steps = len(times) - 1
-    points = np.empty((steps + 1, *frame.point_shape))
-    points[0] = point
-    # Full steps take h itself, not differences of rounded times, so that all are equal.
-    sizes = [math.copysign(float(h), times[-1] - times[0])] * steps
-    if sizes:
-        sizes[-1] = _last_step(float(times[-2]), float(times[-1]), sizes[-1])
-    for k, (t, size) in enumerate(zip(times.tolist(), sizes, strict=False)):
-        point = step(t, point, size)
-        if not np.isfinite(point).all():
-            raise OverflowError(f"the solution is no longer finite at t = {times[k + 1]:.17g}")
-        points[k + 1] = point
-    times.flags.writeable = points.flags.writeable = False
-    return Trajectory(times, points, steps * step.nfev, steps * step.nexp, tableau, float(h))
+
+def check_points(frame: Frame, y0: ArrayLike) -> Points:
+    """Return an initial point, or an ensemble of them, as a new array after checking it.
+
+    Parameters
+    ----------
+    frame
+        The frame that is to hold the points.
+    y0
+        Shape ``(*batch, *frame.point_shape)``.
+
+    Raises
+    ------
+    ValueError
+        If a point has another shape, isn't finite, lies off the manifold, or there is none.
+    """
+    points = (real_array if frame.dtype.kind == "f" else complex_array)(y0, "y0")
+    rank = len(frame.point_shape)
+    batch = points.shape[: max(points.ndim - rank, 0)]
+    if not batch or points.shape[len(batch) :] != frame.point_shape:
+        return frame.check_point(y0, name="y0")
+    if points.size == 0:
+        raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
+    finite = np.isfinite(points).all(axis=tuple(range(-rank, 0)))
+    # The worst one alone gets the full check, whose message names what is wrong with it.
+    errors = frame.membership_error(points) if finite.all() else ~finite
+    worst = np.unravel_index(np.argmax(errors), batch)
+    frame.check_point(points[worst], name=f"y0[{', '.join(map(str, worst))}]")
+    return points
 
 
 def resolve_method(method: str | Tableau) -> Tableau:
@@ -182,6 +233,19 @@ def resolve_method(method: str | Tableau) -> Tableau:
     return methods[method]
 
 
+def check_span(t_span: Sequence[float]) -> tuple[float, float]:
+    """Return initial and final time; ValueError unless they are finite and so is their distance."""
+    try:
+        start, stop = (float(t) for t in t_span)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"t_span must be two numbers, got {t_span!r}") from error
+    if not (math.isfinite(start) and math.isfinite(stop)):
+        raise ValueError(f"t_span must be finite, got {t_span!r}")
+    if not math.isfinite(stop - start):
+        raise ValueError(f"t_span must have a finite length, got {t_span!r}")
+    return start, stop
+
+
 def time_grid(t_span: Sequence[float], h: float) -> Array:
     """Return the times of a fixed-step integration.
 
@@ -206,20 +270,13 @@ def time_grid(t_span: Sequence[float], h: float) -> Array:
         If ``t_span`` isn't two finite numbers, or ``h`` isn't positive and finite, or so small
         that the times can't be told apart.
     """
-    try:
-        start, stop = (float(t) for t in t_span)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"t_span must be two numbers, got {t_span!r}") from error
-    if not (math.isfinite(start) and math.isfinite(stop)):
-        raise ValueError(f"t_span must be finite, got {t_span!r}")
+    start, stop = check_span(t_span)
     if isinstance(h, bool) or not isinstance(h, Real):
         raise TypeError(f"h must be a real number, got {h!r}")
     size = float(h)
     if not (math.isfinite(size) and size > 0.0):
         raise ValueError(f"h must be positive and finite, got {h!r}")
     span = abs(stop - start)
-    if not math.isfinite(span):
-        raise ValueError(f"t_span must have a finite length, got {t_span!r}")
     if span == 0.0:
         return np.array([start])
     largest = max(abs(start), abs(stop))
@@ -240,57 +297,3 @@ def _last_step(t: float, stop: float, h: float) -> float:
     rest = stop - t
     slack = 4.0 * (math.ulp(max(abs(t), abs(stop))) + math.ulp(h))
     return h if abs(rest - h) <= slack else rest
-
-
-class _Step:
-    """One step (2.2) of a tableau, prepared for many repetitions."""
-
-    def __init__(self, f: Coefficients, frame: Frame, tableau: Tableau) -> None:
-        self.f = f
-        self.frame = frame
-        self.abscissae = tableau.c.tolist()
-        self.rows = [_nonzero(row[:i]) for i, row in enumerate(tableau.a)]
-        self.weights = _nonzero(tableau.b)
-        self.nfev = tableau.stages
-        self.nexp = sum(map(len, self.rows)) + len(self.weights)
-
-    def __call__(self, t: float, point: Array, h: float) -> Array:
-        fields: list[Array] = []
-        for c, row in zip(self.abscissae, self.rows, strict=True):
-            fields.append(self.evaluate(t + c * h, self.compose(row, fields, point, h)))
-        return self.compose(self.weights, fields, point, h)
-
-    def compose(
-        self, row: list[tuple[int, float]], fields: list[Array], point: Array, h: float
-    ) -> Array:
-        """Apply the flows of a row of coefficients, that of the lowest stage first."""
-        for j, coefficient in row:
-            point = self.frame.flow(h * coefficient * fields[j], point)
-        return point
-
-    def evaluate(self, t: float, point: Array) -> Array:
-        """Return f(t, point) after checking it."""
-        visible = point.view()
-        visible.flags.writeable = False
-        value: Any = self.f(t, visible)
-        try:
-            # This copies, since f may return the same buffer each time.
-            coefficients = real_array(value, "f")
-        except ValueError as error:
-            raise ValueError(
-                f"f must return {self.frame.dim} real numbers, got {value!r} at t = {t:.17g}"
-            ) from error
-        if coefficients.shape != (self.frame.dim,):
-            raise ValueError(
-                f"f must return an array of shape ({self.frame.dim},), "
-                f"got shape {coefficients.shape} at t = {t:.17g}"
-            )
-        if not np.isfinite(coefficients).all():
-            if not np.isfinite(point).all():
-                raise OverflowError(f"a stage is no longer finite at t = {t:.17g}")
-            raise ValueError(f"f must return finite numbers, got {coefficients} at t = {t:.17g}")
-        return coefficients
-
-
-def _nonzero(row: Array) -> list[tuple[int, float]]:
-    return [(j, value) for j, value in enumerate(row.tolist()) if value != 0.0]

@@ -1,0 +1,106 @@
+"""The results of integrations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cg.frames.base import Array, Points
+from cg.integrate.dense import DenseOutput
+from cg.tableau import Tableau
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A numerical solution with fixed steps.
+
+    Attributes
+    ----------
+    t
+        Times, shape ``(steps + 1,)``, read-only.
+    y
+        Points, shape ``(steps + 1, *batch, *point_shape)``, read-only.
+    nfev
+        Number of evaluations of the coefficients.
+    nexp
+        Number of flows (exponentials) that were computed; one of a whole ensemble counts once.
+    method
+        The tableau that was used.
+    h
+        Absolute size of all steps but perhaps the last.
+    """
+
+    t: Array
+    y: Points
+    nfev: int
+    nexp: int
+    method: Tableau
+    h: float
+
+    def __repr__(self) -> str:
+        return (
+            f"Trajectory(t={self.t[0]:g}...{self.t[-1]:g}, steps={len(self.t) - 1}, "
+            f"nfev={self.nfev}, nexp={self.nexp}, h={self.h:g})"
+        )
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What `cg.solve_ivp` returns, with the field names of SciPy's function.
+
+    Attributes
+    ----------
+    t
+        Times, shape ``(n,)``, read-only.
+    y
+        Points, shape ``(n, *batch, *point_shape)``, read-only.  Time is the *first* axis, unlike
+        in SciPy, since points are arrays of any shape.
+    sol
+        The continuous solution, or None unless ``dense_output`` was asked for.
+    t_events
+        For each event the times at which it happened, or None without events.
+    y_events
+        For each event the points, shape ``(n_i, *point_shape)``, or None without events.
+    nfev
+        Evaluations of the coefficients.
+    njev, nlu
+        Jacobians of stage equations and their factorisations; zero for explicit methods.
+    nexp
+        Flows (exponentials) that steps and continuous solution took, those of rejected steps
+        included.
+    steps
+        Accepted steps.
+    nrejected
+        Rejected steps.
+    status
+        0: the end was reached; 1: an event ended the integration; -1: the step size became too
+        small, and ``t`` and ``y`` hold what had been accepted.
+    message
+        The same in words.
+    success
+        Whether ``status`` is at least 0.
+    method
+        The tableau that was used.
+    """
+
+    t: Array
+    y: Points
+    sol: DenseOutput | None
+    t_events: list[Array] | None
+    y_events: list[Points] | None
+    nfev: int
+    njev: int
+    nlu: int
+    nexp: int
+    steps: int
+    nrejected: int
+    status: int
+    message: str
+    success: bool
+    method: Tableau
+
+    def __repr__(self) -> str:
+        times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
+        return (
+            f"Solution(t={times}, status={self.status}, steps={self.steps}, "
+            f"nrejected={self.nrejected}, nfev={self.nfev}, nexp={self.nexp})"
+        )
