@@ -5,12 +5,13 @@ from __future__ import annotations
 from . import frames
 from .catalogue import methods
 from .construct import construct
-from .integrate import integrate
+from .integrate import ConvergenceError, integrate, solve_ivp
 from .search import search
 from .solve.lmdif import lmdif
 from .tableau import Tableau, TableauError
 
 __all__ = [
+    "ConvergenceError",
     "Tableau",
     "TableauError",
     "construct",
@@ -19,5 +20,6 @@ __all__ = [
     "lmdif",
     "methods",
     "search",
+    "solve_ivp",
 ]
 __version__ = "0.1.0"

@@ -1,5 +1,16 @@
 """Integration of differential equations on manifolds."""
 
-from cg.integrate.fixed import Trajectory, integrate
+from cg.integrate.dense import DenseOutput
+from cg.integrate.fixed import integrate
+from cg.integrate.implicit import ConvergenceError
+from cg.integrate.ivp import solve_ivp
+from cg.integrate.result import Solution, Trajectory
 
-__all__ = ["Trajectory", "integrate"]
+__all__ = [
+    "ConvergenceError",
+    "DenseOutput",
+    "Solution",
+    "Trajectory",
+    "integrate",
+    "solve_ivp",
+]

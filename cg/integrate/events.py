@@ -1,0 +1,164 @@
+"""Events: where a function of the solution changes sign."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from cg.frames.base import Array, Points
+from cg.integrate.dense import Segment
+
+EventFunction = Callable[..., Any]
+
+_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
+
+
+class Event:
+    """A function whose zeros along the solution are wanted.
+
+    Parameters
+    ----------
+    function
+        ``function(t, y, *args)`` returns a real number.  As in SciPy its attribute ``terminal``
+        (False unless present) tells whether the event ends the integration, or after how many
+        times; ``direction`` (0 unless present) restricts it to zeros where the function
+        increases (positive) or decreases (negative) along the integration.
+    index
+        Its place in the list, for messages.
+    args
+        Further arguments.
+
+    Raises
+    ------
+    TypeError
+        If ``function`` isn't callable.
+    ValueError
+        If an attribute has an impossible value.
+    """
+
+    def __init__(self, function: EventFunction, index: int, args: tuple[Any, ...]) -> None:
+        if not callable(function):
+            raise TypeError(f"events[{index}] must be callable as event(t, y), got {function!r}")
+        terminal = getattr(function, "terminal", False)
+        direction = getattr(function, "direction", 0)
+        # Any number that isn't a whole one would silently mean another count.
+        if isinstance(terminal, bool | np.bool_) or terminal is None:
+            self.most = 1.0 if terminal else math.inf
+        elif isinstance(terminal, int | np.integer) and terminal > 0:
+            self.most = float(terminal)
+        else:
+            raise ValueError(
+                f"events[{index}].terminal must be a bool or a positive integer, got {terminal!r}"
+            )
+        try:
+            self.direction = float(direction)
+        except (TypeError, ValueError):
+            self.direction = math.nan
+        if math.isnan(self.direction):
+            raise ValueError(f"events[{index}].direction must be a number, got {direction!r}")
+        self.function = function
+        self.index = index
+        self.args = args
+        self.value = math.nan
+        self.times: list[float] = []
+        self.points: list[Points] = []
+
+    def __call__(self, t: float, y: Points) -> float:
+        """Return the function's value after checking it."""
+        visible = y.view()
+        visible.flags.writeable = False
+        raw = self.function(t, visible, *self.args)
+        try:
+            value = float(np.asarray(raw, dtype=np.float64).item())
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"events[{self.index}] must return a real number, got {raw!r} at t = {t:.17g}"
+            ) from error
+        if not math.isfinite(value):
+            raise ValueError(
+                f"events[{self.index}] must return a finite number, got {value} at t = {t:.17g}"
+            )
+        return value
+
+    def root(self, segment: Segment) -> float | None:
+        """Return where the function changes sign within a step, or None if it doesn't."""
+        before, self.value = self.value, self(segment.t1, segment.y1)
+        # A zero at the very beginning of a step was either found at the end of the last step or
+        # is the initial point, which nothing has led to.
+        up = before < 0.0 <= self.value and self.direction >= 0.0
+        down = before > 0.0 >= self.value and self.direction <= 0.0
+        if not (up or down):
+            return None
+        ends = {segment.t0: before, segment.t1: self.value}
+
+        def value(t: float) -> float:
+            return ends[t] if t in ends else self(t, segment(np.array([t]))[0])
+
+        return float(brentq(value, segment.t0, segment.t1, xtol=_TOLERANCE, rtol=_TOLERANCE))
+
+
+class EventLog:
+    """The events of one integration.
+
+    Parameters
+    ----------
+    events
+        A function, a sequence of them, or None.
+    args
+        Further arguments of the functions.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `Event` does.
+    """
+
+    def __init__(self, events: Any, args: tuple[Any, ...] = ()) -> None:
+        if events is None:
+            functions: Sequence[Any] = ()
+        elif callable(events):
+            functions = (events,)
+        elif isinstance(events, Sequence) and not isinstance(events, str):
+            functions = events
+        else:
+            raise TypeError(f"events must be a function or a sequence of them, got {events!r}")
+        self.wanted = events is not None
+        self.events = [Event(function, i, args) for i, function in enumerate(functions)]
+
+    def __bool__(self) -> bool:
+        return bool(self.events)
+
+    def start(self, t: float, y: Points) -> None:
+        """Evaluate all functions at the initial point."""
+        for event in self.events:
+            event.value = event(t, y)
+
+    def record(self, segment: Segment) -> float | None:
+        """Record what happens within a step; return the time at which that ends the integration.
+
+        Events after the one that ends it are not recorded.
+        """
+        found = [(t, event) for event in self.events if (t := event.root(segment)) is not None]
+        for t, event in sorted(found, key=lambda pair: abs(pair[0] - segment.t0)):
+            event.times.append(t)
+            event.points.append(segment(np.array([t]))[0])
+            if len(event.times) >= event.most:
+                return t
+        return None
+
+    def times(self) -> list[Array] | None:
+        """Return the times of each event, or None if there were no events to look for."""
+        if not self.wanted:
+            return None
+        return [np.array(event.times, dtype=np.float64) for event in self.events]
+
+    def points(self, y0: Points) -> list[Points] | None:
+        """Return the points of each event, shaped like ``y0`` with one more leading axis."""
+        if not self.wanted:
+            return None
+        shape = (-1, *y0.shape)
+        return [np.array(e.points, dtype=y0.dtype).reshape(shape) for e in self.events]
