@@ -59,9 +59,9 @@ class Plan:
 PLANS = {
     4: Plan(4, 5, 1000, 20_000, 3_200, 1e-12, 320, 1e-15, 1e-31),
     # zeros at order five lie at the end of long valleys: most take 1e4 to 1e5 evaluations
-    5: Plan(5, 9, 320, 6_400, 100_000, 1e-12, 1840, 1e-15, 1e-31),
+    5: Plan(5, 9, 240, 4_800, 100_000, 1e-12, 1840, 1e-15, 1e-31),
     # no zero is known to this search, so that all starts go on, for a few Jacobians each
-    6: Plan(6, 16, 24, 480, 27_400, 1.0, 822, 1e-6, 1e-8),
+    6: Plan(6, 16, 16, 320, 27_400, 1.0, 822, 1e-6, 1e-8),
 }
 
 
