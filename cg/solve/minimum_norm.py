@@ -17,6 +17,7 @@ from scipy.linalg import cython_blas, cython_lapack
 
 from cg import _minimum_norm
 
+from ..checks import check_integer
 from ..conditions import Rows
 from .system import System
 
@@ -96,16 +97,20 @@ def fit_conditions(
     Raises
     ------
     ValueError
-        If `x0` doesn't fit the stages or isn't finite, or `free` has a wrong index.
+        If `x0` doesn't fit the stages or isn't finite, `free` has a wrong index, or a number
+        is out of its range.
     """
     system = System(order, stages, rows, embedded)
     size = system.size
     x = np.array(x0, dtype=np.float64)
     if x.shape != (size,) or not np.isfinite(x).all():
         raise ValueError(f"x0 must have {size} finite entries, got shape {x.shape}: {x}")
-    indices = system.free if free is None else np.unique(np.asarray(free, dtype=np.intp))
-    if indices.size and (indices[0] < 0 or indices[-1] >= size):
-        raise ValueError(f"free must hold indices from 0 to {size - 1}, got {free}")
+    indices = system.moving(free)
+    if not 0 <= ftol < np.inf:
+        raise ValueError(f"ftol must be finite and not negative, got {ftol}")
+    if not 0 < damping < np.inf:
+        raise ValueError(f"damping must be finite and positive, got {damping}")
+    max_iterations = check_integer("max_iterations", max_iterations, 0)
     trees, owner = system.conditions(independent=True)
     found, f, iterations, evaluations, status = _minimum_norm.fit_minimum_norm(
         order,

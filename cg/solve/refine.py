@@ -74,15 +74,25 @@ def refine(
     -------
     Refined
         The best point seen.
+
+    Raises
+    ------
+    ValueError
+        If `x` doesn't fit the stages or isn't finite, or `free` has a wrong index.
     """
     system = System(order, stages, rows, embedded)
     if x.shape != (system.size, 16):
         raise ValueError(f"x must have shape ({system.size}, 16), got {x.shape}")
-    moving = system.free if free is None else np.asarray(free, dtype=np.intp)
-    jac = system.jacobian(quad.to_float(x), independent=False)[:, moving]
-    left, values, right = linalg.svd(jac, full_matrices=False, lapack_driver="gesdd")
-    rank = int(np.sum(values > rcond * values[0]))
-    inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+    start = quad.to_float(x)
+    if not np.isfinite(start).all():
+        raise ValueError(f"x must be finite, got {start}")
+    moving = system.moving(free)
+    jac = system.jacobian(start, independent=False)[:, moving]
+    rank, inverse = 0, np.zeros(jac.T.shape)
+    if moving.size and np.isfinite(jac).all():  # else there is no correction
+        left, values, right = linalg.svd(jac, full_matrices=False, lapack_driver="gesdd")
+        rank = int(np.sum(values > rcond * values[0]))
+        inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
 
     best, best_size, iterations = x, np.inf, 0
     for iterations in range(max_iterations + 1):  # noqa: B007

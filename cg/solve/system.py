@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core_r64, _core_r128, quad
-from ..conditions import Rows, condition_trees, row_lengths, unknowns
+from ..conditions import HIGHEST_ORDER, Rows, condition_trees, row_lengths, unknowns
 
 __all__ = ["System"]
 
@@ -39,6 +40,12 @@ class System:
     embedded: bool = False
 
     def __post_init__(self) -> None:
+        # the compiled core trusts its callers with both
+        if not 1 <= self.order <= HIGHEST_ORDER:
+            least = "at least 1" if self.order < 1 else f"at most {HIGHEST_ORDER} in this build"
+            raise ValueError(f"order must be {least}, got {self.order}")
+        if self.stages < 1:
+            raise ValueError(f"stages must be at least 1, got {self.stages}")
         if self.embedded and self.order < 2:
             raise ValueError(f"order must be at least 2 for an embedded pair, got {self.order}")
 
@@ -61,6 +68,26 @@ class System:
             # row of the second weights: from its last-stage weight on; and b's last entry
             fixed = [*range(begin + self.stages - 1, self.size - self.packed_stages), self.size - 1]
         return np.setdiff1d(np.arange(self.size), fixed)
+
+    def moving(self, free: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
+        """Return the indices of entries that may change, sorted; `free` if None is given.
+
+        Raises
+        ------
+        ValueError
+            If an index isn't an integer or is out of range.
+        """
+        if free is None:
+            return self.free
+        given = np.asarray(free)
+        if given.size == 0:
+            return np.empty(0, dtype=np.intp)
+        if given.dtype.kind not in "iu":
+            raise ValueError(f"free must hold integers, got {free!r}")
+        indices = np.unique(given).astype(np.intp)
+        if indices[0] < 0 or indices[-1] >= self.size:
+            raise ValueError(f"free must hold indices from 0 to {self.size - 1}, got {free!r}")
+        return indices
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
         """Return trees, and the stage that a condition is on (0 for ``b``), both (m,)."""
