@@ -52,7 +52,10 @@ class Journal:
         stream = path.open("a+", encoding="utf-8")
         try:
             stream.seek(0)
-            text = stream.read()
+            try:
+                text = stream.read()
+            except UnicodeDecodeError as error:
+                raise ValueError(f"checkpoint {path} isn't text: {error}") from error
             whole = text[: text.rfind("\n") + 1]
             lines = whole.splitlines()
             if lines[:1] != [header] and (lines or not header.startswith(text)):

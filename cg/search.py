@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import cached_property, partial
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,24 +24,38 @@ from .conditions import (
     HIGHEST_ORDER,
     Rows,
     count,
-    residuals_quad,
     table_rows,
     unknowns,
 )
 from .journal import Journal
 from .parallel import as_finished, available_cores
 from .solve.minimum_norm import fit_conditions
+from .solve.polish import polish
 from .solve.refine import refine
+from .solve.system import System
 from .starts import Phase, SearchSettings, Start
 from .tableau import Tableau
 
-__all__ = ["EXACT", "Phase", "SearchResult", "SearchSettings", "Start", "random_start", "search"]
+__all__ = [
+    "EXACT",
+    "Phase",
+    "SearchResult",
+    "SearchSettings",
+    "Start",
+    "random_start",
+    "run_start",
+    "search",
+]
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
 EXACT = 1e-31
 """A method is exact if no residual of its order conditions, computed in real(16), exceeds
 this, relative to its largest coefficient where that is above 1."""
+
+
+_WIDEST = 1e300
+_NOTHING = Fraction(1, 10**40)  # corrections leave this much of a coefficient that is zero
 
 
 @dataclass(frozen=True)
@@ -58,7 +73,10 @@ class SearchResult:
 
     @cached_property
     def methods(self) -> tuple[Tableau, ...]:
-        """The exact methods found, distinct, smallest largest coefficient first."""
+        """The exact methods found, distinct, smallest largest coefficient first.
+
+        Their coefficients have 36 digits, corrected beyond real(16) in rational arithmetic.
+        """
         found: list[tuple[float, Tableau]] = []
         seen: set[tuple[float, ...]] = set()
         for start in self.starts:
@@ -79,8 +97,17 @@ class SearchResult:
         settings = self.settings
         name = f"order {settings.order}, {settings.stages} stages, start {start.index}"
         source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
+        # the last places that real(16) leaves may not be right to the digits that are written
+        polished = polish(
+            list(map(Fraction, start.x)), settings.stages, settings.order, rows=settings.rows
+        )
         return Tableau.from_packed(
-            start.x, settings.stages, rows=settings.rows, name=name, source=source
+            [entry if abs(entry) > _NOTHING else Fraction() for entry in polished.x],
+            settings.stages,
+            settings.rows,
+            digits=quad.DECIMAL_DIGITS,
+            name=name,
+            source=source,
         )
 
 
@@ -111,7 +138,7 @@ def search(
     seed: int,
     *,
     algorithm: str = "minimum-norm",
-    rows: Rows = Rows.EXPLICIT,
+    rows: Rows | str = Rows.EXPLICIT,
     width: float = 1.0,
     maxfev: int | None = None,
     refine_below: float = 1e-15,
@@ -138,7 +165,7 @@ def search(
         (`cg.solve.minimum_norm`, `cg.solve.refine`). ``"lmdif"`` is the paper's:
         differences for the Jacobian, rows of zeros for discarded trees, xtol = ftol =
         1e-18 in double and 1e-32 in real(16).
-    rows : Rows, optional
+    rows : {"explicit", "diagonal", "full"} or Rows, optional
         Explicit, diagonally implicit or fully implicit tableaux.
     width : float, optional
         Guesses are uniform in [-width, width].
@@ -157,7 +184,8 @@ def search(
     progress : callable, optional
         Called with the numbers of finished and of all starts.
     force : bool, optional
-        Try even where there are fewer unknowns than independent conditions.
+        Try even where there are fewer unknowns than independent conditions. Methods may
+        exist there, symmetric ones above all.
 
     Returns
     -------
@@ -181,12 +209,14 @@ def search(
         order, stages, seed, algorithm, rows, width, maxfev, refine_below, refine_maxfev, force
     )
     starts = check_integer("starts", starts, 1)
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress must be callable, got {progress!r}")
     workers = check_integer("workers", workers, 1) if workers is not None else available_cores()
     journal = Journal.open(checkpoint, asdict(settings)) if checkpoint is not None else None
-    records = map(Start.from_record, journal.records if journal else ())
-    done = {start.index: start for start in records}
-    missing = [index for index in range(starts) if index not in done]
     try:
+        records = map(Start.from_record, journal.records if journal else ())
+        done = {start.index: start for start in records}
+        missing = [index for index in range(starts) if index not in done]
         for start in as_finished(partial(run_start, settings), missing, workers):
             done[start.index] = start
             if journal:
@@ -200,15 +230,29 @@ def search(
 
 
 def run_start(settings: SearchSettings, index: int) -> Start:
-    """Run one start alone: guess, solve in double, refine in real(16)."""
+    """Run one start alone: guess, solve in double, refine in real(16).
+
+    Parameters
+    ----------
+    settings : SearchSettings
+        From `SearchResult.settings`.
+    index : int
+        Number of the start.
+
+    Returns
+    -------
+    Start
+    """
     size = unknowns(settings.stages, settings.rows)
     guess = random_start(settings.seed, index, size, settings.width)
     run = _run_lmdif if settings.algorithm == "lmdif" else _run_minimum_norm
     double, refined, bits = run(settings, guess)
     decimals = tuple(map(quad.to_decimal, quad.decode(bits)))
     stored = [Fraction(entry) for entry in decimals]
-    rest = residuals_quad(stored, settings.stages, settings.order, rows=settings.rows)
-    largest = float(max(map(abs, rest)))
+    system = System(settings.order, settings.stages, settings.rows)
+    largest = float(np.abs(system.residual_quad(quad.encode(stored))).max())
+    if not np.isfinite(largest):
+        largest = np.inf
     scale = max(1.0, float(max(map(abs, stored))))
     return Start(index, double, refined, decimals, largest, largest <= EXACT * scale)
 
@@ -221,15 +265,17 @@ def _run_lmdif(
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
     shape = (settings.order, settings.stages, int(settings.rows))
     x, f, info, nfev = _core_r64.fit_lmdif(*shape, guess, trees, [1e-18], [1e-18], settings.maxfev)
-    double, bits = Phase(float(f[0]), int(info), int(nfev)), quad.from_float(x)
+    double = Phase(_finite(f[0]), int(info), int(nfev))
+    bits = quad.from_float(x if np.isfinite(x).all() else guess)
     if double.f > settings.refine_below:
         return double, None, bits
     tolerance = quad.from_float([1e-32]).T
     found, f, info, nfev = _core_r128.fit_lmdif(
         *shape, bits.T, trees, tolerance, tolerance, settings.refine_maxfev
     )
-    refined = Phase(float(quad.to_float(f.T)[0]), int(info), int(nfev))
-    return double, refined, np.ascontiguousarray(found.T)
+    refined = Phase(_finite(quad.to_float(f.T)[0]), int(info), int(nfev))
+    found = np.ascontiguousarray(found.T)
+    return double, refined, found if np.isfinite(quad.to_float(found)).all() else bits
 
 
 def _run_minimum_norm(
@@ -242,7 +288,7 @@ def _run_minimum_norm(
         rows=settings.rows,
         max_iterations=max(1, settings.maxfev // 2),
     )
-    double, bits = Phase(fit.f, int(fit.status), fit.evaluations), quad.from_float(fit.x)
+    double, bits = Phase(_finite(fit.f), int(fit.status), fit.evaluations), quad.from_float(fit.x)
     if double.f > settings.refine_below:
         return double, None, bits
     refined = refine(bits, settings.stages, settings.order, rows=settings.rows)
@@ -251,12 +297,26 @@ def _run_minimum_norm(
     return double, Phase(bound, int(fit.status), refined.iterations + 1), refined.x
 
 
+def _finite(f: float) -> float:
+    """Return a sum of squares, infinite where it overflowed or isn't a number."""
+    return float(f) if np.isfinite(f) else np.inf
+
+
+def _rows(rows: Rows | str) -> Rows:
+    names = {pattern.name.lower(): pattern for pattern in Rows}
+    if isinstance(rows, str) and rows in names:
+        return names[rows]
+    if not isinstance(rows, str) and rows in tuple(Rows):
+        return Rows(rows)
+    raise ValueError(f"rows must be one of {', '.join(names)}, got {rows!r}")
+
+
 def _settings(
     order: int,
     stages: int,
     seed: int,
     algorithm: str,
-    rows: Rows,
+    rows: Rows | str,
     width: float,
     maxfev: int | None,
     refine_below: float,
@@ -270,16 +330,18 @@ def _settings(
     seed = check_integer("seed", seed, 0)
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
-    rows = Rows(rows)
+    rows = _rows(rows)
     size, conditions = unknowns(stages, rows), count(order, independent=True)
     if size < conditions and not force:
         raise ValueError(
-            f"stages = {stages} gives {size} unknowns for {conditions} independent conditions of "
-            f"order {order}; pass force=True to try all the same"
+            f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for {conditions} "
+            f"independent conditions of order {order}; pass force=True to try all the same"
         )
     for name, value in (("width", width), ("refine_below", refine_below)):
-        if not (np.isreal(value) and 0 <= value < np.inf):
+        if not (isinstance(value, Real) and 0 <= value < np.inf):
             raise ValueError(f"{name} must be a finite number, not negative, got {value!r}")
+    if width > _WIDEST:
+        raise ValueError(f"width must be at most {_WIDEST:g}, got {width!r}")
     if maxfev is None:
         maxfev = 200 * (size + 1) if algorithm == "lmdif" else 400
     maxfev = check_integer("maxfev", maxfev, 1)
