@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
@@ -29,16 +29,23 @@ def as_finished(
     """
     # one piece a core: threads inside the linear algebra would only be in each other's way
     with threadpool_limits(1), ThreadPoolExecutor(max_workers=workers) as pool:
-        pending: set[Future[Result]] = set()
+        pending: dict[Future[Result], None] = {}  # in the order of submission
         try:
             for index in indices:
-                pending.add(pool.submit(work, index))
-                if len(pending) < 2 * workers:
-                    continue
-                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in finished)
+                pending[pool.submit(work, index)] = None
+                if len(pending) == 2 * workers:
+                    yield from _collect(pending)
             while pending:
-                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in finished)
+                yield from _collect(pending)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _collect(pending: dict[Future[Result], None]) -> Iterator[Result]:
+    """Wait for at least one and yield what is finished; one worker thus keeps the order."""
+    done, _ = wait(pending, return_when=FIRST_COMPLETED)
+    finished = [future for future in pending if future in done]
+    for future in finished:
+        del pending[future]
+    # one by one: a failure must not take the results before it along
+    yield from (future.result() for future in finished)
