@@ -5,12 +5,9 @@ STAMP := $(VENV)/.installed
 OUT ?= reproduce/out
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks lint benchmarks tools clean
+.PHONY: all build reproduce test test-all test-checks lint benchmarks clean
 
 all: build
-
-tools:
-	@sh tools/prerequisites.sh
 
 $(STAMP): pyproject.toml tools/prerequisites.sh
 	@sh tools/prerequisites.sh
@@ -32,10 +29,22 @@ test: build
 test-all: build
 	$(PY) -m pytest $(ARGS)
 
+# a second environment, whose core is compiled with run-time checks
+test-checks:
+	@sh tools/prerequisites.sh
+	test -d $(VENV)-checks || python3 -m venv $(VENV)-checks
+	$(VENV)-checks/bin/python -m pip install --quiet "meson-python>=0.18" "meson>=1.4" ninja "numpy>=2.0"
+	PATH="$(CURDIR)/$(VENV)-checks/bin:$$PATH" $(VENV)-checks/bin/python -m pip install --quiet \
+		--no-build-isolation -Cbuild-dir=build/checks -Csetup-args=-Dchecks=true --editable ".[test]"
+	$(VENV)-checks/bin/python -m pytest -m "not slow" $(ARGS)
+
+benchmarks: build
+	$(PY) -m benchmarks $(ARGS)
+
 lint: build
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 
 clean:
-	rm -rf build $(VENV) reproduce/out
+	rm -rf build $(VENV) $(VENV)-checks reproduce/out
