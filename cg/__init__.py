@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from . import frames
 from .catalogue import methods
+from .certify import Certificate, CertificationError, certify
 from .construct import construct
 from .integrate import ConvergenceError, integrate, solve_ivp
 from .search import search
@@ -11,9 +12,12 @@ from .solve.lmdif import lmdif
 from .tableau import Tableau, TableauError
 
 __all__ = [
+    "Certificate",
+    "CertificationError",
     "ConvergenceError",
     "Tableau",
     "TableauError",
+    "certify",
     "construct",
     "frames",
     "integrate",

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from . import conditions
 from .coefficients import Coefficient
 from .conditions import Rows
 from .quad import DECIMAL_DIGITS, to_decimal
+
+if TYPE_CHECKING:
+    from .certify import Certificate
 
 __all__ = ["Tableau", "TableauError"]
 
@@ -295,6 +298,42 @@ class Tableau:
         residuals = conditions.residuals(self.a, self.b, order + 1)
         lower = conditions.count(order) if order else 0
         return float(np.linalg.norm(residuals[lower:]))
+
+    def digits(
+        self, digits: int, *, certificate: Certificate | None = None, embedded: bool = False
+    ) -> tuple[list[list[str]], list[str]]:
+        """Return the coefficients of the exact method, to any number of digits.
+
+        Parameters
+        ----------
+        digits : int
+            Significant digits of the coefficients that the certificate doesn't hold fixed.
+        certificate : cg.Certificate, optional
+            By default the one of the catalogue; see `cg.certify`.
+        embedded : bool, optional
+            Return the second weights in place of b.
+
+        Returns
+        -------
+        a : list of s lists of s str
+        b : list of s str
+            All digits are right. Fixed coefficients are as they are stored.
+
+        Raises
+        ------
+        CertificationError
+            If there is no certificate, or it can't be proved.
+        ValueError
+            If `digits` is out of range, or there are no second weights.
+        """
+        from .certify import certificate_of, refined_digits
+
+        if embedded and self.embedded_weights is None:
+            raise ValueError(f"embedded: {self.name or 'the method'} has no second weights")
+        found = refined_digits(self, certificate or certificate_of(self), digits)
+        split = conditions.unknowns(self.stages, self.rows)
+        a, b = conditions.unpack(found[:split], self.stages, self.rows)
+        return [[str(entry) for entry in row] for row in a], found[split:] if embedded else b
 
     def _satisfies(self, order: int) -> bool:
         tolerance = self._tolerance(order)

@@ -1,0 +1,103 @@
+"""Coefficients to any number of digits, by Newton's method in the box of a certificate."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+from flint import arb, arb_mat
+
+from ..quad import to_decimal
+from ..tableau import Tableau
+from .certificate import Certificate, CertificationError
+from .krawczyk import krawczyk
+from .prove import Packed, box, free_of, precision, prove_box, system_of
+
+__all__ = ["MOST_DIGITS", "refined_digits"]
+
+MOST_DIGITS = 4000
+"""More decimal digits of an integer Python doesn't write by default."""
+
+_GUARD_DIGITS = 15
+
+
+def refined_digits(method: Tableau, certificate: Certificate, digits: int) -> list[str]:
+    """Return the coefficients of the exact solution that a certificate proves.
+
+    Parameters
+    ----------
+    method : Tableau
+    certificate : Certificate
+        It is proved once more, since all digits hang on it.
+    digits : int
+        Significant digits of the free coefficients, at most `MOST_DIGITS`.
+
+    Returns
+    -------
+    list of str
+        Packed row by row, second weights last. Fixed coefficients are as stored; all
+        digits of the others are right, the last one is rounded.
+
+    Raises
+    ------
+    ValueError
+        If `digits` is out of range.
+    CertificationError
+        If the certificate isn't one of the method.
+    """
+    if not 1 <= digits <= MOST_DIGITS:
+        raise ValueError(f"digits must be between 1 and {MOST_DIGITS}, got {digits}")
+    packed = Packed.of(method, certificate.embedded_order is not None)
+    texts = [coefficient.text for coefficient in packed.coefficients]
+    free = free_of(packed, certificate)
+    if Fraction(certificate.radius) == 0 or not free:
+        return texts
+    with precision(certificate.bits):
+        prove_box(packed, certificate)
+    for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
+        with precision(math.ceil(math.log2(10) * (digits + guard)) + certificate.bits):
+            found = _solve(packed, certificate, free, digits + guard)
+            rounded = [_rounded(ball, digits) for ball in found]
+        if all(rounded):
+            for k, text in zip(free, rounded, strict=True):
+                texts[k] = text or ""
+            return texts
+    raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
+
+
+def _solve(packed: Packed, certificate: Certificate, free: list[int], places: int) -> list[arb]:
+    """Return balls around the solution with so many decimal places."""
+    system = system_of(packed, certificate)
+    z = packed.balls()
+    target = arb(10) ** -places
+    for _ in range(places.bit_length() + 2):
+        values, jacobian = system.linearise(z)
+        columns = arb_mat([[row[k] for k in free] for row in jacobian.tolist()])
+        right = arb_mat([[value] for value in values])
+        step = columns.mid().solve(right.mid(), algorithm="approx").entries()
+        for k, change in zip(free, step, strict=True):
+            z[k] = (z[k] - change).mid()
+        if all(abs(change) < target for change in step):
+            break
+    attempt = krawczyk(system, z, free, target)
+    inside = box(packed, certificate)
+    found = [z[k] + arb(0, target.upper()) for k in free]
+    # unique in either box, and one within the other: the same solution
+    if not attempt.proved or not all(
+        inside[k].contains(ball) for k, ball in zip(free, found, strict=True)
+    ):
+        raise CertificationError(
+            f"{certificate.name}: {places} places aren't proved", ratio=attempt.ratio
+        )
+    return found
+
+
+def _rounded(ball: arb, digits: int) -> str | None:
+    """Write a ball with so many digits; None if they aren't the same at both of its ends."""
+    ends = {to_decimal(_exact(end), digits) for end in (ball.lower(), ball.upper())}
+    return ends.pop() if len(ends) == 1 else None
+
+
+def _exact(value: arb) -> Fraction:
+    mantissa, exponent = value.man_exp()
+    return int(mantissa) * Fraction(2) ** int(exponent)

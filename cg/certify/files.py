@@ -1,0 +1,67 @@
+"""The certificates of the catalogue: one TOML file for each method that has one."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from os import PathLike
+
+from ..catalogue import methods
+from ..tableau import Tableau
+from .certificate import Certificate, CertificationError
+from .prove import check
+
+__all__ = ["certificate_names", "certificate_of", "check_file", "folder"]
+
+
+def folder() -> Traversable:
+    """Return where the certificates are."""
+    return files("cg.catalogue") / "certificates"
+
+
+def certificate_names() -> list[str]:
+    """Return the names of the methods that have certificates."""
+    names = [path.name for path in folder().iterdir()]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def certificate_of(method: Tableau) -> Certificate:
+    """Return the certificate of a method of the catalogue.
+
+    Raises
+    ------
+    CertificationError
+        If it has none, or if the method isn't the one that the catalogue has by its name.
+    """
+    name = method.name
+    if name not in methods or methods[name] != method:
+        raise CertificationError(f"{name or 'the method'} isn't in the catalogue: see cg.certify")
+    path = folder() / f"{name}.toml"
+    if not path.is_file():
+        raise CertificationError(f"{name} has no certificate")
+    return Certificate.loads(path.read_text(encoding="utf-8"))
+
+
+def check_file(path: str | PathLike[str], method: Tableau | None = None) -> Certificate:
+    """Prove what a certificate file says from scratch, and return it.
+
+    Parameters
+    ----------
+    path : path
+    method : Tableau, optional
+        By default the one of the catalogue that the certificate names.
+
+    Raises
+    ------
+    CertificationError
+        If the file is no certificate, the method isn't known, or the proof fails.
+    OSError
+        If the file can't be read.
+    """
+    certificate = Certificate.load(path)
+    if method is None:
+        if certificate.name not in methods:
+            raise CertificationError(f"{path}: no method is named {certificate.name!r}")
+        method = methods[certificate.name]
+    check(certificate, method)
+    return certificate

@@ -1,0 +1,242 @@
+"""Identities between stages that explain why order conditions depend on each other.
+
+At some solutions the derivatives of the order conditions are dependent, so that no
+interval test can prove a zero of them directly. Where the solution satisfies further
+identities, these are added as equations, and the conditions that follow (`relations`)
+are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .relations import Identity, Relation, fill, kept_words, places, without
+from .systems import Equation, System, Term, condition
+from .weights import Quantity, Shape
+from .words import Word, shuffle, text
+
+__all__ = ["PathOrderTwo", "StageOrderTwo", "augment", "find_identities", "read_identity"]
+
+_SMALL = 1e-9  # what counts as zero when identities are looked for, not when they are proved
+
+_DOT: Word = ((),)  # τ as a word
+_LINE: Word = (((),),)  # [τ] as a word, [[τ]] as a letter
+_BUSH: Word = ((), ())  # ττ as a word, [ττ] as a letter
+
+
+@dataclass(frozen=True)
+class StageOrderTwo:
+    """``Σ_j a_ij c_j = c_i²/2`` at all stages i but one, the exception e.
+
+    So the letter ``[[τ]]`` may be replaced by ``[ττ]``, up to a letter that is zero
+    except on stage e: a mark. Weights are linear in the values of each letter, and both
+    trees have the same number of nodes and the same density, so
+
+        residual(t with [[τ]]) = residual(t with [ττ]) + κ Φ(t with the mark),
+        κ = Σ_j a_ej c_j - c_e²/2.
+
+    Attributes
+    ----------
+    exception : int
+        The stage e, from 0.
+    """
+
+    exception: int
+
+    @property
+    def name(self) -> str:
+        """Text from which it is read again."""
+        return f"C(2) except at stage {self.exception + 1}"
+
+    def equations(self, shape: Shape, zeros: Sequence[Collection[int]]) -> list[Equation]:
+        """Return ``Σ_j a_ij c_j - c_i²/2`` for all i but the exception.
+
+        Raises
+        ------
+        ValueError
+            If there is no such stage.
+        """
+        if not self.exception < shape.stages:
+            raise ValueError(f"there is no stage {self.exception + 1}")
+        return [
+            Equation(f"C(2) at stage {i + 1}", _difference(Quantity(i, _LINE), Quantity(i, _BUSH)))
+            for i in range(shape.stages)
+            if i != self.exception and shape.lengths[i]
+        ]
+
+    def relations(self, word: Word) -> Iterator[Relation]:
+        """Yield a relation for each letter of the word that the identity changes.
+
+        Such a letter is ``[z]`` with z in ``[τ] ⧢ y`` or in ``ττ ⧢ y`` for some word y.
+        At stage i, the sum over the first has the value ``Σ_j a_ij c_j Φ_i([y])``, that
+        over the second ``c_i²/2 Φ_i([y])``. Their difference is a multiple of the mark,
+        which is left out where y isn't empty: then the word with the mark is one with
+        fewer nodes. The factor κ is taken into the mark, whose weights are zero or not
+        with it.
+        """
+        for context, letter in places(word):
+            for y in without(letter, _LINE) | without(letter, _BUSH):
+                relation: Relation = {}
+                for piece, sign in ((_LINE, 1), (_BUSH, -1)):
+                    for z, multiplicity in shuffle(piece, y).items():
+                        _add(relation, fill(context, z), sign * multiplicity)
+                if not y:
+                    _add(relation, fill(context, self.exception), -1)
+                yield relation
+
+    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
+        """Tell whether a child of the root is the mark, and the weight there is zero."""
+        return self.exception in word and self.exception in zeros
+
+
+@dataclass(frozen=True)
+class PathOrderTwo:
+    """``Σ_{j<k} b_j (c_k - c_j) = c_k²/2`` at all stages k with a weight that isn't zero.
+
+    Along the weights, words are iterated integrals over a path that is linear on each
+    stage, and letters are constant there. With B and C for those of τ and [τ] up to a
+    point of the path on stage k, the left side is ``B c_k - C``, wherever on the stage.
+    Multiplied by the weights of a word w to the left, by a letter [y], and followed by a
+    word v to the right, it says of residuals, as weights of the exact solution satisfy it,
+
+        Σ_{τ ⧢ w} Σ_{τ ⧢ y} w [y] v - Σ_{[τ] ⧢ w} w [y] v - Σ_{ττ ⧢ y} w [y] v = 0.
+    """
+
+    @property
+    def name(self) -> str:
+        """Text from which it is read again."""
+        return "path of order two"
+
+    def equations(self, shape: Shape, zeros: Sequence[Collection[int]]) -> list[Equation]:
+        """Return ``Σ_{j<k} b_j (c_k - c_j) - c_k²/2`` where the weight isn't zero.
+
+        But ``c_k - 1`` for the last of these stages: at the end of the path B = 1 and
+        C = 1/2 by the conditions of orders one and two, so that the identity there is
+        ``(c_k - 1)² = 0``, whose derivative is zero.
+        """
+        found = []
+        for r, held in enumerate(zeros, shape.stages):
+            active = [k for k in range(shape.stages) if k not in held]
+            for k in active[:-1]:
+                own = Quantity(k, _DOT)
+                terms = (
+                    Term(Fraction(1), (Quantity(r, _DOT, k), own)),
+                    Term(Fraction(-1), (Quantity(r, _LINE, k),)),
+                    Term(Fraction(-1), (Quantity(k, _BUSH),)),
+                )
+                if shape.lengths[k]:
+                    found.append(Equation(f"path at stage {k + 1}", terms))
+            last = Quantity(active[-1], _DOT)
+            term = Term(Fraction(1), (last,))
+            found.append(Equation(f"c_{active[-1] + 1} = 1", (term,), Fraction(-1)))
+        return found
+
+    def relations(self, word: Word) -> Iterator[Relation]:
+        """Yield the relations with the word in the last of their three sums."""
+        for k, letter in enumerate(word):
+            if isinstance(letter, int):
+                continue
+            left, right = word[:k], word[k + 1 :]
+            for y in without(letter, _BUSH):
+                relation: Relation = {}
+                for w, m in shuffle(_DOT, left).items():
+                    for z, n in shuffle(_DOT, y).items():
+                        _add(relation, (*w, z, *right), m * n)
+                for w, m in shuffle(_LINE, left).items():
+                    _add(relation, (*w, y, *right), -m)
+                for z, n in shuffle(_BUSH, y).items():
+                    _add(relation, (*left, z, *right), -n)
+                yield relation
+
+    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
+        """Return False."""
+        return False
+
+
+def _difference(first: Quantity, second: Quantity) -> tuple[Term, ...]:
+    return Term(Fraction(1), (first,)), Term(Fraction(-1), (second,))
+
+
+def _add(relation: Relation, word: Word, multiplicity: int) -> None:
+    relation[word] = relation.get(word, 0) + multiplicity
+
+
+def read_identity(name: str) -> Identity:
+    """Make an identity from its name.
+
+    Raises
+    ------
+    ValueError
+        If no such identity is known.
+    """
+    if name == PathOrderTwo().name:
+        return PathOrderTwo()
+    before, _, stage = name.rpartition(" ")
+    if before == StageOrderTwo(0).name.rpartition(" ")[0] and stage.isdecimal() and int(stage):
+        return StageOrderTwo(int(stage) - 1)
+    raise ValueError(f"no identity is known as {name!r}")
+
+
+def find_identities(
+    a: NDArray[np.float64], weights: Sequence[NDArray[np.float64]]
+) -> list[tuple[Identity, ...]]:
+    """Return the sets of identities that a tableau, in doubles, seems to satisfy.
+
+    Parameters
+    ----------
+    a : ndarray, shape (s, s)
+    weights : sequence of ndarray, shape (s,)
+        b, and the second weights of a pair.
+
+    Returns
+    -------
+    list of tuple of Identity
+        All nonempty subsets, small ones first.
+    """
+    c = a.sum(axis=1)
+    tolerance = _SMALL * (1 + c**2)
+    found: list[Identity] = []
+    exceptions = np.flatnonzero(np.abs(a @ c - c**2 / 2) > tolerance)
+    if len(exceptions) == 1 and len(c) > 2:
+        found.append(StageOrderTwo(int(exceptions[0])))
+    paths = []
+    for b in weights:
+        before, moment = np.cumsum(b) - b, np.cumsum(b * c) - b * c
+        paths.append(np.abs(before * c - moment - c**2 / 2)[b != 0] <= tolerance[b != 0])
+    if np.concatenate(paths).all():
+        found.append(PathOrderTwo())
+    sizes = range(1, len(found) + 1)
+    return [chosen for size in sizes for chosen in combinations(found, size)]
+
+
+def augment(
+    shape: Shape,
+    orders: Sequence[int],
+    identities: Sequence[Identity],
+    zeros: Sequence[Collection[int]],
+) -> System:
+    """Return a system of which all order conditions follow by identities.
+
+    Parameters
+    ----------
+    shape : Shape
+    orders : sequence of int
+        Of b, and of the second weights of a pair.
+    identities : sequence of Identity
+    zeros : sequence of collections of int
+        For the same rows of weights, the stages (from 0) where they are held at zero.
+    """
+    equations = [e for identity in identities for e in identity.equations(shape, zeros)]
+    for r, (order, held) in enumerate(zip(orders, zeros, strict=True)):
+        for grade in range(1, order + 1):
+            for word in kept_words(grade, identities, held):
+                equation = condition(word, shape.stages + r)
+                label = f"{text(word)} embedded" if r else equation.label
+                equations.append(equation._replace(label=label))
+    return System(shape, tuple(equations))

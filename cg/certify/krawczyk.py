@@ -1,0 +1,163 @@
+"""Krawczyk's test: a zero of a system exists, and is unique, in a box.
+
+Let f have m equations in m free unknowns, y be a point, X the box ``y ± r``, J(X) an
+enclosure of the derivatives on X and A any matrix. If
+
+    |A f(y)|_i + r Σ_j |I - A J(X)|_ij < r   for all i,
+
+then f has exactly one zero in X: ``z ↦ z - A f(z)`` maps X into its interior and A J is
+regular on X (Krawczyk 1969; Neumaier, Interval Methods for Systems of Equations, 1990,
+Theorem 5.1.8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from flint import arb, arb_mat
+from numpy.typing import NDArray
+from scipy import linalg
+
+from .systems import System
+
+__all__ = ["Attempt", "choose_free", "krawczyk", "numerical_rank", "to_double"]
+
+RANK_THRESHOLD = 1e-12
+"""Singular values below this fraction of the largest count as zero."""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What Krawczyk's test gave.
+
+    Attributes
+    ----------
+    radius : arb
+        Of the box.
+    ratio : float
+        Upper bound of the largest radius of the image, in units of `radius`; the zero
+        is proved if it is below 1.
+    correction : float
+        Upper bound of ``max |A f(y)|``.
+    contraction : float
+        Upper bound of the maximum norm of ``I - A J(X)``.
+    """
+
+    radius: arb
+    ratio: float
+    correction: float
+    contraction: float
+
+    @property
+    def proved(self) -> bool:
+        """Whether the zero is proved."""
+        return self.ratio < 1
+
+
+def to_double(matrix: arb_mat) -> NDArray[np.float64]:
+    """Return the midpoints of a matrix of balls."""
+    entries = np.array([float(entry.mid()) for entry in matrix.entries()])
+    return entries.reshape(matrix.nrows(), matrix.ncols())
+
+
+def numerical_rank(jacobian: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
+    """Return how many singular values aren't negligible, and all of them."""
+    values = linalg.svdvals(jacobian)
+    return int(np.sum(values > RANK_THRESHOLD * values[0])), values
+
+
+def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> list[int]:
+    """Choose as many unknowns as there are equations, by QR with column pivoting.
+
+    Parameters
+    ----------
+    jacobian : ndarray, shape (m, unknowns)
+    candidates : sequence of at least m int
+
+    Returns
+    -------
+    list of m int
+        In increasing order.
+    """
+    indices = np.array(candidates)
+    pivots = linalg.qr(jacobian[:, indices], mode="r", pivoting=True)[1]
+    return sorted(int(k) for k in indices[pivots[: len(jacobian)]])
+
+
+def krawczyk(
+    system: System, y: Sequence[arb], free: Sequence[int], radius: arb | None = None
+) -> Attempt:
+    """Try to prove that a system has a zero near y.
+
+    Parameters
+    ----------
+    system : System
+        With m equations.
+    y : sequence of arb
+        All unknowns; those that aren't free are held.
+    free : sequence of m int
+        The unknowns that may move.
+    radius : arb, optional
+        By default twice the size of the correction.
+
+    Returns
+    -------
+    Attempt
+        Not proved, with infinite ratio, if the derivatives aren't regular at y.
+    """
+    values, at_point = system.linearise(y)
+    columns = list(free)
+    inverse = _approximate_inverse(_take(at_point, columns))
+    infinite = Attempt(arb("inf") if radius is None else radius, *(3 * [float("inf")]))
+    if inverse is None:
+        return infinite
+    steps = [abs(entry).upper() for entry in (inverse * arb_mat([[v] for v in values])).entries()]
+    correction = _largest(steps)
+    if not correction.is_finite():
+        return infinite
+    if radius is None:
+        # from two digits on up, so that what is written down is what was proved
+        radius = arb(f"{2.2 * float(correction) or 1e-300:.1e}")
+    box = list(y)
+    for k in columns:
+        box[k] = y[k] + arb(0, radius.upper())
+    enclosure = _take(system.linearise(box)[1], columns)
+    size = len(columns)
+    identity = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+    rows = (identity - inverse * enclosure).tolist()
+    sums = [sum((abs(entry).upper() for entry in row), arb(0)).upper() for row in rows]
+    images = [
+        (step / radius.lower() + total).upper() for step, total in zip(steps, sums, strict=True)
+    ]
+    return Attempt(radius, _up(_largest(images)), _up(correction), _up(_largest(sums)))
+
+
+def _largest(values: Sequence[arb]) -> arb:
+    """Return the largest of exact numbers, infinity if one isn't a number."""
+    largest = arb(0)
+    for value in values:
+        if not value.is_finite():
+            return arb("inf")
+        largest = value if value > largest else largest
+    return largest
+
+
+def _up(value: arb) -> float:
+    """Round a bound up to a double."""
+    return float(np.nextafter(float(value), np.inf))
+
+
+def _take(matrix: arb_mat, columns: Sequence[int]) -> arb_mat:
+    return arb_mat([[row[k] for k in columns] for row in matrix.tolist()])
+
+
+def _approximate_inverse(matrix: arb_mat) -> arb_mat | None:
+    midpoints = matrix.mid()
+    size = matrix.nrows()
+    identity = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+    try:
+        return midpoints.solve(identity, algorithm="approx").mid()
+    except ZeroDivisionError:
+        return None

@@ -1,0 +1,400 @@
+"""Proofs that a method has an order: `certify` finds them, `check` repeats them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+from flint import arb, arb_mat, ctx, fmpq
+from numpy.typing import NDArray
+
+from ..coefficients import Coefficient
+from ..quad import to_decimal
+from ..tableau import TOLERANCE_FACTOR, Tableau
+from .certificate import Beyond, Certificate, CertificationError
+from .identities import augment, find_identities, read_identity
+from .krawczyk import Attempt, choose_free, krawczyk, numerical_rank, to_double
+from .systems import System, exact_residuals, order_system
+from .weights import Quantity, Shape, Weights
+from .words import Word, condition_words, density, nodes, parse, text
+
+__all__ = [
+    "Packed",
+    "box",
+    "certify",
+    "check",
+    "free_of",
+    "precision",
+    "prove_box",
+    "system_of",
+]
+
+_GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
+_MOST_BITS = 1 << 14
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A method as a vector of coefficients.
+
+    Attributes
+    ----------
+    shape : Shape
+    coefficients : tuple of Coefficient
+        Row by row; second weights last.
+    """
+
+    shape: Shape
+    coefficients: tuple[Coefficient, ...]
+
+    @classmethod
+    def of(cls, method: Tableau, pair: bool) -> Packed:
+        """Pack a method, with or without its second weights."""
+        shape = Shape(method.stages, method.rows, pair)
+        rows = [*method.entries, method.weights]
+        if pair:
+            assert method.embedded_weights is not None
+            rows.append(method.embedded_weights)
+        packed = [c for row, n in zip(rows, shape.lengths, strict=True) for c in row[:n]]
+        return cls(shape, tuple(packed))
+
+    @property
+    def values(self) -> list[Fraction]:
+        """The exact values."""
+        return [coefficient.value for coefficient in self.coefficients]
+
+    def balls(self) -> list[arb]:
+        """Return balls, as small as the precision allows, that hold the values."""
+        return [arb(fmpq(v.numerator, v.denominator)) for v in self.values]
+
+    def zeros(self) -> list[frozenset[int]]:
+        """Return at which stages each row of weights is exactly zero."""
+        starts, stages = self.shape.starts, self.shape.stages
+        return [
+            frozenset(k for k in range(stages) if self.coefficients[begin + k].value == 0)
+            for begin in starts[stages:-1]
+        ]
+
+
+@contextmanager
+def precision(bits: int) -> Iterator[None]:
+    """Set the precision of balls."""
+    before = ctx.prec
+    ctx.prec = bits
+    try:
+        yield
+    finally:
+        ctx.prec = before
+
+
+def certify(method: Tableau | str, order: int | None = None) -> Certificate:
+    """Prove the order of a method.
+
+    Shows by Krawczyk's test in ball arithmetic that close to the stored coefficients there
+    is an exact solution of the order conditions, and that one of the next order is
+    violated. Rational methods are proved in rational arithmetic.
+
+    Parameters
+    ----------
+    method : Tableau or str
+        A name is looked up in the catalogue. Second weights of a pair are proved as well.
+    order : int, optional
+        By default the order of the method. It must be the order exactly.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    CertificationError
+        If there is no proof; with the quantities that tell why.
+
+    Examples
+    --------
+    >>> certify("CG3").order
+    3
+    """
+    if isinstance(method, str):
+        from ..catalogue import methods
+
+        method = methods[method]
+    order = method.order if order is None else order
+    if order < 1:
+        raise CertificationError(f"{method.name}: the coefficients satisfy no order conditions")
+    pair = method.embedded_weights is not None
+    packed = Packed.of(method, pair)
+    embedded_order = method.embedded_order if pair else None
+    if pair and not embedded_order:
+        raise CertificationError(f"{method.name}: the second weights satisfy no order conditions")
+    digits = max(len(coefficient.text) for coefficient in packed.coefficients)
+    draft = Certificate(
+        name=method.name,
+        order=order,
+        embedded_order=embedded_order,
+        radius="0",
+        bits=64 * math.ceil((math.log2(10) * digits + _GUARD_BITS) / 64),
+        identities=(),
+        fixed=tuple(packed.shape.names()),
+        beyond=Beyond("[]", "0"),
+        embedded_beyond=None,
+    )
+    with precision(draft.bits):
+        if any(coefficient.unit for coefficient in packed.coefficients):
+            draft = _find_zero(packed, draft)
+        else:
+            _check_rational(packed, draft)
+        return _find_beyond(packed, draft)
+
+
+def check(certificate: Certificate, method: Tableau) -> None:
+    """Prove what a certificate says from scratch.
+
+    Parameters
+    ----------
+    certificate : Certificate
+        Nothing in it is believed.
+    method : Tableau
+
+    Raises
+    ------
+    CertificationError
+        If it doesn't belong to the method, or if it can't be proved.
+    """
+    packed = _fitting(certificate, method)
+    with precision(certificate.bits):
+        if Fraction(certificate.radius) == 0:
+            if len(certificate.fixed) != packed.shape.unknowns:
+                raise CertificationError("a radius of 0 needs all coefficients fixed")
+            _check_rational(packed, certificate)
+        else:
+            prove_box(packed, certificate)
+        _check_beyond(packed, certificate)
+
+
+def _fitting(certificate: Certificate, method: Tableau) -> Packed:
+    pair = certificate.embedded_order is not None
+    faults = []
+    if certificate.name != method.name:
+        faults.append(f"it is for {certificate.name!r}, not for {method.name!r}")
+    if pair != (method.embedded_weights is not None):
+        faults.append("second weights must be proved, and those of pairs only")
+    if certificate.order < 1 or (pair and not certificate.embedded_order):
+        faults.append("orders must be at least 1")
+    if not 53 <= certificate.bits <= _MOST_BITS:
+        faults.append(f"bits must be between 53 and {_MOST_BITS}, got {certificate.bits}")
+    if faults:
+        raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
+    packed = Packed.of(method, pair)
+    names = packed.shape.names()
+    held = set(certificate.fixed)
+    if len(held) != len(certificate.fixed) or not held.issubset(names):
+        raise CertificationError("the fixed coefficients must be distinct ones of the method")
+    for name, coefficient in zip(names, packed.coefficients, strict=True):
+        if coefficient.value == 0 and name not in held:
+            raise CertificationError(f"{name} is exactly zero, so it must be fixed")
+    return packed
+
+
+def system_of(packed: Packed, certificate: Certificate) -> System:
+    """Return the equations of a certificate."""
+    if not certificate.identities:
+        return order_system(packed.shape, certificate.order, certificate.embedded_order)
+    try:
+        identities = [read_identity(name) for name in certificate.identities]
+        return augment(packed.shape, _orders(certificate), identities, packed.zeros())
+    except ValueError as error:
+        raise CertificationError(str(error)) from None
+
+
+def _orders(certificate: Certificate) -> list[int]:
+    embedded = certificate.embedded_order
+    return [certificate.order] if embedded is None else [certificate.order, embedded]
+
+
+def free_of(packed: Packed, certificate: Certificate) -> list[int]:
+    """Return the indices of the coefficients that aren't fixed."""
+    held = set(certificate.fixed)
+    return [k for k, name in enumerate(packed.shape.names()) if name not in held]
+
+
+def prove_box(packed: Packed, certificate: Certificate) -> None:
+    """Prove the zero in the box of a certificate; CertificationError if that fails."""
+    system = system_of(packed, certificate)
+    free = free_of(packed, certificate)
+    if len(free) != len(system.equations):
+        raise CertificationError(
+            "there must be as many free coefficients as equations",
+            free=len(free),
+            equations=len(system.equations),
+        )
+    y = packed.balls()
+    conditions = order_system(packed.shape, certificate.order, certificate.embedded_order)
+    values, jacobian = conditions.linearise(y)
+    _check_places(packed, conditions, values, jacobian)
+    attempt = krawczyk(system, y, free, arb(certificate.radius))
+    if not attempt.proved:
+        raise CertificationError(f"{certificate.name}: no zero is proved", **_quantities(attempt))
+
+
+def _quantities(attempt: Attempt) -> dict[str, float]:
+    return {
+        "radius": float(attempt.radius),
+        "ratio": attempt.ratio,
+        "correction": attempt.correction,
+        "contraction": attempt.contraction,
+    }
+
+
+def _check_places(packed: Packed, system: System, values: Sequence[arb], jacobian: arb_mat) -> None:
+    """Refuse coefficients that are further off than their last places can explain.
+
+    Otherwise a solution close to wrong coefficients would pass as theirs.
+    """
+    units = np.array([float(coefficient.unit) for coefficient in packed.coefficients])
+    allowed = TOLERANCE_FACTOR * (np.abs(to_double(jacobian)) @ units)
+    for equation, value, bound in zip(system.equations, values, allowed, strict=True):
+        if not abs(value) <= float(bound):
+            raise CertificationError(
+                f"the condition of {equation.label} is violated by more than the last places "
+                "of the coefficients can explain",
+                residual=float(abs(value).upper()),
+                allowed=float(bound),
+            )
+
+
+def _find_zero(packed: Packed, draft: Certificate) -> Certificate:
+    y = packed.balls()
+    system = order_system(packed.shape, draft.order, draft.embedded_order)
+    values, jacobian = system.linearise(y)
+    _check_places(packed, system, values, jacobian)
+    attempt = _try(packed, draft, system, to_double(jacobian))
+    if isinstance(attempt, Certificate):
+        return attempt
+    starts, stages = packed.shape.starts, packed.shape.stages
+    doubles = np.array([float(value) for value in packed.values])
+    a = np.zeros((stages, stages))
+    for r in range(stages):
+        a[r, : packed.shape.lengths[r]] = doubles[starts[r] : starts[r + 1]]
+    weights = [doubles[begin : begin + stages] for begin in starts[stages:-1]]
+    tried = []
+    for identities in find_identities(a, weights):
+        names = tuple(identity.name for identity in identities)
+        augmented = augment(packed.shape, _orders(draft), identities, packed.zeros())
+        jacobian = augmented.linearise(y)[1]
+        found = _try(packed, replace(draft, identities=names), augmented, to_double(jacobian))
+        if isinstance(found, Certificate):
+            return found
+        tried.append(" and ".join(names))
+    message = f"{draft.name}: no zero of the conditions of order {draft.order} is proved"
+    if attempt["rank"] < attempt["conditions"]:
+        message += ", their derivatives are dependent and no known identities explain that"
+    raise CertificationError(message, **attempt, tried="; ".join(tried) or "no identities")
+
+
+def _try(
+    packed: Packed, draft: Certificate, system: System, jacobian: NDArray[np.float64]
+) -> Certificate | dict[str, float]:
+    """Return the certificate with the zero proved, or the quantities that tell why not."""
+    names = packed.shape.names()
+    size = len(system.equations)
+    rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
+    nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
+    found: dict[str, float] = {}
+    for candidates in (rough, nonzero):  # better to hold all that are exact, not zeros only
+        rank, singular = numerical_rank(jacobian[:, candidates])
+        found = {"conditions": size, "rank": rank, "smallest_singular_value": float(singular[-1])}
+        found["largest_singular_value"] = float(singular[0])
+        if rank < size:
+            continue
+        free = choose_free(jacobian, candidates)
+        attempt = krawczyk(system, packed.balls(), free)
+        found |= _quantities(attempt)
+        if attempt.proved:
+            held = tuple(name for k, name in enumerate(names) if k not in set(free))
+            return replace(draft, radius=f"{float(attempt.radius):.1e}", fixed=held)
+    return found
+
+
+def _check_rational(packed: Packed, certificate: Certificate) -> None:
+    for r, order in enumerate(_orders(certificate), packed.shape.stages):
+        words = condition_words(order)
+        for word, residual in zip(
+            words, exact_residuals(packed.shape, packed.values, words, r), strict=True
+        ):
+            if residual != 0:
+                raise CertificationError(
+                    f"{certificate.name}: the condition of {text(word)} is violated",
+                    residual=float(residual),
+                )
+
+
+def box(packed: Packed, certificate: Certificate) -> list[arb]:
+    """Return balls that hold the exact solution."""
+    y = packed.balls()
+    radius = arb(certificate.radius).upper()
+    for k in free_of(packed, certificate):
+        y[k] = y[k] + arb(0, radius)
+    return y
+
+
+def _find_beyond(packed: Packed, draft: Certificate) -> Certificate:
+    found: list[Beyond] = []
+    for r, order in enumerate(_orders(draft)):
+        words = [w for w in condition_words(order + 1) if nodes(w) == order + 1]
+        bounds = _bounds(packed, draft, words, packed.shape.stages + r)
+        best = max(range(len(words)), key=lambda k: bounds[k])
+        if bounds[best] <= 0:
+            raise CertificationError(
+                f"{draft.name}: no condition of order {order + 1} is violated for sure, "
+                f"so order {order} isn't the highest",
+                largest_bound=float(bounds[best]),
+            )
+        found.append(Beyond(text(words[best]), _rounded_down(bounds[best])))
+    second = found[1] if len(found) > 1 else None
+    return replace(draft, beyond=found[0], embedded_beyond=second)
+
+
+def _check_beyond(packed: Packed, certificate: Certificate) -> None:
+    claims = [certificate.beyond, certificate.embedded_beyond]
+    for r, (order, claim) in enumerate(zip(_orders(certificate), claims, strict=False)):
+        assert claim is not None
+        try:
+            word = parse(claim.tree)
+        except ValueError as error:
+            raise CertificationError(str(error)) from None
+        if nodes(word) != order + 1:
+            raise CertificationError(
+                f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
+            )
+        bound = _bounds(packed, certificate, [word], packed.shape.stages + r)[0]
+        if not bound >= Fraction(claim.bound) > 0:
+            raise CertificationError(
+                f"{certificate.name}: the condition of {claim.tree} isn't violated by as much as "
+                f"{claim.bound}",
+                bound=float(bound),
+            )
+
+
+def _bounds(
+    packed: Packed, certificate: Certificate, words: Sequence[Word], row: int
+) -> list[Fraction]:
+    """Return lower bounds of the residuals' magnitudes in the box."""
+    weights = Weights(packed.shape, [Quantity(row, word) for word in words])
+    bounds = []
+    for value, word in zip(weights.evaluate(box(packed, certificate)), words, strict=True):
+        target = density(word)
+        lower = (value - arb(fmpq(target.numerator, target.denominator))).abs_lower()
+        mantissa, exponent = lower.man_exp()
+        bounds.append(int(mantissa) * Fraction(2) ** int(exponent))
+    return bounds
+
+
+def _rounded_down(value: Fraction) -> str:
+    """Write a positive number with three digits, no more than it is."""
+    unit = Fraction(10) ** (math.floor(math.log10(value)) - 2)
+    return to_decimal(value // unit * unit, 4)

@@ -1,0 +1,171 @@
+"""Which order conditions follow from others, given identities: linear algebra of residuals.
+
+Take the residuals ``Φ(t) - 1/γ(t)`` of all words with equally many nodes as unknowns,
+those of words with fewer nodes being zero. Then the relations
+
+- of the shuffle product, ``Σ_{w in u ⧢ v} residual(w) = 0``, and
+- of the identities
+
+are a homogeneous linear system. Its solution vanishes if the residuals of the *kept*
+words do; these are chosen such that the other columns are independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from flint import fmpz_mat
+from numpy.typing import NDArray
+
+from .systems import Equation
+from .weights import Shape
+from .words import Word, condition_words, nodes, shuffle
+
+__all__ = ["HOLE", "Identity", "Relation", "fill", "kept_words", "places", "without"]
+
+Relation = dict[Word, int]
+"""Coefficients of a sum of residuals that is zero."""
+
+HOLE = -1  # where a letter was cut out of a word
+
+
+class Identity(Protocol):
+    """Something that a solution satisfies besides its order conditions."""
+
+    @property
+    def name(self) -> str:
+        """Text from which it is read again."""
+
+    def equations(self, shape: Shape, zeros: Sequence[Collection[int]]) -> list[Equation]:
+        """Return what is to be proved of the coefficients.
+
+        `zeros` has the stages, from 0, where each row of weights is held at zero.
+        """
+
+    def relations(self, word: Word) -> Iterable[Relation]:
+        """Return relations that contain this word, and maybe new ones, with marks."""
+
+    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
+        """Tell whether a weight is zero since the weights at the stages `zeros` are."""
+
+
+def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int]) -> list[Word]:
+    """Return words with `grade` nodes whose residuals force those of all others to zero.
+
+    Parameters
+    ----------
+    grade : int
+    identities : sequence of Identity
+    zeros : collection of int
+        Stages, from 0, where the weights are held at zero.
+
+    Raises
+    ------
+    ArithmeticError
+        If the relations don't have the rank that was expected of them.
+    """
+    plain = [w for w in condition_words(grade, independent=False) if nodes(w) == grade]
+    lyndon = set(condition_words(grade))
+    words, relations = _close(plain, identities)
+    relations += _shuffles(words)
+    columns = [w for w in words if not any(i.vanishes(w, zeros) for i in identities)]
+    # leftmost are eliminated first
+    columns.sort(key=lambda w: (w in lyndon, not _has_line(w), -_depth(w), len(w)))
+    position = {word: k for k, word in enumerate(columns)}
+    matrix = np.zeros((len(relations), len(columns)))
+    for row, relation in zip(matrix, relations, strict=True):
+        for word, coefficient in relation.items():
+            if word in position:
+                row[position[word]] += coefficient
+    used, eliminated = _pivots(matrix)
+    square = matrix[np.ix_(used, eliminated)].astype(int)
+    if eliminated and fmpz_mat(square.tolist()).det() == 0:
+        raise ArithmeticError(f"the relations between words with {grade} nodes are degenerate")
+    gone = set(eliminated)
+    return [word for k, word in enumerate(columns) if k not in gone]
+
+
+def _close(
+    plain: Sequence[Word], identities: Sequence[Identity]
+) -> tuple[list[Word], list[Relation]]:
+    words, found = dict.fromkeys(plain), dict[frozenset[tuple[Word, int]], Relation]()
+    pending = list(plain)
+    while pending:
+        word = pending.pop()
+        for identity in identities:
+            for relation in identity.relations(word):
+                found[frozenset(relation.items())] = relation
+                pending += [new for new in relation if new not in words]
+                words.update(dict.fromkeys(relation))
+    return list(words), list(found.values())
+
+
+def _shuffles(words: Sequence[Word]) -> list[Relation]:
+    """Return ``Σ residual(u ⧢ v) = 0`` for all ways to cut these words in two."""
+    known = set(words)
+    found: list[Relation] = []
+    for word in words:
+        for cut in range(1, len(word)):
+            relation = shuffle(word[:cut], word[cut:])
+            if known.issuperset(relation):
+                found.append(relation)
+    return found
+
+
+def _pivots(matrix: NDArray[np.float64]) -> tuple[list[int], list[int]]:
+    """Return rows and columns of a regular square part of full rank, leftmost columns."""
+    work = matrix.copy()
+    left = list(range(len(work)))
+    rows: list[int] = []
+    columns: list[int] = []
+    for k in range(work.shape[1]):
+        if not left:
+            break
+        best = max(left, key=lambda i: abs(float(work[i, k])))
+        if abs(work[best, k]) < 1e-9:
+            continue
+        left.remove(best)
+        rows.append(best)
+        columns.append(k)
+        others = np.array(left, dtype=np.intp)
+        work[others] -= np.outer(work[others, k] / work[best, k], work[best])
+    return rows, columns
+
+
+def _depth(word: Word) -> int:
+    return 1 + max((0 if isinstance(t, int) else _depth(t) for t in word), default=-1)
+
+
+def _has_line(word: Word) -> bool:
+    return any(not isinstance(t, int) and (t == (((),),) or _has_line(t)) for t in word)
+
+
+def places(word: Word) -> list[tuple[Word, Word]]:
+    """Return all letters of a word at any depth, each after what it leaves, with a hole."""
+    found: list[tuple[Word, Word]] = []
+    for k, letter in enumerate(word):
+        if isinstance(letter, int):
+            continue
+        found.append(((*word[:k], HOLE, *word[k + 1 :]), letter))
+        found += [((*word[:k], rest, *word[k + 1 :]), t) for rest, t in places(letter)]
+    return found
+
+
+def fill(context: Word, letter: Any) -> Word:
+    """Put a letter into the hole of what `places` returned."""
+    return tuple(
+        letter if t == HOLE else t if isinstance(t, int) else fill(t, letter) for t in context
+    )
+
+
+def without(word: Word, part: Word) -> set[Word]:
+    """Return the words y such that `word` occurs in ``part ⧢ y``."""
+    if not part:
+        return {word}
+    found: set[Word] = set()
+    for k, letter in enumerate(word):
+        if letter == part[0]:
+            found |= {word[:k] + rest for rest in without(word[k + 1 :], part[1:])}
+    return found
