@@ -13,6 +13,7 @@ from .. import quad
 from ..conditions import Rows, pack, row_lengths
 from ..search import EXACT
 from ..solve.minimum_norm import fit_conditions
+from ..solve.polish import polish
 from ..solve.refine import refine
 from ..solve.system import System
 from ..tableau import Tableau
@@ -186,8 +187,15 @@ def to_tableau(
             f"largest residual {refined.largest_residual:.2e} after refinement, "
             f"more than {EXACT * scale:.0e}"
         )
-    decimals = list(map(quad.to_decimal, quad.decode(refined.x)))
-    return _unpack(decimals, system, name, source)
+    polished = polish(
+        quad.decode(refined.x),
+        system.stages,
+        system.order,
+        rows=system.rows,
+        embedded=system.embedded,
+        directions=np.eye(system.size)[:, free],
+    )
+    return _unpack([quad.to_decimal(entry) for entry in polished.x], system, name, source)
 
 
 def _unpack(decimals: list[str], system: System, name: str, source: str) -> Tableau:

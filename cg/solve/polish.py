@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from ..conditions import Rows, jacobian, residuals_exact, unpack
+from ..conditions import Rows, residuals_exact, unpack
+from .system import System
 
 __all__ = ["Polished", "polish"]
 
@@ -51,6 +52,7 @@ def polish(
     order: int,
     *,
     rows: Rows = Rows.EXPLICIT,
+    embedded: bool = False,
     directions: ArrayLike | None = None,
     rcond: float = 1e-10,
     below: Fraction = Fraction(1, 10**44),
@@ -64,6 +66,8 @@ def polish(
         Close to a zero.
     stages, order : int
     rows : Rows, optional
+    embedded : bool, optional
+        Polish an embedded pair, packed as `cg.solve.system.System` says.
     directions : array_like, shape (n, k), optional
         Corrections are combinations of its columns: columns of the identity leave the other
         entries alone, and any linear relation between entries can be kept up. By default
@@ -85,14 +89,18 @@ def polish(
         If x or `directions` don't fit the number of unknowns.
     """
     best = tuple(map(Fraction, x))
-    a, b = unpack([float(entry) for entry in best], stages, rows)
-    jac = jacobian(a, b, order, independent=True, rows=rows)
-    span = _directions(directions, len(best))
+    system = System(order, stages, rows, embedded)
+    if len(best) != system.size:
+        raise ValueError(f"x must have {system.size} entries, got {len(best)}")
+    jac = system.jacobian(np.array([float(entry) for entry in best]))
+    span = _directions(
+        np.eye(len(best))[:, system.free] if directions is None else directions, len(best)
+    )
     left, values, right = linalg.svd(jac @ span, full_matrices=False, lapack_driver="gesdd")
     rank = int(np.sum(values > rcond * values[0]))
     inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
 
-    best_residuals = _residuals(best, stages, order, rows)
+    best_residuals = _residuals(best, system)
     size, iterations = max(map(abs, best_residuals)), 0
     while size > below and iterations < max_iterations:
         scaled = inverse @ [float(residual / size) for residual in best_residuals]
@@ -101,7 +109,7 @@ def polish(
             entry - sum((Fraction(d) * m for d, m in zip(row, moves, strict=True) if d), Fraction())
             for entry, row in zip(best, span.tolist(), strict=True)
         )
-        trial_residuals = _residuals(trial, stages, order, rows)
+        trial_residuals = _residuals(trial, system)
         trial_size = max(map(abs, trial_residuals))
         if trial_size >= size:
             break
@@ -110,13 +118,17 @@ def polish(
     return Polished(best, size, rank, iterations)
 
 
-def _residuals(x: Sequence[Fraction], stages: int, order: int, rows: Rows) -> tuple[Fraction, ...]:
-    return residuals_exact(*unpack(x, stages, rows), order, independent=True)
+def _residuals(x: Sequence[Fraction], system: System) -> tuple[Fraction, ...]:
+    a, b = unpack(x, system.packed_stages, system.rows)
+    stages = system.stages
+    matrix = [row[:stages] for row in a[:stages]]
+    residuals = residuals_exact(matrix, b[:stages], system.order, independent=True)
+    if system.embedded:
+        residuals += residuals_exact(matrix, a[stages][:stages], system.order - 1, independent=True)
+    return residuals
 
 
-def _directions(directions: ArrayLike | None, size: int) -> NDArray[np.float64]:
-    if directions is None:
-        return np.eye(size)
+def _directions(directions: ArrayLike, size: int) -> NDArray[np.float64]:
     span = np.array(directions, dtype=np.float64)
     if span.ndim != 2 or span.shape[0] != size or span.shape[1] == 0:
         raise ValueError(
