@@ -44,6 +44,13 @@ def newton_schulz(y: Points, adjoint: Points) -> Points:
     return np.asarray(1.5 * y - 0.5 * (y @ (adjoint @ y)))
 
 
+def determinant_step(y: Points) -> Points:
+    """Return ``y`` after a Newton step, along its multiples, towards determinant 1."""
+    with np.errstate(invalid="ignore"):
+        excess = np.linalg.det(y) - 1.0
+    return np.asarray(y * (1.0 - excess / y.shape[-1])[..., None, None])
+
+
 def unit_step(y: Points) -> Points:
     r"""Return :math:`\frac12 (3 - |y|^2)\, y`, the same step for vectors of length one."""
     return np.asarray((1.5 - 0.5 * np.vecdot(y, y))[..., None] * y)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points
+from cg.frames.matrix_functions import determinant_step
 from cg.frames.matrix_group import SizedMatrixGroup
 
 
@@ -54,7 +55,7 @@ class SL(SizedMatrixGroup):
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a Newton step towards determinant 1."""
-        return np.asarray(y * (1.0 - (np.linalg.det(y) - 1.0) / self.n)[..., None, None])
+        return determinant_step(y)
 
     def membership_error(self, y: ArrayLike) -> Array:
         r"""Return :math:`|\det y - 1| / n`, shape ``(...)``.

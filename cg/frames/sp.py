@@ -78,7 +78,8 @@ class Sp(QuadraticGroup, SizedMatrixGroup):
         To first order this is the smallest 2-norm of a matrix :math:`\delta` with
         :math:`y = x (I + \delta)` for a point :math:`x`.
         """
-        residual = self.inverse(y) @ self._points(y) - np.eye(self.n)
+        point = self._points(y)
+        residual = self.inverse(point) @ point - np.eye(self.n)
         return np.asarray(0.5 * np.linalg.matrix_norm(residual, ord=2))
 
     def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points
-from cg.frames.matrix_functions import special_unitary_logarithm
+from cg.frames.matrix_functions import determinant_step, special_unitary_logarithm
 from cg.frames.rotations import half_angle, quaternion_logarithm
 from cg.frames.u import U, gell_mann
 
@@ -55,6 +55,10 @@ class SU(U):
 
     def _make_basis(self) -> Points:
         return -0.5j * gell_mann(self.n)
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after a step towards unitary matrices and one towards determinant 1."""
+        return determinant_step(super().restore(y))
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
