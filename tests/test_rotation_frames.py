@@ -1,0 +1,228 @@
+"""Closed forms of the frames that rotate space, against other computations of the same."""
+
+import numpy as np
+import pytest
+from flint import acb_mat, arb, arb_mat, ctx
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from cg.frames import SE3, SO, SO3, SU, Semidirect, Sphere, UnitQuaternion, hat, vee
+
+CONVENTIONS = ["body", "space"]
+ANGLES = [0.0, 1e-300, 1e-160, 1e-20, 1e-9, 1e-5, 1e-3, 0.1, 0.9, 1.0, 1.1, 3.0, 6.2, 20.0]
+seeds = st.integers(0, 2**32 - 1)
+axioms = settings(max_examples=40, deadline=None)
+
+
+def sample(frame, seed, scale):
+    rng = np.random.default_rng(seed)
+    return frame.random_point(rng), scale * frame.random_vector(rng)
+
+
+def exact_exponential(matrix):
+    with ctx.workprec(160):
+        return np.array(arb_mat(matrix.tolist()).exp().tolist(), dtype=float)
+
+
+def turned(rng, angle):
+    axis = rng.standard_normal(3)
+    return angle * axis / np.linalg.norm(axis)
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+@axioms
+@given(seed=seeds, scale=st.sampled_from([0.0, 1e-9, 1e-4, 1e-2, 1.0, 3.0]))
+def test_so3_flow_is_the_matrix_exponential(convention, seed, scale):
+    frame = SO3(convention)
+    y, v = sample(frame, seed, scale)
+    with ctx.workprec(120):
+        rotation = np.array(arb_mat(hat(v).tolist()).exp().tolist(), dtype=float)
+    wanted = y @ rotation if convention == "body" else rotation @ y
+    rounding = 1e-15 * (1 + np.linalg.norm(v))
+    np.testing.assert_allclose(frame.flow(v, y), wanted, rtol=0, atol=rounding)
+
+
+@pytest.mark.parametrize("angle", [1e-300, 1e-170, 1e-155, 1e-30, 1e-12, 1e-8, 1e-6, 1e-4, 1e-3])
+def test_small_rotations_are_right_to_the_last_digit(angle):
+    rotation = SO3().flow([angle, 0.0, 0.0], np.eye(3))
+    sine = angle - angle**3 / 6 + angle**5 / 120
+    assert rotation[2, 1] == pytest.approx(sine, rel=5e-16, abs=0)
+    assert rotation[1, 2] == -rotation[2, 1]
+    assert 1 - rotation[1, 1] == pytest.approx(angle**2 / 2 - angle**4 / 24, abs=2.3e-16)
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+@pytest.mark.parametrize("kind", ["random", "constant"])
+def test_rotations_do_not_drift(convention, kind):
+    frame = SO3(convention)
+    rng = np.random.default_rng(7)
+    y = frame.random_point(rng)
+    vectors = (
+        frame.random_vector(rng, (10_000,)) if kind == "random" else np.full((10_000, 3), 0.07)
+    )
+    worst = 0.0
+    for v in vectors:
+        y = frame.flow(v, y)
+        worst = max(worst, abs(y.T @ y - np.eye(3)).max())
+    assert worst < 3e-15
+    assert frame.membership_error(y) < 2e-15
+
+
+def test_so3_membership_error_by_known_distances():
+    frame = SO3()
+    rotation = frame.random_point(np.random.default_rng(8))
+    assert frame.membership_error(1.001 * rotation) == pytest.approx(1e-3, rel=1e-10)
+    assert frame.membership_error(np.diag([1.0, 1.0, -1.0])) == pytest.approx(2.0)
+    assert frame.membership_error(-rotation) == pytest.approx(2.0)
+    assert frame.membership_error(np.zeros((3, 3))) == pytest.approx(1.0)
+    sheared = np.array([[1.0, 1e-6, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    assert frame.membership_error(sheared) == pytest.approx(5e-7, rel=1e-5)
+
+
+def test_so3_distance_is_the_angle():
+    frame = SO3()
+    y = frame.random_point(np.random.default_rng(9))
+    for angle in (1e-12, 1e-3, 1.0, 3.0):
+        moved = frame.flow(angle * np.array([0.6, 0.0, -0.8]), y)
+        assert frame.distance(y, moved) == pytest.approx(angle, rel=1e-3 if angle < 1e-9 else 1e-12)
+
+
+def test_random_rotations_are_uniform():
+    points = SO3().random_point(np.random.default_rng(10), (20_000,))
+    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.02)
+    np.testing.assert_allclose((points**2).mean(axis=0), 1 / 3, atol=0.02)
+    assert (np.linalg.det(points) > 0).all()
+
+
+def test_hat_and_vee():
+    rng = np.random.default_rng(11)
+    v, x = rng.standard_normal((2, 5, 3))
+    np.testing.assert_allclose((hat(v) @ x[..., None])[..., 0], np.cross(v, x), atol=1e-15)
+    np.testing.assert_array_equal(vee(hat(v)), v)
+    np.testing.assert_array_equal(vee(np.diag([1.0, 2.0, 3.0])), np.zeros(3))
+    with pytest.raises(ValueError, match="v must have shape"):
+        hat([1.0, 2.0])
+    with pytest.raises(ValueError, match="matrix must have shape"):
+        vee(np.eye(2))
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+@pytest.mark.parametrize("scalar_first", [False, True])
+@axioms
+@given(seed=seeds, scale=st.sampled_from([0.0, 1e-160, 1e-9, 1e-4, 1.0, 3.0, 10.0]))
+def test_quaternions_agree_with_scipy_and_with_so3(convention, scalar_first, seed, scale):
+    frame = UnitQuaternion(convention, scalar_first=scalar_first)
+    y, v = sample(frame, seed, scale)
+    before = Rotation.from_quat(y, scalar_first=scalar_first)
+    turn = Rotation.from_rotvec(v)
+    after = before * turn if convention == "body" else turn * before
+    moved = frame.flow(v, y)
+    rounding = 2e-15 * (1 + np.linalg.norm(v))
+    np.testing.assert_allclose(
+        Rotation.from_quat(moved, scalar_first=scalar_first).as_matrix(),
+        after.as_matrix(),
+        rtol=0,
+        atol=rounding,
+    )
+    np.testing.assert_allclose(
+        SO3(convention).flow(v, before.as_matrix()), after.as_matrix(), rtol=0, atol=rounding
+    )
+    other = UnitQuaternion(convention, scalar_first=not scalar_first)
+    swapped = np.roll(y, -1 if scalar_first else 1)
+    np.testing.assert_allclose(
+        np.roll(other.flow(v, swapped), 1 if scalar_first else -1), moved, rtol=0, atol=3e-16
+    )
+
+
+@pytest.mark.parametrize("frame", [SO3(), SO(3, "space"), UnitQuaternion(), SU(2)], ids=repr)
+@pytest.mark.parametrize("angle", ANGLES)
+def test_logarithms_agree_with_scipy(frame, angle):
+    rng = np.random.default_rng(17)
+    v = turned(rng, min(angle, 3.1415))
+    y = frame.random_point(rng)
+    found = frame.exp_coordinates(y, frame.flow(v, y))
+    np.testing.assert_allclose(found, v, rtol=0, atol=2e-15 * (1 + angle))
+    np.testing.assert_allclose(
+        SO3().logarithm(Rotation.from_rotvec(v).as_matrix()), v, rtol=0, atol=4e-15
+    )
+
+
+def test_logarithms_of_half_and_full_turns():
+    for axis in (*np.eye(3), [0.6, 0.0, -0.8], [-2 / 3, 1 / 3, 2 / 3]):
+        turn = np.pi * np.array(axis)
+        rotation = SO3().flow(turn, np.eye(3))
+        found = SO3().logarithm(rotation)
+        assert np.linalg.norm(found) == pytest.approx(np.pi, abs=1e-14)
+        np.testing.assert_allclose(SO3().flow(found, np.eye(3)), rotation, rtol=0, atol=1e-14)
+    one = np.array([0.0, 0.0, 0.0, 1.0])
+    full = UnitQuaternion().exp_coordinates(one, -one)
+    np.testing.assert_allclose(full, [2 * np.pi, 0.0, 0.0])
+    np.testing.assert_allclose(SU(2).exp_coordinates(np.eye(2), -np.eye(2)), full)
+    assert UnitQuaternion().distance(one, -one) == pytest.approx(2 * np.pi)
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+@pytest.mark.parametrize("angle", ANGLES)
+def test_rigid_motions_are_the_matrix_exponential(convention, angle):
+    rng = np.random.default_rng(18)
+    frame = SE3(convention)
+    for _ in range(5):
+        y = frame.random_point(rng)
+        twist = np.concatenate([turned(rng, angle), rng.standard_normal(3)])
+        exponential = exact_exponential(frame.algebra(twist))
+        rounding = 1e-15 * (1 + angle)
+        np.testing.assert_allclose(frame.exponential(twist), exponential, rtol=0, atol=rounding)
+        wanted = y @ exponential if convention == "body" else exponential @ y
+        np.testing.assert_allclose(frame.flow(twist, y), wanted, rtol=0, atol=8 * rounding)
+
+
+@pytest.mark.parametrize("angle", [1e-300, 1e-160, 1e-12, 1e-8, 1e-4, 1e-2, 0.3, 0.999, 1.001])
+def test_small_arcs_are_right_to_the_last_digit(angle):
+    pose = SE3().exponential([0.0, 0.0, angle, 1.0, 0.0, 0.0])
+    with ctx.workprec(200):
+        theta = arb(angle)
+        along = float(theta.sin() / theta)
+        across = float((1 - theta.cos()) / theta) if angle > 1e-30 else angle / 2
+    assert pose[0, 3] == pytest.approx(along, rel=4.5e-16, abs=0)
+    assert pose[1, 3] == pytest.approx(across, rel=9e-16, abs=0)
+    assert pose[2, 3] == 0.0
+
+
+def test_a_screw_keeps_its_axis_and_its_pitch():
+    pose = SE3().exponential([0.0, 0.0, 1.5, 0.0, 0.0, 0.25])
+    np.testing.assert_allclose(pose[:, 3], [0.0, 0.0, 0.25, 1.0])
+
+
+def test_extended_poses_carry_several_vectors():
+    rng = np.random.default_rng(19)
+    frame, v = Semidirect(SO3(), 2), np.random.default_rng(20).standard_normal(9)
+    y = frame.random_point(rng)
+    moved = frame.flow(v, y)
+    for column, block in ((3, v[3:6]), (4, v[6:9])):
+        pose = np.eye(4)
+        pose[:3] = y[:3, [0, 1, 2, column]]
+        pose = SE3().flow(np.concatenate([v[:3], block]), pose)
+        np.testing.assert_allclose(moved[:3, column], pose[:3, 3], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_su2_is_the_matrix_exponential(angle):
+    rng = np.random.default_rng(21)
+    frame = SU(2)
+    v = turned(rng, angle)
+    with ctx.workprec(160):
+        exact = acb_mat(frame.algebra(v).tolist()).exp().tolist()
+    wanted = np.array([[complex(z) for z in row] for row in exact])
+    np.testing.assert_allclose(frame.exponential(v), wanted, rtol=0, atol=5e-16 * (1 + angle))
+
+
+def test_the_sphere_is_turned_by_the_rotation_vector():
+    rng = np.random.default_rng(22)
+    y, v = Sphere(2).random_point(rng, (20,)), rng.standard_normal((20, 3))
+    np.testing.assert_allclose(Sphere(2).field(v, y), np.cross(v, y), rtol=0, atol=1e-15)
+    wanted = Rotation.from_rotvec(v).apply(y)
+    np.testing.assert_allclose(Sphere(2).flow(v, y), wanted, rtol=0, atol=2e-15)
+    assert np.isnan(Sphere(2).exp_coordinates(y, -y)).all()
+    quarter = Sphere(2).exp_coordinates([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(quarter, [0.0, 0.0, np.pi / 2])
