@@ -22,6 +22,12 @@ _FAILURE_FACTOR = 0.25
 # control of Gustafsson.
 _LAST = 0.7
 _BEFORE_LAST = 0.4
+# What the first step's error is meant to be, in tolerances.
+_FIRST_ERROR = 0.01
+# A size or a slope below this many tolerances tells nothing, and the first guess is this fraction
+# of the span.
+_NOTHING = 1e-5
+_BLIND_FRACTION = 1e-6
 # In spacings of floating-point numbers at the time.
 _SMALLEST_STEP = 10.0
 
@@ -202,7 +208,9 @@ class AdaptiveSteps:
         """Return a first step size from two evaluations of f.
 
         This is the procedure of Hairer, Nørsett, Wanner, "Solving Ordinary Differential
-        Equations I", section II.4, with a flow for the explicit Euler step.
+        Equations I", section II.4, with a flow for the explicit Euler step, and with a rate at
+        which the solution changes for its derivatives beyond the second, so that the choice
+        doesn't depend on the unit of time.
         """
         frame, norm, point = self.step.frame, self.norm, self.point
         span = abs(self.stop - self.t0)
@@ -211,7 +219,9 @@ class AdaptiveSteps:
         tangent = norm.tangent(field, point)
         size = rms(norm.size(point) / scale)
         slope = rms(tangent / scale)
-        guess = 1e-6 if size < 1e-5 or slope < 1e-5 else 0.01 * size / slope
+        guess = _BLIND_FRACTION * span
+        if size > _NOTHING and slope * span > _NOTHING:
+            guess = 0.01 * size / slope
         guess = min(guess, span, self.max_step)
         h = math.copysign(guess, self.stop - self.t0)
         moved = frame.flow(h * field, point)
@@ -221,11 +231,13 @@ class AdaptiveSteps:
         except StageOverflowError:
             return guess
         curvature = rms((norm.tangent(next_field, moved) - tangent) / scale) / guess
-        steepest = max(slope, curvature)
-        if steepest <= 1e-15:
-            better = max(1e-6, 1e-3 * guess)
-        else:
-            better = (0.01 / steepest) ** self.exponent
+        better = math.inf
+        if slope > 0.0:
+            rate = max(curvature / slope, slope / size if size > 0.0 else 0.0)
+            if rate > 0.0:
+                better = (_FIRST_ERROR * rate / slope) ** self.exponent / rate
+        elif curvature > 0.0:
+            better = math.sqrt(_FIRST_ERROR / curvature)
         return min(100.0 * guess, better, span, self.max_step)
 
 
