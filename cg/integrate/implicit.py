@@ -25,7 +25,7 @@ _EPSILON = float(np.finfo(np.float64).eps)
 _NOISE = 1e-10
 # A kept Jacobian is renewed if a correction shrinks less than this.
 _SLOW = 0.1
-# Corrections that grew so much will not shrink again.
+# Residuals that grew so much will not shrink again.
 _DIVERGED = 1e3
 
 
@@ -155,7 +155,7 @@ class StageSolver:
         movement = coordinate_sizes(self.step.frame, point)[..., None, :] / abs(h)
         newton = self.kind == "newton"
         most = STAGE_SOLVERS[self.kind]
-        first = previous = residual = np.inf
+        previous = smallest = residual = np.inf
         for iteration in range(1, most + 1):
             try:
                 value = evaluated(k)
@@ -166,22 +166,20 @@ class StageSolver:
                         scale = np.maximum(np.abs(k), movement)
                         self.inverse = h, self._inverse(evaluated, k, value, scale)
                     correction = _apply(self.inverse[1], correction)
-            except (OverflowError, np.linalg.LinAlgError) as error:
+            except (StageOverflowError, np.linalg.LinAlgError) as error:
                 self.inverse = None
-                if isinstance(error, OverflowError) and not isinstance(error, StageOverflowError):
-                    raise
                 raise ConvergenceError(str(error), iteration, residual, t, h) from error
             k = k + correction
             scale = np.maximum(np.abs(k), movement)
             size = float((np.abs(correction) / np.where(scale > 0.0, scale, 1.0)).max())
             if size <= _EPSILON or previous <= size <= _NOISE:
                 return k
-            if not size <= _DIVERGED * first:
+            if not residual <= _DIVERGED * smallest:
                 self.inverse = None
                 raise ConvergenceError("it diverges", iteration, residual, t, h)
             if newton and size > max(_SLOW * previous, _NOISE):
                 self.inverse = None
-            first, previous = min(first, size), size
+            previous, smallest = size, min(smallest, residual)
         self.inverse = None
         raise ConvergenceError("it is too slow", most, residual, t, h)
 
