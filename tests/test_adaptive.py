@@ -1,0 +1,275 @@
+"""Steps chosen by embedded pairs: error estimates, tolerances, failures."""
+
+import math
+
+import numpy as np
+import pytest
+
+import cg
+from cg.convergence import observed_order
+from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
+from cg.integrate.adaptive import AdaptiveSteps, ErrorNorm
+from cg.integrate.coordinates import coordinate_sizes
+from cg.integrate.step import Step
+from cg.problems import StateDependentRotation
+from cg.tableau import Tableau
+
+PAIRS = {name: m for name, m in cg.methods.items() if m.embedded_weights is not None}
+PROBLEM = StateDependentRotation()
+FRAMES = [
+    SO3(),
+    SO3("space"),
+    UnitQuaternion(),
+    SE3(),
+    SU(2),
+    Sphere(2),
+    Stiefel(3, 1),
+    Product(SO3(), Euclidean(2)),
+]
+
+
+def generic(frame, seed=3):
+    """A smooth equation that depends on time and every entry of the point."""
+    rng = np.random.default_rng(seed)
+    y0 = frame.random_point(rng)
+    weights = rng.standard_normal((frame.dim, 2 * y0.size)) / np.sqrt(2 * y0.size)
+
+    def f(t, y):
+        flat = y.ravel()
+        return np.sin(weights @ np.concatenate([flat.real, flat.imag]) + np.arange(frame.dim) + t)
+
+    return f, y0
+
+
+@pytest.fixture(scope="module")
+def rotation():
+    reference = PROBLEM.reference([1], bits=128)
+    return reference.y[0, :9].reshape(3, 3)
+
+
+@pytest.mark.parametrize("name", list(PAIRS))
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_error_estimate_has_the_order_of_the_embedded_method(name, frame):
+    f, y0 = generic(frame)
+    step = Step(f, frame, PAIRS[name])
+    norm = ErrorNorm(frame, y0, 1.0, np.array(0.0))
+    sizes = np.array([0.2, 0.1, 0.05])
+    errors = [norm.error(*step.pair(0.3, y0, h), y0) for h in sizes]
+    assert min(errors) > 1e-12
+    order = min(PAIRS[name].order, PAIRS[name].embedded_order)
+    assert observed_order(sizes, errors).order == pytest.approx(order + 1, abs=0.35)
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_estimate_is_near_the_error_of_the_embedded_method(frame):
+    f, y0 = generic(frame)
+    pair = cg.methods["CG2(3)"]
+    h = 0.05
+    truth = cg.integrate(f, (0, h), y0, frame=frame, method="CG5a", h=h / 4).y[-1]
+    step = Step(f, frame, pair)
+    norm = ErrorNorm(frame, y0, 1.0, np.array(0.0))
+    reached, other = step.pair(0.0, y0, h)
+    estimate = norm.error(reached, other, y0)
+    assert norm.error(reached, truth, y0) < 0.2 * estimate
+    assert norm.error(other, truth, y0) == pytest.approx(estimate, rel=0.2)
+
+
+@pytest.mark.parametrize("name", list(PAIRS))
+def test_error_is_proportional_to_the_tolerance(name, rotation):
+    tolerances = 10.0 ** -np.arange(4, 10)
+    errors, steps = [], []
+    for tolerance in tolerances:
+        solution = cg.solve_ivp(
+            PROBLEM.f, (0, 1), PROBLEM.y0, frame=SO3(), method=name, rtol=tolerance, atol=tolerance
+        )
+        errors.append(float(SO3().distance(solution.y[-1], rotation)))
+        steps.append(solution.steps)
+    exponent = observed_order(tolerances, errors).order
+    order = PAIRS[name].embedded_order + 1
+    assert exponent == pytest.approx(PAIRS[name].order / order, abs=0.15)
+    assert (np.array(errors) < 30 * tolerances).all()
+    work = observed_order(tolerances, 1.0 / np.array(steps)).order
+    assert work == pytest.approx(1.0 / order, abs=0.08)
+
+
+def test_default_is_the_best_small_pair():
+    names = [name for name in ("CG4(3)", "CG2(3)") if name in cg.methods]
+    solution = cg.solve_ivp(PROBLEM.f, (0, 1), PROBLEM.y0, frame=SO3())
+    assert solution.method is cg.methods[names[0]]
+
+
+def test_the_weights_of_higher_order_make_the_step():
+    pair = cg.methods["CG2(3)"]
+    swapped = Tableau(pair.entries, pair.embedded_weights, b_embedded=pair.weights)
+    assert (pair.order, swapped.order, swapped.embedded_order) == (3, 2, 3)
+    solutions = [
+        cg.solve_ivp(PROBLEM.f, (0, 1), PROBLEM.y0, frame=SO3(), method=method)
+        for method in (pair, swapped)
+    ]
+    np.testing.assert_array_equal(solutions[0].y, solutions[1].y)
+
+
+def accelerated(t, y):
+    return np.array([1.0, 0.2, y[0, 1]]) * (1.0 + 99.0 / (1.0 + np.exp(-50.0 * (t - 5.0))))
+
+
+def test_rejected_steps_are_counted_and_repeat_no_evaluation():
+    calls = []
+
+    def f(t, y):
+        calls.append((t, y.tobytes()))
+        return accelerated(t, y)
+
+    solution = cg.solve_ivp(f, (0, 10), np.eye(3), frame=SO3(), method="CG2(3)")
+    assert solution.nrejected > 3
+    assert solution.nfev == len(calls)
+    # One more is for the choice of the first step.
+    assert solution.nfev == 3 * solution.steps + 2 * solution.nrejected + 1
+    assert len(set(calls)) == len(calls)
+    flows = PAIRS["CG2(3)"].exponentials + 3
+    assert solution.nexp == flows * (solution.steps + solution.nrejected) + 1
+    sizes = np.diff(solution.t)
+    assert sizes[solution.t[1:] > 5.2].max() < 0.3 * sizes[solution.t[1:] < 4.8].max()
+
+
+def test_backward_returns_to_the_start(rotation):
+    solution = cg.solve_ivp(PROBLEM.f, (1, 0), rotation, frame=SO3(), rtol=1e-9, atol=1e-9)
+    assert (np.diff(solution.t) < 0).all()
+    assert SO3().distance(solution.y[-1], np.eye(3)) < 1e-7
+
+
+def test_backward_takes_the_steps_of_reversed_time():
+    back = cg.solve_ivp(PROBLEM.f, (1, 0), PROBLEM.y0, frame=SO3())
+    mirrored = cg.solve_ivp(lambda t, y: -PROBLEM.f(-t, y), (-1, 0), PROBLEM.y0, frame=SO3())
+    np.testing.assert_allclose(back.t, -mirrored.t, rtol=1e-12)
+    np.testing.assert_allclose(back.y, mirrored.y, rtol=0, atol=1e-12)
+
+
+def test_max_step_and_first_step_are_kept():
+    still = {"frame": SO3(), "t_span": (0.0, 3.0), "y0": np.eye(3)}
+    solution = cg.solve_ivp(lambda t, y: [0.01, 0.0, 0.0], max_step=0.25, **still)
+    assert np.diff(solution.t).max() <= 0.25
+    solution = cg.solve_ivp(PROBLEM.f, first_step=1e-5, **still)
+    assert np.diff(solution.t)[0] == pytest.approx(1e-5)
+    assert np.diff(solution.t).max() > 0.01
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_first_step_follows_the_time_scale(scale):
+    solution = cg.solve_ivp(
+        lambda t, y: PROBLEM.f(t / scale, y) / scale, (0, scale), PROBLEM.y0, frame=SO3()
+    )
+    first = np.diff(solution.t)[0] / scale
+    assert 1e-3 < first < 0.3
+    assert solution.nrejected <= 1
+
+
+def test_motion_without_error_takes_ever_larger_steps():
+    solution = cg.solve_ivp(lambda t, y: [0.0, 0.0, 1.0], (0, 1e6), np.eye(3), frame=SO3())
+    assert solution.success
+    assert solution.steps < 25
+    assert cg.solve_ivp(lambda t, y: np.zeros(3), (0, 5), np.eye(3), frame=SO3()).steps < 15
+
+
+def test_blow_up_ends_without_success_and_keeps_what_was_accepted():
+    solution = cg.solve_ivp(lambda t, y: y**2, (0, 2), [1.0], frame=Euclidean(1), dense_output=True)
+    assert not solution.success
+    assert solution.status == -1
+    assert "step size fell below" in solution.message
+    assert solution.t[-1] == pytest.approx(1.0, abs=1e-2)
+    assert len(solution.t) == solution.steps + 1 > 20
+    assert np.isfinite(solution.y).all()
+    early = solution.t < 0.9
+    np.testing.assert_allclose(solution.y[early, 0], 1 / (1 - solution.t[early]), rtol=0.05)
+    np.testing.assert_array_equal(solution.sol(solution.t), solution.y)
+
+
+def test_blow_up_with_t_eval_keeps_the_times_that_were_reached():
+    times = np.linspace(0, 2, 8)
+    solution = cg.solve_ivp(lambda t, y: y**2, (0, 2), [1.0], frame=Euclidean(1), t_eval=times)
+    np.testing.assert_array_equal(solution.t, times[:4])
+    assert solution.y.shape == (4, 1)
+    assert solution.status == -1
+
+
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered")
+def test_a_trial_step_that_overflows_is_rejected():
+    # The second stage of the first step is not finite, and f isn't finite there.
+    solution = cg.solve_ivp(
+        lambda t, y: 1e308 / (1.0 + t) ** 4 + 0.0 * y,
+        (0, 100),
+        [1.0],
+        frame=Euclidean(1),
+        first_step=100.0,
+        method="CG2(3)",
+    )
+    assert solution.success
+    assert solution.nrejected > 0
+    assert solution.y[-1, 0] == pytest.approx(1e308 / 3, rel=1e-2)
+
+
+def test_tolerances_are_for_each_coordinate():
+    frame = Product(SO3(), Euclidean(1))
+
+    def f(t, y):
+        return [1.0, t, y[0], 1e6 * np.cos(3 * t)]
+
+    y0 = frame.join(np.eye(3), [0.0])
+    loose = cg.solve_ivp(f, (0, 2), y0, frame=frame, rtol=1e-12, atol=[1e-4] * 3 + [1e3])
+    tight = cg.solve_ivp(f, (0, 2), y0, frame=frame, rtol=1e-12, atol=[1e-4] * 3 + [1.0])
+    assert loose.steps < 0.5 * tight.steps
+
+
+def test_sizes_that_errors_are_relative_to():
+    rng = np.random.default_rng(0)
+    frame = Product(SO3(), Euclidean(2), SE3())
+    pose = SE3().random_point(rng)
+    pose[:3, 3] = [3.0, 0.0, 4.0]
+    y = frame.join(np.eye(3), [-2.0, 7.0], pose)
+    expected = [1, 1, 1, 2, 7, 1, 1, 1, 5, 5, 5]
+    np.testing.assert_allclose(coordinate_sizes(frame, y), expected)
+    np.testing.assert_allclose(coordinate_sizes(frame, np.stack([y, y])), [expected] * 2)
+
+
+def test_norm_on_flat_space_is_that_of_scipy():
+    norm = ErrorNorm(Euclidean(2), np.zeros(2), 0.1, np.array([1.0, 2.0]))
+    before, other, y = np.array([10.0, 1.0]), np.array([4.0, 6.0]), np.array([5.0, 8.0])
+    expected = math.sqrt(((1 / (1 + 1.0)) ** 2 + (2 / (2 + 0.8)) ** 2) / 2)
+    assert norm.error(y, other, before) == pytest.approx(expected)
+
+
+def test_norm_on_rotations_is_an_angle():
+    norm = ErrorNorm(SO3(), np.eye(3), 1e-3, np.array(0.0))
+    turned = SO3().flow([0.0, 3e-3, 0.0], np.eye(3))
+    assert norm.error(turned, np.eye(3), np.eye(3)) == pytest.approx(3.0 / math.sqrt(3))
+
+
+def test_norm_without_logarithm_is_that_of_the_ambient_space():
+    frame = Stiefel(3, 1)
+    rng = np.random.default_rng(1)
+    y = frame.random_point(rng)
+    moved = frame.flow(1e-3 * frame.random_vector(rng), y)
+    norm = ErrorNorm(frame, y, 1.0, np.array(0.0))
+    assert not norm.in_algebra
+    # A column of length one: its three entries have root mean square 1/√3.
+    expected = np.sqrt(np.mean((moved - y) ** 2)) * np.sqrt(3.0)
+    assert norm.error(moved, y, y) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_every_kind_of_frame_is_integrated_to_its_tolerance(frame):
+    f, y0 = generic(frame)
+    solution = cg.solve_ivp(f, (0, 1), y0, frame=frame, rtol=1e-6, atol=1e-6)
+    truth = cg.integrate(f, (0, 1), y0, frame=frame, method="CG5a", h=0.02).y[-1]
+    assert 1e-9 < frame.distance(solution.y[-1], truth) < 1e-5
+    assert frame.membership_error(solution.y).max() < 1e-12
+
+
+def test_steps_can_be_taken_one_by_one():
+    step = Step(PROBLEM.f, SO3(), cg.methods["CG2(3)"])
+    norm = ErrorNorm(SO3(), PROBLEM.y0, 1e-3, np.array(1e-6))
+    steps = iter(AdaptiveSteps(step, norm, 0.0, 1.0, PROBLEM.y0))
+    t, y = next(steps)
+    assert 0.0 < t < 1.0
+    assert y.shape == (3, 3)
+    assert step.nfev == 4
