@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Literal
@@ -11,12 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg import quad
-from cg.frames.base import Array
+from cg.frames.base import Array, Frame
+from cg.integrate.blocks import describe_blocks
 from cg.integrate.fixed import resolve_method
+from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
 from cg.tableau import Tableau
 
 Kind = Literal["real64", "real128"]
+
+# Rounds exact numbers to a kind, as Fortran has them.
+_Convert = Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,63 @@ def integrate_heavy_top(
     """
     if not isinstance(problem, HeavyTop):
         raise TypeError(f"problem must be a HeavyTop, got {problem!r}")
+
+    def call(core: Any, convert: _Convert, common: tuple[Any, ...]) -> tuple[Any, int, Any]:
+        inertia, mgl, y0 = problem.inertia, [problem.mgl], problem.y0_exact
+        return core.heavy_top(  # type: ignore[no-any-return]
+            convert(inertia), convert(mgl), convert(y0), *common
+        )
+
+    return _integrate(call, problem.frame, method, h, steps, kind)
+
+
+def integrate_affine(
+    problem: AffineField,
+    *,
+    method: str | Tableau,
+    h: Fraction | float | str,
+    steps: int,
+    kind: Kind = "real64",
+) -> CompiledTrajectory:
+    """Integrate a field with affine coefficients from time zero, with a given number of steps.
+
+    Parameters and results are those of `integrate_heavy_top`.
+
+    Raises
+    ------
+    TypeError
+        If ``problem`` or ``method`` has another type.
+    ValueError
+        If the frame is not compiled, ``method`` is unknown or implicit, or another argument has
+        an impossible value.
+    OverflowError
+        If the solution exceeds the range of floating point.
+    """
+    if not isinstance(problem, AffineField):
+        raise TypeError(f"problem must be an AffineField, got {problem!r}")
+    description = describe_blocks(problem.frame)
+
+    def call(core: Any, convert: _Convert, common: tuple[Any, ...]) -> tuple[Any, int, Any]:
+        constant, slope, y0 = (
+            convert(_fractions(x)) for x in (problem.constant, problem.slope, problem.y0)
+        )
+        linear = convert(_fractions(problem.linear), problem.linear.shape)
+        return core.affine_field(  # type: ignore[no-any-return]
+            description, constant, linear, slope, y0, *common
+        )
+
+    return _integrate(call, problem.frame, method, h, steps, kind)
+
+
+def _integrate(
+    call: Callable[[Any, _Convert, tuple[Any, ...]], tuple[Any, int, Any]],
+    frame: Frame,
+    method: str | Tableau,
+    h: Fraction | float | str,
+    steps: int,
+    kind: Kind,
+) -> CompiledTrajectory:
+    """Check what all built-in problems share, and make a trajectory of what ``call`` returns."""
     tableau = resolve_method(method)
     if not tableau.explicit:
         raise ValueError(f"method must be explicit, got the implicit {method!r}")
@@ -112,27 +174,30 @@ def integrate_heavy_top(
 
     core, convert = (core64, _doubles) if kind == "real64" else (core128, _quads)
     a, b = tableau.exact
-    columns, failed = core.heavy_top(
-        convert(problem.inertia),
-        convert([problem.mgl]),
-        convert(problem.y0_exact),
-        convert([x for row in a for x in row], (len(b), len(b))),
-        convert(b),
-        convert([size]),
-        steps,
-    )
-    if failed:
-        raise OverflowError(f"the solution is no longer finite at t = {float(failed * size):.17g}")
+    stages = len(b)
+    matrix = convert([x for row in a for x in row], (stages, stages))
+    common = (matrix, convert(b), convert([size]), steps)
+    columns, status, failed_at = call(core, convert, common)
     if kind == "real64":
         raw: NDArray[Any] = np.ascontiguousarray(columns.T)
         points = raw
+        t = float(failed_at[0])
     else:
         raw = np.ascontiguousarray(np.transpose(columns, (2, 1, 0)))
         points = quad.to_float(raw)
+        t = float(quad.to_float(np.ascontiguousarray(failed_at.T))[0])
+    if status:
+        raise OverflowError(f"the solution is no longer finite at t = {t:.17g}")
     times = np.array([float(k * size) for k in range(steps + 1)])
+    raw = raw.reshape(steps + 1, *frame.point_shape, *raw.shape[2:])
+    points = points.reshape(steps + 1, *frame.point_shape)
     for array in (times, points, raw):
         array.flags.writeable = False
     return CompiledTrajectory(times, points, raw, kind)
+
+
+def _fractions(values: Array) -> list[Fraction]:
+    return [Fraction(x) for x in values.ravel().tolist()]
 
 
 def _doubles(values: Iterable[Fraction], shape: tuple[int, ...] = (-1,)) -> Array:

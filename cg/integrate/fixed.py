@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from numbers import Real
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import LowLevelCallable
 
 from cg.frames.base import Array, Frame, Points, complex_array, real_array
 from cg.integrate.implicit import DEFAULT_STAGE_SOLVER
@@ -23,6 +25,7 @@ __all__ = [
     "check_span",
     "fixed_steps",
     "integrate",
+    "last_step",
     "resolve_method",
     "time_grid",
 ]
@@ -32,7 +35,7 @@ _MOST_STEPS = 2**53
 
 
 def integrate(
-    f: Coefficients,
+    f: Coefficients | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
@@ -40,6 +43,8 @@ def integrate(
     method: str | Tableau,
     h: float,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
+    save_every: int = 1,
+    workers: int = 1,
 ) -> Trajectory:
     r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` with a fixed step.
 
@@ -60,6 +65,13 @@ def integrate(
         ``f(t, y)`` returns the coefficients, shape ``(*batch, frame.dim)``.  It is given a
         read-only ``y`` of shape ``(*batch, *frame.point_shape)``.  An exception that it raises
         ends the call.
+
+        It may also be a compiled function ``int f(double t, const double *y, double *f,
+        void *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes, or
+        a ``numba.cfunc``.  It is given one point, writes the coefficients, and returns zero, or
+        else ends the call.  Explicit methods then run wholly in compiled code, without Python's
+        lock, on SO(3), unit quaternions, SE(3), the sphere in space, Euclidean space and their
+        products.
     t_span
         Initial and final time.  If the final time is smaller, integration runs backward.
     y0
@@ -74,6 +86,10 @@ def integrate(
         step is shorter.
     stage_solver
         How the stages of an implicit method are found: ``"newton"`` or ``"fixed-point"``.
+    save_every
+        Store the result of every so many steps, besides the initial and the final point.
+    workers
+        Number of threads over which a compiled ``f`` spreads an ensemble; it must allow that.
 
     Returns
     -------
@@ -91,6 +107,8 @@ def integrate(
         If the solution exceeds the range of floating point.
     ConvergenceError
         If the stages of an implicit method can't be found.
+    RuntimeError
+        If a compiled ``f`` returns another number than zero.
 
     References
     ----------
@@ -109,15 +127,41 @@ def integrate(
     >>> solution.y[-1].round(12)[:, 0]
     array([0., 1., 0.])
     """
-    tableau = check_problem(f, frame, method)
+    from cg.integrate.external import (
+        check_count,
+        compiled_rhs,
+        integrate_compiled,
+        stored_steps,
+    )
+
+    rhs = compiled_rhs(f)
+    tableau = check_problem(f if rhs is None else rhs, frame, method)
+    for name, value in (("save_every", save_every), ("workers", workers)):
+        check_count(value, name)
+    if rhs is not None:
+        return integrate_compiled(
+            rhs,
+            t_span,
+            y0,
+            frame=frame,
+            tableau=tableau,
+            h=h,
+            save_every=save_every,
+            workers=workers,
+        )
+    if workers != 1:
+        raise ValueError(f"workers must be 1 unless f is compiled, got {workers!r}")
     times = time_grid(t_span, h)
     point = check_points(frame, y0)
     batch = point.shape[: point.ndim - len(frame.point_shape)]
-    step = Step(f, frame, tableau, batch=batch, stage_solver=stage_solver)
-    points = np.empty((len(times), *point.shape), dtype=point.dtype)
+    step = Step(cast(Coefficients, f), frame, tableau, batch=batch, stage_solver=stage_solver)
+    kept = stored_steps(len(times) - 1, save_every)
+    points = np.empty((len(kept), *point.shape), dtype=point.dtype)
     points[0] = point
     for k, (_, reached) in enumerate(fixed_steps(step, times, float(h), point), start=1):
-        points[k] = reached
+        if k % save_every == 0 or k == kept[-1]:
+            points[-(-k // save_every)] = reached
+    times = times[kept]
     times.flags.writeable = points.flags.writeable = False
     return Trajectory(times, points, step.nfev, step.nexp, tableau, float(h))
 
@@ -148,7 +192,7 @@ def fixed_steps(
     size = math.copysign(h, grid[-1] - grid[0])
     for k in range(1, len(grid)):
         if k == len(grid) - 1:
-            size = _last_step(grid[-2], grid[-1], size)
+            size = last_step(grid[-2], grid[-1], size)
         point = step(grid[k - 1], point, size)
         if not np.isfinite(point).all():
             raise OverflowError(f"the solution is no longer finite at t = {grid[k]:.17g}")
@@ -292,7 +336,7 @@ def time_grid(t_span: Sequence[float], h: float) -> Array:
     return times
 
 
-def _last_step(t: float, stop: float, h: float) -> float:
+def last_step(t: float, stop: float, h: float) -> float:
     """Return ``h`` if it leads from ``t`` to ``stop`` up to rounding, else the shorter rest."""
     rest = stop - t
     slack = 4.0 * (math.ulp(max(abs(t), abs(stop))) + math.ulp(h))

@@ -10,15 +10,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import LowLevelCallable
 
 from cg.catalogue import methods
 from cg.frames.base import Array, Frame, Points, real_array
 from cg.integrate.adaptive import AdaptiveSteps, ErrorNorm, StepSizeError
 from cg.integrate.dense import DenseOutput, Segment
 from cg.integrate.events import EventLog
+from cg.integrate.external import CompiledRhs, compiled_rhs, integrate_compiled
 from cg.integrate.fixed import check_points, check_problem, check_span, fixed_steps, time_grid
 from cg.integrate.implicit import DEFAULT_STAGE_SOLVER
-from cg.integrate.result import Solution
+from cg.integrate.result import Solution, Trajectory
 from cg.integrate.step import Coefficients, Step
 from cg.tableau import Tableau
 
@@ -26,11 +28,12 @@ DEFAULT_METHOD = next(name for name in ("CG4(3)", "CG2(3)") if name in methods)
 """The pair that is used unless another method is named."""
 
 _RTOL, _ATOL = 1e-3, 1e-6
+_FINISHED = "The end of t_span was reached."
 _SMALLEST_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 
 
 def solve_ivp(
-    f: Coefficients,
+    f: Coefficients | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
@@ -57,7 +60,8 @@ def solve_ivp(
     f
         ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``.  It is given a
         read-only ``y`` of shape ``frame.point_shape``.  An exception that it raises ends the
-        call.
+        call.  It may be a compiled function as for `cg.integrate`; then explicit methods run in
+        compiled code if all steps have size ``h`` and nothing between them is asked for.
     t_span
         Initial and final time.  If the final time is smaller, integration runs backward.
     y0
@@ -129,14 +133,15 @@ def solve_ivp(
     >>> turned.terminal, turned.direction = True, 1
     >>> solution = cg.solve_ivp(
     ...     lambda t, y: [0.0, 0.0, t], (0, 10), np.eye(3), frame=cg.frames.SO3(),
-    ...     rtol=1e-9, atol=1e-9, events=turned,
+    ...     max_step=0.5, events=turned,
     ... )
-    >>> solution.t_events[0].round(6), round(np.sqrt(4 * np.pi), 6)
-    (array([3.544908]), 3.544908)
+    >>> solution.t_events[0].round(6)  # the root of 4π
+    array([3.544908])
     >>> solution.y.shape == (solution.steps + 1, 3, 3)
     True
     """
-    tableau = check_problem(f, frame, method)
+    rhs = compiled_rhs(f)
+    tableau = check_problem(f if rhs is None else rhs, frame, method)
     start, stop = check_span(t_span)
     point = check_points(frame, y0)
     batch = point.shape[: point.ndim - len(frame.point_shape)]
@@ -146,20 +151,22 @@ def solve_ivp(
     if log and batch:
         raise ValueError("events must be None for an ensemble")
 
-    def with_args(t: float, y: Points) -> ArrayLike:
-        return f(t, y, *extra)
-
-    step = Step(with_args if extra else f, frame, tableau, batch=batch, stage_solver=stage_solver)
+    coefficients = _coefficients(f, rhs, frame, extra)
+    step = Step(coefficients, frame, tableau, batch=batch, stage_solver=stage_solver)
     largest = _check_step(max_step, "max_step", infinite=True)
     steps: Iterable[tuple[float, Points]]
     adaptive: AdaptiveSteps | None = None
     if h is not None:
-        for name, value in (("rtol", rtol), ("atol", atol), ("first_step", first_step)):
-            if value is not None:
-                raise ValueError(f"{name} must not be given together with h, got {value!r}")
+        _check_unused(rtol=rtol, atol=atol, first_step=first_step)
         times = time_grid((start, stop), h)
         if h > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
+        if rhs is not None and tableau.explicit and wanted is None and not (dense_output or log):
+            return _solution_of(
+                integrate_compiled(
+                    rhs, (start, stop), point, frame=frame, tableau=tableau, h=float(h)
+                )
+            )
         steps = fixed_steps(step, times, float(h), point)
     else:
         if tableau.embedded_weights is None:
@@ -181,7 +188,7 @@ def solve_ivp(
         )
 
     out = _Output(step, start, point, wanted, bool(dense_output), log)
-    status, message = 0, "The end of t_span was reached."
+    status, message = 0, _FINISHED
     try:
         for t, reached in steps:
             if out.add(t, reached):
@@ -275,6 +282,49 @@ class _Output:
             success=status >= 0,
             method=self.step.tableau,
         )
+
+
+def _coefficients(
+    f: Any, rhs: CompiledRhs | None, frame: Frame, args: tuple[Any, ...]
+) -> Coefficients:
+    """Return ``f``, or the compiled function that it is, as a function of time and point."""
+    if rhs is not None:
+        if args:
+            raise ValueError(f"args must be None for a compiled f, got {args!r}")
+        return rhs.on(frame)
+    function: Coefficients = f
+
+    def with_args(t: float, y: Points) -> ArrayLike:
+        return function(t, y, *args)
+
+    return with_args if args else function
+
+
+def _solution_of(trajectory: Trajectory) -> Solution:
+    """Return a trajectory of the compiled integrator as a solution."""
+    return Solution(
+        t=trajectory.t,
+        y=trajectory.y,
+        sol=None,
+        t_events=None,
+        y_events=None,
+        nfev=trajectory.nfev,
+        njev=0,
+        nlu=0,
+        nexp=trajectory.nexp,
+        steps=len(trajectory.t) - 1,
+        nrejected=0,
+        status=0,
+        message=_FINISHED,
+        success=True,
+        method=trajectory.method,
+    )
+
+
+def _check_unused(**arguments: object) -> None:
+    for name, value in arguments.items():
+        if value is not None:
+            raise ValueError(f"{name} must not be given together with h, got {value!r}")
 
 
 def _check_t_eval(t_eval: ArrayLike, start: float, stop: float) -> Array:

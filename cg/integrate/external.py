@@ -1,0 +1,267 @@
+"""Right-hand sides that are compiled: C functions, SciPy's LowLevelCallable, numba's cfunc.
+
+The integration of one runs in compiled code from end to end, and Python's lock is released.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import LowLevelCallable
+
+from cg.frames.base import Array, Frame, Points
+from cg.integrate.blocks import describe_blocks
+from cg.integrate.fixed import check_points, last_step, time_grid
+from cg.integrate.implicit import StageOverflowError
+from cg.integrate.result import Trajectory
+from cg.integrate.step import Step
+from cg.tableau import Tableau
+
+SIGNATURE = "int (double, double *, double *, void *)"
+"""What a compiled right-hand side must be; ``const`` may stand anywhere."""
+
+_MOST_STEPS = 2**31 - 1
+_FUNCTION_POINTER: Any = ctypes.CFUNCTYPE(None).__mro__[1]
+_PROTOTYPE = ctypes.CFUNCTYPE(
+    ctypes.c_int,
+    ctypes.c_double,
+    ctypes.POINTER(ctypes.c_double),
+    ctypes.POINTER(ctypes.c_double),
+    ctypes.c_void_p,
+)
+
+
+class Stop(IntEnum):
+    """Why an integration stopped, by the numbers that fortran/stepper.f90.in has for it."""
+
+    FINISHED = 0
+    STOPPED_BY_FIELD = 1
+    FIELD_NOT_FINITE = 2
+    STAGE_NOT_FINITE = 3
+    SOLUTION_NOT_FINITE = 4
+    OUT_OF_MEMORY = 5
+
+
+@dataclass(frozen=True)
+class CompiledRhs:
+    """A compiled right-hand side.
+
+    It can be called from Python too, as ``f(t, y)``, for what the compiled integrator can't do.
+
+    Attributes
+    ----------
+    function
+        What the user gave; it is kept alive.
+    address
+        Address of the function.
+    user_data
+        Address that it is given as its last argument, or 0.
+    frame
+        The frame that it gives coefficients for; needed to call it from Python.
+    """
+
+    function: Any
+    address: int
+    user_data: int
+    frame: Frame | None = None
+
+    def on(self, frame: Frame) -> CompiledRhs:
+        """Return the same right-hand side for points of ``frame``, to be called from Python."""
+        return replace(self, frame=frame)
+
+    def __call__(self, t: float, y: Points) -> Array:
+        """Return the coefficients, shape ``(*batch, dim)``; what the function leaves out is NaN.
+
+        Parameters
+        ----------
+        t
+            Time.
+        y
+            Points, shape ``(*batch, *point_shape)``.
+
+        Raises
+        ------
+        ValueError
+            If no frame has been given.
+        RuntimeError
+            If the function returns another number than zero.
+        """
+        if self.frame is None:
+            raise ValueError("frame must be given before a compiled f is called")
+        rank = len(self.frame.point_shape)
+        points = np.array(y, dtype=self.frame.dtype, order="C")
+        batch = points.shape[: points.ndim - rank]
+        rows = points.reshape(math.prod(batch), -1).view(np.float64)
+        coefficients = np.full((len(rows), self.frame.dim), math.nan)
+        pointer = ctypes.POINTER(ctypes.c_double)
+        call = _PROTOTYPE(self.address)
+        for row, values in zip(rows, coefficients, strict=True):
+            code = call(
+                t, row.ctypes.data_as(pointer), values.ctypes.data_as(pointer), self.user_data
+            )
+            if code:
+                raise RuntimeError(f"f returned the error code {code} at t = {t:.17g}")
+        return coefficients.reshape(*batch, self.frame.dim)
+
+
+def compiled_rhs(f: Any) -> CompiledRhs | None:
+    """Return what the compiled integrator needs of ``f``, or None if it is no compiled function.
+
+    Parameters
+    ----------
+    f
+        A `scipy.LowLevelCallable`, a function pointer of ctypes with its types set, or a
+        ``numba.cfunc``, of the signature ``int (double t, const double *y, double *f,
+        void *user_data)``.
+
+    Returns
+    -------
+    CompiledRhs or None
+
+    Raises
+    ------
+    ValueError
+        If ``f`` is compiled but has another signature.
+    """
+    # A cfunc's type can't be named here, since numba may not be installed.
+    is_cfunc = hasattr(f, "address") and isinstance(getattr(f, "ctypes", None), _FUNCTION_POINTER)
+    source: Any = f.ctypes if is_cfunc else f
+    if isinstance(source, _FUNCTION_POINTER):
+        if source.argtypes is None:
+            raise ValueError(f"f must have argtypes and restype of {SIGNATURE!r}, got {f!r}")
+        source = LowLevelCallable(source)
+    if not isinstance(source, LowLevelCallable):
+        return None
+    if not _fits(source.signature):
+        raise ValueError(f"f must have the signature {SIGNATURE!r}, got {source.signature!r}")
+    # SciPy keeps a capsule there, whose context is the user's data.
+    capsule = tuple.__getitem__(source, 0)
+    name = _capsule("GetName", ctypes.c_char_p, capsule)
+    address = _capsule("GetPointer", ctypes.c_void_p, capsule, name)
+    user_data = _capsule("GetContext", ctypes.c_void_p, capsule)
+    return CompiledRhs((f, source), address, user_data or 0)
+
+
+def integrate_compiled(
+    rhs: CompiledRhs,
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    frame: Frame,
+    tableau: Tableau,
+    h: float,
+    save_every: int = 1,
+    workers: int = 1,
+) -> Trajectory:
+    """Integrate a compiled right-hand side with a fixed step; see `cg.integrate`.
+
+    Raises
+    ------
+    TypeError
+        If ``h`` isn't a real number.
+    ValueError
+        If an argument has an impossible value, the frame is not compiled or the method implicit,
+        or the function gives numbers that aren't finite.
+    RuntimeError
+        If the function returns anything but zero.
+    OverflowError
+        If the solution exceeds the range of floating point.
+    MemoryError
+        If there isn't enough memory.
+    """
+    import cg._external as core
+
+    if not tableau.explicit:
+        raise ValueError(f"method must be explicit for a compiled f, got the implicit {tableau!r}")
+    description = describe_blocks(frame)
+    times = time_grid(t_span, h)
+    steps = len(times) - 1
+    if steps > _MOST_STEPS:
+        raise ValueError(f"h is too small for a compiled f: more than {_MOST_STEPS} steps")
+    points = check_points(frame, y0)
+    batch = points.shape[: points.ndim - len(frame.point_shape)]
+    kept = stored_steps(steps, save_every)
+    trajectories = math.prod(batch)
+    y = np.empty((trajectories, len(kept), points.size // trajectories))
+    y[:, 0] = points.reshape(trajectories, -1)
+
+    step = Step(rhs, frame, tableau)
+    b = np.zeros(tableau.stages)
+    for j, weight in step.weights:
+        b[j] = weight
+    size = last = math.copysign(float(h), times[-1] - times[0])
+    if steps:
+        last = last_step(float(times[-2]), float(times[-1]), size)
+
+    def run(part: slice) -> tuple[int, int, float, int]:
+        status, flag, failed_at, failed = core.run(
+            rhs.address, rhs.user_data, description, tableau.a, b, times[0], size, last,
+            steps, min(save_every, _MOST_STEPS), y[part].T,
+        )  # fmt: skip
+        return status, flag, failed_at, part.start + failed - 1
+
+    bounds = [trajectories * k // workers for k in range(workers + 1)]
+    parts = [slice(*pair) for pair in pairwise(bounds) if pair[0] < pair[1]]
+    if len(parts) == 1:
+        outcomes = [run(parts[0])]
+    else:
+        with ThreadPoolExecutor(len(parts)) as pool:
+            outcomes = list(pool.map(run, parts))
+    for status, flag, failed_at, failed in outcomes:
+        if status != Stop.FINISHED:
+            index = tuple(map(int, np.unravel_index(failed, batch))) if batch else None
+            raise _failure(Stop(status), flag, failed_at, index)
+
+    stored = np.moveaxis(y, 0, 1).reshape(len(kept), *points.shape)
+    t = times[kept]
+    t.flags.writeable = stored.flags.writeable = False
+    nexp = steps * (sum(map(len, step.rows)) + len(step.weights))
+    return Trajectory(t, stored, steps * tableau.stages, nexp, tableau, float(h))
+
+
+def stored_steps(steps: int, save_every: int) -> list[int]:
+    """Return the numbers of the steps whose results are kept: every k-th, and the last."""
+    return [*range(0, steps, save_every), steps]
+
+
+def check_count(value: object, name: str) -> None:
+    """Raise ValueError unless ``value`` is a positive integer."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError(f"{name} must be a positive integer, got {value!r}")
+
+
+def _capsule(name: str, result: Any, *arguments: Any) -> Any:
+    address = ctypes.cast(getattr(ctypes.pythonapi, f"PyCapsule_{name}"), ctypes.c_void_p).value
+    kinds: list[Any] = [ctypes.py_object, ctypes.c_char_p][: len(arguments)]
+    return ctypes.PYFUNCTYPE(result, *kinds)(address or 0)(*arguments)
+
+
+def _fits(signature: str | None) -> bool:
+    words = (signature or "").replace("const", "").replace(" ", "")
+    head, _, data = words.rpartition(",")
+    return head == "int(double,double*,double*" and data.endswith("*)")
+
+
+def _failure(stop: Stop, flag: int, t: float, index: tuple[int, ...] | None) -> Exception:
+    where = f"at t = {t:.17g}"
+    if index is not None:
+        where += f" for y0[{', '.join(map(str, index))}]"
+    match stop:
+        case Stop.STOPPED_BY_FIELD:
+            return RuntimeError(f"f returned the error code {flag} {where}")
+        case Stop.FIELD_NOT_FINITE:
+            return ValueError(f"f must return finite numbers, and all of them, {where}")
+        case Stop.STAGE_NOT_FINITE:
+            return StageOverflowError(f"a stage is no longer finite {where}")
+        case Stop.SOLUTION_NOT_FINITE:
+            return OverflowError(f"the solution is no longer finite {where}")
+    return MemoryError("there is not enough memory for the stages of one step")
