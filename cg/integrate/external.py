@@ -20,7 +20,7 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Array, Frame, Points
 from cg.integrate.blocks import describe_blocks
-from cg.integrate.fixed import check_points, last_step, time_grid
+from cg.integrate.fixed import check_points, check_span, last_step, step_count
 from cg.integrate.implicit import StageOverflowError
 from cg.integrate.result import Trajectory
 from cg.integrate.step import Step
@@ -183,8 +183,8 @@ def integrate_compiled(
     if not tableau.explicit:
         raise ValueError(f"method must be explicit for a compiled f, got the implicit {tableau!r}")
     description = describe_blocks(frame)
-    times = time_grid(t_span, h)
-    steps = len(times) - 1
+    start, stop = check_span(t_span)
+    steps = step_count((start, stop), h)
     if steps > _MOST_STEPS:
         raise ValueError(f"h is too small for a compiled f: more than {_MOST_STEPS} steps")
     points = check_points(frame, y0)
@@ -198,13 +198,13 @@ def integrate_compiled(
     b = np.zeros(tableau.stages)
     for j, weight in step.weights:
         b[j] = weight
-    size = last = math.copysign(float(h), times[-1] - times[0])
+    size = last = math.copysign(float(h), stop - start)
     if steps:
-        last = last_step(float(times[-2]), float(times[-1]), size)
+        last = last_step(start + (steps - 1) * size, stop, size)
 
     def run(part: slice) -> tuple[int, int, float, int]:
         status, flag, failed_at, failed = core.run(
-            rhs.address, rhs.user_data, description, tableau.a, b, times[0], size, last,
+            rhs.address, rhs.user_data, description, tableau.a, b, start, size, last,
             steps, min(save_every, _MOST_STEPS), y[part].T,
         )  # fmt: skip
         return status, flag, failed_at, part.start + failed - 1
@@ -222,7 +222,8 @@ def integrate_compiled(
             raise _failure(Stop(status), flag, failed_at, index)
 
     stored = np.moveaxis(y, 0, 1).reshape(len(kept), *points.shape)
-    t = times[kept]
+    t = start + size * np.array(kept)
+    t[-1] = stop
     t.flags.writeable = stored.flags.writeable = False
     nexp = steps * (sum(map(len, step.rows)) + len(step.weights))
     return Trajectory(t, stored, steps * tableau.stages, nexp, tableau, float(h))

@@ -27,6 +27,7 @@ __all__ = [
     "integrate",
     "last_step",
     "resolve_method",
+    "step_count",
     "time_grid",
 ]
 
@@ -315,6 +316,17 @@ def time_grid(t_span: Sequence[float], h: float) -> Array:
         that the times can't be told apart.
     """
     start, stop = check_span(t_span)
+    steps = step_count((start, stop), h)
+    if steps == 0:
+        return np.array([start])
+    times = start + math.copysign(float(h), stop - start) * np.arange(steps + 1)
+    times[-1] = stop
+    return times
+
+
+def step_count(t_span: Sequence[float], h: float) -> int:
+    """Return the number of steps of a fixed-step integration; raises what `time_grid` does."""
+    start, stop = check_span(t_span)
     if isinstance(h, bool) or not isinstance(h, Real):
         raise TypeError(f"h must be a real number, got {h!r}")
     size = float(h)
@@ -322,7 +334,7 @@ def time_grid(t_span: Sequence[float], h: float) -> Array:
         raise ValueError(f"h must be positive and finite, got {h!r}")
     span = abs(stop - start)
     if span == 0.0:
-        return np.array([start])
+        return 0
     largest = max(abs(start), abs(stop))
     ratio = span / size
     if ratio > _MOST_STEPS or (ratio > 1.0 and size < math.ulp(largest)):
@@ -330,10 +342,7 @@ def time_grid(t_span: Sequence[float], h: float) -> Array:
     # The ratio carries the rounding of the two ends and of h.  Within that, h divides the span.
     nearest = round(ratio)
     slack = 2.0 * (math.ulp(largest) / size + math.ulp(ratio))
-    steps = max(1, nearest if abs(ratio - nearest) <= slack else math.ceil(ratio))
-    times = start + math.copysign(size, stop - start) * np.arange(steps + 1)
-    times[-1] = stop
-    return times
+    return max(1, nearest if abs(ratio - nearest) <= slack else math.ceil(ratio))
 
 
 def last_step(t: float, stop: float, h: float) -> float:
