@@ -11,7 +11,7 @@ from ..quad import to_decimal
 from ..tableau import Tableau
 from .certificate import Certificate, CertificationError
 from .krawczyk import krawczyk
-from .prove import Packed, box, free_of, precision, prove_box, system_of
+from .prove import Packed, box, free_of, precision, prove_box, start, system_of
 
 __all__ = ["MOST_DIGITS", "refined_digits"]
 
@@ -60,7 +60,8 @@ def refined_digits(method: Tableau, certificate: Certificate, digits: int) -> li
             rounded = [_rounded(ball, digits) for ball in found]
         if all(rounded):
             for k, text in zip(free, rounded, strict=True):
-                texts[k] = text or ""
+                if k < len(texts):
+                    texts[k] = text or ""
             return texts
     raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
 
@@ -68,7 +69,7 @@ def refined_digits(method: Tableau, certificate: Certificate, digits: int) -> li
 def _solve(packed: Packed, certificate: Certificate, free: list[int], places: int) -> list[arb]:
     """Return balls around the solution with so many decimal places."""
     system = system_of(packed, certificate)
-    z = packed.balls()
+    z = start(packed, certificate)
     target = arb(10) ** -places
     for _ in range(places.bit_length() + 2):
         values, jacobian = system.linearise(z)

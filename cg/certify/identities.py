@@ -11,19 +11,15 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations
+from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from .relations import Identity, Relation, fill, kept_words, places, without
-from .systems import Equation, System, Term, condition
+from .relations import Relation, fill, places, without
+from .systems import Equation, Term
 from .weights import Quantity, Shape
-from .words import Word, shuffle, text
+from .words import Word, shuffle
 
-__all__ = ["PathOrderTwo", "StageOrderTwo", "augment", "find_identities", "read_identity"]
+__all__ = ["PathOrderTwo", "StageOrderTwo"]
 
-_SMALL = 1e-9  # what counts as zero when identities are looked for, not when they are proved
 
 _DOT: Word = ((),)  # τ as a word
 _LINE: Word = (((),),)  # [τ] as a word, [[τ]] as a letter
@@ -49,12 +45,16 @@ class StageOrderTwo:
 
     exception: int
 
+    parameters: ClassVar[tuple[Fraction, ...]] = ()
+
     @property
-    def name(self) -> str:
+    def heading(self) -> str:
         """Text from which it is read again."""
         return f"C(2) except at stage {self.exception + 1}"
 
-    def equations(self, shape: Shape, zeros: Sequence[Collection[int]]) -> list[Equation]:
+    def equations(
+        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+    ) -> list[Equation]:
         """Return ``Σ_j a_ij c_j - c_i²/2`` for all i but the exception.
 
         Raises
@@ -108,12 +108,16 @@ class PathOrderTwo:
         Σ_{τ ⧢ w} Σ_{τ ⧢ y} w [y] v - Σ_{[τ] ⧢ w} w [y] v - Σ_{ττ ⧢ y} w [y] v = 0.
     """
 
+    parameters: ClassVar[tuple[Fraction, ...]] = ()
+
     @property
-    def name(self) -> str:
+    def heading(self) -> str:
         """Text from which it is read again."""
         return "path of order two"
 
-    def equations(self, shape: Shape, zeros: Sequence[Collection[int]]) -> list[Equation]:
+    def equations(
+        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+    ) -> list[Equation]:
         """Return ``Σ_{j<k} b_j (c_k - c_j) - c_k²/2`` where the weight isn't zero.
 
         But ``c_k - 1`` for the last of these stages: at the end of the path B = 1 and
@@ -165,78 +169,3 @@ def _difference(first: Quantity, second: Quantity) -> tuple[Term, ...]:
 
 def _add(relation: Relation, word: Word, multiplicity: int) -> None:
     relation[word] = relation.get(word, 0) + multiplicity
-
-
-def read_identity(name: str) -> Identity:
-    """Make an identity from its name.
-
-    Raises
-    ------
-    ValueError
-        If no such identity is known.
-    """
-    if name == PathOrderTwo().name:
-        return PathOrderTwo()
-    before, _, stage = name.rpartition(" ")
-    if before == StageOrderTwo(0).name.rpartition(" ")[0] and stage.isdecimal() and int(stage):
-        return StageOrderTwo(int(stage) - 1)
-    raise ValueError(f"no identity is known as {name!r}")
-
-
-def find_identities(
-    a: NDArray[np.float64], weights: Sequence[NDArray[np.float64]]
-) -> list[tuple[Identity, ...]]:
-    """Return the sets of identities that a tableau, in doubles, seems to satisfy.
-
-    Parameters
-    ----------
-    a : ndarray, shape (s, s)
-    weights : sequence of ndarray, shape (s,)
-        b, and the second weights of a pair.
-
-    Returns
-    -------
-    list of tuple of Identity
-        All nonempty subsets, small ones first.
-    """
-    c = a.sum(axis=1)
-    tolerance = _SMALL * (1 + c**2)
-    found: list[Identity] = []
-    exceptions = np.flatnonzero(np.abs(a @ c - c**2 / 2) > tolerance)
-    if len(exceptions) == 1 and len(c) > 2:
-        found.append(StageOrderTwo(int(exceptions[0])))
-    paths = []
-    for b in weights:
-        before, moment = np.cumsum(b) - b, np.cumsum(b * c) - b * c
-        paths.append(np.abs(before * c - moment - c**2 / 2)[b != 0] <= tolerance[b != 0])
-    if np.concatenate(paths).all():
-        found.append(PathOrderTwo())
-    sizes = range(1, len(found) + 1)
-    return [chosen for size in sizes for chosen in combinations(found, size)]
-
-
-def augment(
-    shape: Shape,
-    orders: Sequence[int],
-    identities: Sequence[Identity],
-    zeros: Sequence[Collection[int]],
-) -> System:
-    """Return a system of which all order conditions follow by identities.
-
-    Parameters
-    ----------
-    shape : Shape
-    orders : sequence of int
-        Of b, and of the second weights of a pair.
-    identities : sequence of Identity
-    zeros : sequence of collections of int
-        For the same rows of weights, the stages (from 0) where they are held at zero.
-    """
-    equations = [e for identity in identities for e in identity.equations(shape, zeros)]
-    for r, (order, held) in enumerate(zip(orders, zeros, strict=True)):
-        for grade in range(1, order + 1):
-            for word in kept_words(grade, identities, held):
-                equation = condition(word, shape.stages + r)
-                label = f"{text(word)} embedded" if r else equation.label
-                equations.append(equation._replace(label=label))
-    return System(shape, tuple(equations))

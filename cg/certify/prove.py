@@ -16,8 +16,10 @@ from ..coefficients import Coefficient
 from ..quad import to_decimal
 from ..tableau import TOLERANCE_FACTOR, Tableau
 from .certificate import Beyond, Certificate, CertificationError
-from .identities import augment, find_identities, read_identity
+from .explain import augment, find_identities, name_of, read_identity
 from .krawczyk import Attempt, choose_free, krawczyk, numerical_rank, to_double
+from .parametric import RELATION_RADIUS
+from .relations import Identity
 from .systems import System, exact_residuals, order_system
 from .weights import Quantity, Shape, Weights
 from .words import Word, condition_words, density, nodes, parse, text
@@ -30,6 +32,7 @@ __all__ = [
     "free_of",
     "precision",
     "prove_box",
+    "start",
     "system_of",
 ]
 
@@ -190,11 +193,11 @@ def _fitting(certificate: Certificate, method: Tableau) -> Packed:
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
     packed = Packed.of(method, pair)
-    names = packed.shape.names()
+    names = _names(packed, certificate)
     held = set(certificate.fixed)
     if len(held) != len(certificate.fixed) or not held.issubset(names):
         raise CertificationError("the fixed coefficients must be distinct ones of the method")
-    for name, coefficient in zip(names, packed.coefficients, strict=True):
+    for name, coefficient in zip(names, packed.coefficients, strict=False):
         if coefficient.value == 0 and name not in held:
             raise CertificationError(f"{name} is exactly zero, so it must be fixed")
     return packed
@@ -204,11 +207,32 @@ def system_of(packed: Packed, certificate: Certificate) -> System:
     """Return the equations of a certificate."""
     if not certificate.identities:
         return order_system(packed.shape, certificate.order, certificate.embedded_order)
+    if Fraction(certificate.radius) >= Fraction(RELATION_RADIUS):
+        raise CertificationError("the radius is too large for the relations of identities")
     try:
-        identities = [read_identity(name) for name in certificate.identities]
+        identities = _identities(certificate)
         return augment(packed.shape, _orders(certificate), identities, packed.zeros())
-    except ValueError as error:
+    except (ValueError, ArithmeticError) as error:
         raise CertificationError(str(error)) from None
+
+
+def _identities(certificate: Certificate) -> list[Identity]:
+    try:
+        return [read_identity(name) for name in certificate.identities]
+    except (ValueError, ZeroDivisionError) as error:
+        raise CertificationError(str(error)) from None
+
+
+def _names(packed: Packed, certificate: Certificate) -> list[str]:
+    """Return the names of all unknowns: coefficients, and parameters of identities."""
+    count = sum(len(identity.parameters) for identity in _identities(certificate))
+    return [*packed.shape.names(), *(f"parameter_{k}" for k in range(1, count + 1))]
+
+
+def start(packed: Packed, certificate: Certificate) -> list[arb]:
+    """Return the stored coefficients, and the parameters of identities, as balls."""
+    parameters = [p for identity in _identities(certificate) for p in identity.parameters]
+    return packed.balls() + [arb(fmpq(p.numerator, p.denominator)) for p in parameters]
 
 
 def _orders(certificate: Certificate) -> list[int]:
@@ -219,7 +243,7 @@ def _orders(certificate: Certificate) -> list[int]:
 def free_of(packed: Packed, certificate: Certificate) -> list[int]:
     """Return the indices of the coefficients that aren't fixed."""
     held = set(certificate.fixed)
-    return [k for k, name in enumerate(packed.shape.names()) if name not in held]
+    return [k for k, name in enumerate(_names(packed, certificate)) if name not in held]
 
 
 def prove_box(packed: Packed, certificate: Certificate) -> None:
@@ -232,7 +256,7 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
             free=len(free),
             equations=len(system.equations),
         )
-    y = packed.balls()
+    y = start(packed, certificate)
     conditions = order_system(packed.shape, certificate.order, certificate.embedded_order)
     values, jacobian = conditions.linearise(y)
     _check_places(packed, conditions, values, jacobian)
@@ -272,47 +296,47 @@ def _find_zero(packed: Packed, draft: Certificate) -> Certificate:
     system = order_system(packed.shape, draft.order, draft.embedded_order)
     values, jacobian = system.linearise(y)
     _check_places(packed, system, values, jacobian)
-    attempt = _try(packed, draft, system, to_double(jacobian))
-    if isinstance(attempt, Certificate):
-        return attempt
-    starts, stages = packed.shape.starts, packed.shape.stages
-    doubles = np.array([float(value) for value in packed.values])
-    a = np.zeros((stages, stages))
-    for r in range(stages):
-        a[r, : packed.shape.lengths[r]] = doubles[starts[r] : starts[r + 1]]
-    weights = [doubles[begin : begin + stages] for begin in starts[stages:-1]]
+    found = _try(packed, draft, system, to_double(jacobian))
+    if isinstance(found, Certificate):
+        return found
     tried = []
-    for identities in find_identities(a, weights):
-        names = tuple(identity.name for identity in identities)
-        augmented = augment(packed.shape, _orders(draft), identities, packed.zeros())
-        jacobian = augmented.linearise(y)[1]
-        found = _try(packed, replace(draft, identities=names), augmented, to_double(jacobian))
-        if isinstance(found, Certificate):
-            return found
-        tried.append(" and ".join(names))
+    for identities in find_identities(packed.shape, y, packed.zeros()):
+        names = tuple(map(name_of, identities))
+        tried.append(" and ".join(identity.heading for identity in identities))
+        extended = replace(draft, identities=names)
+        try:
+            augmented = augment(packed.shape, _orders(draft), identities, packed.zeros())
+        except ArithmeticError:
+            continue
+        jacobian = augmented.linearise(start(packed, extended))[1]
+        again = _try(packed, extended, augmented, to_double(jacobian))
+        if isinstance(again, Certificate):
+            return again
     message = f"{draft.name}: no zero of the conditions of order {draft.order} is proved"
-    if attempt["rank"] < attempt["conditions"]:
+    if found["rank"] < found["conditions"]:
         message += ", their derivatives are dependent and no known identities explain that"
-    raise CertificationError(message, **attempt, tried="; ".join(tried) or "no identities")
+    raise CertificationError(message, **found, tried="; ".join(tried) or "no identities")
 
 
 def _try(
     packed: Packed, draft: Certificate, system: System, jacobian: NDArray[np.float64]
 ) -> Certificate | dict[str, float]:
     """Return the certificate with the zero proved, or the quantities that tell why not."""
-    names = packed.shape.names()
+    names = _names(packed, draft)
     size = len(system.equations)
+    parameters = list(range(packed.shape.unknowns, system.unknowns))
     rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     found: dict[str, float] = {}
-    for candidates in (rough, nonzero):  # better to hold all that are exact, not zeros only
+    for movable in (rough, nonzero):  # better to hold all that are exact, not zeros only
+        candidates = movable + parameters
         rank, singular = numerical_rank(jacobian[:, candidates])
         found = {"conditions": size, "rank": rank, "smallest_singular_value": float(singular[-1])}
         found["largest_singular_value"] = float(singular[0])
         if rank < size:
             continue
         free = choose_free(jacobian, candidates)
-        attempt = krawczyk(system, packed.balls(), free)
+        attempt = krawczyk(system, start(packed, draft), free)
         found |= _quantities(attempt)
         if attempt.proved:
             held = tuple(name for k, name in enumerate(names) if k not in set(free))
@@ -334,8 +358,8 @@ def _check_rational(packed: Packed, certificate: Certificate) -> None:
 
 
 def box(packed: Packed, certificate: Certificate) -> list[arb]:
-    """Return balls that hold the exact solution."""
-    y = packed.balls()
+    """Return balls that hold the exact solution, and the parameters of identities."""
+    y = start(packed, certificate)
     radius = arb(certificate.radius).upper()
     for k in free_of(packed, certificate):
         y[k] = y[k] + arb(0, radius)

@@ -13,10 +13,11 @@ words do; these are chosen such that the other columns are independent.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from fractions import Fraction
 from typing import Any, Protocol
 
 import numpy as np
-from flint import fmpz_mat
+from flint import arb, arb_mat
 from numpy.typing import NDArray
 
 from .systems import Equation
@@ -25,8 +26,8 @@ from .words import Word, condition_words, nodes, shuffle
 
 __all__ = ["HOLE", "Identity", "Relation", "fill", "kept_words", "places", "without"]
 
-Relation = dict[Word, int]
-"""Coefficients of a sum of residuals that is zero."""
+Relation = dict[Word, Any]
+"""Coefficients, integers or balls, of a sum of residuals that is zero."""
 
 HOLE = -1  # where a letter was cut out of a word
 
@@ -35,13 +36,20 @@ class Identity(Protocol):
     """Something that a solution satisfies besides its order conditions."""
 
     @property
-    def name(self) -> str:
-        """Text from which it is read again."""
+    def heading(self) -> str:
+        """Text that tells it from others, without its parameters."""
 
-    def equations(self, shape: Shape, zeros: Sequence[Collection[int]]) -> list[Equation]:
+    @property
+    def parameters(self) -> tuple[Fraction, ...]:
+        """Approximations of unknown coefficients of its own."""
+
+    def equations(
+        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+    ) -> list[Equation]:
         """Return what is to be proved of the coefficients.
 
-        `zeros` has the stages, from 0, where each row of weights is held at zero.
+        `zeros` has the stages, from 0, where each row of weights is held at zero, `first`
+        is the index of the first parameter.
         """
 
     def relations(self, word: Word) -> Iterable[Relation]:
@@ -74,14 +82,16 @@ def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int
     # leftmost are eliminated first
     columns.sort(key=lambda w: (w in lyndon, not _has_line(w), -_depth(w), len(w)))
     position = {word: k for k, word in enumerate(columns)}
-    matrix = np.zeros((len(relations), len(columns)))
-    for row, relation in zip(matrix, relations, strict=True):
-        for word, coefficient in relation.items():
-            if word in position:
-                row[position[word]] += coefficient
+    rows = [
+        {position[w]: c for w, c in relation.items() if w in position} for relation in relations
+    ]
+    matrix = np.zeros((len(rows), len(columns)))
+    for entries, row in zip(rows, matrix, strict=True):
+        for k, coefficient in entries.items():
+            row[k] = float(coefficient)
     used, eliminated = _pivots(matrix)
-    square = matrix[np.ix_(used, eliminated)].astype(int)
-    if eliminated and fmpz_mat(square.tolist()).det() == 0:
+    square = arb_mat([[arb(rows[i].get(k, 0)) for k in eliminated] for i in used])
+    if eliminated and not _regular(square):
         raise ArithmeticError(f"the relations between words with {grade} nodes are degenerate")
     gone = set(eliminated)
     return [word for k, word in enumerate(columns) if k not in gone]
@@ -90,13 +100,13 @@ def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int
 def _close(
     plain: Sequence[Word], identities: Sequence[Identity]
 ) -> tuple[list[Word], list[Relation]]:
-    words, found = dict.fromkeys(plain), dict[frozenset[tuple[Word, int]], Relation]()
+    words, found = dict.fromkeys(plain), dict[frozenset[tuple[Word, float]], Relation]()
     pending = list(plain)
     while pending:
         word = pending.pop()
         for identity in identities:
             for relation in identity.relations(word):
-                found[frozenset(relation.items())] = relation
+                found[frozenset((w, float(c)) for w, c in relation.items())] = relation
                 pending += [new for new in relation if new not in words]
                 words.update(dict.fromkeys(relation))
     return list(words), list(found.values())
@@ -112,6 +122,14 @@ def _shuffles(words: Sequence[Word]) -> list[Relation]:
             if known.issuperset(relation):
                 found.append(relation)
     return found
+
+
+def _regular(matrix: arb_mat) -> bool:
+    try:
+        matrix.solve(arb_mat([[0] for _ in range(matrix.nrows())]))
+    except ZeroDivisionError:
+        return False
+    return True
 
 
 def _pivots(matrix: NDArray[np.float64]) -> tuple[list[int], list[int]]:

@@ -1,0 +1,209 @@
+"""Which identities a method satisfies, and the equations that then prove its order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_mat, fmpq
+from numpy.typing import NDArray
+from scipy import linalg
+
+from ..quad import to_decimal
+from .identities import PathOrderTwo, StageOrderTwo
+from .krawczyk import to_double
+from .parametric import Columns, Letters, Path
+from .relations import Identity, kept_words
+from .systems import System, condition
+from .weights import Quantity, Shape, Weights
+from .words import Word, condition_words, density, nodes, text
+
+__all__ = ["augment", "find_identities", "name_of", "read_identity"]
+
+_THRESHOLD = 1e-11  # singular values below this fraction of the largest count as zero
+_SMALL = 1e-20  # what counts as zero when identities are looked for, not when they are proved
+_DIGITS = 60  # of parameters
+
+
+def name_of(identity: Identity) -> str:
+    """Write an identity with its parameters, for `read_identity`."""
+    values = " ".join(to_decimal(value, _DIGITS) for value in identity.parameters)
+    return f"{identity.heading}: {values}" if values else identity.heading
+
+
+def read_identity(name: str) -> Identity:
+    """Make an identity from its name.
+
+    Raises
+    ------
+    ValueError
+        If no such identity is known.
+    """
+    heading, _, values = name.partition(": ")
+    parameters = tuple(map(Fraction, values.split()))
+    stage = re.fullmatch(r"C\(2\) except at stage ([1-9]\d*)", heading)
+    found: Identity
+    if stage and not parameters:
+        found = StageOrderTwo(int(stage[1]) - 1)
+    elif heading == "path" and len(parameters) == 1:
+        found = Path(parameters)
+    elif heading == "columns" and len(parameters) == 1:
+        found = Columns(parameters)
+    elif heading.startswith("letters "):
+        found = Letters.read(heading, parameters)
+    else:
+        found = PathOrderTwo()
+    if name_of(found) != name:
+        raise ValueError(f"no identity is known as {name!r}")
+    return found
+
+
+def find_identities(
+    shape: Shape, y: Sequence[arb], zeros: Sequence[Collection[int]]
+) -> Iterator[tuple[Identity, ...]]:
+    """Yield the sets of identities that coefficients seem to satisfy, small ones first.
+
+    Parameters
+    ----------
+    shape : Shape
+    y : sequence of arb
+        Packed coefficients.
+    zeros : sequence of collections of int
+        For each row of weights, the stages (from 0) where they are held at zero.
+    """
+    found: list[tuple[Identity, ...]] = []
+    for k in range(shape.stages):
+        found += [(StageOrderTwo(k),)]
+    found += [(PathOrderTwo(),), (Path((Fraction(0),)),), (Columns((Fraction(0),)),)]
+    letters = _dependent_letters(shape, y)
+    if letters:
+        found.append(letters)
+    fitted = [
+        kept
+        for group in found
+        if len(kept := [f for one in group if (f := _fit(one, shape, y, zeros))]) == len(group)
+    ]
+    for size in range(1, len(fitted) + 1):
+        for chosen in combinations(fitted, size):
+            yield tuple(one for group in chosen for one in group)
+
+
+def _fit(
+    identity: Identity, shape: Shape, y: Sequence[arb], zeros: Sequence[Collection[int]]
+) -> Identity | None:
+    """Return the identity with fitting parameters; None if it isn't satisfied, or undetermined."""
+    count = len(identity.parameters)
+    equations = identity.equations(shape, zeros, 0)
+    if len(equations) <= count:
+        return None
+    system = System(shape, tuple(equations), count)
+    values, jacobian = system.linearise([*y, *[arb(0)] * count])
+    found: list[arb] = []
+    if count:
+        rows = [row[shape.unknowns :] for row in jacobian.tolist()]
+        by_parameter = to_double(arb_mat(rows))
+        factor, pivots = linalg.qr(by_parameter.T, mode="r", pivoting=True)
+        diagonal = np.abs(np.diag(factor))
+        if diagonal.min() <= _THRESHOLD * diagonal.max():
+            return None
+        chosen = [int(k) for k in pivots[:count]]
+        right = arb_mat([[-values[k]] for k in chosen])
+        found = arb_mat([rows[k] for k in chosen]).solve(right).entries()
+        terms = [[entry * p for entry, p in zip(row, found, strict=True)] for row in rows]
+        values = [value + sum(row, arb(0)) for value, row in zip(values, terms, strict=True)]
+    if any(not abs(value) < _SMALL for value in values):
+        return None
+    if not count:
+        return identity
+    decimals = tuple(Fraction(to_decimal(_middle(p), _DIGITS)) for p in found)
+    return replace(identity, parameters=decimals)  # type: ignore[type-var]
+
+
+def _middle(value: arb) -> Fraction:
+    mantissa, exponent = value.mid().man_exp()
+    return int(mantissa) * Fraction(2) ** int(exponent)
+
+
+def _dependent_letters(shape: Shape, y: Sequence[arb]) -> tuple[Letters, ...]:
+    """Return the relations between trees with three or four nodes, without parameters."""
+    words = [
+        w for w in condition_words(3, independent=False) if nodes(w) > 1 and w != ((),) * nodes(w)
+    ]
+    vectors = _deviations(words, shape, y)
+    scale = np.maximum(np.abs(vectors).max(axis=0), 1e-300)
+    _, values, right = linalg.svd(vectors / scale)
+    values = np.pad(values, (0, len(words) - len(values)))
+    null = right[values <= _THRESHOLD * values[0]] / scale
+    high = [k for k, word in enumerate(words) if nodes(word) == 3]
+    count = len(null)
+    if not count or count > len(high) or len(vectors) < len(words):
+        return ()
+    pivots = linalg.qr(null[:, high], mode="r", pivoting=True)[1][:count]
+    chosen = [words[high[int(k)]] for k in pivots]
+    others = tuple(word for word in words if word not in chosen)
+    return tuple(Letters(word, others, (Fraction(0),) * len(others)) for word in chosen)
+
+
+def _deviations(words: Sequence[Word], shape: Shape, y: Sequence[arb]) -> NDArray[np.float64]:
+    rows = [i for i in range(shape.stages) if shape.lengths[i]]
+    bushes = [((),) * nodes(word) for word in words]
+    quantities = [Quantity(i, word) for i in rows for word in [*words, *bushes]]
+    found = iter(Weights(shape, quantities).evaluate(y[: shape.unknowns]))
+    matrix = []
+    for _ in rows:
+        weights = [next(found) for _ in words]
+        powers = [next(found) for _ in bushes]
+        matrix.append(
+            [
+                float(w - p * _ratio(word, bush))
+                for w, p, word, bush in zip(weights, powers, words, bushes, strict=True)
+            ]
+        )
+    return np.array(matrix)
+
+
+def _ratio(word: Word, bush: Word) -> Any:
+    ratio = density(word) / density(bush)
+    return fmpq(ratio.numerator, ratio.denominator)
+
+
+def augment(
+    shape: Shape,
+    orders: Sequence[int],
+    identities: Sequence[Identity],
+    zeros: Sequence[Collection[int]],
+) -> System:
+    """Return a system of which all order conditions follow by identities.
+
+    Parameters
+    ----------
+    shape : Shape
+    orders : sequence of int
+        Of b, and of the second weights of a pair.
+    identities : sequence of Identity
+    zeros : sequence of collections of int
+        For the same rows of weights, the stages (from 0) where they are held at zero.
+
+    Raises
+    ------
+    ArithmeticError
+        If that the conditions follow couldn't be shown.
+    ValueError
+        If an identity doesn't fit the shape.
+    """
+    equations, count = [], 0
+    for identity in identities:
+        equations += identity.equations(shape, zeros, count)
+        count += len(identity.parameters)
+    for r, (order, held) in enumerate(zip(orders, zeros, strict=True)):
+        for grade in range(1, order + 1):
+            for word in kept_words(grade, identities, held):
+                equation = condition(word, shape.stages + r)
+                label = f"{text(word)} embedded" if r else equation.label
+                equations.append(equation._replace(label=label))
+    return System(shape, tuple(equations), count)
