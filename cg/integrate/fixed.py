@@ -319,7 +319,7 @@ def time_grid(t_span: Sequence[float], h: float) -> Array:
     steps = step_count((start, stop), h)
     if steps == 0:
         return np.array([start])
-    times = start + math.copysign(float(h), stop - start) * np.arange(steps + 1)
+    times: Array = start + math.copysign(float(h), stop - start) * np.arange(steps + 1)
     times[-1] = stop
     return times
 
