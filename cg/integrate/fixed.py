@@ -319,7 +319,8 @@ def time_grid(t_span: Sequence[float], h: float) -> Array:
     steps = step_count((start, stop), h)
     if steps == 0:
         return np.array([start])
-    times: Array = start + math.copysign(float(h), stop - start) * np.arange(steps + 1)
+    numbers = np.arange(steps + 1, dtype=np.float64)
+    times: Array = start + math.copysign(float(h), stop - start) * numbers
     times[-1] = stop
     return times
 
