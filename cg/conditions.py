@@ -21,6 +21,7 @@ from math import factorial
 from typing import Any
 
 import numpy as np
+from flint import fmpq
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core_r64, _core_r128
@@ -354,32 +355,40 @@ def residuals_exact(
     tuple of Fraction
     """
     order = _check_order(order, None)
-    weights_row = [Fraction(entry) for entry in b]
-    rows = [[Fraction(entry) for entry in row] for row in a]
+    weights_row = [_rational(entry) for entry in b]
+    rows = [[_rational(entry) for entry in row] for row in a]
     stages = len(weights_row)
     if stages == 0 or len(rows) != stages or any(len(row) != stages for row in rows):
         shape = (len(rows), sorted({len(row) for row in rows}))
         raise ValueError(f"a must have shape ({stages}, {stages}) to match b, got {shape}")
     trees = forest(order + 1)
-    phi: list[list[Fraction]] = [[Fraction(1)] * stages]
+    phi: list[list[fmpq]] = [[fmpq(1)] * stages]
     for word in trees.children[1 : trees.with_nodes(order).stop - 1]:
         phi.append([_word_weight(row, word, phi) for row in rows])
     return tuple(
-        _word_weight(weights_row, trees.children[t - 1], phi) - Fraction(1, trees.density[t - 1])
+        _fraction(_word_weight(weights_row, trees.children[t - 1], phi))
+        - Fraction(1, trees.density[t - 1])
         for t in condition_trees(order, independent)
     )
 
 
-def _word_weight(
-    row: Sequence[Fraction], word: Sequence[int], phi: Sequence[Sequence[Fraction]]
-) -> Fraction:
+def _rational(entry: Any) -> fmpq:
+    value = Fraction(entry)  # flint's rationals are many times faster where digits are many
+    return fmpq(value.numerator, value.denominator)
+
+
+def _fraction(value: fmpq) -> Fraction:
+    return Fraction(int(value.p), int(value.q))
+
+
+def _word_weight(row: Sequence[fmpq], word: Sequence[int], phi: Sequence[Sequence[fmpq]]) -> fmpq:
     """Sum over all ways to give the letters of a word to stages that don't decrease."""
-    taken = [Fraction(1)] + [Fraction(0)] * len(word)  # taken[k]: first k letters have a stage
+    taken = [fmpq(1)] + [fmpq(0)] * len(word)  # taken[k]: first k letters have a stage
     for stage, entry in enumerate(row):
         if entry == 0:
             continue
         for end in range(len(word), 0, -1):
-            product = Fraction(1)
+            product = fmpq(1)
             for begin in range(end - 1, -1, -1):
                 product *= entry * phi[word[begin] - 1][stage]
                 if product == 0:

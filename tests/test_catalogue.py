@@ -62,8 +62,8 @@ def test_residuals_vanish_through_the_order_and_not_beyond(name):
     residuals = conditions.residuals_exact(*method.exact, order + 1)
     through = conditions.count(order)
     assert max(map(abs, residuals[:through])) < Fraction(1, 10**32)
-    assert max(map(abs, residuals[through:])) > Fraction(1, 1000)
-    assert method.principal_error() > 0.001
+    assert max(map(abs, residuals[through:])) > Fraction(1, 10**5)
+    assert method.principal_error() > 1e-5  # far above rounding, and the best method has 1e-4
 
 
 @pytest.mark.parametrize("name", EXACT)
@@ -98,11 +98,11 @@ class TestMapping:
 
     def test_membership(self):
         assert "CG4a" in methods
-        assert "CG4b" not in methods
+        assert "CG4z" not in methods
         assert 4 not in methods
 
     def test_unknown_names_are_answered_with_the_known(self):
-        with pytest.raises(KeyError, match=r"'CG7z'; the catalogue has .*CG4a, CG5a"):
+        with pytest.raises(KeyError, match=r"'CG7z'; the catalogue has .*CG4a, .*CG5a"):
             methods["CG7z"]
         assert methods.get("CG7z") is None
 

@@ -5,12 +5,13 @@ import pytest
 
 from cg.catalogue import methods
 from cg.convergence import final_errors, observed_order, slopes
+from cg.frames import SE3, SO3, Sphere, UnitQuaternion
+from cg.integrate.compiled import integrate_affine
 from cg.integrate.step import Step
 from cg.problems import StateDependentRotation
+from cg.problems.affine import AffineField
 from cg.tableau import Tableau
 
-STEPS = {1: (128, 256, 512), 2: (64, 128, 256), 3: (32, 64, 128), 4: (24, 36, 48, 64)}
-STEPS[5] = STEPS[4]
 CONVENTIONS = ["body", "space"]
 
 EXPLICIT = {name: tableau for name, tableau in methods.items() if tableau.explicit}
@@ -23,7 +24,14 @@ WEIGHTS = {
         if tableau.embedded is not None
     },
 }
-BELOW_SIX = {name: value for name, value in WEIGHTS.items() if value[1] <= 5}
+REVERSED = [name for name in ("CG3", "CG4", "CG4a", "CG5a", "CG6d") if name in WEIGHTS]
+AFFINE = {
+    "SO3 body": (SO3(), np.eye(3)),
+    "SO3 space": (SO3("space"), np.eye(3)),
+    "SE3": (SE3(), np.eye(4)),
+    "quaternion": (UnitQuaternion(), np.array([0.0, 0.0, 0.0, 1.0])),
+    "sphere": (Sphere(2), np.array([0.0, 0.0, 1.0])),
+}
 
 
 @pytest.fixture(scope="module", params=CONVENTIONS)
@@ -43,21 +51,33 @@ def measured(problem, method, steps):
     return observed_order(h, errors, floor=1e-13)
 
 
-@pytest.mark.parametrize("name", list(BELOW_SIX))
-def test_slope_is_the_order(problem, name):
-    tableau, order = BELOW_SIX[name]
-    slope = measured(problem, tableau, STEPS[order])
+@pytest.fixture(scope="module", params=list(AFFINE))
+def affine(request):
+    frame, initial = AFFINE[request.param]
+    problem = AffineField(frame, initial, seed=1)
+    return problem, problem.reference([1], bits=192).values[0][:-1]
+
+
+@pytest.mark.parametrize("name", list(WEIGHTS))
+def test_slope_is_the_order_in_quadruple_precision(affine, name):
+    (problem, exact), (tableau, order) = affine, WEIGHTS[name]
+    steps = 2 ** np.arange(5, 8) if order > 2 else 2 ** np.arange(7, 10)
+    errors = []
+    for n in map(int, steps):
+        end = integrate_affine(problem, method=tableau, h=f"1/{n}", steps=n, kind="real128")
+        errors.append(float(max(abs(x - y) for x, y in zip(end.exact(-1), exact, strict=True))))
+    slope = observed_order(1 / steps, errors, floor=1e-31)
     assert slope.order == pytest.approx(order, abs=0.1)
     assert slope.spread < 0.2
 
 
 def test_the_methods_of_the_paper_are_among_them():
-    orders = {name: order for name, (_, order) in BELOW_SIX.items()}
+    orders = {name: order for name, (_, order) in WEIGHTS.items()}
     wanted = {"CG2": 2, "CG3": 3, "CG4": 4, "CG4a": 4, "CG5a": 5, "CG2(3), embedded": 2}
     assert wanted.items() <= orders.items()
 
 
-@pytest.mark.parametrize("name", [n for n, (_, order) in BELOW_SIX.items() if order >= 3])
+@pytest.mark.parametrize("name", REVERSED)
 def test_reversed_rows_drop_to_order_two(problem, name, monkeypatch):
     compose = Step.compose
     monkeypatch.setattr(
@@ -65,7 +85,7 @@ def test_reversed_rows_drop_to_order_two(problem, name, monkeypatch):
         "compose",
         lambda self, row, fields, point, h: compose(self, row[::-1], fields, point, h),
     )
-    slope = measured(problem, BELOW_SIX[name][0], (64, 128, 256))
+    slope = measured(problem, WEIGHTS[name][0], (64, 128, 256))
     assert slope.order == pytest.approx(2.0, abs=0.1)
 
 
