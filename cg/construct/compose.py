@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
+from ..coefficients import Coefficient
+from ..quad import to_decimal
 from ..tableau import Tableau
 
 __all__ = ["compose", "triple_jump"]
@@ -24,13 +27,14 @@ def compose(
     methods : sequence of Tableau
         Explicit methods, in the order in which they are applied.
     gammas : sequence of numbers
-        As many; anything that `fractions.Fraction` takes.
+        As many; what `cg.coefficients.Coefficient.read` takes: integers, Fractions, text.
     name, source : str, optional
 
     Returns
     -------
     Tableau
-        With the sum of all stages; its coefficients are exact products.
+        With the sum of all stages. Its coefficients are rational if all that goes into
+        them is, else they are decimals with 36 significant digits.
 
     Raises
     ------
@@ -43,25 +47,31 @@ def compose(
         )
     rows: list[list[Fraction]] = []
     before: list[Fraction] = []
+    known: list[Coefficient] = []
     for method, gamma in zip(methods, gammas, strict=True):
         if not method.explicit:
             raise ValueError(f"methods must be explicit, got {method!r}")
-        length = Fraction(gamma)
+        known += [Coefficient.read(gamma), *method.weights, *chain.from_iterable(method.entries)]
+        length = Coefficient.read(gamma).value
         a, b = method.exact
         rows += [[*before, *(length * entry for entry in row[:i])] for i, row in enumerate(a)]
         before = before + [length * entry for entry in b]
-    return Tableau(rows, before, name=name, source=source)
+    if all(coefficient.unit == 0 for coefficient in known):
+        return Tableau(rows, before, name=name, source=source)
+    digits = [[to_decimal(entry) for entry in row] for row in rows]
+    return Tableau(digits, [to_decimal(entry) for entry in before], name=name, source=source)
 
 
-def triple_jump(order: int, digits: int = 60) -> tuple[Fraction, Fraction, Fraction]:
+def triple_jump(order: int, digits: int = 60) -> tuple[str, str, str]:
     """Return the lengths of three steps of order q that make one of order q + 1, q even.
 
-    ``γ_1 = γ_3 = 1/(2 - 2^{1/(q+1)})``, ``γ_2 = 1 - 2 γ_1``, rounded to so many digits.
+    ``γ_1 = γ_3 = 1/(2 - 2^{1/(q+1)})``, ``γ_2 = 1 - 2 γ_1``, in decimal with so many digits
+    (E. Hairer, C. Lubich, G. Wanner, *Geometric Numerical Integration*, II.4).
     """
     if order < 2 or order % 2:
         raise ValueError(f"order must be even and positive, got {order}")
     with localcontext() as context:
         context.prec = digits
         root = Decimal(2) ** (1 / Decimal(order + 1))
-        outer = Fraction(1 / (2 - root))
-    return outer, 1 - 2 * outer, outer
+        outer = 1 / (2 - root)
+        return str(outer), str(1 - 2 * outer), str(outer)
