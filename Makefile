@@ -21,7 +21,7 @@ build: $(STAMP)
 	@$(PY) -c "import cg"
 
 reproduce: build
-	$(PY) -m cg.reproduce --out $(OUT) $(ARGS)
+	$(VENV)/bin/reproduce-paper --out $(OUT) $(ARGS)
 
 test: build
 	$(PY) -m pytest -m "not slow" $(ARGS)

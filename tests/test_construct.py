@@ -30,7 +30,7 @@ from cg.solve.system import System
 
 
 def a_point(order, stages, *, embedded=False, seed=0, bound=3.0):
-    """A point of the solution set with moderate coefficients, from the first start that gives one."""
+    """A point of the solution set with moderate coefficients, from the first start to give one."""
     system = System(order, stages, embedded=embedded)
     fixed = np.setdiff1d(np.arange(system.size), system.free)
     for start in range(200):
@@ -209,7 +209,7 @@ class TestToTableau:
 
     def test_what_is_not_a_solution_is_never_a_method(self):
         far = Point(System(4, 5), np.random.default_rng(0).uniform(-1, 1, 15))
-        with pytest.raises(NotExactError, match="largest residual .* after refinement"):
+        with pytest.raises(NotExactError, match=r"largest residual .* after refinement"):
             to_tableau(far, name="no", source="test")
 
 

@@ -120,7 +120,7 @@ def construct(
     *,
     tries: int = 400,
     largest: float = 3.0,
-    restarts: int = 2,
+    restarts: int = 1,
     full_rank: bool = False,
     first_stages: int | None = None,
     width: float | None = None,
