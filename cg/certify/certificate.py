@@ -96,7 +96,8 @@ class Certificate:
             proved = "by its rational coefficients themselves"
         else:
             proved = f"within {self.radius} of the stored coefficients"
-        identities = f"; with {', '.join(self.identities)}" if self.identities else ""
+        headings = [name.partition(":")[0] for name in self.identities]
+        identities = f", with {' and '.join(headings)}" if headings else ""
         return (
             f"{self.name}: order {self.order}{pair} {proved}, {len(self.fixed)} of them held"
             f"{identities}; not order {self.order + 1}: {self.beyond.tree} is off by "

@@ -38,6 +38,7 @@ __all__ = [
 
 _GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
 _MOST_BITS = 1 << 14
+_LEAST_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
 
 
 @dataclass(frozen=True)
@@ -372,10 +373,10 @@ def _find_beyond(packed: Packed, draft: Certificate) -> Certificate:
         words = [w for w in condition_words(order + 1) if nodes(w) == order + 1]
         bounds = _bounds(packed, draft, words, packed.shape.stages + r)
         best = max(range(len(words)), key=lambda k: bounds[k])
-        if bounds[best] <= 0:
+        if bounds[best] < _LEAST_BOUND:
             raise CertificationError(
-                f"{draft.name}: no condition of order {order + 1} is violated for sure, "
-                f"so order {order} isn't the highest",
+                f"{draft.name}: no condition of order {order + 1} is violated by much, "
+                f"so order {order} isn't the highest, or coefficients are wrong",
                 largest_bound=float(bounds[best]),
             )
         found.append(Beyond(text(words[best]), _rounded_down(bounds[best])))
@@ -396,7 +397,7 @@ def _check_beyond(packed: Packed, certificate: Certificate) -> None:
                 f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
             )
         bound = _bounds(packed, certificate, [word], packed.shape.stages + r)[0]
-        if not bound >= Fraction(claim.bound) > 0:
+        if not bound >= Fraction(claim.bound) >= _LEAST_BOUND:
             raise CertificationError(
                 f"{certificate.name}: the condition of {claim.tree} isn't violated by as much as "
                 f"{claim.bound}",
