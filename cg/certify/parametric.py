@@ -116,7 +116,7 @@ class Path:
 class Letters:
     """``R_i(p) = Σ_t β_t R_i(t)`` at all stages i, for some trees t with up to four nodes.
 
-    Here ``R_i(t) = Φ_i(t) - c_i^n n!/γ(t) / n!`` for a tree with n + 1 nodes, which is
+    Here ``R_i(t) = Φ_i(t) - c_i^n / γ(t)`` for a tree with n + 1 nodes, which is
     zero for the exact solution. In any word, a letter with the children of p, shuffled
     with some word y, may so be replaced. Trees with fewer nodes than p contribute weights
     with fewer nodes, whose residuals are zero.
