@@ -24,10 +24,10 @@ reproduce: build
 	$(VENV)/bin/reproduce-paper --out $(OUT) $(ARGS)
 
 test: build
-	$(PY) -m pytest -m "not slow" $(ARGS)
+	$(PY) -m pytest --numprocesses auto -m "not slow" $(ARGS)
 
 test-all: build
-	$(PY) -m pytest $(ARGS)
+	$(PY) -m pytest --numprocesses auto $(ARGS)
 
 # a second environment, whose core is compiled with run-time checks
 test-checks:
