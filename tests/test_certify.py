@@ -46,10 +46,14 @@ def perturbed(method, row, column, change):
 
 
 class TestProofs:
-    @pytest.mark.parametrize("name", CERTIFIED)
-    def test_files_of_small_methods_are_proved_again(self, name):
-        if methods[name].stages > 9:
-            pytest.skip("long: python -m cg.certify --check")
+    @pytest.mark.parametrize(
+        "name",
+        [
+            pytest.param(name, marks=[pytest.mark.slow] * (methods[name].stages > 9))
+            for name in CERTIFIED
+        ],
+    )
+    def test_files_are_proved_again(self, name):
         path = folder() / f"{name}.toml"
         certificate = check_file(path)
         assert (certificate.name, certificate.order) == (name, methods[name].order)

@@ -6,8 +6,11 @@ from flint import arb, fmpq, fmpq_mat
 from hypothesis import given, settings
 from strategies import tableaux
 
+import cg
 from cg import conditions
 from cg.catalogue import methods
+from cg.certify import certify
+from cg.certify.composition import MidpointSteps, convolve, logarithm
 from cg.certify.identities import StageOrderTwo
 from cg.certify.krawczyk import to_double
 from cg.certify.parametric import Columns, Letters, Path
@@ -242,3 +245,42 @@ class TestIdentities:
         residuals = conditions.residuals_exact(a, b, 5)
         assert len(residuals) == 64
         assert max(map(abs, residuals)) < Fraction(1, 10**58)
+
+
+class TestComposition:
+    def test_the_exact_flow_is_the_exponential_of_its_first_part(self):
+        words = condition_words(5, independent=False)
+        exact = {(): Fraction(1), **{word: density(word) for word in words}}
+        assert logarithm(exact, words) == {((),): 1}
+
+    def test_midpoint_steps_have_odd_logarithms(self):
+        words = condition_words(4, independent=False)
+        found = exact_residuals(Shape(1, Rows.DIAGONAL), [Fraction(1, 2), 1], words, 1)
+        step = {w: v + density(w) for w, v in zip(words, found, strict=True)}
+        assert {nodes(w) for w in logarithm({(): Fraction(1), **step}, words)} == {1, 3}
+
+    def test_convolution_is_composition(self):
+        # an Euler step, then one of CG2, as one tableau: rows begin with what came before
+        words = condition_words(4, independent=False)
+        euler = exact_weights([[Fraction(0)]], [Fraction(1, 3)], words)
+        two = exact_weights([[0, 0], [Fraction(1, 2), 0]], [Fraction(0), Fraction(1)], words)
+        third, half = Fraction(1, 3), Fraction(1, 2)
+        a = [[0, 0, 0], [third, 0, 0], [third, half, 0]]
+        both = exact_weights(a, [third, Fraction(0), Fraction(1)], words)
+        one = {(): Fraction(1)}
+        product = convolve(one | euler, one | two, words)
+        assert product == {word: value for word, value in both.items() if value}
+
+    @pytest.mark.parametrize("grade", range(2, 6))
+    def test_relations_of_symmetric_midpoint_steps(self, grade):
+        # of order four: residuals with five nodes aren't zero, but related
+        a, b = cg.methods["DICG4"].digits(60, certificate=certify("DICG4"))
+        residuals = conditions.residuals_exact(a, b, 5)
+        words = condition_words(5, independent=False)
+        by_word = dict(zip(words, residuals, strict=True))
+        plain = [w for w in words if nodes(w) == grade]
+        for word in plain:
+            for relation in MidpointSteps().relations(word):
+                total = sum(by_word[w] * v for w, v in relation.items())
+                assert abs(total) < Fraction(1, 10**55)
+        assert (max(abs(by_word[w]) for w in plain) > Fraction(1, 100)) == (grade == 5)

@@ -14,7 +14,9 @@ from flint import arb, arb_mat, fmpq
 from numpy.typing import NDArray
 from scipy import linalg
 
+from ..conditions import Rows
 from ..quad import to_decimal
+from .composition import MidpointSteps
 from .identities import PathOrderTwo, StageOrderTwo
 from .krawczyk import to_double
 from .parametric import Columns, Letters, Path
@@ -57,7 +59,7 @@ def read_identity(name: str) -> Identity:
     elif heading.startswith("letters "):
         found = Letters.read(heading, parameters)
     else:
-        found = PathOrderTwo()
+        found = MidpointSteps() if heading == MidpointSteps().heading else PathOrderTwo()
     if name_of(found) != name:
         raise ValueError(f"no identity is known as {name!r}")
     return found
@@ -80,6 +82,8 @@ def find_identities(
     for k in range(shape.stages):
         found += [(StageOrderTwo(k),)]
     found += [(PathOrderTwo(),), (Path((Fraction(0),)),), (Columns((Fraction(0),)),)]
+    if shape.rows is Rows.DIAGONAL and not shape.pair:
+        found.insert(0, (MidpointSteps(),))
     letters = _dependent_letters(shape, y)
     if letters:
         found.append(letters)

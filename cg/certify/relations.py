@@ -27,7 +27,7 @@ from .words import Word, condition_words, nodes, shuffle
 __all__ = ["HOLE", "Identity", "Relation", "fill", "kept_words", "places", "without"]
 
 Relation = dict[Word, Any]
-"""Coefficients, integers or balls, of a sum of residuals that is zero."""
+"""Coefficients, integers, Fractions or balls, of a sum of residuals that is zero."""
 
 HOLE = -1  # where a letter was cut out of a word
 
@@ -90,7 +90,7 @@ def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int
         for k, coefficient in entries.items():
             row[k] = float(coefficient)
     used, eliminated = _pivots(matrix)
-    square = arb_mat([[arb(rows[i].get(k, 0)) for k in eliminated] for i in used])
+    square = arb_mat([[_ball(rows[i].get(k, 0)) for k in eliminated] for i in used])
     if eliminated and not _regular(square):
         raise ArithmeticError(f"the relations between words with {grade} nodes are degenerate")
     gone = set(eliminated)
@@ -122,6 +122,12 @@ def _shuffles(words: Sequence[Word]) -> list[Relation]:
             if known.issuperset(relation):
                 found.append(relation)
     return found
+
+
+def _ball(value: Any) -> arb:
+    if isinstance(value, Fraction):
+        return arb(value.numerator) / value.denominator
+    return arb(value)
 
 
 def _regular(matrix: arb_mat) -> bool:
