@@ -1,7 +1,28 @@
 """Test equations with invariants and reference solutions."""
 
+from cg.problems.affine import AffineField
+from cg.problems.double_pendulum import DoubleSphericalPendulum
+from cg.problems.free_rigid_body import FreeRigidBody
+from cg.problems.gyro import ConingMotion, GyroAttitude
 from cg.problems.heavy_top import HeavyTop
+from cg.problems.rolling_ball import RollingBall
 from cg.problems.rotation import StateDependentRotation
+from cg.problems.spacecraft import Spacecraft
 from cg.problems.taylor import Reference
+from cg.problems.toda import TodaFlow
+from cg.problems.two_level import TwoLevelSystem
 
-__all__ = ["HeavyTop", "Reference", "StateDependentRotation"]
+__all__ = [
+    "AffineField",
+    "ConingMotion",
+    "DoubleSphericalPendulum",
+    "FreeRigidBody",
+    "GyroAttitude",
+    "HeavyTop",
+    "Reference",
+    "RollingBall",
+    "Spacecraft",
+    "StateDependentRotation",
+    "TodaFlow",
+    "TwoLevelSystem",
+]
