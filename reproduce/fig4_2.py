@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -136,6 +137,7 @@ def draw_errors(
     h: Sequence[float],
     errors: Mapping[str, Sequence[float]],
     references: Mapping[int, float],
+    styles: Mapping[str, Mapping[str, Any]] = LINES,
 ) -> None:
     """Plot errors against stepsizes.
 
@@ -147,10 +149,12 @@ def draw_errors(
         By method, an error for each of h.
     references : mapping
         By order, at most three, where a reference line of that slope begins at the first of h.
+    styles : mapping, optional
+        By method, how its line looks.
     """
     steps = np.array(h)
     for method, error in errors.items():
-        axes.plot(steps, error, label=method, **LINES[method])
+        axes.plot(steps, error, label=method, **styles[method])
     black = PALETTE["black"]
     for (order, begin), style in zip(references.items(), ("-", "--", ":"), strict=False):
         line = begin * (steps / steps[0]) ** order

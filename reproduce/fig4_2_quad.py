@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 from matplotlib.figure import Figure
-
-from cg.convergence import observed_order, slopes
 
 from . import top
 from .blocks import Block, Chart, Data, Table, Text, number, places
 from .context import Context
 from .fig4_2 import draw_errors, mark_roundoff
+from .quad_orders import FIT, end_errors, order_data
 from .style import label_panel
 
 __all__ = ["compute", "present"]
@@ -20,8 +18,6 @@ __all__ = ["compute", "present"]
 # Every method as far as a few seconds of one core go.
 _LARGEST_POWER = {"CG4": 16, "CG4a": 16, "CG5a": 14, "CG6a": 11}
 _POWERS = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16)
-_FIT = 4
-"""Points, those with the smallest steps, that a slope is fitted to."""
 
 
 def compute(context: Context) -> Data:
@@ -30,9 +26,7 @@ def compute(context: Context) -> Data:
     Returns
     -------
     Data
-        By reading the ``reference_error``, and by method: ``h``, ``error`` of B at t = 1,
-        ``local`` slopes between neighbours, ``slope`` fitted over the smallest four stepsizes,
-        ``largest_slope`` over all local ones.
+        By reading the ``reference_error``, and by method what `quad_orders.order_data` returns.
     """
     chosen: tuple[top.Reading, ...] = ("momentum",)
     if context.settings.full:
@@ -45,22 +39,13 @@ def compute(context: Context) -> Data:
         if power <= _LARGEST_POWER[method]
     ]
     references = {reading: top.reference_end(reading)[1] for reading in chosen}
-    errors = {}
-    with ThreadPoolExecutor(context.workers) as pool:
-        try:
-            found = pool.map(_error, runs)
-            for done, (run, error) in enumerate(zip(runs, found, strict=True)):
-                errors[run] = error
-                context.progress(done + 1, len(runs))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    errors = end_errors(context, runs)
     return {
         "readings": {
             reading: {
                 "reference_error": references[reading],
                 "methods": {
-                    method: _order(
+                    method: order_data(
                         {run[2]: errors[run] for run in runs if run[:2] == (reading, method)}
                     )
                     for method in top.METHODS
@@ -68,24 +53,6 @@ def compute(context: Context) -> Data:
             }
             for reading in chosen
         }
-    }
-
-
-def _error(run: tuple[top.Reading, str, int]) -> float:
-    reading, method, steps = run
-    return top.end_error(reading, method, steps, "real128")[0]
-
-
-def _order(errors: dict[int, float]) -> Data:
-    steps = sorted(errors)
-    h, error = [1 / n for n in steps], [errors[n] for n in steps]
-    local = slopes(h, error).tolist()
-    return {
-        "h": h,
-        "error": error,
-        "local": local,
-        "slope": observed_order(h[-_FIT:], error[-_FIT:]).order,
-        "largest_slope": max(local),
     }
 
 
@@ -123,7 +90,7 @@ def present(data: Data) -> Sequence[Block]:
         blocks.append(
             Table(
                 f"Slopes in real(16), {reading}",
-                ("method", "smallest h", "error there", f"slope over the last {_FIT} points",
+                ("method", "smallest h", "error there", f"slope over the last {FIT} points",
                  "largest slope between neighbours"),
                 rows,
             )

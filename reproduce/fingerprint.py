@@ -11,6 +11,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from cg.certify.files import folder as certificate_folder
+
 __all__ = ["of_package", "of_search"]
 
 # by name, since the package has a function of the same name as one of them
@@ -33,10 +35,11 @@ def of_package() -> str:
         for name, module in sys.modules.items()
         if name.partition(".")[0] == "cg" and getattr(module, "__file__", None)
     }
+    folders = (files("cg.catalogue"), certificate_folder(), files("cg.reproduce"))
     data = [
         path.read_bytes()
-        for package in ("cg.catalogue", "cg.reproduce")
-        for path in sorted(files(package).iterdir(), key=lambda path: path.name)
+        for folder in folders
+        for path in sorted(folder.iterdir(), key=lambda path: path.name)
         if path.name.endswith(".toml")
     ]
     return _digest(data, sorted(modules, key=lambda path: path.name))

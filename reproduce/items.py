@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from . import appendix, claims, fig4_1, fig4_2, fig4_2_quad, table3_2
+from . import (
+    appendix,
+    beyond_catalogue,
+    beyond_order,
+    claims,
+    fig4_1,
+    fig4_2,
+    fig4_2_quad,
+    table3_2,
+)
 from .blocks import Block, Data
 from .context import Context
 from .search import item_functions
@@ -47,10 +56,22 @@ _LISTED = (
     Item("search5", "Search: order 5, 9 stages", *item_functions(5)),
     Item("search6", "Search: order 6, 16 stages", *item_functions(6)),
     Item("claims", "What the paper claims", claims.compute, claims.present, claims.NEEDS),
+    Item(
+        "beyond.order",
+        "Beyond the paper: exact methods of order six and more",
+        beyond_order.compute,
+        beyond_order.present,
+    ),
+    Item(
+        "beyond.catalogue",
+        "Beyond the paper: the catalogue",
+        beyond_catalogue.compute,
+        beyond_catalogue.present,
+    ),
 )
 
 ITEMS = {item.name: item for item in _LISTED}
-"""All items by name, in the order in which they run: those that take seconds first."""
+"""All items by name, in the order in which they run: the paper's first, those of seconds first."""
 
 
 def select(names: Iterable[str]) -> list[Item]:

@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     if options.list:
         for item in ITEMS.values():
-            print(f"{item.name:12} {item.title}")
+            print(f"{item.name:16} {item.title}")
         return 0
     try:
         check_output(options.out)
@@ -74,7 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="reproduce-paper",
-        description="Reproduce the figures, tables and claims of the paper, as one report.",
+        description="Reproduce the figures, tables and claims of the paper, and "
+        "what goes beyond it, as one report.",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("reproduce/out"), metavar="DIR",

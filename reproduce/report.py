@@ -17,7 +17,7 @@ __all__ = ["page", "section"]
 _TITLE = "Runge–Kutta methods of Crouch–Grossman type of high order, reproduced"
 _ORDER = (
     "claims", "table3.2", "search4", "search5", "search6", "appendix", "fig4.1", "fig4.2",
-    "fig4.2quad",
+    "fig4.2quad", "beyond.order", "beyond.catalogue",
 )  # fmt: skip
 _MARKS = {"pass": "✓", "fail": "✗", "not reproducible": "–"}
 

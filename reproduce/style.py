@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,7 +17,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from .blocks import Chart
 
-__all__ = ["LINES", "PALETTE", "grid", "label_panel", "render"]
+__all__ = ["LINES", "PALETTE", "grid", "label_panel", "lines", "render"]
 
 PALETTE: Mapping[str, str] = MappingProxyType(
     {
@@ -42,6 +42,9 @@ LINES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 )
 """Each method has its colour, marker and line in all figures."""
 
+_MARKERS = "so^vPX*"
+_DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (3, 1, 1, 1, 1, 1)))
+
 _RC: dict[Any, Any] = {
     "font.size": 10.0,
     "font.family": "DejaVu Sans",
@@ -60,6 +63,29 @@ _RC: dict[Any, Any] = {
     "figure.facecolor": "white",
     "svg.fonttype": "path",
 }
+
+
+def lines(names: Iterable[str]) -> dict[str, Mapping[str, Any]]:
+    """Return colour, marker and line of each method, no two alike.
+
+    Those of `LINES` keep theirs; their colours are left to them.
+    """
+    listed = list(names)
+    taken = {LINES[name]["color"] for name in listed if name in LINES}
+    looks = list(zip(PALETTE.values(), _MARKERS, strict=True))
+    # neighbours differ in all three, so that curves on top of each other can be told apart
+    free = [
+        {"color": color, "marker": marker, "linestyle": _DASHES[(k + turn) % len(_DASHES)]}
+        for turn in range(len(_DASHES))
+        for k, (color, marker) in enumerate(looks)
+        if color not in taken
+    ]
+    others = [name for name in listed if name not in LINES]
+    if len(others) > len(free):
+        raise ValueError(f"at most {len(free)} lines can be told apart, got {len(others)}")
+    return {name: LINES[name] for name in listed if name in LINES} | dict(
+        zip(others, free, strict=False)
+    )
 
 
 def grid(axes: Axes, *, x: bool, y: bool) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from cg.catalogue import methods
 from cg.quad import to_decimal
-from cg.reproduce import fig4_1, fig4_2_quad, items, judges, search, table3_2
+from cg.reproduce import fig4_1, items, judges, search, table3_2
 from cg.reproduce import run as run_module
 from cg.reproduce.appendix import compute as compare_appendix
 from cg.reproduce.blocks import Table, number
@@ -20,6 +20,7 @@ from cg.reproduce.claims import CLAIMS, NEEDS
 from cg.reproduce.coefficients import fixed, labels, method_data
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.main import main
+from cg.reproduce.quad_orders import order_data
 from cg.reproduce.report import page
 from cg.reproduce.search import PLANS
 
@@ -345,7 +346,7 @@ def test_table_of_uneven_rows_is_refused():
 
 def test_slope_in_quad_is_seen_below_double():
     errors = {2**k: 3 * 2.0 ** (-5 * k) for k in range(4, 20, 2)}
-    data = fig4_2_quad._order(errors)
+    data = order_data(errors)
     assert data["slope"] == pytest.approx(5)
     assert data["error"][-1] < 1e-26
 
@@ -426,8 +427,13 @@ def test_whole_default_run(tmp_path):
     for name, order in (("CG4", 4), ("CG4a", 4), ("CG5a", 5)):
         assert slopes[name]["slope"] == pytest.approx(order, abs=0.05)
         assert slopes[name]["error"][-1] < 2e-17
+    beyond = results["beyond.order"]["readings"]["momentum"]["methods"]
+    for run in beyond.values():
+        if not run["approximate"]:
+            assert run["slope"] == pytest.approx(run["order"], abs=0.02)
+            assert run["decades"] > 10
     verdicts = results["claims"]["count"]
     assert sum(verdicts.values()) == len(CLAIMS)
     parsed = check_page((tmp_path / "report.html").read_text("utf-8"))
     assert parsed.tags.count("section") == len(items.ITEMS)
-    assert parsed.tags.count("figure") == 8
+    assert parsed.tags.count("figure") == 9

@@ -1,0 +1,151 @@
+"""The whole catalogue as a table, every entry computed from coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from cg.catalogue import methods
+from cg.certify import certificate_of
+from cg.certify.files import certificate_names
+from cg.conditions import count, jacobian
+from cg.tableau import Tableau
+
+from .blocks import Block, Data, Table, Text, number, places
+from .coefficients import RANK_THRESHOLD
+from .context import Context
+
+__all__ = ["compute", "describe", "markdown", "present", "table"]
+
+_EXPLANATION = (
+    "Order: p(q) for a pair whose second weights have order q, ≈ where the conditions hold "
+    "approximately. Exponentials: flows a step, the "
+    "nonzero entries of a and b; an implicit method repeats those of its stages. Principal "
+    "error: 2-norm of the residuals of order q + 1. Effort: exponentials times the q-th root of "
+    "the principal error, by which methods of the same order compare at equal accuracy. "
+    "Residual: the largest through the order, in rational arithmetic. Rank: that of the "
+    "Jacobian of the independent conditions, and how many there are. Certificate: the radius "
+    "around the stored coefficients within which an exact method is proved to exist; 0 if the "
+    "coefficients themselves are one. python -m cg.certify --check repeats the proofs."
+)
+
+
+def compute(context: Context) -> Data:
+    """Describe all methods, the explicit ones first, by order.
+
+    Returns
+    -------
+    Data
+        ``methods``: a list of what `describe` returns.
+    """
+    found = []
+    for done, method in enumerate(methods.values()):
+        context.progress(done, len(methods))
+        found.append(describe(method))
+    return {"methods": sorted(found, key=_place)}
+
+
+def _place(entry: Data) -> tuple[Any, ...]:
+    return (
+        not entry["explicit"],
+        entry["order"],
+        entry["embedded_order"] is not None,
+        entry["name"],
+    )
+
+
+def describe(method: Tableau) -> dict[str, Any]:
+    """Return the properties of a method of the catalogue.
+
+    Returns
+    -------
+    dict
+        ``name``, ``source``, ``explicit``, ``order``, ``approximate`` (the order is nominal),
+        ``embedded_order`` (null without second weights), ``stages``, ``exponentials``,
+        ``largest_coefficient`` of a and b, ``abscissae`` (smallest and largest),
+        ``principal_error`` and ``effort`` (see the report), ``largest_residual`` through the
+        order in rational arithmetic, ``rank`` of the Jacobian of the independent ``conditions``,
+        ``certificate``: null or its ``radius`` (decimal text) and ``identities``.
+    """
+    a, b = method.exact
+    abscissae = [sum(row, Fraction(0)) for row in a]
+    error = method.principal_error()
+    return {
+        "name": method.name,
+        "source": method.source,
+        "explicit": method.explicit,
+        "order": method.order,
+        "approximate": method.approximate,
+        "embedded_order": method.embedded_order,
+        "stages": method.stages,
+        "exponentials": method.exponentials,
+        "largest_coefficient": float(max(abs(entry) for row in (*a, b) for entry in row)),
+        "abscissae": [float(min(abscissae)), float(max(abscissae))],
+        "principal_error": error,
+        "effort": method.exponentials * error ** (1 / method.order),
+        "largest_residual": method.largest_residual(),
+        "rank": _rank(method),
+        "conditions": count(method.order, independent=True),
+        "certificate": _certificate(method),
+    }
+
+
+def _rank(method: Tableau) -> int:
+    derivatives = jacobian(method.a, method.b, method.order, independent=True, rows=method.rows)
+    singular = np.linalg.svd(derivatives, compute_uv=False)
+    return int((singular > RANK_THRESHOLD * singular[0]).sum())
+
+
+def _certificate(method: Tableau) -> Data | None:
+    if method.name not in certificate_names():
+        return None
+    found = certificate_of(method)
+    return {"radius": found.radius, "identities": list(found.identities)}
+
+
+def present(data: Data) -> Sequence[Block]:
+    """Explain and show the table."""
+    return Text(_EXPLANATION), table(data)
+
+
+def table(data: Data) -> Table:
+    """Make the table of what `compute` returns."""
+    return Table(
+        "The catalogue",
+        ("method", "order", "stages", "exponentials", "largest coefficient", "abscissae",
+         "principal error", "effort", "residual", "rank", "certificate"),
+        [_row(entry) for entry in data["methods"]],
+    )  # fmt: skip
+
+
+def _row(entry: Data) -> list[str]:
+    order = number(entry["order"])
+    if entry["embedded_order"] is not None:
+        order += f"({entry['embedded_order']})"
+    if entry["approximate"]:
+        order = f"≈ {order}"
+    certificate = entry["certificate"]
+    low, high = (places(value, 2) for value in entry["abscissae"])
+    return [
+        entry["name"],
+        order,
+        number(entry["stages"]),
+        number(entry["exponentials"]),
+        number(entry["largest_coefficient"]),
+        f"{low} … {high}",
+        number(entry["principal_error"]),
+        number(entry["effort"]),
+        number(entry["largest_residual"], 1),
+        f"{entry['rank']} of {entry['conditions']}",
+        number(None) if certificate is None else number(float(certificate["radius"]), 2),
+    ]
+
+
+def markdown(shown: Table) -> str:
+    """Write a table in Markdown, its first column as code."""
+    rows = [[f"`{first}`", *rest] for first, *rest in shown.rows]
+    ruler = ["---"] * len(shown.header)
+    return "".join(f"| {' | '.join(row)} |\n" for row in (shown.header, ruler, *rows))

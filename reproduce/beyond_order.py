@@ -1,0 +1,184 @@
+"""Convergence in real(16) of the methods of order six and more, beside the paper's CG6a."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cg.catalogue import methods
+from cg.tableau import Tableau
+
+from . import top
+from .blocks import Block, Chart, Data, Table, Text, number, places
+from .context import Context
+from .fig4_2 import draw_errors, mark_roundoff
+from .quad_orders import FIT, Run, end_errors, order_data
+from .style import PALETTE, grid, label_panel, lines
+
+__all__ = ["compute", "present", "select"]
+
+_LOWEST_ORDER = 6
+_POWERS = range(2, 12)
+_FLOWS = 2**20
+"""No integration takes more flows: about four seconds of one core."""
+
+_NEAR = 0.1
+"""How far from the order a slope between neighbours may be and still show it."""
+
+
+def select(catalogue: Mapping[str, Tableau] = methods) -> list[str]:
+    """Return the explicit methods of order six and more, by order."""
+    chosen = [
+        name
+        for name, method in catalogue.items()
+        if method.explicit and method.order >= _LOWEST_ORDER
+    ]
+    return sorted(chosen, key=lambda name: (catalogue[name].order, name))
+
+
+def compute(context: Context) -> Data:
+    """Integrate in real(16) with stepsizes from 1/4 down to 1/2048.
+
+    Returns
+    -------
+    Data
+        By reading the ``reference_error``, and by method what `quad_orders.order_data` returns,
+        ``order``, whether it is only nominal (``approximate``), ``stages``, and ``decades``: over
+        how many decades of the error, up from the smallest, slopes between neighbours are within
+        ``near`` of the order.
+    """
+    names = select()
+    readings: tuple[top.Reading, ...] = ("momentum",)
+    if context.settings.full:
+        readings = ("momentum", "velocity")
+    runs: list[Run] = [
+        (reading, name, 2**power)
+        for power in reversed(_POWERS)
+        for reading in readings
+        for name in names
+        if 2**power * methods[name].exponentials <= _FLOWS
+    ]
+    errors = end_errors(context, runs)
+    found: dict[str, dict[str, Any]] = {}
+    for reading in readings:
+        parts = {}
+        for name in names:
+            part = order_data({run[2]: errors[run] for run in runs if run[:2] == (reading, name)})
+            parts[name] = {
+                "order": methods[name].order,
+                "approximate": methods[name].approximate,
+                "stages": methods[name].stages,
+                **part,
+                "decades": decades(part, methods[name].order),
+            }
+        found[reading] = {
+            "reference_error": top.reference_end(reading)[1],
+            "methods": parts,
+        }
+    return {"near": _NEAR, "readings": found}
+
+
+def decades(part: Data, order: int) -> float:
+    """Return over how many decades of the error, up from the smallest, slopes show the order."""
+    first = len(part["local"])
+    while first > 0 and abs(part["local"][first - 1] - order) <= _NEAR:
+        first -= 1
+    return math.log10(part["error"][first] / part["error"][-1])
+
+
+def present(data: Data) -> Sequence[Block]:
+    """Draw errors and slopes against stepsizes, and tabulate slopes."""
+    blocks: list[Block] = [
+        Text(
+            "The spinning top again, in binary128, with every explicit method of the catalogue "
+            "whose order is six or more. CG6a is the paper's, as printed: its coefficients "
+            "satisfy the conditions through order six approximately, and its error stops falling "
+            "once that shows. The others satisfy them to all their digits."
+        )
+    ]
+    for reading, part in data["readings"].items():
+        runs = part["methods"]
+        blocks.append(
+            Chart(
+                f"beyond-order-{reading}",
+                lambda figure, runs=runs: _draw(figure, runs),  # type: ignore[misc]
+                f"Left: global error of B at t = 1 against the stepsize in real(16). Right: slope "
+                f"between neighbouring stepsizes; that of CG6a leaves the panel. "
+                f"{top.READINGS[reading]}. The error of the reference, by Taylor series, is about "
+                f"{number(part['reference_error'], 2)}.",
+                _describe(runs),
+                size=(9.6, 5.2),
+            )
+        )
+        rows = [
+            [
+                name,
+                f"{run['order']}, nominal" if run["approximate"] else number(run["order"]),
+                number(run["stages"]),
+                number(run["h"][-1]),
+                number(run["error"][-1]),
+                places(run["slope"]),
+                places(run["local"][-1]),
+                places(run["decades"], 1),
+            ]
+            for name, run in runs.items()
+        ]
+        blocks.append(
+            Table(
+                f"Slopes in real(16), {reading}. The last column counts the decades of the error, "
+                f"up from the smallest, in which slopes between neighbours stay within "
+                f"{number(data['near'])} of the order",
+                ("method", "order", "stages", "smallest h", "error there",
+                 f"slope over the last {FIT} points", "last slope", "decades"),
+                rows,
+            )
+        )  # fmt: skip
+    return blocks
+
+
+def _draw(figure: Figure, runs: Data) -> None:
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    hollow = {name: {**style, "mfc": "none"} for name, style in lines(runs).items()}
+    for name, run in runs.items():
+        draw_errors(left, run["h"], {name: run["error"]}, {}, hollow)
+    finest = max((run["h"] for run in runs.values()), key=len)
+    draw_errors(left, finest, {}, _beginnings(runs))
+    mark_roundoff(left)
+    left.set_ylabel("global error of B at t = 1 (2-norm)")
+    label_panel(left, "Error against stepsize in real(16)")
+    for name, run in runs.items():
+        h = np.array(run["h"])
+        right.plot(np.sqrt(h[1:] * h[:-1]), run["local"], **hollow[name])
+    orders = sorted({run["order"] for run in runs.values()})
+    for order in orders:
+        right.axhline(order, color=PALETTE["black"], linewidth=1, zorder=0)
+    grid(right, x=True, y=False)
+    right.set_ylim(orders[0] - 1, orders[-1] + 1)
+    right.set_xlabel("stepsize h")
+    right.set_ylabel("slope between neighbours")
+    label_panel(right, "Observed order")
+    handles, names = left.get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=6)
+
+
+def _beginnings(runs: Data) -> dict[int, float]:
+    """Return where lines of the slope of each order begin, so that they end below all curves."""
+    found = {}
+    for order in sorted({run["order"] for run in runs.values()}):
+        exact = [run for run in runs.values() if run["order"] == order and not run["approximate"]]
+        if exact:
+            constants = [run["error"][-1] / run["h"][-1] ** order for run in exact]
+            found[order] = min(constants) / 5 * exact[0]["h"][0] ** order
+    return found
+
+
+def _describe(runs: Data) -> str:
+    parts = [
+        f"{name} has slope {places(run['slope'])} down to {number(run['error'][-1], 2)}"
+        for name, run in runs.items()
+    ]
+    return "Two panels, stepsizes logarithmic in both. " + "; ".join(parts) + "."
