@@ -1,4 +1,5 @@
-! The face for f2py of the integrator of a user's compiled function: it only shapes and calls.
+! Faces for f2py of the integrator of a user's compiled function, and of flows on their own: they
+! only shape and call.
 
 ! Trajectories in double precision, one after the other until one fails
 subroutine external_field_run(function_address, data_address, blocks, description, stages, a, b, &
@@ -40,3 +41,39 @@ subroutine external_field_run(function_address, data_address, blocks, descriptio
   flag = failure%flag
   failed_at = failure%t
 end subroutine external_field_run
+
+! Points moved along the flows of step * weight(j) times their field number stage(j), the first
+! one first
+subroutine frame_move(blocks, description, flows, step, weight, stage, stages, fields, f, points, y)
+  use kinds_r64, only: wp
+  use frames_r64, only: frame_t, make_frame, move, restore
+  implicit none
+  integer, intent(in) :: blocks, flows, stages, fields, points
+  integer, intent(in) :: description(3, blocks)
+  real(wp), intent(in) :: step
+  real(wp), intent(in) :: weight(flows)
+  integer, intent(in) :: stage(flows)
+  real(wp), intent(in) :: f(fields)          ! (dimension, stages, trajectories)
+  real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
+  type(frame_t) :: frame
+  real(wp) :: scaled(flows)
+
+  call make_frame(description, frame)
+  scaled = step * weight
+  call move_all(frame%dimension, frame%point_size, points / frame%point_size, f, y)
+
+contains
+
+  subroutine move_all(dimension, point_size, trajectories, f, y)
+    integer, intent(in) :: dimension, point_size, trajectories
+    real(wp), intent(in) :: f(dimension, stages, trajectories)
+    real(wp), intent(inout) :: y(point_size, trajectories)
+    integer :: i
+
+    do i = 1, trajectories
+      call move(frame, scaled, stage, f(:, :, i), y(:, i))
+      call restore(frame, y(:, i))
+    end do
+  end subroutine move_all
+
+end subroutine frame_move

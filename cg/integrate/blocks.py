@@ -23,6 +23,7 @@ class BlockKind(IntEnum):
 SPACE_AXES = 1
 SCALAR_FIRST = 2
 
+_CLASSES = (Euclidean, SO3, SO, UnitQuaternion, SE3, Sphere)
 _KNOWN = "SO3, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them"
 
 
@@ -48,6 +49,22 @@ def describe_blocks(frame: Frame) -> NDArray[np.int32]:
     """
     rows = _rows(frame)
     return np.array(rows, dtype=np.int32, order="C").T
+
+
+def is_compiled(frame: Frame) -> bool:
+    """Tell whether the compiled integrator has the flows of a frame: of this very class.
+
+    A subclass may have other flows.
+    """
+    if type(frame) is Product:
+        return all(map(is_compiled, frame.factors))
+    if type(frame) not in _CLASSES:
+        return False
+    try:
+        _rows(frame)
+    except ValueError:
+        return False
+    return True
 
 
 def _rows(frame: Frame) -> list[tuple[int, int, int]]:

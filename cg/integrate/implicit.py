@@ -102,11 +102,11 @@ class StageSolver:
         self.block = block
         self.kind = kind
         known = range(block[0])
-        self.before = [[x for x in step.rows[i] if x[0] in known] for i in block]
-        self.within = [[x for x in step.rows[i] if x[0] not in known] for i in block]
+        self.before = [tuple(x for x in step.rows[i] if x[0] in known) for i in block]
+        self.within = [tuple(x for x in step.rows[i] if x[0] not in known) for i in block]
         self.inverse: tuple[float, Array] | None = None
 
-    def __call__(self, t: float, point: Points, h: float, fields: list[Array]) -> None:
+    def __call__(self, t: float, point: Points, h: float, fields: Array) -> None:
         """Find the coefficients of the stages and put them into ``fields``.
 
         Parameters
@@ -114,7 +114,8 @@ class StageSolver:
         t, point, h
             Where the step starts, and its size.
         fields
-            Coefficients of all stages; those of this block are the initial guess.
+            Coefficients of all stages, shape ``(*batch, stages, dim)``; those of this block are
+            the initial guess.
 
         Raises
         ------
@@ -126,13 +127,13 @@ class StageSolver:
         times = [t + step.abscissae[i] * h for i in self.block]
         if not any(self.within):
             at_start = not self.before[0] and times[0] == t
-            fields[self.block[0]] = (step.field if at_start else step.evaluate)(times[0], bases[0])
+            found = (step.field if at_start else step.evaluate)(times[0], bases[0])
+            fields[..., self.block[0], :] = found
             return
 
         def evaluated(unknowns: Array) -> Array:
-            trial = list(fields)
-            for n, i in enumerate(self.block):
-                trial[i] = unknowns[..., n, :]
+            trial = fields.copy()
+            trial[..., self.block, :] = unknowns
             return np.stack(
                 [
                     step.evaluate(time, step.compose(row, trial, base, h))
@@ -141,11 +142,9 @@ class StageSolver:
                 axis=-2,
             )
 
-        unknowns = self._iterate(
-            evaluated, np.stack([fields[i] for i in self.block], axis=-2), t, point, h
+        fields[..., self.block, :] = self._iterate(
+            evaluated, fields[..., self.block, :], t, point, h
         )
-        for n, i in enumerate(self.block):
-            fields[i] = unknowns[..., n, :]
 
     def _iterate(
         self, evaluated: Callable[[Array], Array], k: Array, t: float, point: Points, h: float

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from cg.conditions import Rows
 from cg.frames.base import Array, Frame, Points, real_array
+from cg.integrate.flows import Row, flows_of
 from cg.integrate.implicit import (
     DEFAULT_STAGE_SOLVER,
     StageOverflowError,
@@ -72,6 +74,7 @@ class Step:
         check_stage_solver(stage_solver)
         self.f = f
         self.frame = frame
+        self.flows = flows_of(frame)
         self.tableau = tableau
         self.batch = batch
         self.abscissae: list[float] = tableau.c.tolist()
@@ -104,16 +107,18 @@ class Step:
             self.compose(self.embedded, fields, point, h),
         )
 
-    def stages(self, t: float, point: Points, h: float) -> list[Array]:
-        """Return the coefficients at all stages."""
+    def stages(self, t: float, point: Points, h: float) -> Array:
+        """Return the coefficients at all stages, shape ``(*batch, stages, dim)``."""
+        fields = np.empty((*self.batch, len(self.rows), self.frame.dim))
         if self.solvers is not None:
-            fields = [self.field(t, point)] * len(self.rows)
+            fields[...] = self.field(t, point)[..., None, :]
             for solver in self.solvers:
                 solver(t, point, h, fields)
             return fields
-        fields = [self.field(t, point)]
-        for c, row in zip(self.abscissae[1:], self.rows[1:], strict=True):
-            fields.append(self.evaluate(t + c * h, self.compose(row, fields, point, h)))
+        fields[..., 0, :] = self.field(t, point)
+        for i, c in enumerate(self.abscissae[1:], start=1):
+            stage = self.compose(self.rows[i], fields, point, h)
+            fields[..., i, :] = self.evaluate(t + c * h, stage)
         return fields
 
     def field(self, t: float, point: Points) -> Array:
@@ -125,14 +130,10 @@ class Step:
             self._known = (t, point, self.evaluate(t, point))
         return self._known[2]
 
-    def compose(
-        self, row: list[tuple[int, float]], fields: list[Array], point: Points, h: float
-    ) -> Points:
+    def compose(self, row: Row, fields: Array, point: Points, h: float) -> Points:
         """Apply the flows of a row of coefficients, that of the lowest stage first."""
-        for j, coefficient in row:
-            point = self.frame.flow(h * coefficient * fields[j], point)
         self.nexp += len(row)
-        return point
+        return self.flows(row, fields, point, h) if row else point
 
     def evaluate(self, t: float, point: Points) -> Array:
         """Return f(t, point) after checking it."""
@@ -152,7 +153,8 @@ class Step:
                 f"f must return an array of shape {shape}, "
                 f"got shape {coefficients.shape} at t = {t:.17g}"
             )
-        if not np.isfinite(coefficients).all():
+        # Sums are finite only if all their terms are, and take a fraction of the time.
+        if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
             if not np.isfinite(point).all():
                 raise StageOverflowError(f"a stage is no longer finite at t = {t:.17g}")
             raise ValueError(f"f must return finite numbers, got {coefficients} at t = {t:.17g}")
@@ -168,5 +170,5 @@ class Step:
         return [StageSolver(self, [i], kind) for i in stages]
 
 
-def _nonzero(row: Array) -> list[tuple[int, float]]:
-    return [(j, value) for j, value in enumerate(row.tolist()) if value != 0.0]
+def _nonzero(row: Array) -> Row:
+    return tuple((j, value) for j, value in enumerate(row.tolist()) if value != 0.0)

@@ -1,0 +1,63 @@
+"""The flows of one row of a method, one after the other: compiled for the frames that are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.frames.base import Array, Frame, Points
+from cg.integrate.blocks import describe_blocks, is_compiled
+
+__all__ = ["Flows", "Row", "flows_of"]
+
+Row = tuple[tuple[int, float], ...]
+"""The coefficients of a row that aren't zero, each after its stage (from 0)."""
+
+Flows = Callable[[Row, Array, Points, float], Points]
+"""``flows(row, fields, point, h)`` moves ``point`` along ``h`` times each coefficient of a row
+times the field of its stage; ``fields`` has shape ``(*batch, stages, dim)``."""
+
+
+def flows_of(frame: Frame) -> Flows:
+    """Return the function that applies the flows of a row, the first one first."""
+    return _CompiledFlows(frame) if is_compiled(frame) else _Flows(frame)
+
+
+class _Flows:
+    def __init__(self, frame: Frame) -> None:
+        self.frame = frame
+
+    def __call__(self, row: Row, fields: Array, point: Points, h: float) -> Points:
+        for j, coefficient in row:
+            point = self.frame.flow(h * coefficient * fields[..., j, :], point)
+        return point
+
+
+class _CompiledFlows:
+    """One call moves points along all flows of a row: calls cost more than the arithmetic."""
+
+    def __init__(self, frame: Frame) -> None:
+        import cg._external as core
+
+        self.move = core.move
+        self.description = describe_blocks(frame)
+        self.rows: dict[Row, tuple[Array, NDArray[np.intc]]] = {}
+
+    def __call__(self, row: Row, fields: Array, point: Points, h: float) -> Points:
+        known = self.rows.get(row)
+        if known is None:
+            stages, weights = zip(*row, strict=True)
+            known = np.array(weights), np.array(stages, dtype=np.intc) + np.intc(1)
+            self.rows[row] = known
+        moved = np.array(point, dtype=np.float64, order="C")
+        self.move(
+            self.description,
+            h,
+            *known,
+            fields.shape[-2],
+            np.ascontiguousarray(fields).reshape(-1),
+            moved.reshape(-1),
+        )
+        return moved
