@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import frames
+from . import frames, problems
 from .catalogue import methods
 from .certify import Certificate, CertificationError, certify
 from .construct import construct
@@ -23,6 +23,7 @@ __all__ = [
     "integrate",
     "lmdif",
     "methods",
+    "problems",
     "search",
     "solve_ivp",
 ]
