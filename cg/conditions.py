@@ -383,12 +383,13 @@ def _fraction(value: fmpq) -> Fraction:
 
 def _word_weight(row: Sequence[fmpq], word: Sequence[int], phi: Sequence[Sequence[fmpq]]) -> fmpq:
     """Sum over all ways to give the letters of a word to stages that don't decrease."""
-    taken = [fmpq(1)] + [fmpq(0)] * len(word)  # taken[k]: first k letters have a stage
+    one = phi[0][0]  # of whatever field the entries are in
+    taken = [one] + [one * 0] * len(word)  # taken[k]: first k letters have a stage
     for stage, entry in enumerate(row):
         if entry == 0:
             continue
         for end in range(len(word), 0, -1):
-            product = fmpq(1)
+            product = one
             for begin in range(end - 1, -1, -1):
                 product *= entry * phi[word[begin] - 1][stage]
                 if product == 0:

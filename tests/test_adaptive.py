@@ -54,7 +54,9 @@ def test_error_estimate_has_the_order_of_the_embedded_method(name, frame):
     step = Step(f, frame, PAIRS[name])
     norm = ErrorNorm(frame, y0, 1.0, np.array(0.0))
     sizes = np.array([0.2, 0.1, 0.05])
-    errors = [norm.error(*step.pair(0.3, y0, h), y0) for h in sizes]
+    # the largest of several: at one time alone the leading term may happen to be small
+    times = (0.0, 0.3, 0.7)
+    errors = [max(norm.error(*step.pair(t, y0, h), y0) for t in times) for h in sizes]
     assert min(errors) > 1e-12
     order = min(PAIRS[name].order, PAIRS[name].embedded_order)
     assert observed_order(sizes, errors).order == pytest.approx(order + 1, abs=0.35)
@@ -76,7 +78,8 @@ def test_estimate_is_near_the_error_of_the_embedded_method(frame):
 
 @pytest.mark.parametrize("name", list(PAIRS))
 def test_error_is_proportional_to_the_tolerance(name, rotation):
-    tolerances = 10.0 ** -np.arange(4, 10)
+    # high orders are asymptotic at small tolerances only, and low ones need many steps there
+    tolerances = 10.0 ** -(np.arange(8, 12) if PAIRS[name].order > 3 else np.arange(4, 10))
     errors, steps = [], []
     for tolerance in tolerances:
         solution = cg.solve_ivp(
