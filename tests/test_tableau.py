@@ -217,7 +217,9 @@ class TestImmutability:
         with pytest.raises(FrozenInstanceError):
             del MIDPOINT.name
 
-    @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps], ids=["copy", "deepcopy", "pickle"])
+    @pytest.mark.parametrize(
+        "copied", [copy.copy, copy.deepcopy, pickle.dumps], ids=["copy", "deepcopy", "pickle"]
+    )
     def test_arrays(self, copied):
         pair = Tableau([[], ["1/2"]], [0, 1], b_embedded=[1, 0])
         assert pair.a.flags.writeable is False  # derived before it is copied
