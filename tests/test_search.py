@@ -151,6 +151,25 @@ class TestMethods:
             if not start.exact:
                 assert start.double.info == MinimumNormStatus.OUT_OF_ITERATIONS
 
+    @pytest.mark.parametrize(
+        ("order", "stages", "width", "maxfev"),
+        [(3, 3, 1.0, 120), (4, 5, 1.0, 120), (5, 9, 0.75, 500), (6, 16, 0.3, 1000)],
+    )
+    def test_defaults_by_order(self, order, stages, width, maxfev):
+        assert search(order, stages, 1, seed=1, maxfev=1).settings.width == width
+        if order < 5:
+            assert search(order, stages, 1, seed=1).settings.maxfev == maxfev
+        faithful = search(order, stages, 1, seed=1, algorithm="lmdif", maxfev=1)
+        assert faithful.settings.width == 1.0
+
+    def test_failed_starts_are_written_with_all_digits_of_their_doubles(self, order_four):
+        start = next(start for start in order_four.starts if start.quad is None)
+        exact = [Fraction(float(entry)) for entry in start.x]
+        for entry, double in zip(map(Fraction, start.x), exact, strict=True):
+            assert abs(entry - double) <= abs(double) * Fraction(1, 10**35)
+        residuals = cg.conditions.residuals_quad(exact, 5, 4)
+        assert start.largest_residual == pytest.approx(float(max(map(abs, residuals))), rel=1e-15)
+
 
 class TestThePapersWay:
     def test_it_finds_methods(self, paper_way):
@@ -345,7 +364,6 @@ class TestArguments:
             ({"width": float("nan")}, "width must be a finite number, not negative, got nan"),
             ({"width": float("inf")}, "width must be a finite number, not negative, got inf"),
             ({"width": "1"}, "width must be a finite number, not negative, got '1'"),
-            ({"width": None}, "width must be a finite number, not negative, got None"),
             ({"width": 1 + 0j}, "width must be a finite number, not negative, got (1+0j)"),
             ({"width": 1e308}, "width must be at most 1e+300, got 1e+308"),
             ({"refine_below": -1}, "refine_below must be a finite number, not negative, got -1"),
