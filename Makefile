@@ -36,7 +36,7 @@ test-checks:
 	$(VENV)-checks/bin/python -m pip install --quiet "meson-python>=0.18" "meson>=1.4" ninja "numpy>=2.0"
 	PATH="$(CURDIR)/$(VENV)-checks/bin:$$PATH" $(VENV)-checks/bin/python -m pip install --quiet \
 		--no-build-isolation -Cbuild-dir=build/checks -Csetup-args=-Dchecks=true --editable ".[test]"
-	$(VENV)-checks/bin/python -m pytest -m "not slow" $(ARGS)
+	$(VENV)-checks/bin/python -m pytest --numprocesses auto -m "not slow" $(ARGS)
 
 benchmarks: build
 	$(PY) -m benchmarks $(ARGS)
