@@ -42,12 +42,19 @@ class Journal:
 
         Raises
         ------
+        TypeError
+            If it isn't a path.
         ValueError
-            If the file belongs to other settings, or has a damaged line before its last.
+            If it isn't a file, belongs to other settings, or has a damaged line before its last.
         OSError
             If it can't be written.
         """
+        if not isinstance(path, str | os.PathLike):
+            raise TypeError(f"checkpoint must be a path, got {path!r}")
         path = Path(path)
+        # a device or a pipe may never end
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise ValueError(f"checkpoint must be a file, got {path}, which exists and is none")
         header = json.dumps({"format": _FORMAT, **settings})
         stream = path.open("a+", encoding="utf-8")
         try:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _core_r64, _core_r128, quad
-from .checks import check_integer
+from .checks import LARGEST_COUNT, check_integer
 from .conditions import (
     HIGHEST_ORDER,
     Rows,
@@ -218,7 +218,7 @@ def search(
     settings = _settings(
         order, stages, seed, algorithm, rows, width, maxfev, refine_below, refine_maxfev, force
     )
-    starts = check_integer("starts", starts, 1)
+    starts = check_integer("starts", starts, 1, LARGEST_COUNT)
     if progress is not None and not callable(progress):
         raise TypeError(f"progress must be callable, got {progress!r}")
     workers = check_integer("workers", workers, 1) if workers is not None else available_cores()
@@ -340,7 +340,7 @@ def _settings(
     order = check_integer("order", order, 1)
     if order > HIGHEST_ORDER:
         raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
-    stages = check_integer("stages", stages, 1)
+    stages = check_integer("stages", stages, 1, LARGEST_COUNT)
     seed = check_integer("seed", seed, 0)
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
@@ -361,10 +361,10 @@ def _settings(
     if maxfev is None:
         best = _BEST_BOUNDS.get(order, _BOUND_ABOVE)
         maxfev = 200 * (size + 1) if algorithm == "lmdif" else best
-    maxfev = check_integer("maxfev", maxfev, 1)
+    maxfev = check_integer("maxfev", maxfev, 1, LARGEST_COUNT)
     if refine_maxfev is None:
         refine_maxfev = 20 * (size + 1)
-    refine_maxfev = check_integer("refine_maxfev", refine_maxfev, 1)
+    refine_maxfev = check_integer("refine_maxfev", refine_maxfev, 1, LARGEST_COUNT)
     return SearchSettings(
         order,
         stages,

@@ -327,3 +327,31 @@ class TestDigits:
                 methods["CG4a"].digits(digits)
         with pytest.raises(ValueError, match="no second weights"):
             methods["CG4a"].digits(50, embedded=True)
+
+
+@pytest.mark.parametrize("digits", [1, 9, 17, 30])
+def test_few_digits_are_the_rounded_many(digits):
+    few, many = methods["CG4a"].digits(digits)[1], methods["CG4a"].digits(60)[1]
+    for short, long in zip(few, many, strict=True):
+        assert abs(Fraction(short) / Fraction(long) - 1) < Fraction(1, 10 ** (digits - 1))
+
+
+@pytest.mark.parametrize("digits", [2.5, "2", None, True])
+def test_digits_that_are_no_integer(digits):
+    with pytest.raises(TypeError, match="digits must be an integer, got"):
+        methods["CG4a"].digits(digits)
+
+
+@pytest.mark.parametrize("method", [None, 3, ["CG4a"]])
+def test_certify_what_is_no_method(method):
+    with pytest.raises(TypeError, match="method must be a name or a Tableau, got"):
+        certify(method)
+
+
+@pytest.mark.parametrize(
+    ("order", "error"),
+    [(2.5, TypeError), ("2", TypeError), (True, TypeError), (0, ValueError), (10**30, ValueError)],
+)
+def test_certify_an_order_that_is_none(order, error):
+    with pytest.raises(error, match="order must be"):
+        certify("CG4a", order)

@@ -273,3 +273,20 @@ class TestConstruct:
     def test_bad_input(self, changes, error, message):
         with pytest.raises(error, match=message):
             cg.construct(**{"order": 3, "stages": 3, "seed": 0, **changes})
+
+
+@pytest.mark.parametrize(
+    ("argument", "error"),
+    [
+        ({"progress": 3}, TypeError),
+        ({"order": True}, TypeError),
+        ({"stages": 10**30}, ValueError),
+        ({"tries": 10**30}, ValueError),
+        ({"iterations": 10**30}, ValueError),
+        ({"largest": "3"}, ValueError),
+        ({"width": 1j}, ValueError),
+    ],
+)
+def test_arguments_are_checked_before_any_work(argument, error):
+    with pytest.raises(error, match=f"{next(iter(argument))} must be"):
+        cg.construct(**{"order": 3, "stages": 3, "seed": 1} | argument)

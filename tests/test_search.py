@@ -561,3 +561,26 @@ def test_settings_are_values(order_four):
     settings = order_four.settings
     assert replace(settings) == settings
     assert hash(settings) == hash(replace(settings))
+
+
+@pytest.mark.parametrize("name", ["order", "stages", "starts", "seed", "workers", "maxfev"])
+def test_true_is_no_integer(name):
+    with pytest.raises(TypeError, match=f"{name} must be an integer, got True"):
+        search(**GOOD | {name: True})
+
+
+@pytest.mark.parametrize("name", ["stages", "starts", "maxfev", "refine_maxfev"])
+def test_counts_beyond_fortran_integers(name):
+    with pytest.raises(ValueError, match=f"{name} must be at most 2147483647, got 1000000"):
+        search(**GOOD | {name: 10**30})
+
+
+@pytest.mark.parametrize("path", ["/dev/null", "/dev/full"])
+def test_checkpoint_that_is_no_file(path):
+    with pytest.raises(ValueError, match="checkpoint must be a file, got"):
+        search(**GOOD, checkpoint=path)
+
+
+def test_checkpoint_that_is_no_path():
+    with pytest.raises(TypeError, match="checkpoint must be a path, got 3"):
+        search(**GOOD, checkpoint=3)

@@ -1,5 +1,8 @@
 """solve_ivp: SciPy's conventions, its bad inputs, and agreement with SciPy on flat space."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -287,3 +290,38 @@ def test_dense_output_is_told_by_its_kind():
     solution = solve(dense_output=True)
     assert isinstance(solution.sol, DenseOutput)
     np.testing.assert_array_equal(solution.sol.ts, solution.t)
+
+
+@pytest.mark.parametrize(
+    "argument",
+    [
+        {"t_span": (0, 10**400)},
+        {"t_span": ("0", "1")},
+        {"h": 10**400},
+        {"y0": [[10**400, 0, 0], [0, 1, 0], [0, 0, 1]]},
+        {"rtol": 10**400},
+        {"atol": 10**400},
+        {"first_step": 10**400},
+    ],
+)
+def test_numbers_beyond_doubles_are_refused_by_name(argument):
+    with pytest.raises(ValueError, match=f"{next(iter(argument))} must be"):
+        solve(**argument)
+
+
+def test_a_solution_can_be_copied_and_pickled():
+    solution = solve(dense_output=True)
+    for same in (copy.deepcopy(solution), pickle.loads(pickle.dumps(solution))):
+        assert (same.sol([0.1, 0.7]) == solution.sol([0.1, 0.7])).all()
+
+
+def test_a_first_step_that_would_underflow():
+    assert solve(t_span=(0.0, 1e-320)).t[-1] == 1e-320
+    assert solve(max_step=10**400).success
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+@pytest.mark.filterwarnings("ignore:invalid:RuntimeWarning")
+def test_a_right_hand_side_too_large_for_any_step():
+    with pytest.raises(OverflowError, match="f is too large to choose a step at t = 0"):
+        solve(f=lambda t, y: np.full(3, 1e308))

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 from flint import arb, arb_mat
 
+from ..checks import check_integer
 from ..quad import to_decimal
 from ..tableau import Tableau
 from .certificate import Certificate, CertificationError
@@ -40,23 +41,27 @@ def refined_digits(method: Tableau, certificate: Certificate, digits: int) -> li
 
     Raises
     ------
+    TypeError
+        If `digits` isn't an integer.
     ValueError
         If `digits` is out of range.
     CertificationError
         If the certificate isn't one of the method.
     """
-    if not 1 <= digits <= MOST_DIGITS:
-        raise ValueError(f"digits must be between 1 and {MOST_DIGITS}, got {digits}")
+    digits = check_integer("digits", digits, 1, MOST_DIGITS)
     packed = Packed.of(method, certificate.embedded_order is not None)
     texts = [coefficient.text for coefficient in packed.coefficients]
     free = free_of(packed, certificate)
     if Fraction(certificate.radius) == 0 or not free:
         return texts
+    # a box for few digits would be wider than the certificate's, and lead to nothing
+    proved = len(str(math.ceil(1 / Fraction(certificate.radius))))
     with precision(certificate.bits):
         prove_box(packed, certificate)
     for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
-        with precision(math.ceil(math.log2(10) * (digits + guard)) + certificate.bits):
-            found = _solve(packed, certificate, free, digits + guard)
+        places = max(digits, proved) + guard
+        with precision(math.ceil(math.log2(10) * places) + certificate.bits):
+            found = _solve(packed, certificate, free, places)
             rounded = [_rounded(ball, digits) for ball in found]
         if all(rounded):
             for k, text in zip(free, rounded, strict=True):

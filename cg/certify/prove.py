@@ -12,7 +12,9 @@ import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 from numpy.typing import NDArray
 
+from ..checks import check_integer
 from ..coefficients import Coefficient
+from ..conditions import HIGHEST_ORDER
 from ..quad import to_decimal
 from ..tableau import TOLERANCE_FACTOR, Tableau
 from .certificate import Beyond, Certificate, CertificationError
@@ -115,6 +117,10 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
 
     Raises
     ------
+    TypeError
+        If `method` is neither a name nor a tableau, or `order` isn't an integer.
+    ValueError
+        If `order` is out of range.
     CertificationError
         If there is no proof; with the quantities that tell why.
 
@@ -127,7 +133,9 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
         from ..catalogue import methods
 
         method = methods[method]
-    order = method.order if order is None else order
+    if not isinstance(method, Tableau):
+        raise TypeError(f"method must be a name or a Tableau, got {method!r}")
+    order = method.order if order is None else check_integer("order", order, 1, HIGHEST_ORDER)
     if order < 1:
         raise CertificationError(f"{method.name}: the coefficients satisfy no order conditions")
     pair = method.embedded_weights is not None

@@ -6,12 +6,13 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer
+from ..checks import LARGEST_COUNT, check_integer
 from ..conditions import HIGHEST_ORDER, Rows, count, unknowns
 from ..journal import Journal
 from ..parallel import as_finished, available_cores
@@ -183,7 +184,9 @@ def construct(
     settings = _settings(
         order, stages, seed, largest, restarts, full_rank, first_stages, width, iterations, force
     )
-    tries = check_integer("tries", tries, 1)
+    tries = check_integer("tries", tries, 1, LARGEST_COUNT)
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress must be callable, got {progress!r}")
     workers = available_cores() if workers is None else check_integer("workers", workers, 1)
     header = {"construct": asdict(settings)}
     journal = Journal.open(checkpoint, header) if checkpoint is not None else None
@@ -295,7 +298,7 @@ def _settings(
     order = check_integer("order", order, 1)
     if order > HIGHEST_ORDER:
         raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
-    stages = check_integer("stages", stages, 1)
+    stages = check_integer("stages", stages, 1, LARGEST_COUNT)
     size, conditions = unknowns(stages, Rows.EXPLICIT), count(order, independent=True)
     if size < conditions and not force:
         raise ValueError(
@@ -304,11 +307,11 @@ def _settings(
         )
     if first_stages is None:
         first_stages = max(stages, _FEWEST_EASY.get(order, 2 * stages))
-    first_stages = check_integer("first_stages", first_stages, stages)
+    first_stages = check_integer("first_stages", first_stages, stages, LARGEST_COUNT)
     if width is None:
         width = 1.0 if order <= 4 else 0.5
     for name, value in (("largest", largest), ("width", width)):
-        if not (np.isfinite(value) and value > 0):
+        if not (isinstance(value, Real) and 0 < value < np.inf):
             raise ValueError(f"{name} must be a finite positive number, got {value!r}")
     return ConstructionSettings(
         order,
@@ -316,7 +319,7 @@ def _settings(
         check_integer("seed", seed, 0),
         first_stages,
         float(width),
-        check_integer("iterations", iterations, 1),
+        check_integer("iterations", iterations, 1, LARGEST_COUNT),
         float(largest),
         check_integer("restarts", restarts, 0),
         bool(full_rank),

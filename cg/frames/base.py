@@ -195,7 +195,7 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         if raw.dtype.kind not in kinds:
             raise TypeError(f"dtype {raw.dtype}")
         return np.array(raw, dtype=dtype, order="C")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(
             f"{name} must be an array of {adjective} numbers, got {value!r}"
         ) from error

@@ -219,10 +219,13 @@ class AdaptiveSteps:
         tangent = norm.tangent(field, point)
         size = rms(norm.size(point) / scale)
         slope = rms(tangent / scale)
+        if not math.isfinite(slope):
+            raise OverflowError(f"f is too large to choose a step at t = {self.t0!r}, got {field}")
         guess = _BLIND_FRACTION * span
         if size > _NOTHING and slope * span > _NOTHING:
             guess = 0.01 * size / slope
-        guess = min(guess, span, self.max_step)
+        smallest = min(math.ulp(self.t0), span)  # not zero, however tiny the span
+        guess = max(min(guess, span, self.max_step), smallest)
         h = math.copysign(guess, self.stop - self.t0)
         moved = frame.flow(h * field, point)
         self.step.nexp += 1
@@ -238,7 +241,7 @@ class AdaptiveSteps:
                 better = (_FIRST_ERROR * rate / slope) ** self.exponent / rate
         elif curvature > 0.0:
             better = math.sqrt(_FIRST_ERROR / curvature)
-        return min(100.0 * guess, better, span, self.max_step)
+        return max(min(100.0 * guess, better, span, self.max_step), smallest)
 
 
 def rms(values: ArrayLike) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from numbers import Real
 from typing import Any, cast
@@ -281,8 +282,10 @@ def resolve_method(method: str | Tableau) -> Tableau:
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     """Return initial and final time; ValueError unless they are finite and so is their distance."""
     try:
+        if isinstance(t_span, str) or any(isinstance(t, str | bytes) for t in t_span):
+            raise TypeError("text")
         start, stop = (float(t) for t in t_span)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"t_span must be two numbers, got {t_span!r}") from error
     if not (math.isfinite(start) and math.isfinite(stop)):
         raise ValueError(f"t_span must be finite, got {t_span!r}")
@@ -330,9 +333,10 @@ def step_count(t_span: Sequence[float], h: float) -> int:
     start, stop = check_span(t_span)
     if isinstance(h, bool) or not isinstance(h, Real):
         raise TypeError(f"h must be a real number, got {h!r}")
-    size = float(h)
-    if not (math.isfinite(size) and size > 0.0):
+    # compared before it is converted: an int may be beyond all doubles
+    if not 0.0 < h <= sys.float_info.max:
         raise ValueError(f"h must be positive and finite, got {h!r}")
+    size = float(h)
     span = abs(stop - start)
     if span == 0.0:
         return 0

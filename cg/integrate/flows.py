@@ -41,9 +41,13 @@ class _CompiledFlows:
     def __init__(self, frame: Frame) -> None:
         import cg._external as core
 
+        self.frame = frame
         self.move = core.move
         self.description = describe_blocks(frame)
         self.rows: dict[Row, tuple[Array, NDArray[np.intc]]] = {}
+
+    def __reduce__(self) -> tuple[Callable[[Frame], Flows], tuple[Frame]]:
+        return flows_of, (self.frame,)  # compiled functions can't be pickled
 
     def __call__(self, row: Row, fields: Array, point: Points, h: float) -> Points:
         known = self.rows.get(row)

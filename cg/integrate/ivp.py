@@ -357,7 +357,7 @@ def _check_args(args: Any) -> tuple[Any, ...]:
 def _check_step(value: Any, name: str, *, infinite: bool = False) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be a real number, got {value!r}")
-    size = float(value)
+    size = _as_float(value)
     if not size > 0.0 or (math.isinf(size) and not infinite):
         raise ValueError(
             f"{name} must be positive{'' if infinite else ' and finite'}, got {value!r}"
@@ -365,12 +365,20 @@ def _check_step(value: Any, name: str, *, infinite: bool = False) -> float:
     return size
 
 
+def _as_float(number: Any) -> float:
+    """Return an int or a fraction beyond all doubles as an infinity, which the caller judges."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
+
+
 def _check_rtol(rtol: Any) -> float:
     if rtol is None:
         return _RTOL
     if isinstance(rtol, bool) or not isinstance(rtol, Real):
         raise TypeError(f"rtol must be a real number, got {rtol!r}")
-    value = float(rtol)
+    value = _as_float(rtol)
     if not (math.isfinite(value) and value >= 0.0):
         raise ValueError(f"rtol must be finite and not negative, got {rtol!r}")
     if value < _SMALLEST_RTOL:
