@@ -1,0 +1,54 @@
+"""Run benchmarks: ``python -m benchmarks [NAME …] [--quick]``."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from . import page
+from .environment import describe
+from .record import Result
+
+HERE = Path(__file__).parent
+DOCS = HERE.parent / "docs"
+
+NAMES = ("kernels", "search", "order_six", "heavy_top", "ensemble", "work_precision")
+"""All benchmarks, each a module with ``run(quick, figures)``."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run what the command line names, and write the page and the numbers."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"one of {', '.join(NAMES)}; all by default"
+    )
+    parser.add_argument("--quick", action="store_true", help="less of everything; writes no files")
+    parsed = parser.parse_args(arguments)
+    for name in parsed.names:
+        if name not in NAMES:
+            parser.error(f"NAME must be one of {', '.join(NAMES)}, got {name!r}")
+    file = HERE / "results.json"
+    results = {} if parsed.quick else page.read(file)
+    environment = describe()
+    names = parsed.names or NAMES
+    # first, since limits reach only what is loaded
+    modules = {name: importlib.import_module(f"benchmarks.{name}") for name in names}
+    with threadpool_limits(1):
+        for name, module in modules.items():
+            print(f"{name} …", file=sys.stderr, flush=True)
+            result: Result = module.run(parsed.quick, None if parsed.quick else DOCS)
+            results[name] = result
+            print(page.render({name: result}, environment).split("\n\n", 2)[2])
+    ordered = {name: results[name] for name in NAMES if name in results}
+    if not parsed.quick:
+        page.write(ordered, environment, file)
+        (DOCS / "benchmarks.md").write_text(page.render(ordered, environment), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""Solvers that run the same random starts, each for a given time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cg import quad
+from cg.conditions import unknowns
+from cg.search import EXACT, SearchSettings, random_start, run_start, search
+from cg.solve.refine import refine
+
+from .leastsq import OutOfTime, PaddedResidual, solve
+
+__all__ = ["SEED", "Contestant", "compete", "contestants"]
+
+SEED = 1
+"""Of all random starts."""
+
+
+@dataclass
+class Contestant:
+    """A solver, the time it used, and the starts from which it reached an exact method."""
+
+    solve: Callable[[int], bool]
+    seconds: float = 0.0
+    starts: int = 0
+    exact: list[int] = field(default_factory=list)
+
+    def advance(self, until: float) -> None:
+        """Run starts, in order, until so much time is used up."""
+        while self.seconds < until:
+            begin = time.process_time()
+            if self.solve(self.starts):
+                self.exact.append(self.starts)
+            self.seconds += time.process_time() - begin
+            self.starts += 1
+
+    @property
+    def per_minute(self) -> float:
+        """Exact methods a minute."""
+        return 60.0 * len(self.exact) / self.seconds
+
+
+def compete(contest: dict[str, Contestant], budget: float, turns: int) -> str:
+    """Let contestants run in turns until each has used its time; return how it went."""
+    for turn in range(1, turns + 1):
+        for contestant in contest.values():
+            contestant.advance(turn * budget / turns)
+    return ", ".join(
+        f"{name} {len(c.exact)} of {c.starts} in {c.seconds:.0f} s" for name, c in contest.items()
+    )
+
+
+def contestants(order: int, stages: int, most: float = np.inf) -> dict[str, Contestant]:
+    """Return the fast solver, the paper's, and SciPy's with at most `most` seconds a start."""
+    fast = search(order, stages, 1, SEED, workers=1).settings
+    settings = {
+        "minimum-norm": fast,
+        "lmdif": search(
+            order, stages, 1, SEED, algorithm="lmdif", width=fast.width, maxfev=1, workers=1
+        ).settings,
+    }
+    settings["lmdif"] = _with_default_budget(settings["lmdif"])
+    found = {name: Contestant(_searcher(setting)) for name, setting in settings.items()}
+    found["leastsq"] = Contestant(_scipy(order, stages, fast.width, most))
+    return found
+
+
+def _with_default_budget(settings: SearchSettings) -> SearchSettings:
+    """Return settings with MINPACK's bound on evaluations; above, one start was not solved."""
+    evaluations = 200 * (unknowns(settings.stages, settings.rows) + 1)
+    return SearchSettings(**{**vars(settings), "maxfev": evaluations})
+
+
+def _searcher(settings: SearchSettings) -> Callable[[int], bool]:
+    return lambda index: run_start(settings, index).exact
+
+
+def _scipy(order: int, stages: int, width: float, most: float) -> Callable[[int], bool]:
+    residual = PaddedResidual(order, stages)
+    size = unknowns(stages)
+
+    def solve_start(index: int) -> bool:
+        try:
+            x, f = solve(residual, random_start(SEED, index, size, width), most)
+        except OutOfTime:
+            return False
+        if not f <= 1e-15:
+            return False
+        refined = refine(quad.from_float(x), stages, order)
+        scale = max(1.0, float(np.abs(quad.to_float(refined.x)).max()))
+        return refined.largest_residual <= EXACT * scale
+
+    return solve_start

@@ -1,0 +1,88 @@
+"""Ten thousand tops at once: time of one of them against a top alone."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cg
+from cg.problems import HeavyTop
+
+from .compiled_top import CompiledTop
+from .record import Result, Row
+from .timing import measure
+
+_H = 0.01
+_STEPS = 20
+
+
+def run(quick: bool, figures: Path | None) -> Result:
+    """Measure an ensemble and a top alone, with a right-hand side in NumPy and in C."""
+    rounds, members = (2, 1_000) if quick else (7, 10_000)
+    top = HeavyTop()
+    method = cg.methods["CG4a"]
+    inverse = np.array([float(1 / moment) for moment in top.inertia])
+    mgl = float(top.mgl)
+
+    def f(t: float, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        m = y[..., 9:]
+        rates = np.empty((*y.shape[:-1], 6))
+        rates[..., :3] = inverse * m
+        w = rates[..., :3]
+        rates[..., 3] = m[..., 1] * w[..., 2] - m[..., 2] * w[..., 1] + mgl * y[..., 7]
+        rates[..., 4] = m[..., 2] * w[..., 0] - m[..., 0] * w[..., 2] - mgl * y[..., 6]
+        rates[..., 5] = m[..., 0] * w[..., 1] - m[..., 1] * w[..., 0]
+        return rates
+
+    rng = np.random.default_rng(1)
+    many = top.frame.random_point(rng, (members,))
+
+    def integrate(right_side: object, y0: NDArray[np.float64], steps: int) -> None:
+        cg.integrate(
+            right_side,  # type: ignore[arg-type]
+            (0.0, steps * _H),
+            y0,
+            frame=top.frame,
+            method=method,
+            h=_H,
+            save_every=steps,
+        )
+
+    with tempfile.TemporaryDirectory() as folder:
+        compiled = CompiledTop(top, Path(folder)).f
+        many_steps, alone = _STEPS, {"NumPy": 500, "compiled": 20_000}
+        times = measure(
+            {
+                "NumPy, many": lambda: integrate(f, many, many_steps),
+                "NumPy, one": lambda: integrate(f, top.y0, alone["NumPy"]),
+                "compiled, many": lambda: integrate(compiled, many, many_steps),
+                "compiled, one": lambda: integrate(compiled, top.y0, alone["compiled"]),
+            },
+            rounds=rounds,
+            seconds=0.2,
+        )
+    rows = []
+    for kind, quantity in (
+        ("NumPy", "right-hand side in NumPy"),
+        ("compiled", "compiled right-hand side"),
+    ):
+        each = members * many_steps
+        rows.append(
+            Row(
+                f"{quantity}, {members} tops",
+                1e6 * times.median(f"{kind}, many") / each,
+                "µs a step of a top",
+                "one top alone",
+                1e6 * times.median(f"{kind}, one") / alone[kind],
+                times.ratio(f"{kind}, one", f"{kind}, many") * each / alone[kind],
+            )
+        )
+    return Result(
+        "Ensembles",
+        f"CG4a on {members} tops with random attitudes and momenta, {many_steps} steps, one "
+        f"thread. Medians of {rounds} rounds.",
+        tuple(rows),
+    )

@@ -1,0 +1,49 @@
+"""What the numbers depend on, without a trace of whose machine it was."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import re
+import subprocess
+from pathlib import Path
+
+__all__ = ["describe"]
+
+_PACKAGES = ("numpy", "scipy", "lielab")
+
+
+def describe() -> dict[str, str]:
+    """Return processor, system, compilers and versions of what is compared."""
+    found = {
+        "processor": _processor(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "gfortran": _version("gfortran"),
+        "gcc": _version("gcc"),
+    }
+    for package in _PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            found[package] = "absent"
+    return found
+
+
+def _processor() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return platform.processor() or "unknown"
+    match = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    return match[1].strip() if match else platform.machine()
+
+
+def _version(compiler: str) -> str:
+    try:
+        answer = subprocess.run(
+            [compiler, "-dumpfullversion"], capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "absent"
+    return answer.stdout.strip()

@@ -1,0 +1,150 @@
+"""The parts of a search at order six with 16 stages: residual, Jacobian, step, refinement."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import leastsq
+
+import cg
+from cg import _core_r64, _core_r128, quad
+from cg.conditions import condition_trees, pack, unknowns
+from cg.search import random_start
+from cg.solve.minimum_norm import fit_conditions
+from cg.solve.refine import refine
+from cg.solve.system import System
+
+from .leastsq import PaddedResidual
+from .record import Aim, Result, Row
+from .timing import measure
+from .weights import NumpyResidual
+
+ORDER, STAGES = 6, 16
+_ITERATIONS = 25
+
+
+def run(quick: bool, figures: Path | None) -> Result:
+    """Measure each kernel against NumPy and SciPy doing the same."""
+    rounds = 3 if quick else 9
+    shape = ORDER, STAGES, 0
+    x = random_start(1, 0, unknowns(STAGES), 0.3)
+    trees = np.array(condition_trees(ORDER, independent=True), dtype=np.intc)
+    reference = NumpyResidual(ORDER, STAGES)
+    np.testing.assert_allclose(reference(x), _core_r64.residuals(*shape, x, trees), atol=1e-13)
+
+    def differences() -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        steps = np.sqrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(x))
+        base = _core_r64.residuals(*shape, x, trees)
+        columns = np.empty((len(trees), x.size))
+        for j, step in enumerate(steps):
+            moved = x.copy()
+            moved[j] += step
+            columns[:, j] = (_core_r64.residuals(*shape, moved, trees) - base) / step
+        return columns
+
+    exact = _core_r64.jacobian(*shape, x, trees)
+    np.testing.assert_allclose(differences(), exact, rtol=0, atol=1e-5)
+
+    padded = PaddedResidual(ORDER, STAGES)
+    iterations = {"leastsq": 1}
+
+    def ours() -> None:
+        fit = fit_conditions(x, STAGES, ORDER, max_iterations=_ITERATIONS)
+        assert fit.iterations == _ITERATIONS
+
+    def scipys() -> None:
+        _, _, info, _, _ = leastsq(
+            padded, x, Dfun=padded.jacobian, full_output=True, maxfev=_ITERATIONS, ftol=0, xtol=0
+        )
+        iterations["leastsq"] = int(info["nfev"])
+
+    method = cg.methods["CG6c"]
+    near = quad.from_float(pack(method.a, method.b))
+    system = System(ORDER, STAGES)
+
+    def factored_again() -> float:
+        point = near
+        best = np.inf
+        while True:
+            residual = system.residual_quad(point)
+            largest = float(np.abs(residual).max())
+            if not largest < best:
+                return best
+            best = largest
+            jacobian = system.jacobian(quad.to_float(point), independent=False)
+            step = np.linalg.lstsq(jacobian, residual, rcond=1e-10)[0]
+            point = np.ascontiguousarray(_core_r128.subtract_double(point.T, step).T)
+
+    times = measure(
+        {
+            "residual": lambda: _core_r64.residuals(*shape, x, trees),
+            "residual, NumPy": lambda: reference(x),
+            "jacobian": lambda: _core_r64.jacobian(*shape, x, trees),
+            "jacobian, differences": differences,
+            "iteration": ours,
+            "iteration, leastsq": scipys,
+            "refinement": lambda: refine(near, STAGES, ORDER),
+            "refinement, lstsq": factored_again,
+        },
+        rounds=rounds,
+    )
+    per_step = {"iteration": _ITERATIONS, "iteration, leastsq": iterations["leastsq"]}
+
+    def row(
+        quantity: str, name: str, other: str, against: str, unit: str, scale: float, bound: float
+    ) -> Row:
+        ours, theirs = per_step.get(name, 1), per_step.get(other, 1)
+        return Row(
+            quantity,
+            scale * times.median(name) / ours,
+            unit,
+            against,
+            scale * times.median(other) / theirs,
+            times.ratio(other, name) * ours / theirs,
+            aim=Aim(bound, above=False, of="value"),
+        )
+
+    rows = (
+        row(
+            "residual of the 113 conditions",
+            "residual",
+            "residual, NumPy",
+            "the same recursion in NumPy, all rows at once",
+            "µs",
+            1e6,
+            40.0,
+        ),
+        row(
+            "Jacobian, 113 × 136",
+            "jacobian",
+            "jacobian, differences",
+            "differences of the compiled residual",
+            "ms",
+            1e3,
+            1.5,
+        ),
+        row(
+            "one step of the minimum-norm solver",
+            "iteration",
+            "iteration, leastsq",
+            "one step of SciPy's leastsq with the same residual and Jacobian",
+            "ms",
+            1e3,
+            3.0,
+        ),
+        row(
+            "refinement to the floor of binary128",
+            "refinement",
+            "refinement, lstsq",
+            "the same with NumPy's lstsq in each correction",
+            "ms",
+            1e3,
+            60.0,
+        ),
+    )
+    return Result(
+        "Kernels at order six with 16 stages",
+        f"Medians of {rounds} rounds; refinement starts from {method.name} rounded to double.",
+        rows,
+    )

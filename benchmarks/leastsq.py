@@ -1,0 +1,73 @@
+"""SciPy's MINPACK on the compiled residual: what the project's solvers are compared with."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import leastsq
+
+from cg import _core_r64
+from cg.conditions import Rows, table_rows, unknowns
+
+__all__ = ["OutOfTime", "PaddedResidual", "solve"]
+
+
+class OutOfTime(Exception):
+    """The time allowed for a run is used up."""
+
+
+class PaddedResidual:
+    """Residuals with rows of zeros for trees that can be discarded, as the paper has them.
+
+    MINPACK refuses fewer residuals than unknowns; more zeros are appended where needed.
+
+    Parameters
+    ----------
+    order, stages : int
+    """
+
+    def __init__(self, order: int, stages: int) -> None:
+        self.shape = order, stages, int(Rows.EXPLICIT)
+        rows = np.array(table_rows(order), dtype=np.intc)
+        self.trees = np.pad(rows, (0, max(0, unknowns(stages) - len(rows))))
+        self.trees_alone = rows[rows > 0]
+        self.stop_at = np.inf
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the residuals, shape ``(rows,)``."""
+        if time.process_time() > self.stop_at:
+            raise OutOfTime
+        found: NDArray[np.float64] = _core_r64.residuals(*self.shape, x, self.trees)
+        return found
+
+    def jacobian(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives, shape ``(rows, unknowns)``."""
+        found = np.zeros((len(self.trees), x.size))
+        nonzero = np.flatnonzero(self.trees)
+        found[nonzero] = _core_r64.jacobian(*self.shape, x, self.trees_alone)
+        return found
+
+
+def solve(
+    residual: PaddedResidual, guess: NDArray[np.float64], seconds: float = np.inf
+) -> tuple[NDArray[np.float64], float]:
+    """Run ``leastsq`` with the paper's tolerances; return where it ended and the sum of squares.
+
+    Raises
+    ------
+    OutOfTime
+        After `seconds` of processor time.
+    """
+    residual.stop_at = time.process_time() + seconds
+    x, _, info, _, _ = leastsq(
+        residual,
+        guess,
+        full_output=True,
+        xtol=1e-18,
+        ftol=1e-18,
+        gtol=0.0,
+        maxfev=200 * (guess.size + 1),
+    )
+    return x, float(np.sum(info["fvec"] ** 2))

@@ -1,0 +1,139 @@
+"""The benchmarks compute what they say, and their page says what was measured."""
+
+import importlib.util
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cg
+from cg import conditions
+from cg.convergence import observed_order
+from cg.problems import FreeRigidBody, HeavyTop
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _importable():
+    sys.path.insert(0, str(ROOT))
+    yield
+    sys.path.remove(str(ROOT))
+
+
+@pytest.mark.parametrize(("order", "stages"), [(3, 3), (5, 9)])
+def test_the_numpy_residual_is_that_of_the_definition(order, stages):
+    from benchmarks.weights import NumpyResidual
+
+    x = np.random.default_rng(1).uniform(-1, 1, conditions.unknowns(stages))
+    rows, weights = conditions.unpack(x, stages)
+    exact = conditions.residuals_exact(rows, weights, order, independent=True)
+    found = NumpyResidual(order, stages)(x)
+    np.testing.assert_allclose(found, np.array(exact, dtype=float), rtol=0, atol=1e-12)
+
+
+def test_leastsq_has_the_derivatives_of_its_residual():
+    from benchmarks.leastsq import PaddedResidual
+
+    residual = PaddedResidual(4, 5)
+    x = np.random.default_rng(2).uniform(-1, 1, 15)
+    step = 1e-6
+    for j, column in enumerate(residual.jacobian(x).T):
+        d = step * np.eye(15)[j]
+        np.testing.assert_allclose((residual(x + d) - residual(x - d)) / (2 * step), column,
+                                   rtol=0, atol=1e-7)  # fmt: skip
+
+
+@pytest.mark.parametrize("problem", [HeavyTop(), FreeRigidBody()], ids=repr)
+def test_rkmk_has_order_four(problem):
+    from benchmarks.rkmk import RKMK4
+
+    exact = np.array(problem.reference([1.0]).y)[0]
+    counts = (20, 40, 80)
+    errors = []
+    for count in counts:
+        method = RKMK4(problem.f, problem.frame)
+        end = method.integrate((0.0, 1.0), problem.y0, count)[-1]
+        assert method.nexp == 4 * count
+        assert problem.frame.membership_error(end) < 1e-13
+        errors.append(np.abs(end - exact).max())
+    assert observed_order([1 / n for n in counts], errors).order == pytest.approx(4, abs=0.15)
+
+
+@pytest.mark.parametrize("problem", [HeavyTop(), FreeRigidBody()], ids=repr)
+@pytest.mark.parametrize("projected", [True, False])
+def test_dop853_solves_the_problem(problem, projected):
+    from benchmarks.projected import integrate
+
+    points = integrate(problem.f, 1.0, problem.y0, problem.frame, 1e-11, projected=projected)
+    exact = np.array(problem.reference([1.0]).y)[0]
+    np.testing.assert_allclose(points[-1], exact, rtol=0, atol=1e-9)
+    if projected:
+        assert problem.frame.membership_error(points).max() < 1e-14
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
+def test_the_loop_by_hand_computes_the_same(tmp_path):
+    from benchmarks.compiled_top import CompiledTop
+
+    top, method = HeavyTop(), cg.methods["CG4a"]
+    compiled = CompiledTop(top, tmp_path)
+    by_hand = compiled.integrate(method, 0.01, 100)
+    for f in (compiled.f, top.f):
+        ours = cg.integrate(f, (0, 1), top.y0, frame=top.frame, method=method, h=0.01)
+        np.testing.assert_allclose(ours.y, by_hand, rtol=0, atol=1e-12)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
+def test_lielab_solves_the_same_problem():
+    from benchmarks.lielab_top import LielabTop
+
+    top = HeavyTop()
+    exact = np.array(top.reference([1.0]).y)[0]
+    end = LielabTop(top).integrate(0.005, 200)[-1]
+    np.testing.assert_allclose(end, exact, rtol=0, atol=1e-6)
+
+
+def test_medians_and_ratios_are_of_rounds():
+    from benchmarks.timing import Times
+
+    times = Times({"a": [1.0, 2.0, 9.0], "b": [2.0, 8.0, 9.0]})
+    assert times.median("b") == 8.0
+    assert times.ratio("b", "a") == 2.0
+
+
+def test_the_page_is_of_the_stored_numbers():
+    from benchmarks import page
+    from benchmarks.__main__ import NAMES
+
+    file = ROOT / "benchmarks" / "results.json"
+    results = page.read(file)
+    assert list(results) == [name for name in NAMES if name in results]
+    assert {"kernels", "heavy_top", "ensemble", "work_precision"} <= set(results)
+    environment = json.loads(file.read_text(encoding="utf-8"))["environment"]
+    written = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    assert page.render(results, environment) == written
+    for result in results.values():
+        for figure in result.figures:
+            assert (ROOT / "docs" / f"{figure.name}.png").is_file()
+            assert (ROOT / "docs" / f"{figure.name}.svg").is_file()
+
+
+def test_aims_that_are_missed_are_marked():
+    from benchmarks.record import Aim, Row
+
+    assert Row("x", 2.0, "s", aim=Aim(1.0, above=False, of="value")).met is False
+    assert Row("x", 2.0, "s", ratio=3.0, aim=Aim(3.0, above=True)).met is True
+    assert Row("x", float("nan"), "s", aim=Aim(1.0, above=False, of="value")).met is False
+    assert Row("x", 2.0, "s").met is None
+
+
+def test_unknown_names_are_refused(capsys):
+    from benchmarks.__main__ import main
+
+    with pytest.raises(SystemExit):
+        main(["nothing"])
+    assert "NAME must be one of kernels" in capsys.readouterr().err
