@@ -1,17 +1,40 @@
-"""Independent pieces of work on all cores, in threads, since the compiled core frees the lock."""
+"""Independent pieces of work on all cores, in threads, since the compiled core frees the lock.
+
+Python's signal handlers run between bytecodes of the main thread only, so that an interrupt
+would wait for a compiled call there, and the end of a pool for those in its workers. Calls
+that may take long therefore go through `stoppable`: they watch a flag, and return soon after
+it is set.
+"""
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-__all__ = ["as_finished", "available_cores"]
+__all__ = ["Stopped", "as_finished", "available_cores", "raise_if_stopped", "stoppable"]
 
 Result = TypeVar("Result")
+
+StopFlag = NDArray[np.intc]
+"""Shape (1,); not zero once the calls that watch it are to end."""
+
+
+class Stopped(BaseException):
+    """The run to which a piece of work belongs has ended; what the work came to is void."""
+
+
+class _Worker(threading.local):
+    stop_flag: StopFlag | None = None  # of the run that the thread works for
+
+
+_worker = _Worker()
 
 
 def available_cores() -> int:
@@ -24,11 +47,15 @@ def as_finished(
 ) -> Generator[Result, None, None]:
     """Yield ``work(index)`` for each index, in the order in which they finish.
 
-    Only few are queued at a time, so that an interrupt or a closed generator ends after
-    what is running.
+    Only few are queued at a time. An interrupt, an exception or a closed generator ends what
+    is running within one step of its solver, and its results are dropped.
     """
+    stop_flag = _new_flag()
     # one piece a core: threads inside the linear algebra would only be in each other's way
-    with threadpool_limits(1), ThreadPoolExecutor(max_workers=workers) as pool:
+    with (
+        threadpool_limits(1),
+        ThreadPoolExecutor(workers, initializer=_work_for, initargs=(stop_flag,)) as pool,
+    ):
         pending: dict[Future[Result], None] = {}  # in the order of submission
         try:
             for index in indices:
@@ -38,7 +65,56 @@ def as_finished(
             while pending:
                 yield from _collect(pending)
         finally:
+            stop_flag[0] = 1
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Result:
+    """Return ``call(flag)`` of a compiled call that watches the flag and frees the lock.
+
+    In a worker of `as_finished` the flag is that of its run. In the main thread the call goes
+    to a thread of its own, so that an interrupt is noticed at once; not if it is `brief`, since
+    on a busy machine the detour takes a millisecond. An interrupt can't reach other threads.
+
+    Raises
+    ------
+    Stopped
+        In a worker whose run has ended: the call may have been cut short.
+    """
+    if _worker.stop_flag is not None:
+        result = call(_worker.stop_flag)
+        raise_if_stopped()
+        return result
+    stop_flag = _new_flag()
+    if brief or threading.current_thread() is not threading.main_thread():
+        return call(stop_flag)
+    outcome: Future[Result] = Future()
+
+    def run() -> None:
+        try:
+            outcome.set_result(call(stop_flag))
+        except BaseException as error:
+            outcome.set_exception(error)
+
+    try:
+        threading.Thread(target=run, name="stoppable").start()
+        return outcome.result()
+    finally:
+        stop_flag[0] = 1
+
+
+def raise_if_stopped() -> None:
+    """Raise `Stopped` in a worker of `as_finished` whose run has ended."""
+    if _worker.stop_flag is not None and _worker.stop_flag[0]:
+        raise Stopped
+
+
+def _new_flag() -> StopFlag:
+    return np.zeros(1, dtype=np.intc)
+
+
+def _work_for(stop_flag: StopFlag) -> None:
+    _worker.stop_flag = stop_flag
 
 
 def _collect(pending: dict[Future[Result], None]) -> Iterator[Result]:

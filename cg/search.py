@@ -10,6 +10,7 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import cached_property, partial
@@ -28,7 +29,7 @@ from .conditions import (
     unknowns,
 )
 from .journal import Journal
-from .parallel import as_finished, available_cores
+from .parallel import as_finished, available_cores, stoppable
 from .solve.minimum_norm import fit_conditions
 from .solve.polish import polish
 from .solve.refine import refine
@@ -190,7 +191,7 @@ def search(
         Number of threads; all cores by default. It doesn't change the result.
     checkpoint : path, optional
         File that receives every finished start at once. If it exists and belongs to the
-        same settings, its starts aren't run again.
+        same settings, its starts aren't run again. An interrupt drops what is running.
     progress : callable, optional
         Called with the numbers of finished and of all starts.
     force : bool, optional
@@ -227,12 +228,13 @@ def search(
         records = map(Start.from_record, journal.records if journal else ())
         done = {start.index: start for start in records}
         missing = [index for index in range(starts) if index not in done]
-        for start in as_finished(partial(run_start, settings), missing, workers):
-            done[start.index] = start
-            if journal:
-                journal.append(start.record())
-            if progress:
-                progress(sum(index < starts for index in done), starts)
+        with closing(as_finished(partial(run_start, settings), missing, workers)) as running:
+            for start in running:
+                done[start.index] = start
+                if journal:
+                    journal.append(start.record())
+                if progress:
+                    progress(sum(index < starts for index in done), starts)
     finally:
         if journal:
             journal.close()
@@ -278,14 +280,20 @@ def _run_lmdif(
     # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
     shape = (settings.order, settings.stages, int(settings.rows))
-    x, f, info, nfev = _core_r64.fit_lmdif(*shape, guess, trees, [1e-18], [1e-18], settings.maxfev)
+    x, f, info, nfev = stoppable(
+        lambda stop_flag: _core_r64.fit_lmdif(
+            *shape, guess, trees, [1e-18], [1e-18], settings.maxfev, stop_flag
+        )
+    )
     double = Phase(_finite(f[0]), int(info), int(nfev))
     bits = quad.from_float(x if np.isfinite(x).all() else guess)
     if double.f > settings.refine_below:
         return double, None, bits
     tolerance = quad.from_float([1e-32]).T
-    found, f, info, nfev = _core_r128.fit_lmdif(
-        *shape, bits.T, trees, tolerance, tolerance, settings.refine_maxfev
+    found, f, info, nfev = stoppable(
+        lambda stop_flag: _core_r128.fit_lmdif(
+            *shape, bits.T, trees, tolerance, tolerance, settings.refine_maxfev, stop_flag
+        )
     )
     refined = Phase(_finite(quad.to_float(f.T)[0]), int(info), int(nfev))
     found = np.ascontiguousarray(found.T)

@@ -11,7 +11,8 @@ end subroutine r64_set_lapack
 
 ! The caller has set the addresses of LAPACK.
 subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, owner, k, free, ftol, &
-                                damping, max_iterations, x, f, iterations, evaluations, status)
+                                damping, max_iterations, stop_flag, x, f, iterations, &
+                                evaluations, status)
   use kinds_r64, only: wp
   use conditions_r64, only: order_conditions_t
   use minimum_norm, only: minimise_norm
@@ -24,11 +25,13 @@ subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, owner, k, 
   integer, intent(in) :: free(k)        ! indices of the unknowns that may move, from 1
   real(wp), intent(in) :: ftol, damping
   integer, intent(in) :: max_iterations
+  integer, intent(inout), target :: stop_flag(1)  ! zero; set by another thread to end the fit
   real(wp), intent(out) :: x(n), f
   integer, intent(out) :: iterations, evaluations, status
   type(order_conditions_t) :: conditions
 
   call conditions%set_up(order, make_pattern(stages, rows), trees, owner)
+  conditions%stop_flag => stop_flag(1)
   x = x0
   call minimise_norm(conditions, x, m, free, ftol, damping, max_iterations, f, iterations, &
                      evaluations, status)

@@ -17,6 +17,7 @@ module minimum_norm
   integer, parameter, public :: out_of_iterations = 2
   integer, parameter, public :: no_descent = 3       ! not even a tiny step reduces it
   integer, parameter, public :: not_finite = 4       ! at the start
+  integer, parameter, public :: stopped = 5          ! by another thread
 
   real(wp), parameter :: least_damping = 1.0e-17_wp
   real(wp), parameter :: most_damping = 1.0e8_wp
@@ -61,6 +62,10 @@ contains
     growth = 2.0_wp
 
     do while (status == out_of_iterations .and. iterations < max_iterations)
+      if (problem%stopped()) then
+        status = stopped
+        exit
+      end if
       iterations = iterations + 1
       call factorise(gram, factor, damping)
       y = r

@@ -161,7 +161,8 @@ def construct(
     workers : int, optional
         Threads; all cores by default.
     checkpoint : path, optional
-        File that receives every try, and from which an interrupted run goes on.
+        File that receives every try, and from which an interrupted run goes on; tries
+        that are running when it is interrupted are dropped.
     progress : callable, optional
         Called with each `Attempt`.
     force : bool, optional

@@ -19,9 +19,12 @@ from cg import _minimum_norm
 
 from ..checks import check_integer
 from ..conditions import Rows
+from ..parallel import stoppable
 from .system import System
 
 __all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
+
+_BRIEF = 10**8  # multiplications: about a tenth of a second
 
 
 class MinimumNormStatus(IntEnum):
@@ -31,6 +34,7 @@ class MinimumNormStatus(IntEnum):
     OUT_OF_ITERATIONS = 2
     NO_DESCENT = 3
     NOT_FINITE = 4
+    STOPPED = 5
 
 
 @dataclass(frozen=True)
@@ -112,17 +116,14 @@ def fit_conditions(
         raise ValueError(f"damping must be finite and positive, got {damping}")
     max_iterations = check_integer("max_iterations", max_iterations, 0)
     trees, owner = system.conditions(independent=True)
-    found, f, iterations, evaluations, status = _minimum_norm.fit_minimum_norm(
-        order,
-        system.packed_stages,
-        rows,
-        x,
-        trees,
-        owner,
-        (indices + 1).astype(np.intc),
-        ftol,
-        damping,
-        max_iterations,
+    moving = (indices + 1).astype(np.intc)
+    shape = (order, system.packed_stages, rows)
+    most = max_iterations * trees.size**2 * moving.size  # for the Gram matrices
+    found, f, iterations, evaluations, status = stoppable(
+        lambda stop_flag: _minimum_norm.fit_minimum_norm(
+            *shape, x, trees, owner, moving, ftol, damping, max_iterations, stop_flag
+        ),
+        brief=most <= _BRIEF,
     )
     return MinimumNormFit(
         found, float(f), int(iterations), int(evaluations), MinimumNormStatus(status)

@@ -16,6 +16,7 @@ from scipy import linalg
 
 from .. import _core_r128, quad
 from ..conditions import Rows
+from ..parallel import raise_if_stopped
 from .system import System
 
 __all__ = ["Refined", "refine"]
@@ -96,6 +97,7 @@ def refine(
 
     best, best_size, iterations = x, np.inf, 0
     for iterations in range(max_iterations + 1):  # noqa: B007
+        raise_if_stopped()
         residual = system.residual_quad(x)
         largest = float(np.abs(residual).max())
         # the last digits jitter: stop at the first correction that doesn't help
