@@ -11,7 +11,7 @@ from cg import conditions
 from cg.catalogue import methods
 from cg.certify import certify
 from cg.certify.composition import MidpointSteps, convolve, logarithm
-from cg.certify.identities import StageOrderTwo
+from cg.certify.identities import MiddleAbscissae, StageOrderTwo
 from cg.certify.krawczyk import to_double
 from cg.certify.parametric import Columns, Letters, Path
 from cg.certify.prove import Packed, precision
@@ -185,6 +185,23 @@ class TestIdentities:
                 a[k][1] += change
                 a[k][0] -= change
         self.check(Path((mu,)), a, b, [3, 4, 5])
+
+    @pytest.mark.parametrize("weight", [Fraction(0), Fraction(2, 3)])
+    def test_middle_abscissae(self, draw, weight):
+        a, b = explicit_rows(5, draw), [Fraction(0), *(draw() for _ in range(4))]
+        b[3] = weight
+        for k in range(1, 5):
+            if b[k]:
+                a[k][0] += sum(b[:k]) + b[k] / 2 - sum(a[k])
+        self.check(MiddleAbscissae(), a, b, [2, 3, 4, 5])
+
+    def test_a_first_stage_with_a_weight_is_not_in_the_middle(self):
+        # c_1 = 0: the equation there says b_1 = 0, which isn't left out
+        shape = Shape(2, Rows.EXPLICIT)
+        equations = MiddleAbscissae().equations(shape, [frozenset()], 0)
+        system = ExtendedSystem(shape, tuple(equations), 0)
+        values = system.residuals([arb(1) / 3, arb(1) / 4, arb(1) / 6])
+        assert [abs(value) < 1e-10 for value in values] == [False, True]
 
     def test_letters(self, draw):
         a, b = explicit_rows(4, draw), [draw() for _ in range(4)]

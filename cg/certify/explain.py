@@ -17,7 +17,7 @@ from scipy import linalg
 from ..conditions import Rows
 from ..quad import to_decimal
 from .composition import MidpointSteps
-from .identities import PathOrderTwo, StageOrderTwo
+from .identities import MiddleAbscissae, PathOrderTwo, StageOrderTwo
 from .krawczyk import to_double
 from .parametric import Columns, Letters, Path
 from .relations import Identity, kept_words
@@ -59,7 +59,8 @@ def read_identity(name: str) -> Identity:
     elif heading.startswith("letters "):
         found = Letters.read(heading, parameters)
     else:
-        found = MidpointSteps() if heading == MidpointSteps().heading else PathOrderTwo()
+        plain: tuple[Identity, ...] = (MidpointSteps(), MiddleAbscissae())
+        found = next((one for one in plain if one.heading == heading), PathOrderTwo())
     if name_of(found) != name:
         raise ValueError(f"no identity is known as {name!r}")
     return found
@@ -81,7 +82,12 @@ def find_identities(
     found: list[tuple[Identity, ...]] = []
     for k in range(shape.stages):
         found += [(StageOrderTwo(k),)]
-    found += [(PathOrderTwo(),), (Path((Fraction(0),)),), (Columns((Fraction(0),)),)]
+    found += [
+        (MiddleAbscissae(),),
+        (PathOrderTwo(),),
+        (Path((Fraction(0),)),),
+        (Columns((Fraction(0),)),),
+    ]
     if shape.rows is Rows.DIAGONAL and not shape.pair:
         found.insert(0, (MidpointSteps(),))
     letters = _dependent_letters(shape, y)

@@ -18,7 +18,7 @@ from .systems import Equation, Term
 from .weights import Quantity, Shape
 from .words import Word, shuffle
 
-__all__ = ["PathOrderTwo", "StageOrderTwo"]
+__all__ = ["MiddleAbscissae", "PathOrderTwo", "StageOrderTwo"]
 
 
 _DOT: Word = ((),)  # τ as a word
@@ -156,6 +156,65 @@ class PathOrderTwo:
                     _add(relation, (*w, y, *right), -m)
                 for z, n in shuffle(_BUSH, y).items():
                     _add(relation, (*left, z, *right), -n)
+                yield relation
+
+    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
+        """Return False."""
+        return False
+
+
+@dataclass(frozen=True)
+class MiddleAbscissae:
+    """``c_k = Σ_{j<k} b_j + b_k/2`` at all stages k with a weight that isn't zero.
+
+    Along the weights, words are iterated integrals over a path that is linear on each
+    stage, and letters are constant there. With B for that of τ up to a point of the path,
+    c_k is the mean of B's values at the ends of stage k, so that the integral over the stage
+    of ``(B - c_k)^p / p!`` is zero for odd p. Multiplied by a letter [y] it says of
+    residuals, as the exact solution satisfies ``B = c``,
+
+        Σ_{k=0}^p (-1)^k Σ_{z in τ^k ⧢ y} τ^{p-k} [z] = 0.
+    """
+
+    parameters: ClassVar[tuple[Fraction, ...]] = ()
+
+    @property
+    def heading(self) -> str:
+        """Text from which it is read again."""
+        return "middle abscissae"
+
+    def equations(
+        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+    ) -> list[Equation]:
+        """Return ``c_k - Σ_{j<k} b_j - b_k/2`` where the weight isn't zero."""
+        found = []
+        for r, held in enumerate(zeros, shape.stages):
+            for k in range(shape.stages):
+                if k in held:
+                    continue
+                own = [Term(Fraction(1), (Quantity(k, _DOT),))] if shape.lengths[k] else []
+                terms = (
+                    *own,
+                    Term(Fraction(-1), (Quantity(r, _DOT, k),)),
+                    Term(Fraction(-1, 2), (Quantity(r, (k,)),)),
+                )
+                found.append(Equation(f"middle of stage {k + 1}", terms))
+        return found
+
+    def relations(self, word: Word) -> Iterator[Relation]:
+        """Yield the relations with a word ``τ…τ [z]``."""
+        if not word or isinstance(word[-1], int) or any(t != () for t in word[:-1]):
+            return
+        letter, before = word[-1], len(word) - 1
+        for k in range(len(letter) + 1):
+            power = before + k
+            if power % 2 == 0:
+                continue
+            for y in without(letter, ((),) * k):
+                relation: Relation = {}
+                for inner in range(power + 1):
+                    for z, m in shuffle(((),) * inner, y).items():
+                        _add(relation, (*((),) * (power - inner), z), (-1) ** inner * m)
                 yield relation
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
