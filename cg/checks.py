@@ -2,15 +2,56 @@
 
 from __future__ import annotations
 
+import math
 import operator
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
-__all__ = ["LARGEST_COUNT", "check_integer"]
+__all__ = ["LARGEST_COUNT", "MOST_STAGES", "WIDEST", "check_flag", "check_integer", "check_real"]
 
 LARGEST_COUNT = 2**31 - 1
 """Counts cross into Fortran as integers of 32 bits."""
+
+
+MOST_STAGES = 1000
+"""Solvers hold a matrix with a column for each of the s (s + 1) / 2 coefficients: beyond this
+many stages it wouldn't fit into memory."""
+
+
+WIDEST = 1e300
+"""Of the cubes that random guesses are in: twice that must be finite."""
+
+
+def check_flag(name: str, value: Any) -> bool:
+    """Return `value` as a bool; TypeError, which names the argument, if it is anything else."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def check_real(name: str, value: Any, *, positive: bool = False, most: float = math.inf) -> float:
+    """Return `value` as a float.
+
+    Raises
+    ------
+    ValueError
+        If it isn't a finite real number, is negative, is zero and must be `positive`, or exceeds
+        `most`; the message names the argument.
+    """
+    number = math.nan
+    if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
+        try:
+            number = float(value)
+        except OverflowError:  # an int beyond all doubles
+            number = math.inf
+    if not (math.isfinite(number) and number >= 0.0 and (number > 0.0 or not positive)):
+        wanted = "finite positive number" if positive else "finite number, not negative"
+        raise ValueError(f"{name} must be a {wanted}, got {value!r}")
+    if number > most:
+        raise ValueError(f"{name} must be at most {most:g}, got {value!r}")
+    return number
 
 
 def check_integer(name: str, value: Any, least: int, most: int | None = None) -> int:

@@ -12,11 +12,10 @@ and ``Φ`` itself has ``b`` in place of ``a_r``.
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence, Sized
 from enum import IntEnum
 from fractions import Fraction
-from functools import cache
+from functools import lru_cache
 from math import factorial
 from typing import Any
 
@@ -25,12 +24,14 @@ from flint import fmpq
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core_r64, _core_r128
+from .checks import check_integer
 from .quad import decode, encode
 from .trees import forest
 
 __all__ = [
     "HIGHEST_ORDER",
     "Rows",
+    "check_rows",
     "condition_trees",
     "count",
     "count_classical",
@@ -50,6 +51,8 @@ __all__ = [
 HIGHEST_ORDER: int = int(_core_r64.highest_order())
 """Highest order that the compiled tables of trees hold (a build option)."""
 
+_MOST_TREES_ORDER = 13  # has a million trees; each order has four times as many as the last
+
 ExactRows = Sequence[Sequence[Any]]
 
 
@@ -61,13 +64,26 @@ class Rows(IntEnum):
     FULL = 2
 
 
+def check_rows(rows: Rows | str | int) -> Rows:
+    """Return a pattern given by itself, its name or its number.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these.
+    """
+    if isinstance(rows, Rows):
+        return rows
+    names = {pattern.name.lower(): pattern for pattern in Rows}
+    if isinstance(rows, str) and rows in names:
+        return names[rows]
+    if isinstance(rows, int | np.integer) and not isinstance(rows, bool) and rows in tuple(Rows):
+        return Rows(rows)
+    raise ValueError(f"rows must be one of {', '.join(names)}, got {rows!r}")
+
+
 def _check_order(order: int, highest: int | None = HIGHEST_ORDER) -> int:
-    try:
-        checked = operator.index(order)
-    except TypeError:
-        raise TypeError(f"order must be an integer, got {order!r}") from None
-    if checked < 1:
-        raise ValueError(f"order must be at least 1, got {order}")
+    checked = check_integer("order", order, 1, None if highest else _MOST_TREES_ORDER)
     if highest is not None and checked > highest:
         raise ValueError(
             f"order must be at most {highest}, the highest that the tables were built for "
@@ -76,7 +92,7 @@ def _check_order(order: int, highest: int | None = HIGHEST_ORDER) -> int:
     return checked
 
 
-@cache
+@lru_cache(maxsize=None, typed=True)  # typed, or True would be found as 1
 def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
     """Return the indices of the trees whose conditions give this order.
 
@@ -96,7 +112,7 @@ def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
     return tuple(index for index in indices if trees.is_independent(index))
 
 
-@cache
+@lru_cache(maxsize=None, typed=True)
 def table_rows(order: int) -> tuple[int, ...]:
     """Return the paper's integer table: tree indices, zero where a tree can be discarded."""
     independent = set(condition_trees(order, independent=True))
@@ -105,7 +121,7 @@ def table_rows(order: int) -> tuple[int, ...]:
 
 def count(order: int, independent: bool = False) -> int:
     """Return the number of order conditions through `order` (``N_CG`` if independent)."""
-    return len(condition_trees(order, independent))
+    return len(condition_trees(_check_order(order, None), independent))
 
 
 def count_classical(order: int) -> int:
@@ -114,7 +130,7 @@ def count_classical(order: int) -> int:
     A rooted tree is a multiset of rooted trees under a root; this counts such
     multisets by the usual recurrence over divisors.
     """
-    order = _check_order(order, None)
+    order = check_integer("order", order, 1)
     trees = [0, 1]
     for n in range(1, order):
         total = 0
@@ -133,18 +149,19 @@ def right_sides(order: int, independent: bool = False) -> tuple[Fraction, ...]:
 
 def unknowns(stages: int, rows: Rows = Rows.EXPLICIT) -> int:
     """Return the number of entries of a tableau: s(s + 1)/2 for explicit ones."""
-    return sum(row_lengths(stages, rows))
+    s = check_integer("stages", stages, 1)
+    above = {Rows.EXPLICIT: s * (s - 1) // 2, Rows.DIAGONAL: s * (s + 1) // 2, Rows.FULL: s * s}
+    return above[check_rows(rows)] + s
 
 
 def row_lengths(stages: int, rows: Rows) -> tuple[int, ...]:
     """Return how many entries each row of ``a`` has, and ``b`` last."""
-    if stages < 1:
-        raise ValueError(f"stages must be at least 1, got {stages}")
+    stages = check_integer("stages", stages, 1)
     lengths = {
         Rows.EXPLICIT: range(stages),
         Rows.DIAGONAL: range(1, stages + 1),
         Rows.FULL: (stages,) * stages,
-    }[Rows(rows)]
+    }[check_rows(rows)]
     return (*lengths, stages)
 
 
@@ -160,8 +177,10 @@ def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDA
     checked = []
     for name, value in (("a", a), ("b", b)):
         try:
+            if np.ma.is_masked(value):
+                raise TypeError("masked")
             array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"{name} must be an array of real numbers, got {value!r}") from None
         if not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite, got {array}")
@@ -197,7 +216,7 @@ def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.flo
     """
     a_array, b_array = _check_tableau(a, b)
     narrowest = rows_of(a_array)
-    rows = narrowest if rows is None else Rows(rows)
+    rows = narrowest if rows is None else check_rows(rows)
     if rows < narrowest:
         raise ValueError(f"a has nonzero entries outside the pattern {rows.name.lower()}")
     lengths = row_lengths(b_array.size, rows)
@@ -209,6 +228,8 @@ def unpack(
 ) -> tuple[list[list[Any]], list[Any]]:
     """Unpack what `pack` packed, into full rows of ``a`` and ``b``; zeros are ints."""
     lengths = row_lengths(stages, rows)
+    if isinstance(x, str | bytes) or not isinstance(x, Sized):
+        raise ValueError(f"x must be a sequence of numbers, got {x!r}")
     if len(x) != sum(lengths):
         raise ValueError(f"x must have {sum(lengths)} entries, got {len(x)}")
     cut, begin = [], 0
@@ -232,8 +253,8 @@ def stage_weights(a: ArrayLike, order: int) -> NDArray[np.float64]:
         Column k belongs to the tree with index k + 1.
     """
     order = _check_order(order)
-    matrix = np.array(a, dtype=np.float64)
-    a_array, b_array = _check_tableau(matrix, np.zeros(len(matrix) if matrix.ndim else 0))
+    size = len(a) if isinstance(a, Sized) else 0
+    a_array, b_array = _check_tableau(a, np.zeros(max(size, 1)))
     x = pack(a_array, b_array)
     trees = len(forest(order))
     rows = rows_of(a_array)
@@ -304,7 +325,7 @@ def _call(
 ) -> NDArray[np.float64]:
     order = _check_order(order)
     a_array, b_array = _check_tableau(a, b)
-    rows = rows_of(a_array) if rows is None else Rows(rows)
+    rows = rows_of(a_array) if rows is None else check_rows(rows)
     x = pack(a_array, b_array, rows)
     trees = condition_trees(order, independent)
     result: NDArray[np.float64] = routine(
@@ -346,17 +367,25 @@ def residuals_exact(
         Anything that `fractions.Fraction` takes: integers, floats, ``"119/216"``, ``"0.25"``.
     b : sequence of s numbers
     order : int
-        At least 1; not limited by the compiled tables.
+        Between 1 and 13; not limited by the compiled tables.
     independent : bool, optional
         As for `residuals`.
 
     Returns
     -------
     tuple of Fraction
+
+    Raises
+    ------
+    ValueError
+        If a shape doesn't match, an entry isn't a finite real number, or the order is out of
+        range.
     """
     order = _check_order(order, None)
-    weights_row = [_rational(entry) for entry in b]
-    rows = [[_rational(entry) for entry in row] for row in a]
+    weights_row = _rationals(b, "b")
+    if not isinstance(a, Iterable) or isinstance(a, str | bytes):
+        raise ValueError(f"a must be a sequence of rows, got {a!r}")
+    rows = [_rationals(row, f"row {i} of a") for i, row in enumerate(a, 1)]
     stages = len(weights_row)
     if stages == 0 or len(rows) != stages or any(len(row) != stages for row in rows):
         shape = (len(rows), sorted({len(row) for row in rows}))
@@ -372,8 +401,18 @@ def residuals_exact(
     )
 
 
-def _rational(entry: Any) -> fmpq:
-    value = Fraction(entry)  # flint's rationals are many times faster where digits are many
+def _rationals(entries: Any, name: str) -> list[fmpq]:
+    if not isinstance(entries, Iterable) or isinstance(entries, str | bytes):
+        raise ValueError(f"{name} must be a sequence of numbers, got {entries!r}")
+    return [_rational(entry, name) for entry in entries]
+
+
+def _rational(entry: Any, name: str) -> fmpq:
+    try:
+        value = Fraction(entry.item() if isinstance(entry, np.generic) else entry)
+    except (TypeError, ValueError, OverflowError, ZeroDivisionError):
+        raise ValueError(f"{name} must hold finite real numbers, got {entry!r}") from None
+    # flint's rationals are many times faster where digits are many
     return fmpq(value.numerator, value.denominator)
 
 

@@ -14,16 +14,16 @@ from contextlib import closing
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import cached_property, partial
-from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _core_r64, _core_r128, quad
-from .checks import LARGEST_COUNT, check_integer
+from .checks import LARGEST_COUNT, MOST_STAGES, WIDEST, check_flag, check_integer, check_real
 from .conditions import (
     HIGHEST_ORDER,
     Rows,
+    check_rows,
     count,
     table_rows,
     unknowns,
@@ -62,7 +62,6 @@ _WIDTH_ABOVE = 0.3
 _BEST_BOUNDS = {1: 120, 2: 120, 3: 120, 4: 120, 5: 500}
 _BOUND_ABOVE = 1000
 
-_WIDEST = 1e300
 _NOTHING = Fraction(1, 10**40)  # corrections leave this much of a coefficient that is zero
 
 
@@ -163,7 +162,7 @@ def search(
     order : int
         Order wanted, between 1 and `cg.conditions.HIGHEST_ORDER`.
     stages : int
-        Number of stages.
+        Number of stages, at most 1000.
     starts : int
         Number of random starts.
     seed : int
@@ -204,6 +203,8 @@ def search(
 
     Raises
     ------
+    TypeError
+        If an argument isn't of the type listed.
     ValueError
         If an argument is out of its range, there are too few stages, or the checkpoint
         belongs to other settings.
@@ -324,15 +325,6 @@ def _finite(f: float) -> float:
     return float(f) if np.isfinite(f) else np.inf
 
 
-def _rows(rows: Rows | str) -> Rows:
-    names = {pattern.name.lower(): pattern for pattern in Rows}
-    if isinstance(rows, str) and rows in names:
-        return names[rows]
-    if not isinstance(rows, str) and rows in tuple(Rows):
-        return Rows(rows)
-    raise ValueError(f"rows must be one of {', '.join(names)}, got {rows!r}")
-
-
 def _settings(
     order: int,
     stages: int,
@@ -348,24 +340,21 @@ def _settings(
     order = check_integer("order", order, 1)
     if order > HIGHEST_ORDER:
         raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
-    stages = check_integer("stages", stages, 1, LARGEST_COUNT)
+    stages = check_integer("stages", stages, 1, MOST_STAGES)
     seed = check_integer("seed", seed, 0)
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
-    rows = _rows(rows)
+    rows = check_rows(rows)
     size, conditions = unknowns(stages, rows), count(order, independent=True)
-    if size < conditions and not force:
+    if not check_flag("force", force) and size < conditions:
         raise ValueError(
             f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for {conditions} "
             f"independent conditions of order {order}; pass force=True to try all the same"
         )
     if width is None:
         width = 1.0 if algorithm == "lmdif" else _BEST_WIDTHS.get(order, _WIDTH_ABOVE)
-    for name, value in (("width", width), ("refine_below", refine_below)):
-        if not (isinstance(value, Real) and 0 <= value < np.inf):
-            raise ValueError(f"{name} must be a finite number, not negative, got {value!r}")
-    if width > _WIDEST:
-        raise ValueError(f"width must be at most {_WIDEST:g}, got {width!r}")
+    width = check_real("width", width, most=WIDEST)
+    refine_below = check_real("refine_below", refine_below)
     if maxfev is None:
         best = _BEST_BOUNDS.get(order, _BOUND_ABOVE)
         maxfev = 200 * (size + 1) if algorithm == "lmdif" else best
@@ -379,8 +368,8 @@ def _settings(
         seed,
         algorithm,
         rows,
-        float(width),
+        width,
         maxfev,
-        float(refine_below),
+        refine_below,
         refine_maxfev,
     )

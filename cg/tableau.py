@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from functools import cached_property
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import conditions
+from .checks import check_flag, check_integer
 from .coefficients import Coefficient
 from .conditions import Rows
 from .quad import DECIMAL_DIGITS, to_decimal
@@ -102,6 +103,8 @@ class Tableau:
         for label, text in (("name", name), ("source", source)):
             if not isinstance(text, str):
                 raise TableauError(f"{label} must be a str, got {text!r}")
+        if not isinstance(explicit, bool | np.bool_):
+            raise TableauError(f"explicit must be True or False, got {explicit!r}")
         weights = _read_row(b, "b", "b_{}", None)
         stages = len(weights)
         if stages == 0:
@@ -158,11 +161,14 @@ class Tableau:
             If x has the wrong length, or as for `Tableau`.
         """
         if digits is not None:
-            if not 1 <= digits <= DECIMAL_DIGITS:
-                raise TableauError(f"digits must be between 1 and {DECIMAL_DIGITS}, got {digits}")
-            x = [to_decimal(_read(entry, f"x_{k}").value, digits) for k, entry in enumerate(x, 1)]
+            try:
+                check_integer("digits", digits, 1, DECIMAL_DIGITS)
+            except ValueError as error:
+                raise TableauError(str(error)) from None
+            entries = enumerate(_listed(x, "x"), 1)
+            x = [to_decimal(_read(entry, f"x_{k}").value, digits) for k, entry in entries]
         try:
-            a, b = conditions.unpack(x, stages, rows)
+            a, b = conditions.unpack(_listed(x, "x"), stages, rows)
         except ValueError as error:
             raise TableauError(str(error)) from None
         return cls(a, b, **names)
@@ -294,7 +300,7 @@ class Tableau:
         ValueError
             If q + 1 is above ``conditions.HIGHEST_ORDER``.
         """
-        order = self.order if order is None else order
+        order = self.order if order is None else check_integer("order", order, 0)
         residuals = conditions.residuals(self.a, self.b, order + 1)
         lower = conditions.count(order) if order else 0
         return float(np.linalg.norm(residuals[lower:]))
@@ -323,14 +329,18 @@ class Tableau:
         ------
         CertificationError
             If there is no certificate, or it can't be proved.
+        TypeError
+            If an argument isn't of the type listed.
         ValueError
             If `digits` is out of range, or there are no second weights.
         """
         from .certify import certificate_of, refined_digits
 
-        if embedded and self.embedded_weights is None:
+        if check_flag("embedded", embedded) and self.embedded_weights is None:
             raise ValueError(f"embedded: {self.name or 'the method'} has no second weights")
-        found = refined_digits(self, certificate or certificate_of(self), digits)
+        if certificate is None:
+            certificate = certificate_of(self)
+        found = refined_digits(self, certificate, digits)
         split = conditions.unknowns(self.stages, self.rows)
         a, b = conditions.unpack(found[:split], self.stages, self.rows)
         return [[str(entry) for entry in row] for row in a], found[split:] if embedded else b
@@ -425,7 +435,8 @@ def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
 
 
 def _listed(value: Any, label: str) -> list[Any]:
-    if isinstance(value, (str, bytes)):
+    # the order of a set is no order, and a mapping gives its keys
+    if isinstance(value, str | bytes | Set | Mapping):
         raise TableauError(f"{label} must be a sequence of numbers, got {value!r}")
     try:
         return list(value)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from math import comb
 
 __all__ = ["Forest", "OrderedTree", "catalan", "forest"]
@@ -193,7 +193,7 @@ class Forest:
         return {tree: index for index, tree in enumerate(self._trees, 1)}
 
 
-@cache
+@lru_cache(maxsize=None, typed=True)  # typed, or True would be found as 1
 def forest(max_nodes: int) -> Forest:
     """Return the `Forest` of all ordered trees with at most `max_nodes` nodes.
 

@@ -169,7 +169,7 @@ class TestExactOracle:
             ([[0]], [], "a must have shape"),
             ([[0, 0], [0]], [1, 0], "a must have shape"),
             ([[0]], [1, 0], "a must have shape"),
-            ([[0]], [float("nan")], "NaN"),
+            ([[0]], [float("nan")], "b must hold finite real numbers, got nan"),
         ],
     )
     def test_bad_input(self, a, b, message):

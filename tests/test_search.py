@@ -569,7 +569,7 @@ def test_true_is_no_integer(name):
         search(**GOOD | {name: True})
 
 
-@pytest.mark.parametrize("name", ["stages", "starts", "maxfev", "refine_maxfev"])
+@pytest.mark.parametrize("name", ["starts", "maxfev", "refine_maxfev"])
 def test_counts_beyond_fortran_integers(name):
     with pytest.raises(ValueError, match=f"{name} must be at most 2147483647, got 1000000"):
         search(**GOOD | {name: 10**30})

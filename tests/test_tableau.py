@@ -317,7 +317,7 @@ class TestPacked:
     def test_bad_input(self):
         with pytest.raises(TableauError, match="x must have 3 entries, got 2"):
             Tableau.from_packed([1, 2], 2)
-        with pytest.raises(TableauError, match="digits must be between 1 and 36, got 37"):
+        with pytest.raises(TableauError, match="digits must be at most 36, got 37"):
             Tableau.from_packed([1], 1, digits=37)
         with pytest.raises(TableauError, match="x_1: expected a finite"):
             Tableau.from_packed([np.nan], 1, digits=3)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
@@ -37,6 +37,8 @@ def loads(text: str) -> Tableau:
     TableauError
         If the text isn't TOML, a key is missing or unknown, or the tableau is wrong.
     """
+    if not isinstance(text, str):
+        raise TypeError(f"text must be a str, got {text!r}")
     try:
         entry = tomllib.loads(text, parse_float=str)
     except tomllib.TOMLDecodeError as error:
@@ -64,12 +66,20 @@ def load(path: str | PathLike[str]) -> Tableau:
 
     Raises
     ------
+    TypeError
+        If `path` isn't one.
     TableauError
         As for `loads`; the message names the file.
     OSError
         If the file can't be read.
     """
-    return _load(Path(path))
+    return _load(_path(path))
+
+
+def _path(path: str | PathLike[str]) -> Path:
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"path must be a path, got {path!r}")
+    return Path(path)
 
 
 def _load(path: Traversable) -> Tableau:
@@ -83,6 +93,8 @@ def _load(path: Traversable) -> Tableau:
 
 def dumps(method: Tableau) -> str:
     """Write a method as the text of a catalogue file; `loads` gives an equal one back."""
+    if not isinstance(method, Tableau):
+        raise TypeError(f"method must be a Tableau, got {method!r}")
     lengths = row_lengths(method.stages, method.rows)
     lines = [f"name = {_quoted(method.name)}", f"source = {_quoted(method.source)}", "a = ["]
     for row, length in zip(method.entries, lengths, strict=False):
@@ -107,7 +119,8 @@ def _quoted(text: str) -> str:
 
 def save(method: Tableau, path: str | PathLike[str]) -> None:
     """Write a method to a catalogue file."""
-    Path(path).write_text(dumps(method), encoding="utf-8")
+    text = dumps(method)
+    _path(path).write_text(text, encoding="utf-8")
 
 
 class Catalogue(Mapping[str, Tableau]):
@@ -128,6 +141,8 @@ class Catalogue(Mapping[str, Tableau]):
         self._loaded: dict[str, Tableau] = {}
 
     def __getitem__(self, name: str) -> Tableau:
+        if not isinstance(name, Hashable):
+            raise TypeError(f"the name of a method must be a str, got {name!r}")
         if name not in self._files:
             known = ", ".join(self._files)
             raise KeyError(f"no method is named {name!r}; the catalogue has {known}")
@@ -139,7 +154,7 @@ class Catalogue(Mapping[str, Tableau]):
         return self._loaded[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._files
+        return isinstance(name, str) and name in self._files
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._files)

@@ -12,7 +12,17 @@ from ..quad import to_decimal
 from ..tableau import Tableau
 from .certificate import Certificate, CertificationError
 from .krawczyk import krawczyk
-from .prove import Packed, box, free_of, precision, prove_box, start, system_of
+from .prove import (
+    Packed,
+    box,
+    check_rational,
+    fitting,
+    free_of,
+    precision,
+    prove_box,
+    start,
+    system_of,
+)
 
 __all__ = ["MOST_DIGITS", "refined_digits"]
 
@@ -42,17 +52,20 @@ def refined_digits(method: Tableau, certificate: Certificate, digits: int) -> li
     Raises
     ------
     TypeError
-        If `digits` isn't an integer.
+        If `digits` isn't an integer, or `certificate` is none.
     ValueError
         If `digits` is out of range.
     CertificationError
         If the certificate isn't one of the method.
     """
     digits = check_integer("digits", digits, 1, MOST_DIGITS)
-    packed = Packed.of(method, certificate.embedded_order is not None)
+    if not isinstance(certificate, Certificate):
+        raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
+    packed = fitting(certificate, method)
     texts = [coefficient.text for coefficient in packed.coefficients]
     free = free_of(packed, certificate)
     if Fraction(certificate.radius) == 0 or not free:
+        check_rational(packed, certificate)
         return texts
     # a box for few digits would be wider than the certificate's, and lead to nothing
     proved = len(str(math.ceil(1 / Fraction(certificate.radius))))

@@ -31,6 +31,8 @@ __all__ = [
     "box",
     "certify",
     "check",
+    "check_rational",
+    "fitting",
     "free_of",
     "precision",
     "prove_box",
@@ -120,7 +122,7 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
     TypeError
         If `method` is neither a name nor a tableau, or `order` isn't an integer.
     ValueError
-        If `order` is out of range.
+        If no method has that name, or `order` is out of range.
     CertificationError
         If there is no proof; with the quantities that tell why.
 
@@ -132,6 +134,8 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
     if isinstance(method, str):
         from ..catalogue import methods
 
+        if method not in methods:
+            raise ValueError(f"method must be one of {', '.join(methods)}, got {method!r}")
         method = methods[method]
     if not isinstance(method, Tableau):
         raise TypeError(f"method must be a name or a Tableau, got {method!r}")
@@ -159,7 +163,7 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
         if any(coefficient.unit for coefficient in packed.coefficients):
             draft = _find_zero(packed, draft)
         else:
-            _check_rational(packed, draft)
+            check_rational(packed, draft)
         return _find_beyond(packed, draft)
 
 
@@ -177,18 +181,19 @@ def check(certificate: Certificate, method: Tableau) -> None:
     CertificationError
         If it doesn't belong to the method, or if it can't be proved.
     """
-    packed = _fitting(certificate, method)
+    packed = fitting(certificate, method)
     with precision(certificate.bits):
         if Fraction(certificate.radius) == 0:
             if len(certificate.fixed) != packed.shape.unknowns:
                 raise CertificationError("a radius of 0 needs all coefficients fixed")
-            _check_rational(packed, certificate)
+            check_rational(packed, certificate)
         else:
             prove_box(packed, certificate)
         _check_beyond(packed, certificate)
 
 
-def _fitting(certificate: Certificate, method: Tableau) -> Packed:
+def fitting(certificate: Certificate, method: Tableau) -> Packed:
+    """Return the method as a certificate sees it; CertificationError if it isn't the one meant."""
     pair = certificate.embedded_order is not None
     faults = []
     if certificate.name != method.name:
@@ -353,7 +358,8 @@ def _try(
     return found
 
 
-def _check_rational(packed: Packed, certificate: Certificate) -> None:
+def check_rational(packed: Packed, certificate: Certificate) -> None:
+    """Prove that no condition has a residual; CertificationError, which names it, if one has."""
     for r, order in enumerate(_orders(certificate), packed.shape.stages):
         words = condition_words(order)
         for word, residual in zip(

@@ -6,13 +6,19 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import LARGEST_COUNT, check_integer
+from ..checks import (
+    LARGEST_COUNT,
+    MOST_STAGES,
+    WIDEST,
+    check_flag,
+    check_integer,
+    check_real,
+)
 from ..conditions import HIGHEST_ORDER, Rows, count, unknowns
 from ..journal import Journal
 from ..parallel import as_finished, available_cores
@@ -299,29 +305,27 @@ def _settings(
     order = check_integer("order", order, 1)
     if order > HIGHEST_ORDER:
         raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
-    stages = check_integer("stages", stages, 1, LARGEST_COUNT)
+    stages = check_integer("stages", stages, 1, MOST_STAGES)
     size, conditions = unknowns(stages, Rows.EXPLICIT), count(order, independent=True)
-    if size < conditions and not force:
+    if not check_flag("force", force) and size < conditions:
         raise ValueError(
             f"stages = {stages} gives {size} unknowns for {conditions} independent conditions of "
             f"order {order}; pass force=True to try all the same"
         )
     if first_stages is None:
         first_stages = max(stages, _FEWEST_EASY.get(order, 2 * stages))
-    first_stages = check_integer("first_stages", first_stages, stages, LARGEST_COUNT)
+    first_stages = check_integer("first_stages", first_stages, stages, MOST_STAGES)
     if width is None:
         width = 1.0 if order <= 4 else 0.5
-    for name, value in (("largest", largest), ("width", width)):
-        if not (isinstance(value, Real) and 0 < value < np.inf):
-            raise ValueError(f"{name} must be a finite positive number, got {value!r}")
+    width = check_real("width", width, positive=True, most=WIDEST)
     return ConstructionSettings(
         order,
         stages,
         check_integer("seed", seed, 0),
         first_stages,
-        float(width),
+        width,
         check_integer("iterations", iterations, 1, LARGEST_COUNT),
-        float(largest),
+        check_real("largest", largest, positive=True),
         check_integer("restarts", restarts, 0),
-        bool(full_rank),
+        check_flag("full_rank", full_rank),
     )

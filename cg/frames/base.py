@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Any, Literal
+from numbers import Real
+from typing import Any, Literal, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -143,8 +144,10 @@ class Frame(ABC):
         ------
         ValueError
             If ``y`` isn't numeric (real, unless points are complex), has another shape, is not
-            finite or lies off the manifold.
+            finite or lies off the manifold, or if ``tolerance`` is no number.
         """
+        if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not tolerance >= 0.0:
+            raise ValueError(f"tolerance must be a number, not negative, got {tolerance!r}")
         point = real_array(y, name) if self.dtype.kind == "f" else complex_array(y, name)
         if point.shape != self.point_shape:
             raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}")
@@ -164,14 +167,18 @@ class Frame(ABC):
 
     def _vectors(self, v: ArrayLike) -> Array:
         """Return ``v`` as a float64 array whose last axis has length ``dim``."""
-        vector = np.asarray(v, dtype=np.float64)
+        vector = v if _is_array(v, np.float64) else real_array(v, "v")
         if vector.ndim == 0 or vector.shape[-1] != self.dim:
             raise ValueError(f"v must have shape (..., {self.dim}), got {vector.shape}")
         return vector
 
     def _points(self, y: ArrayLike, name: str = "y") -> Points:
         """Return ``y`` as an array of type ``dtype`` whose trailing axes are ``point_shape``."""
-        points = np.asarray(y, dtype=self.dtype)
+        points: Points
+        if _is_array(y, self.dtype):
+            points = y
+        else:
+            points = (real_array if self.dtype.kind == "f" else complex_array)(y, name)
         shape = self.point_shape
         if points.shape[max(points.ndim - len(shape), 0) :] != shape:
             wanted = ", ".join(map(str, shape))
@@ -179,18 +186,26 @@ class Frame(ABC):
         return points
 
 
+def _is_array(value: Any, dtype: Any) -> TypeGuard[Points]:
+    """Tell whether a value is an array of a type that needs no further check."""
+    return type(value) is np.ndarray and value.dtype == dtype
+
+
 def real_array(value: Any, name: str) -> Array:
     """Return ``value`` as a new C-ordered float64 array; ValueError if it isn't real numbers."""
-    return _number_array(value, name, np.float64, "biufO", "real")
+    return _number_array(value, name, np.float64, "iufO", "real")
 
 
 def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
     """Return ``value`` as a new C-ordered complex128 array; ValueError if it isn't numbers."""
-    return _number_array(value, name, np.complex128, "biufcO", "complex")
+    return _number_array(value, name, np.complex128, "iufcO", "complex")
 
 
 def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str) -> NDArray[Any]:
     try:
+        # what is masked would count as if it weren't
+        if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+            raise TypeError("masked entries")
         raw = np.asarray(value)
         if raw.dtype.kind not in kinds:
             raise TypeError(f"dtype {raw.dtype}")
@@ -201,14 +216,15 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         ) from error
 
 
-def check_size(n: Any, smallest: int = 1, name: str = "n") -> None:
-    """Raise ValueError unless ``n`` is an integer that is large enough."""
-    if isinstance(n, bool) or not isinstance(n, int) or n < smallest:
+def check_size(n: Any, smallest: int = 1, name: str = "n") -> int:
+    """Return ``n`` as an int; ValueError unless it is an integer that is large enough."""
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < smallest:
         wanted = "a positive integer" if smallest == 1 else f"an integer of at least {smallest}"
         raise ValueError(f"{name} must be {wanted}, got {n!r}")
+    return int(n)
 
 
 def check_convention(convention: Any) -> None:
     """Raise ValueError unless ``convention`` is one of the two."""
-    if convention not in ("body", "space"):
+    if not isinstance(convention, str) or convention not in ("body", "space"):
         raise ValueError(f'convention must be "body" or "space", got {convention!r}')

@@ -31,7 +31,7 @@ class Euclidean(Frame):
     n: int
 
     def __post_init__(self) -> None:
-        check_size(self.n)
+        object.__setattr__(self, "n", check_size(self.n))
 
     @property
     def dim(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -83,6 +83,8 @@ class FieldFrame(UserFrame):
         exp_coordinates: Function | None = None,
         random_point: Function | None = None,
     ) -> None:
+        if callable(fields) or not isinstance(fields, Iterable):
+            raise TypeError(f"fields must be a sequence of functions, got {fields!r}")
         functions = tuple(fields)
         if not functions:
             raise ValueError("fields must hold at least one function, got none")
@@ -92,9 +94,8 @@ class FieldFrame(UserFrame):
         ]:
             if not callable(value):
                 raise TypeError(f"{name} must be a function, got {value!r}")
-        shape = (point_shape,) if isinstance(point_shape, int) else tuple(point_shape)
-        for length in shape:
-            check_size(length, name="point_shape")
+        lengths = point_shape if isinstance(point_shape, Iterable) else (point_shape,)
+        shape = tuple(check_size(length, name="point_shape") for length in lengths)
         if dtype not in (float, complex, np.float64, np.complex128):
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")
         object.__setattr__(self, "_fields", functions)

@@ -68,9 +68,9 @@ class MatrixFrame(UserFrame):
         if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
             raise ValueError(f"matrices must have shape (m, n, n), got {array.shape}")
         if not np.isfinite(array).all():
-            raise ValueError("matrices must be finite")
+            raise ValueError(f"matrices must be finite, got {matrices!r}")
         if columns is not None:
-            check_size(columns, name="columns")
+            columns = check_size(columns, name="columns")
         array.flags.writeable = False
         object.__setattr__(self, "_matrices", array)
         object.__setattr__(self, "_columns", columns)

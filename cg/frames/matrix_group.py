@@ -213,7 +213,7 @@ class SizedMatrixGroup(MatrixGroup):
     smallest: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        check_size(self.n, self.smallest)
+        object.__setattr__(self, "n", check_size(self.n, self.smallest))
         check_convention(self.convention)
 
     @property

@@ -160,7 +160,12 @@ class Product(Frame):
             flat.append(np.ascontiguousarray(rows).view(np.float64))
         leads = {part.shape[:-1] for part in flat}
         if len(leads) > 1:
-            lead = np.broadcast_shapes(*leads)
+            try:
+                lead = np.broadcast_shapes(*leads)
+            except ValueError:
+                raise ValueError(
+                    f"parts must have leading axes that fit together, got {sorted(leads)}"
+                ) from None
             flat = [np.broadcast_to(part, (*lead, part.shape[-1])) for part in flat]
         return np.concatenate(flat, axis=-1)
 

@@ -62,7 +62,7 @@ class Semidirect(MatrixGroup):
             raise TypeError(f"group must be a MatrixGroup, got {self.group!r}")
         if self.group.dtype.kind == "c":
             raise ValueError(f"group must be real, got {self.group!r}")
-        check_size(self.copies, name="copies")
+        object.__setattr__(self, "copies", check_size(self.copies, name="copies"))
 
     @property
     def convention(self) -> Convention:

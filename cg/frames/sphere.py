@@ -48,7 +48,7 @@ class Sphere(HomogeneousSpace):
     n: int
 
     def __post_init__(self) -> None:
-        check_size(self.n)
+        object.__setattr__(self, "n", check_size(self.n))
 
     @cached_property
     def group(self) -> MatrixGroup:

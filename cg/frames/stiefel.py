@@ -56,8 +56,8 @@ class Stiefel(HomogeneousSpace):
     k: int
 
     def __post_init__(self) -> None:
-        check_size(self.n, 2)
-        check_size(self.k, name="k")
+        object.__setattr__(self, "n", check_size(self.n, 2))
+        object.__setattr__(self, "k", check_size(self.k, name="k"))
         if self.k > self.n:
             raise ValueError(f"k must be at most n = {self.n}, got {self.k!r}")
 

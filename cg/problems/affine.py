@@ -13,6 +13,7 @@ import numpy as np
 from flint import arb, fmpq
 from numpy.typing import ArrayLike
 
+from cg.checks import check_integer
 from cg.frames import Frame
 from cg.frames.base import Array
 from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
@@ -41,6 +42,8 @@ class AffineField:
 
     Raises
     ------
+    TypeError
+        If ``frame`` isn't a `Frame`, or ``seed`` isn't an integer.
     ValueError
         If points are complex, ``initial`` isn't a point, or the fields aren't affine.
     """
@@ -53,6 +56,9 @@ class AffineField:
     slope: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.frame, Frame):
+            raise TypeError(f"frame must be a Frame such as SO3(), got {self.frame!r}")
+        check_integer("seed", self.seed, 0)
         if self.frame.dtype.kind != "f":
             raise ValueError(
                 f"frame must have real points, such as Product({self.frame!r}), got {self.frame!r}"

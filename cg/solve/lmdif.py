@@ -226,7 +226,7 @@ def _residuals(f: Residual, x: Vector, rows: int | None) -> Vector:
         values = np.asarray(returned)
     except ValueError as error:
         raise ValueError(f"f must return an array of shape (m,), got {returned!r}") from error
-    if values.dtype.kind not in "biuf":
+    if values.dtype.kind not in "biuf" or np.ma.is_masked(returned):
         raise TypeError(f"f must return real numbers, got {returned!r}")
     if values.ndim != 1:
         raise ValueError(f"f must return an array of shape (m,), got shape {values.shape}")
@@ -247,7 +247,7 @@ def _vector(name: str, value: ArrayLike) -> Vector:
         array = np.asarray(value)
     except ValueError as error:
         raise ValueError(f"{name} must be an array of shape (n,), got {value!r}") from error
-    if array.dtype.kind not in "biuf":
+    if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         raise TypeError(f"{name} must hold real numbers, got {value!r}")
     if array.ndim != 1 or array.size == 0:
         raise ValueError(f"{name} must have shape (n,) with n > 0, got shape {array.shape}")
@@ -268,9 +268,13 @@ def _scale_factors(diag: ArrayLike, n: int) -> Vector:
 def _real(name: str, value: float) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be a real number, got {value!r}")
-    if not math.isfinite(value):
+    try:
+        number = float(value)
+    except OverflowError:  # an int beyond all doubles
+        number = math.inf
+    if not math.isfinite(number):
         raise ValueError(f"{name} must be finite, got {value!r}")
-    return float(value)
+    return number
 
 
 def _tolerance(name: str, value: float) -> float:
