@@ -1,20 +1,115 @@
-"""What the README shows can be run as it stands."""
+"""What the README and the other pages show can be run as it stands."""
 
 import re
+import subprocess
 from pathlib import Path
 
-README = Path(__file__).parents[1] / "README.md"
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import cg
+
+HERE = Path(__file__).parents[1]
+
+
+def blocks_of(page, language="python"):
+    text = (HERE / page).read_text(encoding="utf-8")
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def run(page):
+    names = {}
+    for block in blocks_of(page):
+        exec(compile(block, page, "exec"), names)
+    return names
 
 
 def test_the_python_in_the_readme_runs(capsys):
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) >= 3
-    names = {}
-    for block in blocks:
-        exec(compile(block, str(README), "exec"), names)
+    assert len(blocks_of("README.md")) >= 3
+    names = run("README.md")
     assert names["run"].success
     assert names["frame"].membership_error(names["run"].y).max() < 1e-14
     assert names["found"]
     assert names["five"].order == 5
     assert names["proof"].order == names["method"].order == 6
     assert "The end of t_span was reached" in capsys.readouterr().out
+
+
+def test_the_examples_of_frames():
+    names = run("docs/frames.md")
+    path, flight = names["path"], names["flight"]
+    # latitude: z' = -(1 - z^2) / 2; longitude grows with time
+    z = -np.tanh(path.t / 2)
+    wanted = np.stack([np.cos(path.t), np.sin(path.t), z], axis=-1)
+    wanted[:, :2] *= np.sqrt(1 - z * z)[:, None]
+    np.testing.assert_allclose(path.y, wanted, atol=1e-7)
+
+    scalar_first = cg.frames.Product(
+        cg.frames.UnitQuaternion(scalar_first=True), cg.frames.Euclidean(3)
+    )
+    last = names["frame"]
+
+    def euler(t, y):
+        q, omega = scalar_first.split(y)
+        return names["euler"](t, last.join(np.roll(q, -1), omega))
+
+    y0 = scalar_first.join(names["start"].as_quat(scalar_first=True), last.split(flight.y[0])[1])
+    again = cg.solve_ivp(euler, (0, 10), y0, frame=scalar_first, rtol=1e-9, atol=1e-9)
+    first = Rotation.from_quat(scalar_first.split(again.y[-1])[0], scalar_first=True)
+    second = Rotation.from_quat(last.split(flight.y[-1])[0])
+    assert (first * second.inv()).magnitude() < 1e-12
+    assert names["angles"].shape == (50, 3)
+
+
+def test_the_equations_in_the_table_of_frames():
+    rng = np.random.default_rng(2)
+    omega = rng.standard_normal(3)
+    turn, pauli = Rotation.from_rotvec, cg.frames.SU(2)
+    h = 1e-6
+
+    def derivative(frame, y):
+        return (frame.flow(h * omega, y) - frame.flow(-h * omega, y)) / (2 * h)
+
+    start = Rotation.random(rng=rng)
+    for convention in ("body", "space"):
+        frame = cg.frames.UnitQuaternion(convention)
+        both = (start, turn(h * omega))
+        moved = both[0] * both[1] if convention == "body" else both[1] * both[0]
+        end = Rotation.from_quat(frame.flow(h * omega, start.as_quat()))
+        assert (end * moved.inv()).magnitude() < 1e-14
+        matrix = cg.frames.SO3(convention).flow(h * omega, start.as_matrix())
+        np.testing.assert_allclose(matrix, moved.as_matrix(), atol=1e-14)
+    y = start.apply([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(derivative(cg.frames.Sphere(2), y), np.cross(omega, y), atol=1e-9)
+    orbit = cg.frames.CoadjointOrbit(cg.frames.SO3(), y)
+    np.testing.assert_allclose(derivative(orbit, y), np.cross(y, omega), atol=1e-9)
+    x, y, z = omega
+    hamiltonian = np.array([[z, x - 1j * y], [x + 1j * y, -z]]) / 2
+    point = pauli.random_point(rng)
+    np.testing.assert_allclose(derivative(pauli, point), -1j * hamiltonian @ point, atol=1e-9)
+
+
+def test_the_compiled_top(tmp_path, monkeypatch):
+    (source,) = blocks_of("docs/compiled.md", "c")
+    (command,) = re.findall(
+        r"^    (cc .*)$", (HERE / "docs/compiled.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    (tmp_path / "top.c").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    warnings = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
+    subprocess.run([*command.split(), *warnings], check=True)
+    names = {}
+    block = blocks_of("docs/compiled.md")[0]
+    exec(compile(block.replace("(0, 100)", "(0, 1)"), "docs/compiled.md", "exec"), names)
+    top, solution = names["top"], names["solution"]
+    reference = top.reference([1]).y[0]
+    np.testing.assert_allclose(solution.y[-1], reference[:12], atol=1e-9)
+
+
+def test_the_compiled_turn_in_numba():
+    pytest.importorskip("numba")
+    names = {"np": np, "cg": cg}
+    exec(compile(blocks_of("docs/compiled.md")[1], "docs/compiled.md", "exec"), names)
+    wanted = Rotation.from_rotvec([0, 0, 0.5]).as_matrix()
+    np.testing.assert_allclose(names["solution"].y[-1], wanted, atol=1e-14)
