@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core_r64, _core_r128
 from .checks import check_integer
 from .quad import decode, encode
-from .trees import forest
+from .trees import MOST_NODES, forest
 
 __all__ = [
     "HIGHEST_ORDER",
@@ -51,7 +51,7 @@ __all__ = [
 HIGHEST_ORDER: int = int(_core_r64.highest_order())
 """Highest order that the compiled tables of trees hold (a build option)."""
 
-_MOST_TREES_ORDER = 13  # has a million trees; each order has four times as many as the last
+_MOST_TREES_ORDER = MOST_NODES - 1
 
 ExactRows = Sequence[Sequence[Any]]
 

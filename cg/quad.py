@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .checks import check_integer
+
 __all__ = ["DECIMAL_DIGITS", "Quads", "decode", "encode", "from_float", "to_decimal", "to_float"]
 
 Quads = NDArray[np.int8]
@@ -48,8 +50,15 @@ def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
     ValueError
         If a value isn't a finite number.
     """
-    packed = b"".join(_encode_one(Fraction(value)) for value in values)
+    packed = b"".join(_encode_one(_exact(value)) for value in values)
     return np.frombuffer(packed, dtype=np.int8).reshape(-1, 16).copy()
+
+
+def _exact(value: Any) -> Fraction:
+    try:
+        return Fraction(value)
+    except (TypeError, ValueError, OverflowError, ZeroDivisionError):
+        raise ValueError(f"values must be finite real numbers, got {value!r}") from None
 
 
 def _encode_one(value: Fraction) -> bytes:
@@ -131,8 +140,7 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS) -> str:
         Without trailing zeros, ``"0"`` for zero. Positional, except that magnitudes beyond
         ``10**±100`` are written as in ``"-1.25e-4950"``.
     """
-    if digits < 1:
-        raise ValueError(f"digits must be at least 1, got {digits}")
+    check_integer("digits", digits, 1)
     if value == 0:
         return "0"
     magnitude = abs(value)

@@ -88,6 +88,10 @@ class OrderedTree:
         return product
 
 
+MOST_NODES = 14
+"""There are a million trees with at most so many nodes, and four times as many with one more."""
+
+
 def catalan(n: int) -> int:
     """Return the Catalan number ``C_n``, the number of ordered trees with n + 1 nodes."""
     return comb(2 * n, n) // (n + 1)
@@ -148,6 +152,8 @@ class Forest:
 
     def with_nodes(self, nodes: int) -> range:
         """Return the indices of the trees with exactly `nodes` nodes."""
+        if isinstance(nodes, bool) or not isinstance(nodes, int):
+            raise TypeError(f"nodes must be an int, got {nodes!r}")
         if not 1 <= nodes <= self.max_nodes:
             raise ValueError(f"nodes must be between 1 and {self.max_nodes}, got {nodes}")
         start = 1 + sum(catalan(n - 1) for n in range(1, nodes))
@@ -200,14 +206,14 @@ def forest(max_nodes: int) -> Forest:
     Raises
     ------
     ValueError
-        If `max_nodes` is less than 1.
+        If `max_nodes` is less than 1 or more than `MOST_NODES`.
     TypeError
         If `max_nodes` isn't an integer.
     """
     if not isinstance(max_nodes, int) or isinstance(max_nodes, bool):
         raise TypeError(f"max_nodes must be an int, got {max_nodes!r}")
-    if max_nodes < 1:
-        raise ValueError(f"max_nodes must be at least 1, got {max_nodes}")
+    if not 1 <= max_nodes <= MOST_NODES:
+        raise ValueError(f"max_nodes must be between 1 and {MOST_NODES}, got {max_nodes}")
     columns: tuple[list[int], ...] = ([1], [0], [0], [0], [0], [1])
     nodes, first, rest, prefix, last, density = columns
     children: list[tuple[int, ...]] = [()]

@@ -7,7 +7,23 @@ import cg
 from cg import conditions
 from cg.catalogue import dumps, load, loads, save
 from cg.certify import certificate_of
+from cg.certify import check as prove
 from cg.conditions import Rows, check_rows, count, residuals, residuals_exact, unknowns
+from cg.construct import (
+    Goals,
+    compose,
+    correct,
+    eliminate_stage,
+    fewer_exponentials,
+    optimise,
+    pack_method,
+    to_tableau,
+    triple_jump,
+)
+from cg.problems import FreeRigidBody
+from cg.quad import encode, to_decimal
+from cg.solve.system import System
+from cg.trees import forest
 
 HUGE = 10**400
 MASKED = np.ma.masked_array([[0.0, 0.0], [1.0, 0.0]], mask=[[0, 0], [1, 0]])
@@ -245,3 +261,89 @@ def test_lmdif(changes, error, message):
     arguments = {"f": lambda x: x - 1, "x0": [0.0]} | changes
     with pytest.raises(error, match=message):
         cg.lmdif(arguments.pop("f"), arguments.pop("x0"), **arguments)
+
+
+CG3 = cg.methods["CG3"]
+POINT = pack_method(CG3)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: compose(CG3, [1]), TypeError, "methods must be a sequence, got <Tableau"),
+        (lambda: compose([CG3], 1), TypeError, "gammas must be a sequence, got 1"),
+        (lambda: compose(["CG3"], [1]), TypeError, r"methods\[0\] must be a Tableau, got 'CG3'"),
+        (lambda: compose([CG3], [np.nan]), ValueError, r"gammas\[0\]: expected a finite real"),
+        (lambda: triple_jump(2.0), TypeError, r"order must be an integer, got 2\.0"),
+        (lambda: triple_jump(2, 0), ValueError, "digits must be at least 1, got 0"),
+        (lambda: pack_method("CG3"), TypeError, "method must be a Tableau, got 'CG3'"),
+        (lambda: pack_method(CG3, 2.5), TypeError, r"order must be an integer, got 2\.5"),
+        (lambda: System(True, 3), TypeError, "order must be an integer, got True"),
+        (lambda: System(3, 3, "half"), ValueError, "rows must be one of explicit, diagonal, full"),
+        (lambda: Goals(bound="x"), ValueError, "bound must be a finite number, not negative"),
+        (lambda: Goals(abscissae=True), ValueError, "abscissae must be a finite number"),
+        (lambda: optimise(None, Goals()), TypeError, "point must be a Point, got None"),
+        (lambda: optimise(POINT, 3), TypeError, "goals must be Goals, got 3"),
+        (lambda: fewer_exponentials(CG3), TypeError, "point must be a Point, got <Tableau"),
+        (lambda: correct(POINT, [99]), ValueError, r"integers from 0 to 5, got \[99\]"),
+        (lambda: correct(POINT, [1.5]), ValueError, r"frozen must be .*, got \[1\.5\]"),
+        (
+            lambda: to_tableau(POINT, name="", source="", frozen=3),
+            ValueError,
+            "frozen must be a sequence of integers from 0 to 5, got 3",
+        ),
+        (lambda: eliminate_stage(POINT, 3), ValueError, "stage must be at most 2, got 3"),
+    ],
+)
+def test_tools_on_the_set_of_methods(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"max_iterations": 1.5}, TypeError, r"max_iterations must be an integer, got 1\.5"),
+        ({"max_iterations": -1}, ValueError, "max_iterations must be at least 0, got -1"),
+        ({"tolerance": np.nan}, ValueError, "tolerance must be a finite number, not negative"),
+        ({"progress": 3}, TypeError, "progress must be callable, got 3"),
+        ({"frozen": ["a"]}, ValueError, r"frozen must be .*, got \['a'\]"),
+    ],
+)
+def test_optimise(changes, error, message):
+    with pytest.raises(error, match=message):
+        optimise(POINT, Goals(), **changes)
+
+
+def test_systems_hold_plain_numbers():
+    system = System(np.int64(3), np.int64(3), 0)
+    assert system == System(3, 3)
+    assert repr(system) == repr(System(3, 3))
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: encode([np.nan]), ValueError, "values must be finite real numbers, got nan"),
+        (lambda: encode(["x"]), ValueError, "values must be finite real numbers, got 'x'"),
+        (lambda: encode([1j]), ValueError, "values must be finite real numbers, got 1j"),
+        (lambda: to_decimal(1, 1.5), TypeError, r"digits must be an integer, got 1\.5"),
+        (lambda: forest(40), ValueError, "max_nodes must be between 1 and 14, got 40"),
+        (lambda: forest(3).with_nodes(1.5), TypeError, r"nodes must be an int, got 1\.5"),
+        (lambda: prove("x", CG3), TypeError, "certificate must be a Certificate, got 'x'"),
+        (
+            lambda: prove(certificate_of(CG3), "CG3"),
+            TypeError,
+            "method must be a Tableau, got 'CG3'",
+        ),
+        (lambda: certificate_of("CG3"), TypeError, "method must be a Tableau, got 'CG3'"),
+        (
+            lambda: FreeRigidBody().reference([1], bits=1.5),
+            ValueError,
+            r"bits must be a positive integer, got 1\.5",
+        ),
+    ],
+)
+def test_numbers_trees_and_proofs(call, error, message):
+    with pytest.raises(error, match=message):
+        call()

@@ -33,6 +33,8 @@ def certificate_of(method: Tableau) -> Certificate:
     CertificationError
         If it has none, or if the method isn't the one that the catalogue has by its name.
     """
+    if not isinstance(method, Tableau):
+        raise TypeError(f"method must be a Tableau, got {method!r}")
     name = method.name
     if name not in methods or methods[name] != method:
         raise CertificationError(f"{name or 'the method'} isn't in the catalogue: see cg.certify")

@@ -181,6 +181,10 @@ def check(certificate: Certificate, method: Tableau) -> None:
     CertificationError
         If it doesn't belong to the method, or if it can't be proved.
     """
+    if not isinstance(certificate, Certificate):
+        raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
+    if not isinstance(method, Tableau):
+        raise TypeError(f"method must be a Tableau, got {method!r}")
     packed = fitting(certificate, method)
     with precision(certificate.bits):
         if Fraction(certificate.radius) == 0:

@@ -8,11 +8,16 @@ from fractions import Fraction
 from itertools import chain
 from typing import Any
 
+import numpy as np
+
+from ..checks import check_integer
 from ..coefficients import Coefficient
 from ..quad import to_decimal
 from ..tableau import Tableau
 
 __all__ = ["compose", "triple_jump"]
+
+_MOST = 4000  # digits; more of an integer Python doesn't write by default
 
 
 def compose(
@@ -38,21 +43,33 @@ def compose(
 
     Raises
     ------
+    TypeError
+        If one of the sequences is none, or holds something else than methods.
     ValueError
-        If the numbers of methods and lengths differ, there is none, or one is implicit.
+        If the numbers of methods and lengths differ, there is none, one of the lengths is no
+        finite number, or one of the methods is implicit.
     """
-    if not methods or len(methods) != len(gammas):
+    for label, value in (("methods", methods), ("gammas", gammas)):
+        if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
+            raise TypeError(f"{label} must be a sequence, got {value!r}")
+    if not len(methods) or len(methods) != len(gammas):
         raise ValueError(
             f"gammas must have one entry a method, got {len(gammas)} for {len(methods)} methods"
         )
     rows: list[list[Fraction]] = []
     before: list[Fraction] = []
     known: list[Coefficient] = []
-    for method, gamma in zip(methods, gammas, strict=True):
+    for k, (method, gamma) in enumerate(zip(methods, gammas, strict=True)):
+        if not isinstance(method, Tableau):
+            raise TypeError(f"methods[{k}] must be a Tableau, got {method!r}")
         if not method.explicit:
             raise ValueError(f"methods must be explicit, got {method!r}")
-        known += [Coefficient.read(gamma), *method.weights, *chain.from_iterable(method.entries)]
-        length = Coefficient.read(gamma).value
+        try:
+            scale = Coefficient.read(gamma)
+        except ValueError as error:
+            raise ValueError(f"gammas[{k}]: {error}") from None
+        known += [scale, *method.weights, *chain.from_iterable(method.entries)]
+        length = scale.value
         a, b = method.exact
         rows += [[*before, *(length * entry for entry in row[:i])] for i, row in enumerate(a)]
         before = before + [length * entry for entry in b]
@@ -68,7 +85,8 @@ def triple_jump(order: int, digits: int = 60) -> tuple[str, str, str]:
     ``γ_1 = γ_3 = 1/(2 - 2^{1/(q+1)})``, ``γ_2 = 1 - 2 γ_1``, in decimal with so many digits
     (E. Hairer, C. Lubich, G. Wanner, *Geometric Numerical Integration*, II.4).
     """
-    if order < 2 or order % 2:
+    order, digits = check_integer("order", order, 1), check_integer("digits", digits, 1, _MOST)
+    if order % 2:
         raise ValueError(f"order must be even and positive, got {order}")
     with localcontext() as context:
         context.prec = digits

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from .point import Point, correct, solved
+from ..checks import check_integer
+from .point import Point, check_point, correct, solved
 
 __all__ = ["eliminate", "eliminate_stage", "walk"]
 
@@ -39,6 +40,8 @@ def eliminate_stage(
     Point or None
         With one stage less, on its own solution set; None where the way is blocked.
     """
+    check_point(point)
+    stage = check_integer("stage", stage, 0, point.system.stages - 1)
     column = point.column(stage)
     target = point.x[column].copy()
     left, step, used = 1.0, 0.2, 0

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from .. import _core_r64
+from ..checks import check_integer, check_real
 from ..conditions import condition_trees, count, row_lengths
-from .point import RANK_TOLERANCE, Point, correct, solved
+from .point import RANK_TOLERANCE, Point, check_point, correct, movable, solved
 
 __all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
 
@@ -49,9 +50,7 @@ class Goals:
 
     def __post_init__(self) -> None:
         for name in ("principal_error", "coefficients", "abscissae", "bound", "bound_weight"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be a finite number, not negative, got {value!r}")
+            object.__setattr__(self, name, check_real(name, getattr(self, name)))
 
 
 def principal_error(point: Point) -> float:
@@ -88,10 +87,24 @@ def optimise(
     -------
     Point
         On the solution set, its objective no larger than at the start.
+
+    Raises
+    ------
+    TypeError
+        If an argument isn't of the type listed.
+    ValueError
+        If the point isn't on the solution set, or another argument is out of its range.
     """
+    check_point(point)
+    if not isinstance(goals, Goals):
+        raise TypeError(f"goals must be Goals, got {goals!r}")
+    max_iterations = check_integer("max_iterations", max_iterations, 0)
+    tolerance = check_real("tolerance", tolerance)
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress must be callable, got {progress!r}")
     if not solved(point):
         raise ValueError(f"point must be on the solution set, its sum of squares is {point.f:.2e}")
-    free = np.setdiff1d(point.system.free, np.asarray(frozen, dtype=np.intp))
+    free = movable(point.system, frozen)
     values, jac = _objective(point, goals)
     size, damping = float(values @ values), 1e-2
     history = [size]
@@ -147,6 +160,9 @@ def fewer_exponentials(
     zeros : ndarray of int
         Where they are.
     """
+    check_point(point)
+    largest = check_real("largest", largest)
+    patience = check_integer("patience", patience, 0)
     zeros = np.setdiff1d(np.arange(point.system.size), point.system.free)
     refused: set[int] = set()
     failures = 0

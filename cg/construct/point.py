@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,8 +117,8 @@ def correct(
     Point
         Where the solver ended, on the set or not; see `solved`.
     """
-    system = point.system
-    free = np.setdiff1d(system.free, np.asarray(frozen, dtype=np.intp))
+    system = check_point(point).system
+    free = movable(system, frozen)
     fit = fit_conditions(
         point.x,
         system.stages,
@@ -130,6 +131,30 @@ def correct(
         max_iterations=max_iterations,
     )
     return Point(system, fit.x)
+
+
+def check_point(point: Any) -> Point:
+    """Return a point; TypeError if it is anything else."""
+    if not isinstance(point, Point):
+        raise TypeError(f"point must be a Point, got {point!r}")
+    return point
+
+
+def movable(system: System, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the entries of a system that may change if those in `frozen` mustn't.
+
+    Raises
+    ------
+    ValueError
+        If `frozen` isn't a sequence of indices of entries.
+    """
+    array = np.asarray(frozen)
+    indices = array.ndim == 1 and (array.dtype.kind in "iu" or not array.size)
+    if not (indices and ((array >= 0) & (array < system.size)).all()):
+        raise ValueError(
+            f"frozen must be a sequence of integers from 0 to {system.size - 1}, got {frozen!r}"
+        )
+    return np.setdiff1d(system.free, array.astype(np.intp))
 
 
 def solved(point: Point) -> bool:
@@ -146,6 +171,8 @@ def pack_method(method: Tableau, order: int | None = None) -> Point:
     order : int, optional
         By default the method's own.
     """
+    if not isinstance(method, Tableau):
+        raise TypeError(f"method must be a Tableau, got {method!r}")
     order = method.order if order is None else order
     if method.b_embedded is None:
         system = System(order, method.stages, method.rows)
@@ -170,9 +197,9 @@ def to_tableau(
     NotExactError
         If the conditions don't hold to the floor of binary128 afterwards.
     """
-    system = point.system
+    system = check_point(point).system
     zeros = np.flatnonzero(point.x == 0)
-    free = np.setdiff1d(system.free, np.concatenate([zeros, np.asarray(frozen, dtype=np.intp)]))
+    free = np.setdiff1d(movable(system, frozen), zeros)
     refined = refine(
         quad.from_float(point.x),
         system.stages,

@@ -109,9 +109,11 @@ def reference_solution(
         exact = tuple(Fraction(t) for t in times)
     except (ValueError, OverflowError, TypeError) as error:
         raise ValueError(f"times must be finite numbers, got {times!r}") from error
-    for name, value in (("bits", bits), ("step", step), ("order", order)):
-        if value <= 0:
-            raise ValueError(f"{name} must be positive, got {value}")
+    for name, value in (("bits", bits), ("order", order)):
+        if isinstance(value, bool) or not isinstance(value, int) or value <= 0:
+            raise ValueError(f"{name} must be a positive integer, got {value!r}")
+    if step <= 0:
+        raise ValueError(f"step must be positive, got {step}")
     with ctx.workprec(bits):
         system = build()
         coarse = _solve(system, exact, step, order)

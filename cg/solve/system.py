@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core_r64, _core_r128, quad
-from ..conditions import HIGHEST_ORDER, Rows, condition_trees, row_lengths, unknowns
+from ..checks import check_integer
+from ..conditions import (
+    HIGHEST_ORDER,
+    Rows,
+    check_rows,
+    condition_trees,
+    row_lengths,
+    unknowns,
+)
 
 __all__ = ["System"]
 
@@ -41,11 +49,12 @@ class System:
 
     def __post_init__(self) -> None:
         # the compiled core trusts its callers with both
-        if not 1 <= self.order <= HIGHEST_ORDER:
-            least = "at least 1" if self.order < 1 else f"at most {HIGHEST_ORDER} in this build"
-            raise ValueError(f"order must be {least}, got {self.order}")
-        if self.stages < 1:
-            raise ValueError(f"stages must be at least 1, got {self.stages}")
+        order = check_integer("order", self.order, 1)
+        if order > HIGHEST_ORDER:
+            raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
+        object.__setattr__(self, "order", order)
+        object.__setattr__(self, "stages", check_integer("stages", self.stages, 1))
+        object.__setattr__(self, "rows", check_rows(self.rows))
         if self.embedded and self.order < 2:
             raise ValueError(f"order must be at least 2 for an embedded pair, got {self.order}")
 
