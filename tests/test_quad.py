@@ -105,7 +105,7 @@ def test_strings_and_numbers_are_read_exactly():
 
 @pytest.mark.parametrize("value", [float("nan"), "nan", "inf", "", "1/0x"])
 def test_what_is_no_number_is_refused(value):
-    with pytest.raises(ValueError, match=r"NaN|Invalid"):
+    with pytest.raises(ValueError, match="values must be finite real numbers, got"):
         encode([value])
 
 
