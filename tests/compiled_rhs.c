@@ -68,3 +68,21 @@ int meets(double t, const double *y, double *f, void *user_data)
     }
     return 3;
 }
+
+int rests(double t, const double *y, double *f, void *user_data)
+{
+    (void)t, (void)y, (void)user_data;
+    f[0] = 0.0;
+    return 0;
+}
+
+// On SO(3), a hundred times as fast after t = 5
+int jump(double t, const double *y, double *f, void *user_data)
+{
+    double rate = 1.0 + 99.0 / (1.0 + exp(-50.0 * (t - 5.0)));
+    (void)user_data;
+    f[0] = rate;
+    f[1] = 0.2 * rate;
+    f[2] = y[1] * rate;
+    return 0;
+}

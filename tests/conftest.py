@@ -1,7 +1,15 @@
 """Settings of all tests."""
 
+import ctypes
+import subprocess
+from pathlib import Path
+
 import hypothesis
+import numpy as np
+import pytest
 import scipy.linalg  # noqa: F401  # loads the libraries whose threads are limited below
+from compiled_examples import DOUBLES
+from scipy import LowLevelCallable
 from threadpoolctl import threadpool_limits
 
 # The matrices of the tests are small: threads of BLAS would only wait for each other.
@@ -10,3 +18,34 @@ threadpool_limits(1)
 # A machine that is busy with something else is no reason to fail.
 hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory):
+    target = tmp_path_factory.mktemp("library") / "compiled_rhs.so"
+    source = Path(__file__).parent / "compiled_rhs.c"
+    subprocess.run(["gcc", "-O2", "-shared", "-fPIC", "-o", target, source, "-lm"], check=True)
+    return ctypes.CDLL(str(target))
+
+
+@pytest.fixture
+def function(library):
+    def get(name):
+        found = library[name]  # a new object each time, unlike an attribute
+        found.restype = ctypes.c_int
+        found.argtypes = [ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p]
+        return found
+
+    return get
+
+
+@pytest.fixture
+def affine(function):
+    def make(problem):
+        m, n = problem.linear.shape
+        numbers = [[m, n], problem.constant, problem.slope, problem.linear.ravel()]
+        data = np.concatenate(numbers)
+        callable_ = LowLevelCallable(function("affine"), ctypes.c_void_p(data.ctypes.data))
+        return callable_, data
+
+    return make

@@ -132,7 +132,9 @@ def test_rejected_steps_are_counted_and_repeat_no_evaluation():
     flows = PAIRS["CG2(3)"].exponentials + 3
     assert solution.nexp == flows * (solution.steps + solution.nrejected) + 1
     sizes = np.diff(solution.t)
-    assert sizes[solution.t[1:] > 5.2].max() < 0.3 * sizes[solution.t[1:] < 4.8].max()
+    # medians: how far the steps overshoot after the jump depends on rounding
+    before, after = solution.t[1:] < 4.8, solution.t[1:] > 5.2
+    assert np.median(sizes[after]) < 0.3 * np.median(sizes[before])
 
 
 def test_backward_returns_to_the_start(rotation):

@@ -2,18 +2,18 @@
 
 import ctypes
 import re
-import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+from compiled_examples import DOUBLES, FRAMES, PROBLEMS
 from scipy import LowLevelCallable
 
 import cg
 from cg.catalogue import methods
 from cg.convergence import observed_order
-from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
+from cg.frames import SO, SO3, SU, Euclidean, Product, Sphere
 from cg.integrate import integrate
 from cg.integrate.blocks import SCALAR_FIRST, SPACE_AXES, BlockKind
 from cg.integrate.compiled import integrate_affine
@@ -21,60 +21,7 @@ from cg.integrate.external import Stop, compiled_rhs
 from cg.problems.affine import AffineField
 
 HERE = Path(__file__).parent
-DOUBLES = ctypes.POINTER(ctypes.c_double)
-ONE = [1.0, 0.0, 0.0, 0.0]
-UNIT = [0.0, 0.0, 0.0, 1.0]
-
-FRAMES = {
-    "SO3 body": (SO3(), np.eye(3)),
-    "SO3 space": (SO3("space"), np.eye(3)),
-    "SO(3)": (SO(3), np.eye(3)),
-    "quaternion body": (UnitQuaternion(), UNIT),
-    "quaternion space": (UnitQuaternion("space"), UNIT),
-    "quaternion body, scalar first": (UnitQuaternion(scalar_first=True), ONE),
-    "quaternion space, scalar first": (UnitQuaternion("space", scalar_first=True), ONE),
-    "SE3 body": (SE3(), np.eye(4)),
-    "SE3 space": (SE3("space"), np.eye(4)),
-    "sphere": (Sphere(2), [0.0, 0.6, 0.8]),
-    "Euclidean": (Euclidean(5), np.arange(5.0)),
-    "product": (
-        Product(SE3("space"), Product(Sphere(2), Euclidean(2)), UnitQuaternion(), SO3()),
-        np.concatenate([np.eye(4).ravel(), [0, 0, 1, 3, -2], UNIT, np.eye(3).ravel()]),
-    ),
-}
-PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
 EXPLICIT = [name for name, tableau in methods.items() if tableau.explicit]
-
-
-@pytest.fixture(scope="session")
-def library(tmp_path_factory):
-    target = tmp_path_factory.mktemp("library") / "compiled_rhs.so"
-    source = HERE / "compiled_rhs.c"
-    subprocess.run(["gcc", "-O2", "-shared", "-fPIC", "-o", target, source, "-lm"], check=True)
-    return ctypes.CDLL(str(target))
-
-
-@pytest.fixture
-def function(library):
-    def get(name):
-        found = library[name]  # a new object each time, unlike an attribute
-        found.restype = ctypes.c_int
-        found.argtypes = [ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p]
-        return found
-
-    return get
-
-
-@pytest.fixture
-def affine(function):
-    def make(problem):
-        m, n = problem.linear.shape
-        numbers = [[m, n], problem.constant, problem.slope, problem.linear.ravel()]
-        data = np.concatenate(numbers)
-        callable_ = LowLevelCallable(function("affine"), ctypes.c_void_p(data.ctypes.data))
-        return callable_, data
-
-    return make
 
 
 def constants_in(source):
@@ -330,7 +277,7 @@ def test_solutions_that_overflow(method, message, function):
     ("frame", "y0"),
     [
         (Sphere(3), [0.0, 0.0, 0.0, 1.0]),
-        (SU(2), np.eye(2)),
+        (SU(3), np.eye(3)),
         (Product(SO3(), SO(4)), np.concatenate([np.eye(3).ravel(), np.eye(4).ravel()])),
     ],
 )

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import cg
-from cg.frames import SE3, SO, SO3, Euclidean, Product, Sphere, UnitQuaternion
+from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
 from cg.integrate.blocks import is_compiled
-from cg.integrate.flows import _CompiledFlows, _Flows, flows_of
+from cg.integrate.flows import CompiledDifference, _CompiledFlows, _Flows, flows_of
 
 FRAMES = [
     SO3(),
@@ -17,8 +17,10 @@ FRAMES = [
     SE3(),
     SE3("space"),
     Sphere(2),
+    SU(2),
+    SU(2, "body"),
     Euclidean(4),
-    Product(SO3(), Euclidean(3), Product(Sphere(2), SE3())),
+    Product(SO3(), Euclidean(3), Product(Sphere(2), SU(2), SE3())),
 ]
 ROW = ((0, 0.5), (2, -1.25), (3, 0.0625))
 
@@ -35,6 +37,48 @@ def test_compiled_flows_are_the_frames(frame, batch):
     np.testing.assert_allclose(moved, _Flows(frame)(ROW, fields, points, 0.75), rtol=0, atol=1e-14)
     assert isinstance(flows_of(frame), _CompiledFlows)
     assert frame.membership_error(moved).max() < 1e-15
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-300, 1e-12, 1e-4, 1.0, 3.0])
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_compiled_differences_are_the_frames(frame, size):
+    rng = np.random.default_rng(8)
+    points = frame.random_point(rng, (2, 50))
+    v = frame.random_vector(rng, (2, 50))
+    v *= size / np.linalg.norm(v, axis=-1, keepdims=True)
+    moved = frame.flow(v, points)
+    found = CompiledDifference(frame)(points, moved)
+    expected = frame.exp_coordinates(points, moved)
+    # a translation may be as long as the points are, for which the roundings grow
+    np.testing.assert_allclose(found, expected, rtol=0, atol=5e-15)
+    if size < 2.0:
+        np.testing.assert_allclose(frame.flow(found, points), moved, rtol=0, atol=1e-14)
+
+
+def half_turns():
+    rng = np.random.default_rng(9)
+    axes = rng.standard_normal((40, 3))
+    axes = np.concatenate([np.eye(3), axes / np.linalg.norm(axes, axis=-1, keepdims=True)])
+    return np.pi * axes
+
+
+@pytest.mark.parametrize("frame", [SO3(), SE3(), UnitQuaternion(), SU(2)], ids=repr)
+def test_compiled_differences_of_half_turns(frame):
+    v = np.zeros((43, frame.dim))
+    v[:, :3] = half_turns()
+    y0 = frame.random_point(np.random.default_rng(10))
+    y1 = frame.flow(v, np.broadcast_to(y0, (43, *y0.shape)))
+    found = CompiledDifference(frame)(np.broadcast_to(y0, y1.shape), y1)
+    np.testing.assert_allclose(np.linalg.norm(found[:, :3], axis=-1), np.pi, rtol=1e-14)
+    np.testing.assert_allclose(frame.flow(found, y0), y1, rtol=0, atol=2e-14)
+
+
+def test_compiled_differences_at_the_ends():
+    opposite = CompiledDifference(Sphere(2))(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]))
+    assert np.isnan(opposite).all()
+    q = np.array([0.0, 0.0, 0.0, 1.0])
+    turn = CompiledDifference(UnitQuaternion())(q, -q)
+    np.testing.assert_array_equal(turn, UnitQuaternion().exp_coordinates(q, -q))
 
 
 def test_the_order_of_the_flows_matters():
@@ -62,6 +106,6 @@ def test_a_subclass_keeps_its_own_flow(frame):
     np.testing.assert_allclose(end, frame.flow(v, y0), rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("frame", [SO(4), Sphere(3), cg.frames.SU(2)], ids=repr)
+@pytest.mark.parametrize("frame", [SO(4), Sphere(3), SU(3)], ids=repr)
 def test_other_frames_are_moved_by_themselves(frame):
     assert not is_compiled(frame)

@@ -2,13 +2,14 @@
 
 import copy
 import pickle
+import sys
 
 import numpy as np
 import pytest
 import scipy.integrate
 
 import cg
-from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, Sphere
+from cg.frames import SO3, Euclidean
 from cg.integrate import DenseOutput, Solution
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
@@ -139,30 +140,46 @@ def test_args_reach_f_and_events():
     assert set(seen) == {(2.0, 0.25)}
 
 
-@pytest.mark.parametrize(
-    "frame", [SO3(), SO3("space"), Sphere(2), Product(SO3(), Euclidean(2)), CoadjointOrbit]
-)
-def test_ensembles_equal_loops(frame):
-    rng = np.random.default_rng(5)
-    if frame is CoadjointOrbit:
-        frame = CoadjointOrbit(SO3(), (0.6, 0.0, 0.8))
-    y0 = frame.random_point(rng, (2, 3))
-    weights = rng.standard_normal((frame.dim, int(np.prod(frame.point_shape))))
+def test_too_many_steps_end_without_success_and_keep_what_was_accepted():
+    for options in ({}, {"y0": np.stack([np.eye(3)] * 2), "f": lambda t, y: np.ones((2, 3))}):
+        solution = solve(max_step=0.01, max_steps=20, dense_output=True, **options)
+        assert (solution.status, solution.success) == (-1, False)
+        assert (
+            "max_steps = 20 steps, rejected ones included, led only to t = 0." in solution.message
+        )
+        assert solution.steps + solution.nrejected == 20
+        assert len(solution.t) == solution.steps + 1
+        np.testing.assert_array_equal(solution.sol(solution.t), solution.y)
+    free = solve(rtol=1e-8)
+    assert solve(rtol=1e-8, max_steps=free.steps + free.nrejected).success
+    assert not solve(rtol=1e-8, max_steps=free.steps + free.nrejected - 1).success
 
-    def f(t, y):
-        lead = y.shape[: y.ndim - len(frame.point_shape)]
-        return np.cos(y.reshape(*lead, -1) @ weights.T + t)
 
-    times = [0.0, 0.15, 0.4, 1.0]
-    options = {"frame": frame, "method": "CG4a", "h": 0.2, "t_eval": times, "dense_output": True}
-    together = cg.solve_ivp(f, (0.0, 1.0), y0, **options)
-    assert together.y.shape == (4, 2, 3, *frame.point_shape)
-    assert together.sol([[0.1, 0.2]]).shape == (1, 2, 2, 3, *frame.point_shape)
-    for index in np.ndindex(2, 3):
-        alone = cg.solve_ivp(f, (0.0, 1.0), y0[index], **options)
-        np.testing.assert_allclose(together.y[:, *index], alone.y, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(together.sol(0.33)[index], alone.sol(0.33), rtol=0, atol=1e-14)
-        assert (together.nfev, together.nexp) == (alone.nfev, alone.nexp)
+def test_steps_without_end_are_given_up(monkeypatch):
+    monkeypatch.setattr(sys.modules["cg.integrate.arguments"], "DEFAULT_MAX_STEPS", 50)
+    for options in ({"max_step": 1e-30}, {"t_span": (0.0, 1e300), "max_step": 1.0}):
+        solution = solve(**options)
+        assert "max_steps = 50 steps" in solution.message
+        assert solution.steps == 50
+
+
+def test_results_are_compared_by_identity():
+    solution, other = solve(), solve()
+    assert solution == solution
+    assert solution != other
+    run = cg.integrate(PROBLEM.f, (0, 1), np.eye(3), frame=SO3(), method="CG3", h=0.5)
+    assert run != copy.copy(run)
+
+
+@pytest.mark.parametrize("t", ["a", 1j, [0.1, "b"]])
+def test_times_of_a_continuous_solution_are_named(t):
+    with pytest.raises(ValueError, match="t must be an array of real numbers, got"):
+        solve(dense_output=True).sol(t)
+
+
+def test_a_mask_that_hides_nothing_is_no_matter():
+    solution = solve(y0=np.ma.masked_array(np.eye(3)))
+    np.testing.assert_array_equal(solution.y, solve().y)
 
 
 def never(t, y):
@@ -187,7 +204,6 @@ HALVES = Tableau([["1/2"]], ["1"])
         ({"y0": np.full((3, 3), np.nan)}, ValueError, "y0 must be finite"),
         ({"y0": 1j * np.eye(3)}, ValueError, "y0 must be an array of real numbers"),
         ({"y0": [[1.0], [2.0, 3.0]]}, ValueError, "y0 must be an array of real numbers"),
-        ({"y0": np.stack([np.eye(3)] * 2)}, ValueError, "h must be given for an ensemble"),
         ({"y0": np.zeros((0, 3, 3)), "h": 1}, ValueError, "y0 must hold at least one point"),
         (
             {"y0": np.stack([np.eye(3), 1.1 * np.eye(3)]), "h": 0.1},
@@ -218,6 +234,21 @@ HALVES = Tableau([["1/2"]], ["1"])
         ({"h": 0.1, "max_step": 0.05}, ValueError, "h must not be larger than max_step = 0.05"),
         ({"max_step": 0.0}, ValueError, "max_step must be positive, got 0.0"),
         ({"max_step": np.nan}, ValueError, "max_step must be positive"),
+        ({"max_steps": 0}, ValueError, "max_steps must be a positive integer, got 0"),
+        ({"max_steps": 1e3}, ValueError, "max_steps must be a positive integer, got 1000.0"),
+        ({"h": 0.1, "max_steps": 3}, ValueError, "max_steps must not be given together with h"),
+        ({"h": 1e-12}, ValueError, r"h is too small for t_span: 1000000000000 steps need .* GiB"),
+        (
+            {"h": 1e-12, "t_eval": [0.5]},
+            ValueError,
+            r"h is too small for t_span: 1000000000000 steps need .* got 1e-12",
+        ),
+        ({"y0": np.ma.masked_equal(np.eye(3), 1)}, ValueError, "y0 must be .* got masked_array"),
+        (
+            {"y0": np.stack([np.eye(3)] * 2), "events": never},
+            ValueError,
+            "events must be None for an ensemble",
+        ),
         ({"max_step": "small"}, TypeError, "max_step must be a real number"),
         ({"first_step": 0.0}, ValueError, "first_step must be positive"),
         ({"first_step": -0.1}, ValueError, "first_step must be positive"),

@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames import SE3, SO, SO3, Euclidean, Frame, Product, Sphere, UnitQuaternion
+from cg.frames import SE3, SO, SO3, SU, Euclidean, Frame, Product, Sphere, UnitQuaternion
 
 
 class BlockKind(IntEnum):
@@ -18,13 +18,14 @@ class BlockKind(IntEnum):
     QUATERNION = 3
     SE3 = 4
     SPHERE = 5
+    SU2 = 6
 
 
 SPACE_AXES = 1
 SCALAR_FIRST = 2
 
-_CLASSES = (Euclidean, SO3, SO, UnitQuaternion, SE3, Sphere)
-_KNOWN = "SO3, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them"
+_CLASSES = (Euclidean, SO3, SO, UnitQuaternion, SE3, Sphere, SU)
+_KNOWN = "SO3, UnitQuaternion, SU(2), SE3, Sphere(2), Euclidean and products of them"
 
 
 def describe_blocks(frame: Frame) -> NDArray[np.int32]:
@@ -34,7 +35,7 @@ def describe_blocks(frame: Frame) -> NDArray[np.int32]:
     ----------
     frame
         A frame that the compiled integrator has: SO(3) in either form, unit quaternions, SE(3),
-        the sphere in space, Euclidean space, or a product of these.
+        SU(2), the sphere in space, Euclidean space, or a product of these.
 
     Returns
     -------
@@ -82,6 +83,8 @@ def _rows(frame: Frame) -> list[tuple[int, int, int]]:
             row = (BlockKind.SE3, 3, _axes(frame.convention))
         case Sphere(n=2):
             row = (BlockKind.SPHERE, 3, 0)
+        case SU(n=2):
+            row = (BlockKind.SU2, 3, _axes(frame.convention))
         case _:
             raise ValueError(f"frame must be one that is compiled, {_KNOWN}; {frame!r} is not")
     return [row]

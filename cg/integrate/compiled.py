@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ from cg import quad
 from cg.frames.base import Array, Frame
 from cg.integrate.blocks import describe_blocks
 from cg.integrate.fixed import resolve_method
+from cg.integrate.pace import Pace
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
 from cg.tableau import Tableau
@@ -22,9 +24,11 @@ Kind = Literal["real64", "real128"]
 
 # Rounds exact numbers to a kind, as Fortran has them.
 _Convert = Callable[..., Any]
+# Takes some steps of a method.
+_Call = Callable[..., tuple[int, Any]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CompiledTrajectory:
     """A solution from the compiled stepper.
 
@@ -99,13 +103,10 @@ def integrate_heavy_top(
     if not isinstance(problem, HeavyTop):
         raise TypeError(f"problem must be a HeavyTop, got {problem!r}")
 
-    def call(core: Any, convert: _Convert, common: tuple[Any, ...]) -> tuple[Any, int, Any]:
-        inertia, mgl, y0 = problem.inertia, [problem.mgl], problem.y0_exact
-        return core.heavy_top(  # type: ignore[no-any-return]
-            convert(inertia), convert(mgl), convert(y0), *common
-        )
+    def prepare(core: Any, convert: _Convert) -> _Call:
+        return partial(core.heavy_top, convert(problem.inertia), convert([problem.mgl]))
 
-    return _integrate(call, problem.frame, method, h, steps, kind)
+    return _integrate(prepare, problem.y0_exact, problem.frame, method, h, steps, kind)
 
 
 def integrate_affine(
@@ -134,27 +135,27 @@ def integrate_affine(
         raise TypeError(f"problem must be an AffineField, got {problem!r}")
     description = describe_blocks(problem.frame)
 
-    def call(core: Any, convert: _Convert, common: tuple[Any, ...]) -> tuple[Any, int, Any]:
-        constant, slope, y0 = (
-            convert(_fractions(x)) for x in (problem.constant, problem.slope, problem.y0)
-        )
+    def prepare(core: Any, convert: _Convert) -> _Call:
+        constant, slope = (convert(_fractions(x)) for x in (problem.constant, problem.slope))
         linear = convert(_fractions(problem.linear), problem.linear.shape)
-        return core.affine_field(  # type: ignore[no-any-return]
-            description, constant, linear, slope, y0, *common
-        )
+        return partial(core.affine_field, description, constant, linear, slope)
 
-    return _integrate(call, problem.frame, method, h, steps, kind)
+    return _integrate(prepare, _fractions(problem.y0), problem.frame, method, h, steps, kind)
 
 
 def _integrate(
-    call: Callable[[Any, _Convert, tuple[Any, ...]], tuple[Any, int, Any]],
+    prepare: Callable[[Any, _Convert], _Call],
+    y0: Sequence[Fraction],
     frame: Frame,
     method: str | Tableau,
     h: Fraction | float | str,
     steps: int,
     kind: Kind,
 ) -> CompiledTrajectory:
-    """Check what all built-in problems share, and make a trajectory of what ``call`` returns."""
+    """Check what all built-in problems share, and make a trajectory of what the calls give.
+
+    Python can be interrupted between them.
+    """
     tableau = resolve_method(method)
     if not tableau.explicit:
         raise ValueError(f"method must be explicit, got the implicit {method!r}")
@@ -176,8 +177,19 @@ def _integrate(
     a, b = tableau.exact
     stages = len(b)
     matrix = convert([x for row in a for x in row], (stages, stages))
-    common = (matrix, convert(b), convert([size]), steps)
-    columns, status, failed_at = call(core, convert, common)
+    weights, size_of_step = convert(b), convert([size])
+    call = prepare(core, convert)
+    start = convert(y0)
+    columns = np.zeros((*start.shape, steps + 1), dtype=start.dtype, order="F")
+    columns[..., 0] = start
+    pace = Pace()
+    done = status = 0
+    failed_at: Any = [0.0]
+    while done < steps and not status:
+        count = min(pace.start(), steps - done)
+        status, failed_at = call(matrix, weights, size_of_step, done, count, columns)
+        pace.stop()
+        done += count
     if kind == "real64":
         raw: NDArray[Any] = np.ascontiguousarray(columns.T)
         points = raw

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from cg.frames.base import Array, Points
+from cg.frames.base import Array, Frame, Points, real_array
 from cg.integrate.step import Step
 
 
@@ -83,16 +83,9 @@ class Segment:
     def _blend(self, theta: Array) -> Points:
         if self._bends is None:
             return self._steps(theta)
-        frame = self._step.frame
-        forth, bend_forth, back, bend_back = self._bends
-        s = theta.reshape(-1, *[1] * forth.ndim)
-        left = frame.flow(s**2 * bend_forth, frame.flow(s * forth, self.y0))
-        right = frame.flow((1.0 - s) ** 2 * bend_back, frame.flow((1.0 - s) * back, self.y1))
+        s = theta.reshape(-1, *[1] * self._bends[0].ndim)
         self._step.nexp += 5 * len(theta)
-        v = frame.exp_coordinates(left, right)
-        assert v is not None
-        points = frame.flow(s * v, left)
-        missing = ~np.isfinite(v).all(axis=tuple(range(1, v.ndim)))
+        points, missing = _blend(self._step.frame, s, self.y0, self.y1, *self._bends)
         if missing.any():
             points[missing] = self._steps(theta[missing])
         return points
@@ -103,6 +96,77 @@ class Segment:
         return np.array(points).reshape(-1, *self.y0.shape)
 
 
+class SegmentTable:
+    """The solutions within all steps of one trajectory, evaluated for many times at once.
+
+    Parameters
+    ----------
+    step
+        The step function.
+    ts
+        Times at the ends of steps, shape ``(steps + 1,)``.
+    ys
+        Points there, shape ``(steps + 1, *point_shape)``.
+    slopes
+        Coefficients there, shape ``(steps + 1, dim)``.
+    """
+
+    def __init__(self, step: Step, ts: Array, ys: Points, slopes: Array) -> None:
+        self.ts, self.ys = ts, ys
+        self._step = step
+        self._slopes = slopes
+
+    def __len__(self) -> int:
+        return len(self.ts) - 1
+
+    def __call__(self, which: NDArray[np.intp], t: Array) -> Points:
+        """Return the points at times, shape ``(n, *point_shape)``.
+
+        Parameters
+        ----------
+        which
+            The numbers of the steps that the times lie in, shape ``(n,)``.
+        t
+            Shape ``(n,)``.
+        """
+        frame = self._step.frame
+        t0, y0 = self.ts[which], self.ys[which]
+        t1, y1 = self.ts[which + 1], self.ys[which + 1]
+        h, s = t1 - t0, ((t - t0) / (t1 - t0))[:, None]
+        forth = h[:, None] * self._slopes[which]
+        back = -h[:, None] * self._slopes[which + 1]
+        bend_forth = frame.exp_coordinates(frame.flow(forth, y0), y1)
+        bend_back = frame.exp_coordinates(frame.flow(back, y1), y0)
+        assert bend_forth is not None
+        assert bend_back is not None
+        points, missing = _blend(frame, s, y0, y1, forth, bend_forth, back, bend_back)
+        self._step.nexp += 7 * len(t)
+        for i in np.flatnonzero(missing & (t != t0)).tolist():
+            points[i] = self._step(float(t0[i]), y0[i], float(t[i] - t0[i]))
+        points[t == t0] = y0[t == t0]
+        points[t == t1] = y1[t == t1]
+        return points
+
+
+def _blend(
+    frame: Frame,
+    s: Array,
+    y0: Points,
+    y1: Points,
+    forth: Array,
+    bend_forth: Array,
+    back: Array,
+    bend_back: Array,
+) -> tuple[Points, NDArray[np.bool_]]:
+    """Return the points at fractions ``s`` of steps, and at which of them there is none."""
+    left = frame.flow(s**2 * bend_forth, frame.flow(s * forth, y0))
+    right = frame.flow((1.0 - s) ** 2 * bend_back, frame.flow((1.0 - s) * back, y1))
+    v = frame.exp_coordinates(left, right)
+    assert v is not None
+    missing = np.asarray(~np.isfinite(v).all(axis=tuple(range(1, v.ndim))))
+    return frame.flow(s * v, left), missing
+
+
 class DenseOutput:
     """A solution as a function of time, on the manifold at all times.
 
@@ -111,7 +175,7 @@ class DenseOutput:
     ts
         Times, strictly monotonic, shape ``(steps + 1,)``.
     segments
-        The solution between them.
+        The solution between them, one for each step.
     y0
         The initial point, which is the whole solution if there are no segments.
 
@@ -123,12 +187,14 @@ class DenseOutput:
         Between which times there is a solution.
     """
 
-    def __init__(self, ts: ArrayLike, segments: Sequence[Segment], y0: Points) -> None:
+    def __init__(
+        self, ts: ArrayLike, segments: Sequence[Segment] | SegmentTable, y0: Points
+    ) -> None:
         self.ts = np.array(ts, dtype=np.float64)
         self.ts.flags.writeable = False
         self.t_min = float(self.ts.min())
         self.t_max = float(self.ts.max())
-        self._segments = tuple(segments)
+        self._segments = segments if isinstance(segments, SegmentTable) else tuple(segments)
         self._y0 = y0
         self._sign = -1.0 if self.ts[-1] < self.ts[0] else 1.0
 
@@ -151,17 +217,61 @@ class DenseOutput:
         Raises
         ------
         ValueError
-            If a time is beyond the ends.
+            If a time is beyond the ends, or ``t`` isn't real numbers.
         """
-        times = np.asarray(t, dtype=np.float64)
+        times = real_array(t, "t")
         if not ((times >= self.t_min) & (times <= self.t_max)).all():
             raise ValueError(f"t must lie between {self.t_min:g} and {self.t_max:g}, got {t!r}")
-        flat = times.ravel()
+        return self._evaluate(times.ravel()).reshape(*times.shape, *self._y0.shape)
+
+    def _evaluate(self, flat: Array) -> Points:
         points = np.empty((flat.size, *self._y0.shape), dtype=self._y0.dtype)
         points[:] = self._y0
-        if self._segments:
-            which = np.searchsorted(self._sign * self.ts, self._sign * flat, side="left") - 1
-            which = np.maximum(which, 0)
-            for k in np.unique(which).tolist():
-                points[which == k] = self._segments[k](flat[which == k])
-        return points.reshape(*times.shape, *self._y0.shape)
+        if not self._segments:
+            return points
+        which = np.searchsorted(self._sign * self.ts, self._sign * flat, side="left") - 1
+        which = np.maximum(which, 0)
+        if isinstance(self._segments, SegmentTable):
+            return self._segments(which, flat)
+        for k in np.unique(which).tolist():
+            points[which == k] = self._segments[k](flat[which == k])
+        return points
+
+
+class EnsembleOutput(DenseOutput):
+    """The solutions of an ensemble whose members have their own steps, as a function of time.
+
+    It is NaN for a member beyond the time that the member's integration ended at.
+
+    Parameters
+    ----------
+    members
+        The members' solutions.
+    y0
+        The initial points, shape ``(*batch, *point_shape)``.
+    batch
+        The leading axes.
+
+    Attributes
+    ----------
+    ts
+        The times of all members' steps.
+    """
+
+    def __init__(self, members: Sequence[DenseOutput], y0: Points, batch: tuple[int, ...]) -> None:
+        forward = max((m.ts[-1] - m.ts[0] for m in members), key=abs) >= 0.0
+        ts = np.unique(np.concatenate([member.ts for member in members]))
+        super().__init__(ts if forward else ts[::-1], (), y0)
+        self._members = tuple(members)
+        self._batch = batch
+
+    def __repr__(self) -> str:
+        return f"EnsembleOutput(t={self.ts[0]:g}...{self.ts[-1]:g}, members={len(self._members)})"
+
+    def _evaluate(self, flat: Array) -> Points:
+        points = np.full((flat.size, *self._y0.shape), np.nan, dtype=self._y0.dtype)
+        rows = points.reshape(flat.size, len(self._members), *self._y0.shape[len(self._batch) :])
+        for i, member in enumerate(self._members):
+            inside = (flat >= member.t_min) & (flat <= member.t_max)
+            rows[inside, i] = member(flat[inside])
+        return points

@@ -7,24 +7,30 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from itertools import pairwise
+from threading import Event
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import LowLevelCallable
 
 from cg.frames.base import Array, Frame, Points
+from cg.integrate.arguments import check_memory
 from cg.integrate.blocks import describe_blocks
 from cg.integrate.fixed import check_points, check_span, last_step, step_count
 from cg.integrate.implicit import StageOverflowError
+from cg.integrate.pace import Pace
 from cg.integrate.result import Trajectory
 from cg.integrate.step import Step
 from cg.tableau import Tableau
+
+# Status, what the function returned, time, and trajectory.
+_Outcome = tuple[int, int, float, int]
 
 SIGNATURE = "int (double, double *, double *, void *)"
 """What a compiled right-hand side must be; ``const`` may stand anywhere."""
@@ -49,6 +55,9 @@ class Stop(IntEnum):
     STAGE_NOT_FINITE = 3
     SOLUTION_NOT_FINITE = 4
     OUT_OF_MEMORY = 5
+    PAUSED = 6
+    STEP_TOO_SMALL = 7
+    SLOPE_NOT_FINITE = 8
 
 
 @dataclass(frozen=True)
@@ -189,10 +198,13 @@ def integrate_compiled(
         raise ValueError(f"h is too small for a compiled f: more than {_MOST_STEPS} steps")
     points = check_points(frame, y0)
     batch = points.shape[: points.ndim - len(frame.point_shape)]
+    # the results are put in order in a second array
+    check_memory(h, 0, 2 * points.nbytes * stored_count(steps, save_every))
     kept = stored_steps(steps, save_every)
     trajectories = math.prod(batch)
-    y = np.empty((trajectories, len(kept), points.size // trajectories))
-    y[:, 0] = points.reshape(trajectories, -1)
+    rows = points.reshape(trajectories, -1).view(np.float64)
+    y = np.empty((trajectories, len(kept), rows.shape[1]))
+    y[:, 0] = rows
 
     step = Step(rhs, frame, tableau)
     b = np.zeros(tableau.stages)
@@ -202,42 +214,61 @@ def integrate_compiled(
     if steps:
         last = last_step(start + (steps - 1) * size, stop, size)
 
-    def run(part: slice) -> tuple[int, int, float, int]:
-        status, flag, failed_at, failed = core.run(
-            rhs.address, rhs.user_data, description, tableau.a, b, start, size, last,
-            steps, min(save_every, _MOST_STEPS), y[part].T,
-        )  # fmt: skip
-        return status, flag, failed_at, part.start + failed - 1
+    interrupted = Event()
 
-    bounds = [trajectories * k // workers for k in range(workers + 1)]
-    parts = [slice(*pair) for pair in pairwise(bounds) if pair[0] < pair[1]]
-    if len(parts) == 1:
-        outcomes = [run(parts[0])]
-    else:
-        with ThreadPoolExecutor(len(parts)) as pool:
-            outcomes = list(pool.map(run, parts))
+    def run(part: slice) -> _Outcome:
+        columns = y[part].T
+        position = np.zeros(2, dtype=np.intc)
+        point = np.empty(y.shape[-1])
+        pace = Pace()
+        status, flag, failed_at = int(Stop.PAUSED), 0, math.nan
+        while status == Stop.PAUSED and not interrupted.is_set():
+            status, flag, failed_at = core.run(
+                rhs.address, rhs.user_data, description, tableau.a, b, start, size, last,
+                steps, min(save_every, _MOST_STEPS), columns, pace.start(), position, point,
+            )  # fmt: skip
+            pace.stop()
+        return status, flag, failed_at, part.start + int(position[0])
+
+    outcomes = _spread(run, trajectories, workers, interrupted)
     for status, flag, failed_at, failed in outcomes:
         if status != Stop.FINISHED:
             index = tuple(map(int, np.unravel_index(failed, batch))) if batch else None
-            raise _failure(Stop(status), flag, failed_at, index)
+            raise failure(Stop(status), flag, failed_at, index)
 
-    stored = np.moveaxis(y, 0, 1).reshape(len(kept), *points.shape)
-    t = start + size * np.array(kept)
+    stored = np.ascontiguousarray(np.moveaxis(y, 0, 1)).view(points.dtype)
+    stored = stored.reshape(len(kept), *points.shape)
+    t = start + size * kept.astype(np.float64)
     t[-1] = stop
     t.flags.writeable = stored.flags.writeable = False
     nexp = steps * (sum(map(len, step.rows)) + len(step.weights))
     return Trajectory(t, stored, steps * tableau.stages, nexp, tableau, float(h))
 
 
-def stored_steps(steps: int, save_every: int) -> list[int]:
+def _spread(
+    run: Callable[[slice], _Outcome], trajectories: int, workers: int, interrupted: Event
+) -> list[_Outcome]:
+    """Run an ensemble in parts, each in a thread of its own if there is more than one."""
+    bounds = [trajectories * k // workers for k in range(workers + 1)]
+    parts = [slice(*pair) for pair in pairwise(bounds) if pair[0] < pair[1]]
+    if len(parts) == 1:
+        return [run(parts[0])]
+    with ThreadPoolExecutor(len(parts)) as pool:
+        try:
+            return list(pool.map(run, parts))
+        except BaseException:  # the threads know nothing of an interrupt
+            interrupted.set()
+            raise
+
+
+def stored_steps(steps: int, save_every: int) -> NDArray[np.int64]:
     """Return the numbers of the steps whose results are kept: every k-th, and the last."""
-    return [*range(0, steps, save_every), steps]
+    return np.append(np.arange(0, steps, save_every), steps)
 
 
-def check_count(value: object, name: str) -> None:
-    """Raise ValueError unless ``value`` is a positive integer."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise ValueError(f"{name} must be a positive integer, got {value!r}")
+def stored_count(steps: int, save_every: int) -> int:
+    """Return how many steps `stored_steps` has."""
+    return len(range(0, steps, save_every)) + 1
 
 
 def _capsule(name: str, result: Any, *arguments: Any) -> Any:
@@ -252,7 +283,20 @@ def _fits(signature: str | None) -> bool:
     return head == "int(double,double*,double*" and data.endswith("*)")
 
 
-def _failure(stop: Stop, flag: int, t: float, index: tuple[int, ...] | None) -> Exception:
+def failure(stop: Stop, flag: int, t: float, index: tuple[int, ...] | None) -> Exception:
+    """Return the exception for an integration that ``f`` or its numbers ended.
+
+    Parameters
+    ----------
+    stop
+        Why it ended.
+    flag
+        What the function returned.
+    t
+        When.
+    index
+        The member of an ensemble, or None for a single trajectory.
+    """
     where = f"at t = {t:.17g}"
     if index is not None:
         where += f" for y0[{', '.join(map(str, index))}]"

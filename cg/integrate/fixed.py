@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Array, Frame, Points, complex_array, real_array
+from cg.integrate.arguments import check_count, check_memory
 from cg.integrate.implicit import DEFAULT_STAGE_SOLVER
 from cg.integrate.result import Trajectory
 from cg.integrate.step import Coefficients, Step
@@ -104,7 +105,8 @@ def integrate(
         tableau, or ``h`` isn't a real number.
     ValueError
         If ``t_span``, ``y0``, ``method`` or ``h`` has an impossible value, or if ``f`` returns
-        another shape or numbers that aren't finite.
+        another shape or numbers that aren't finite; or if the steps need more memory than there
+        is.
     OverflowError
         If the solution exceeds the range of floating point.
     ConvergenceError
@@ -130,9 +132,9 @@ def integrate(
     array([0., 1., 0.])
     """
     from cg.integrate.external import (
-        check_count,
         compiled_rhs,
         integrate_compiled,
+        stored_count,
         stored_steps,
     )
 
@@ -153,11 +155,13 @@ def integrate(
         )
     if workers != 1:
         raise ValueError(f"workers must be 1 unless f is compiled, got {workers!r}")
-    times = time_grid(t_span, h)
+    steps = step_count(t_span, h)
     point = check_points(frame, y0)
+    check_memory(h, steps, point.nbytes * stored_count(steps, save_every))
+    times = time_grid(t_span, h)
     batch = point.shape[: point.ndim - len(frame.point_shape)]
     step = Step(cast(Coefficients, f), frame, tableau, batch=batch, stage_solver=stage_solver)
-    kept = stored_steps(len(times) - 1, save_every)
+    kept = stored_steps(steps, save_every)
     points = np.empty((len(kept), *point.shape), dtype=point.dtype)
     points[0] = point
     for k, (_, reached) in enumerate(fixed_steps(step, times, float(h), point), start=1):

@@ -9,7 +9,7 @@ from cg.integrate.dense import DenseOutput
 from cg.tableau import Tableau
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """A numerical solution with fixed steps.
 
@@ -43,7 +43,7 @@ class Trajectory:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """What `cg.solve_ivp` returns, with the field names of SciPy's function.
 
@@ -53,7 +53,8 @@ class Solution:
         Times, shape ``(n,)``, read-only.
     y
         Points, shape ``(n, *batch, *point_shape)``, read-only.  Time is the *first* axis, unlike
-        in SciPy, since points are arrays of any shape.
+        in SciPy, since points are arrays of any shape.  Where each member of an ensemble has its
+        own steps, NaN at times that a member didn't reach.
     sol
         The continuous solution, or None unless ``dense_output`` was asked for.
     t_events
@@ -66,14 +67,15 @@ class Solution:
         Jacobians of stage equations and their factorisations; zero for explicit methods.
     nexp
         Flows (exponentials) that steps and continuous solution took, those of rejected steps
-        included.
+        included.  Those of an ensemble count once for all its members.
     steps
         Accepted steps.
     nrejected
-        Rejected steps.
+        Rejected steps.  Where each member of an ensemble has its own steps, all these numbers
+        are sums over the members.
     status
         0: the end was reached; 1: an event ended the integration; -1: the step size became too
-        small, and ``t`` and ``y`` hold what had been accepted.
+        small or the number of steps too large, and ``t`` and ``y`` hold what had been accepted.
     message
         The same in words.
     success

@@ -1,0 +1,142 @@
+"""Checks of the arguments of integrations: at one door, before any work."""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.base import Array, real_array
+from cg.integrate.adaptive import DEFAULT_MAX_STEPS
+
+_RTOL, _ATOL = 1e-3, 1e-6
+_SMALLEST_RTOL = 100.0 * float(np.finfo(np.float64).eps)
+# A time is held in an array and as a Python number.
+_BYTES_PER_STEP = 40
+
+
+def check_unused(**arguments: object) -> None:
+    """Raise ValueError if an argument is given that fixed steps have no use for."""
+    for name, value in arguments.items():
+        if value is not None:
+            raise ValueError(f"{name} must not be given together with h, got {value!r}")
+
+
+def check_t_eval(t_eval: ArrayLike, start: float, stop: float) -> Array:
+    """Return the times to store the solution at, after checking them."""
+    times = real_array(t_eval, "t_eval")
+    if times.ndim != 1:
+        raise ValueError(f"t_eval must have one axis, got shape {times.shape}")
+    low, high = min(start, stop), max(start, stop)
+    # Written so that a NaN is refused.
+    if not ((times >= low) & (times <= high)).all():
+        raise ValueError(f"t_eval must lie within t_span, {low:g} to {high:g}, got {t_eval!r}")
+    if not (np.sign(stop - start) * np.diff(times) > 0.0).all():
+        raise ValueError(
+            f"t_eval must be strictly sorted in the direction of integration, got {t_eval!r}"
+        )
+    return times
+
+
+def check_args(args: Any) -> tuple[Any, ...]:
+    """Return the further arguments of ``f``; TypeError unless they are a sequence."""
+    if args is None:
+        return ()
+    try:
+        return tuple(args)
+    except TypeError:
+        raise TypeError(
+            f"args must be a tuple of further arguments, such as (x,) for one, got {args!r}"
+        ) from None
+
+
+def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
+    """Return a step size; TypeError or ValueError unless it is positive."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a real number, got {value!r}")
+    size = _as_float(value)
+    if not size > 0.0 or (math.isinf(size) and not infinite):
+        raise ValueError(
+            f"{name} must be positive{'' if infinite else ' and finite'}, got {value!r}"
+        )
+    return size
+
+
+def _as_float(number: Any) -> float:
+    """Return an int or a fraction beyond all doubles as an infinity, which the caller judges."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
+
+
+def check_rtol(rtol: Any) -> float:
+    """Return the relative tolerance or the default; a tiny one is raised with a warning."""
+    if rtol is None:
+        return _RTOL
+    if isinstance(rtol, bool) or not isinstance(rtol, Real):
+        raise TypeError(f"rtol must be a real number, got {rtol!r}")
+    value = _as_float(rtol)
+    if not (math.isfinite(value) and value >= 0.0):
+        raise ValueError(f"rtol must be finite and not negative, got {rtol!r}")
+    if value < _SMALLEST_RTOL:
+        warnings.warn(
+            f"rtol = {value:g} is too small to be attained and is raised to {_SMALLEST_RTOL:.3g}",
+            stacklevel=3,
+        )
+    return max(value, _SMALLEST_RTOL)
+
+
+def check_atol(atol: ArrayLike | None) -> Array:
+    """Return the absolute tolerances or the default; ValueError if one is negative."""
+    value = np.array(_ATOL) if atol is None else real_array(atol, "atol")
+    if not (np.isfinite(value).all() and (value >= 0.0).all()):
+        raise ValueError(f"atol must be finite and not negative, got {atol!r}")
+    return value
+
+
+def check_max_steps(max_steps: Any) -> int:
+    """Return the largest number of steps or the default; ValueError unless it is positive."""
+    if max_steps is None:
+        return DEFAULT_MAX_STEPS
+    check_count(max_steps, "max_steps")
+    return int(max_steps)
+
+
+def check_count(value: object, name: str) -> None:
+    """Raise ValueError unless ``value`` is a positive integer."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError(f"{name} must be a positive integer, got {value!r}")
+
+
+def check_memory(h: object, steps: int, kept: int) -> None:
+    """Raise ValueError if so many steps of size ``h`` need more memory than the machine has.
+
+    Parameters
+    ----------
+    h
+        The step size, for the message.
+    steps
+        Number of steps.
+    kept
+        How many bytes their results take.
+    """
+    needed = steps * _BYTES_PER_STEP + kept
+    if needed > _memory():
+        raise ValueError(
+            f"h is too small for t_span: {steps} steps need {needed / 2**30:.3g} GiB of memory, "
+            f"and there are {_memory() / 2**30:.3g} GiB, got {h!r}"
+        )
+
+
+def _memory() -> float:
+    """Return the bytes of memory of the machine, infinite if it doesn't tell."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return math.inf

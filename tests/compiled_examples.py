@@ -1,0 +1,34 @@
+"""An equation with affine coefficients on every frame that is compiled."""
+
+import ctypes
+
+import numpy as np
+
+from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
+from cg.problems.affine import AffineField
+
+DOUBLES = ctypes.POINTER(ctypes.c_double)
+ONE = [1.0, 0.0, 0.0, 0.0]
+UNIT = [0.0, 0.0, 0.0, 1.0]
+SU2_POINT = [0.6, 0.8, 0.0, 0.0, 0.0, 0.0, 0.6, -0.8]
+
+FRAMES = {
+    "SO3 body": (SO3(), np.eye(3)),
+    "SO3 space": (SO3("space"), np.eye(3)),
+    "SO(3)": (SO(3), np.eye(3)),
+    "quaternion body": (UnitQuaternion(), UNIT),
+    "quaternion space": (UnitQuaternion("space"), UNIT),
+    "quaternion body, scalar first": (UnitQuaternion(scalar_first=True), ONE),
+    "quaternion space, scalar first": (UnitQuaternion("space", scalar_first=True), ONE),
+    "SE3 body": (SE3(), np.eye(4)),
+    "SE3 space": (SE3("space"), np.eye(4)),
+    "sphere": (Sphere(2), [0.0, 0.6, 0.8]),
+    "SU2 space": (Product(SU(2)), SU2_POINT),
+    "SU2 body": (Product(SU(2, "body")), SU2_POINT),
+    "Euclidean": (Euclidean(5), np.arange(5.0)),
+    "product": (
+        Product(SE3("space"), Product(Sphere(2), Euclidean(2)), UnitQuaternion(), SU(2), SO3()),
+        np.concatenate([np.eye(4).ravel(), [0, 0, 1, 3, -2], UNIT, SU2_POINT, np.eye(3).ravel()]),
+    ),
+}
+PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
