@@ -3,14 +3,14 @@
 module coordinates
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds_r64, only: wp
-  use frames_r64, only: block_t, cross, euclidean_block, exponential, frame_t, get_quaternion, &
-                        quaternion_block, se3_block, so3_block, sphere_block, su2_block, times, &
-                        turn_vector
+  use frames_r64, only: block_t, euclidean_block, frame_t, get_quaternion, quaternion_block, &
+                        se3_block, so3_block, sphere_block, su2_block
   implicit none
   private
   public :: difference, sizes
 
   real(wp), parameter :: pi = acos(-1.0_wp)
+  real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))    ! its square doesn't underflow
 
 contains
 
@@ -43,13 +43,8 @@ contains
       v = logarithm(quaternion_of(quotient(block, rotation(x, 3), rotation(y, 3))))
     case (quaternion_block, su2_block)
       p = get_quaternion(block, x)
-      p(1:3) = -p(1:3)
       q = get_quaternion(block, y)
-      if (block%space) then
-        v = logarithm(times(q, p))
-      else
-        v = logarithm(times(p, q))
-      end if
+      v = logarithm(quaternion_quotient(p, q, block%space))
     case (se3_block)
       v = twist(block, x, y)
     case (sphere_block)
@@ -149,7 +144,7 @@ contains
     type(block_t), intent(in) :: block
     real(wp), contiguous, intent(in) :: x(:), y(:)     ! (16)
     real(wp) :: twist(6)
-    real(wp) :: r(3, 3), u(3), v(3), n(3), e(4), half, sinc, a, b
+    real(wp) :: r(3, 3), u(3), v(3), n(3), half, a, b
 
     r = quotient(block, rotation(x, 4), rotation(y, 4))
     v = logarithm(quaternion_of(r))
@@ -160,13 +155,37 @@ contains
       u = u - [x(4), x(8), x(12)]
       u = matmul(transpose(rotation(x, 4)), u)
     end if
-    call exponential(v, e, half, sinc)
+    half = max(sqrt(dot_product(v, v)) / 2, smallest)
     n = v / (2 * half)
-    a = e(4) / sinc
+    a = half * cos(half) / sin(half)
     b = half
     twist(1:3) = v
     twist(4:6) = a * u + (1 - a) * dot_product(n, u) * n - b * cross(n, u)
   end function twist
+
+  ! p^-1 q, or q p^-1
+  pure function quaternion_quotient(p, q, space) result(r)
+    real(wp), intent(in) :: p(4), q(4)      ! vector part, scalar part
+    logical, intent(in) :: space
+    real(wp) :: r(4)
+
+    r(1:3) = p(4) * q(1:3) - q(4) * p(1:3)
+    if (space) then
+      r(1:3) = r(1:3) + cross(p(1:3), q(1:3))
+    else
+      r(1:3) = r(1:3) - cross(p(1:3), q(1:3))
+    end if
+    r(4) = dot_product(p, q)
+  end function quaternion_quotient
+
+  pure function cross(u, v)
+    real(wp), intent(in) :: u(3), v(3)
+    real(wp) :: cross(3)
+
+    cross(1) = u(2) * v(3) - u(3) * v(2)
+    cross(2) = u(3) * v(1) - u(1) * v(3)
+    cross(3) = u(1) * v(2) - u(2) * v(1)
+  end function cross
 
   pure function shortest_turn(x, y) result(v)
     real(wp), intent(in) :: x(3), y(3)
