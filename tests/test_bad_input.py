@@ -208,6 +208,11 @@ def test_rows_of_packed_coefficients():
         cg.Tableau.from_packed([1], 1, True)
 
 
+def test_methods_without_a_name():
+    with pytest.raises(cg.CertificationError, match="^the method: the coefficients satisfy no"):
+        cg.certify(cg.Tableau([[0]], [2]))
+
+
 def test_digits_want_the_certificate_of_the_method():
     method = cg.methods["CG5a"]
     with pytest.raises(TypeError, match="certificate must be a Certificate, got 'x'"):

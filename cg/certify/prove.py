@@ -141,12 +141,16 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
         raise TypeError(f"method must be a name or a Tableau, got {method!r}")
     order = method.order if order is None else check_integer("order", order, 1, HIGHEST_ORDER)
     if order < 1:
-        raise CertificationError(f"{method.name}: the coefficients satisfy no order conditions")
+        raise CertificationError(
+            f"{method.name or 'the method'}: the coefficients satisfy no order conditions"
+        )
     pair = method.embedded_weights is not None
     packed = Packed.of(method, pair)
     embedded_order = method.embedded_order if pair else None
     if pair and not embedded_order:
-        raise CertificationError(f"{method.name}: the second weights satisfy no order conditions")
+        raise CertificationError(
+            f"{method.name or 'the method'}: the second weights satisfy no order conditions"
+        )
     digits = max(len(coefficient.text) for coefficient in packed.coefficients)
     draft = Certificate(
         name=method.name,
