@@ -209,7 +209,7 @@ def test_rows_of_packed_coefficients():
 
 
 def test_methods_without_a_name():
-    with pytest.raises(cg.CertificationError, match="^the method: the coefficients satisfy no"):
+    with pytest.raises(cg.CertificationError, match=r"^the method: the coefficients satisfy no"):
         cg.certify(cg.Tableau([[0]], [2]))
 
 
