@@ -1,5 +1,8 @@
 import re
+import subprocess
+import sys
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -184,3 +187,24 @@ class TestFiles:
             load(path)
         with pytest.raises(FileNotFoundError):
             load(tmp_path / "none.toml")
+
+
+TOOL = Path(__file__).parent.parent / "tools" / "make_explicit_methods.py"
+
+
+def test_explicit_methods_can_be_found_again(tmp_path):
+    command = [sys.executable, str(TOOL), str(tmp_path), "CG3(2)"]
+    subprocess.run(command, check=True, capture_output=True)
+    found, kept = load(tmp_path / "CG3(2).toml"), methods["CG3(2)"]
+    assert (found.order, found.embedded_order) == (3, 2)
+    # optimisation stops within 1e-4 of the least sum of squares, so coefficients within its root
+    np.testing.assert_allclose(found.principal_error(), kept.principal_error(), rtol=1e-4)
+    np.testing.assert_allclose(found.a, kept.a, atol=1e-2)
+
+
+def test_an_unknown_recipe_is_refused(tmp_path):
+    command = [sys.executable, str(TOOL), str(tmp_path), "CG9z"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "no recipe for CG9z; there are CG3(2)" in done.stderr
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,199 @@
+"""Find methods like the catalogue's explicit ones of orders three to five, from random starts.
+
+Each recipe solves the order conditions from seeded random guesses and moves along the
+solution set: to a small principal error, or by driving coefficients to exact zeros. The best
+candidate with a certificate is written. CG5(4) and CG5e of the catalogue are from here; for the
+others, which came from such runs with other guesses, digits and errors differ a little.
+
+    python tools/make_explicit_methods.py FOLDER [NAME ...]
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from cg.catalogue import save
+from cg.certify import CertificationError, certify
+from cg.conditions import count, residuals, unpack
+from cg.construct import (
+    Goals,
+    NotExactError,
+    Point,
+    fewer_exponentials,
+    optimise,
+    principal_error,
+    solved,
+    to_tableau,
+)
+from cg.parallel import as_finished, available_cores
+from cg.search import random_start
+from cg.solve.minimum_norm import fit_conditions
+from cg.solve.system import System
+from cg.tableau import Tableau
+
+SEED = 1
+LARGEST = 4.0  # coefficients of what is worth moving along
+CLEARLY = 2e-3  # least norm of the residuals of order q of a pair's second weights
+SINGLE = Goals(bound_weight=0.05)
+PAIR = Goals(coefficients=0.02, abscissae=0.2)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to find a method.
+
+    Attributes
+    ----------
+    name : str
+    system : System
+    starts, iterations : int
+        Random guesses, and steps of the solver from each.
+    aim : str
+        A small "error", few "flows", which are coefficients that aren't zero, or a small
+        "effort", flows times the q-th root of the error.
+    """
+
+    name: str
+    system: System
+    starts: int
+    iterations: int
+    aim: str = "error"
+
+    @property
+    def source(self) -> str:
+        """Where a method comes from, for its file."""
+        kind = "moved along the solution set to a small principal error"
+        if self.system.embedded:
+            kind = f"both weights solved for jointly, {kind}"
+        if self.aim != "error":
+            kind += ", then coefficients driven to exact zeros"
+        return f"random start of seed {SEED}, {kind}"
+
+
+RECIPES = (
+    Recipe("CG3(2)", System(3, 3, embedded=True), 100, 200),
+    Recipe("CG4b", System(4, 5), 1500, 60),
+    Recipe("CG4c", System(4, 5), 1500, 60, "flows"),
+    Recipe("CG4(3)", System(4, 6, embedded=True), 100, 200),
+    Recipe("CG4(3)b", System(4, 5, embedded=True), 400, 200),
+    Recipe("CG5b", System(5, 9), 2000, 250),
+    Recipe("CG5c", System(5, 9), 2000, 250, "flows"),
+    Recipe("CG5e", System(5, 9), 2000, 250, "effort"),
+    Recipe("CG5d", System(5, 8), 3000, 400),
+    Recipe("CG5(4)", System(5, 10, embedded=True), 500, 400),
+)
+
+
+def solutions(recipe: Recipe) -> list[Point]:
+    """Return the points of the solution set that random starts reach, by their number."""
+    system = recipe.system
+    fixed = np.setdiff1d(np.arange(system.size), system.free)
+
+    def run(index: int) -> tuple[int, Point]:
+        guess = random_start(SEED, index, system.size, 1.0)
+        guess[fixed] = 0
+        fit = fit_conditions(
+            guess,
+            system.stages,
+            system.order,
+            embedded=system.embedded,
+            max_iterations=recipe.iterations,
+        )
+        return index, Point(system, fit.x)
+
+    found = dict(as_finished(run, range(recipe.starts), available_cores()))
+    points = [found[index] for index in range(recipe.starts)]
+    return [p for p in points if solved(p) and p.largest <= LARGEST]
+
+
+def candidates(recipe: Recipe) -> Iterator[Point]:
+    """Yield what becomes of the solutions, the best first."""
+    points = solutions(recipe)
+    print(f"{recipe.name}: {len(points)} of {recipe.starts} starts reach the solution set")
+    if recipe.system.embedded:  # the tools along the set want all conditions independent
+        points = [p for p in points if p.rank == len(p.system.conditions(True)[0])]
+        moved = [optimise(p, PAIR, tolerance=1e-5) for p in points]
+        moved = [p for p in moved if second_residual(p) >= CLEARLY]
+    else:
+        moved = [optimise(p, SINGLE) for p in points]
+    if recipe.aim != "error":
+        thinned = [fewer_exponentials(p, largest=3.0) for p in moved]
+        moved = [optimise(p, SINGLE, frozen=zeros) for p, zeros in thinned if solved(p)]
+    yield from sorted(moved, key=KEYS[recipe.aim])
+
+
+def merit(point: Point) -> float:
+    """Return the principal error, more where coefficients or abscissae are large."""
+    a, _ = unpack(point.x, point.system.packed_stages)
+    sums = np.sum(np.array(a)[: point.system.stages], axis=1)
+    outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
+    return principal_error(point) * (1 + max(0.0, point.largest - 1.5) + 2 * outside)
+
+
+def second_residual(point: Point) -> float:
+    """Return the norm of the residuals of order q of a pair's second weights."""
+    order, stages = point.system.order, point.system.stages
+    a, _ = unpack(point.x, stages + 1)
+    wide = np.array(a)
+    found = residuals(wide[:stages, :stages], wide[stages, :stages], order)
+    return float(np.linalg.norm(found[count(order - 1) :]))
+
+
+def flows(point: Point) -> int:
+    """Return how many coefficients aren't zero."""
+    return int(np.count_nonzero(point.x))
+
+
+KEYS: dict[str, Callable[[Point], Any]] = {
+    "error": merit,
+    "flows": lambda p: (flows(p), merit(p)),
+    "effort": lambda p: flows(p) * merit(p) ** (1 / p.system.order),
+}
+
+
+def method(recipe: Recipe) -> Tableau:
+    """Return the best candidate that is exact and has a certificate."""
+    for point in candidates(recipe):
+        try:
+            found = to_tableau(point, name=recipe.name, source=recipe.source)
+            certify(found)
+        except (NotExactError, CertificationError):
+            continue
+        return found
+    raise RuntimeError(f"{recipe.name}: no start led to a method with a certificate")
+
+
+def main(folder: str, *names: str) -> None:
+    """Write the files and say what they hold."""
+    known = {recipe.name: recipe for recipe in RECIPES}
+    if unknown := set(names) - set(known):
+        raise SystemExit(
+            f"no recipe for {', '.join(sorted(unknown))}; there are {', '.join(known)}"
+        )
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    with threadpool_limits(1):
+        for name in names or known:
+            begun = time.process_time()
+            found = method(known[name])
+            save(found, Path(folder) / f"{name}.toml")
+            largest = max(np.abs(found.a).max(), np.abs(found.b).max())
+            print(
+                f"{name}: order {found.order}, {found.stages} stages, "
+                f"{found.exponentials} exponentials, largest coefficient {largest:.4f}, "
+                f"principal error {found.principal_error():.4g}; "
+                f"{time.process_time() - begun:.0f} s of a core"
+            )
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        raise SystemExit(__doc__)
+    main(*sys.argv[1:])
