@@ -16,7 +16,15 @@ from .record import Result
 HERE = Path(__file__).parent
 DOCS = HERE.parent / "docs"
 
-NAMES = ("kernels", "search", "order_six", "heavy_top", "ensemble", "work_precision")
+NAMES = (
+    "kernels",
+    "search",
+    "order_six",
+    "heavy_top",
+    "adaptive",
+    "ensemble",
+    "work_precision",
+)
 """All benchmarks, each a module with ``run(quick, figures)``."""
 
 

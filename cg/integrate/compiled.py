@@ -188,7 +188,7 @@ def _integrate(
     while done < steps and not status:
         count = min(pace.start(), steps - done)
         status, failed_at = call(matrix, weights, size_of_step, done, count, columns)
-        pace.stop()
+        pace.stop(count)
         done += count
     if kind == "real64":
         raw: NDArray[Any] = np.ascontiguousarray(columns.T)

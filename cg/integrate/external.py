@@ -223,11 +223,12 @@ def integrate_compiled(
         pace = Pace()
         status, flag, failed_at = int(Stop.PAUSED), 0, math.nan
         while status == Stop.PAUSED and not interrupted.is_set():
+            before = int(position[0]) * steps + int(position[1])
             status, flag, failed_at = core.run(
                 rhs.address, rhs.user_data, description, tableau.a, b, start, size, last,
                 steps, min(save_every, _MOST_STEPS), columns, pace.start(), position, point,
             )  # fmt: skip
-            pace.stop()
+            pace.stop(int(position[0]) * steps + int(position[1]) - before)
         return status, flag, failed_at, part.start + int(position[0])
 
     outcomes = _spread(run, trajectories, workers, interrupted)

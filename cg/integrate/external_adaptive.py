@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -126,11 +127,11 @@ def solve_compiled(
     times = np.empty(0) if wanted is None else np.array(wanted)
     rows = points.reshape(math.prod(batch), -1).view(np.float64)
     found = np.full((len(rows), len(times), rows.shape[1]), math.nan)
-    pace = Pace()
+    pace, constants = Pace(), _constants(task)
     runs = []
     for i, row in enumerate(rows):
         index = tuple(map(int, np.unravel_index(i, batch))) if batch else None
-        runs.append(_run(task, start, row, times, found[i], pace, index))
+        runs.append(_run(task, start, row, times, found[i], pace, index, constants))
 
     shape = task.step.frame.point_shape
     if wanted is None:
@@ -177,6 +178,20 @@ def _message(runs: list[Run], batch: tuple[int, ...]) -> str:
     return f"Failure of {len(troubled)} of {len(runs)} trajectories; of y0[{index}]: {first}."
 
 
+def _constants(task: AdaptiveTask) -> tuple[Any, ...]:
+    """Return the arguments of compiled code that are the same for every call."""
+    step, norm = task.step, task.norm
+    weights, embedded = np.zeros((2, step.tableau.stages))
+    for target, chosen in ((weights, step.weights), (embedded, step.embedded or ())):
+        for j, weight in chosen:
+            target[j] = weight
+    return (
+        task.rhs.address, task.rhs.user_data, describe_blocks(step.frame), step.tableau.a,
+        weights, embedded, step.tableau.c, np.array(np.broadcast_to(norm.atol, step.frame.dim)),
+        np.array([norm.rtol, error_exponent(step.tableau), task.stop, task.max_step]),
+    )  # fmt: skip
+
+
 def _run(
     task: AdaptiveTask,
     start: float,
@@ -185,21 +200,13 @@ def _run(
     found: Array,
     pace: Pace,
     index: tuple[int, ...] | None,
+    constants: tuple[Any, ...],
 ) -> Run:
     """Integrate one trajectory from a flat point; fill ``found`` at the times that are wanted."""
     import cg._external as core
 
-    step, norm = task.step, task.norm
+    step = task.step
     dim = step.frame.dim
-    weights, embedded = np.zeros((2, step.tableau.stages))
-    for target, chosen in ((weights, step.weights), (embedded, step.embedded or ())):
-        for j, weight in chosen:
-            target[j] = weight
-    fixed = (
-        task.rhs.address, task.rhs.user_data, describe_blocks(step.frame), step.tableau.a,
-        weights, embedded, step.tableau.c, np.array(np.broadcast_to(norm.atol, dim)),
-        np.array([norm.rtol, error_exponent(step.tableau), task.stop, task.max_step]),
-    )  # fmt: skip
     reals = np.array([start, task.first_step or 0.0, 1.0, math.nan])
     keep = task.keep or task.dense
     logicals = np.array([0, 0, keep], dtype=np.intc)
@@ -217,12 +224,12 @@ def _run(
         rest = (times[run.used :], found[run.used :]) if run.used < len(times) else never
         buffers = [np.empty((capacity, width)) for width in (1, row.size, dim)]
         counts, code, flag = core.adapt(
-            *fixed, reals, logicals, point, slope, budget, buffers[0].reshape(-1), buffers[1].T,
+            *constants, reals, logicals, point, slope, budget, buffers[0].reshape(-1), buffers[1].T,
             buffers[2].T, rest[0], rest[1].T,
         )  # fmt: skip
-        pace.stop()
         status = Stop(code)
         attempts, accepted, nfev, nexp, reached = counts.tolist()
+        pace.stop(attempts)
         run.steps += accepted
         run.rejected += attempts - accepted
         run.used += reached

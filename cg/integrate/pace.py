@@ -6,7 +6,7 @@ import time
 
 _SECONDS = 0.03
 _FASTEST_GROWTH = 8
-_MOST = 2**30
+_MOST = 2**30  # as integers of 32 bits have them
 
 
 class Pace:
@@ -30,8 +30,14 @@ class Pace:
         self._since = time.perf_counter()
         return self.steps
 
-    def stop(self) -> None:
-        """Choose the next number of steps from the time that the last ones took."""
+    def stop(self, taken: int) -> None:
+        """Choose the next number of steps.
+
+        Parameters
+        ----------
+        taken
+            How many steps were taken, fewer than wanted if the end came first.
+        """
         seconds = max(time.perf_counter() - self._since, 1e-6)
-        wanted = int(self.steps * _SECONDS / seconds)
-        self.steps = max(1, min(wanted, _FASTEST_GROWTH * self.steps, _MOST))
+        wanted = int(min(taken * _SECONDS / seconds, _MOST))
+        self.steps = max(1, min(wanted, _FASTEST_GROWTH * self.steps))
