@@ -39,6 +39,18 @@ def test_compiled_flows_are_the_frames(frame, batch):
     assert frame.membership_error(moved).max() < 1e-15
 
 
+@pytest.mark.parametrize("frame", [SO3(), UnitQuaternion(), Sphere(2), SU(2)], ids=repr)
+def test_a_point_off_the_manifold_is_led_to_the_same_point(frame):
+    rng = np.random.default_rng(11)
+    points, fields = frame.random_point(rng, (20,)), frame.random_vector(rng, (20, 4))
+    off = rng.standard_normal((2, *points.shape))
+    off = off[0] + 1j * off[1] if frame.dtype.kind == "c" else off[0]
+    points = points + 1e-9 * off
+    moved = flows_of(frame)(ROW, fields, points, 0.75)
+    np.testing.assert_allclose(moved, _Flows(frame)(ROW, fields, points, 0.75), rtol=0, atol=1e-14)
+    assert frame.membership_error(moved).max() < 1e-15
+
+
 @pytest.mark.parametrize("size", [0.0, 1e-300, 1e-12, 1e-4, 1.0, 3.0])
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_compiled_differences_are_the_frames(frame, size):
