@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import math
 import operator
+import os
 from numbers import Real
 from typing import Any
 
 import numpy as np
 
-__all__ = ["LARGEST_COUNT", "MOST_STAGES", "WIDEST", "check_flag", "check_integer", "check_real"]
+__all__ = [
+    "LARGEST_COUNT",
+    "MOST_STAGES",
+    "WIDEST",
+    "check_flag",
+    "check_integer",
+    "check_real",
+    "memory",
+]
 
 LARGEST_COUNT = 2**31 - 1
 """Counts cross into Fortran as integers of 32 bits."""
@@ -75,3 +84,11 @@ def check_integer(name: str, value: Any, least: int, most: int | None = None) ->
     if most is not None and checked > most:
         raise ValueError(f"{name} must be at most {most}, got {value}")
     return checked
+
+
+def memory() -> float:
+    """Return the bytes of memory of the machine, infinite if it doesn't tell."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return math.inf

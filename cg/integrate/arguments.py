@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-import os
 import warnings
+from collections.abc import Mapping, Set
 from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg.checks import memory
 from cg.frames.base import Array, real_array
+from cg.frames.product import Product
 from cg.integrate.adaptive import DEFAULT_MAX_STEPS
 
 _RTOL, _ATOL = 1e-3, 1e-6
@@ -48,6 +50,9 @@ def check_args(args: Any) -> tuple[Any, ...]:
     if args is None:
         return ()
     try:
+        # what has no order, or is a single argument that happens to have parts
+        if isinstance(args, str | bytes | bytearray | Set | Mapping):
+            raise TypeError
         return tuple(args)
     except TypeError:
         raise TypeError(
@@ -55,11 +60,27 @@ def check_args(args: Any) -> tuple[Any, ...]:
         ) from None
 
 
+def check_joined(frame: Product, y0: Any) -> None:
+    """Raise ValueError, which says what to do, if ``y0`` is a point of each factor of ``frame``."""
+    if not isinstance(y0, list | tuple) or len(y0) != len(frame.factors):
+        return
+    shapes = [factor.point_shape for factor in frame.factors]
+    try:
+        parts = all(np.shape(part) == shape for part, shape in zip(y0, shapes, strict=True))
+    except ValueError:  # ragged, whatever it is
+        parts = False
+    if parts and any(shapes) and np.shape(y0[0]) != frame.point_shape:
+        raise ValueError(
+            f"y0 must be one flat vector of {frame.point_shape[0]} numbers, got {len(y0)} parts: "
+            "join them by frame.join(*y0)"
+        )
+
+
 def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
     """Return a step size; TypeError or ValueError unless it is positive."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be a real number, got {value!r}")
-    size = _as_float(value)
+    size = as_float(value)
     if not size > 0.0 or (math.isinf(size) and not infinite):
         raise ValueError(
             f"{name} must be positive{'' if infinite else ' and finite'}, got {value!r}"
@@ -67,7 +88,7 @@ def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
     return size
 
 
-def _as_float(number: Any) -> float:
+def as_float(number: Any) -> float:
     """Return an int or a fraction beyond all doubles as an infinity, which the caller judges."""
     try:
         return float(number)
@@ -81,7 +102,7 @@ def check_rtol(rtol: Any) -> float:
         return _RTOL
     if isinstance(rtol, bool) or not isinstance(rtol, Real):
         raise TypeError(f"rtol must be a real number, got {rtol!r}")
-    value = _as_float(rtol)
+    value = as_float(rtol)
     if not (math.isfinite(value) and value >= 0.0):
         raise ValueError(f"rtol must be finite and not negative, got {rtol!r}")
     if value < _SMALLEST_RTOL:
@@ -104,14 +125,14 @@ def check_max_steps(max_steps: Any) -> int:
     """Return the largest number of steps or the default; ValueError unless it is positive."""
     if max_steps is None:
         return DEFAULT_MAX_STEPS
-    check_count(max_steps, "max_steps")
-    return int(max_steps)
+    return check_count(max_steps, "max_steps")
 
 
-def check_count(value: object, name: str) -> None:
-    """Raise ValueError unless ``value`` is a positive integer."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+def check_count(value: object, name: str) -> int:
+    """Return ``value`` as an int; ValueError unless it is a positive integer."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise ValueError(f"{name} must be a positive integer, got {value!r}")
+    return int(value)
 
 
 def check_memory(h: object, steps: int, kept: int) -> None:
@@ -127,16 +148,8 @@ def check_memory(h: object, steps: int, kept: int) -> None:
         How many bytes their results take.
     """
     needed = steps * _BYTES_PER_STEP + kept
-    if needed > _memory():
+    if needed > memory():
         raise ValueError(
             f"h is too small for t_span: {steps} steps need {needed / 2**30:.3g} GiB of memory, "
-            f"and there are {_memory() / 2**30:.3g} GiB, got {h!r}"
+            f"and there are {memory() / 2**30:.3g} GiB, got {h!r}"
         )
-
-
-def _memory() -> float:
-    """Return the bytes of memory of the machine, infinite if it doesn't tell."""
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return math.inf

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg import quad
+from cg.checks import memory
 from cg.frames.base import Array, Frame
+from cg.integrate.arguments import check_count
 from cg.integrate.blocks import describe_blocks
 from cg.integrate.fixed import resolve_method
 from cg.integrate.pace import Pace
@@ -160,19 +162,21 @@ def _integrate(
     if not tableau.explicit:
         raise ValueError(f"method must be explicit, got the implicit {method!r}")
     try:
+        if isinstance(h, bool | np.bool_):
+            raise TypeError
         size = Fraction(h)
     except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
         raise ValueError(f"h must be a finite number, got {h!r}") from error
     if size <= 0:
         raise ValueError(f"h must be positive, got {h!r}")
-    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
-        raise ValueError(f"steps must be a positive integer, got {steps!r}")
+    steps = check_count(steps, "steps")
     if kind not in ("real64", "real128"):
         raise ValueError(f'kind must be "real64" or "real128", got {kind!r}')
 
     import cg._core_r64 as core64
     import cg._core_r128 as core128
 
+    _check_memory(steps, len(y0), kind)
     core, convert = (core64, _doubles) if kind == "real64" else (core128, _quads)
     a, b = tableau.exact
     stages = len(b)
@@ -206,6 +210,16 @@ def _integrate(
     for array in (times, points, raw):
         array.flags.writeable = False
     return CompiledTrajectory(times, points, raw, kind)
+
+
+def _check_memory(steps: int, entries: int, kind: Kind) -> None:
+    # rows for Fortran and for Python, the points in double precision, and the times
+    needed = steps * (entries * (16 if kind == "real64" else 40) + 8)
+    if needed > memory():
+        raise ValueError(
+            f"steps = {steps} need {needed / 2**30:.3g} GiB of memory, and there are "
+            f"{memory() / 2**30:.3g} GiB"
+        )
 
 
 def _fractions(values: Array) -> list[Fraction]:

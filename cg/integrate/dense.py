@@ -74,10 +74,12 @@ class Segment:
         ndarray
             Shape ``(n, *batch, *point_shape)``.
         """
-        theta = (t - self.t0) / (self.t1 - self.t0)
-        points = self._blend(theta)
+        points = np.empty((len(t), *self.y0.shape), dtype=self.y0.dtype)
         points[t == self.t0] = self.y0
         points[t == self.t1] = self.y1
+        between = (t != self.t0) & (t != self.t1)
+        if between.any():
+            points[between] = self._blend((t[between] - self.t0) / (self.t1 - self.t0))
         return points
 
     def _blend(self, theta: Array) -> Points:
@@ -92,7 +94,7 @@ class Segment:
 
     def _steps(self, theta: Array) -> Points:
         h = self.t1 - self.t0
-        points = [self._step(self.t0, self.y0, x * h) if x else self.y0 for x in theta.tolist()]
+        points = [self._step(self.t0, self.y0, x * h) for x in theta.tolist()]
         return np.array(points).reshape(-1, *self.y0.shape)
 
 

@@ -65,6 +65,7 @@ class CompiledRhs:
     """A compiled right-hand side.
 
     It can be called from Python too, as ``f(t, y)``, for what the compiled integrator can't do.
+    Its pickle holds no function, so that solutions can be pickled; a call is an error then.
 
     Attributes
     ----------
@@ -82,6 +83,16 @@ class CompiledRhs:
     address: int
     user_data: int
     frame: Frame | None = None
+
+    def __reduce__(self) -> tuple[type[CompiledRhs], tuple[None, int, int, Frame | None]]:
+        # An address means nothing in another process.
+        return CompiledRhs, (None, 0, 0, self.frame)
+
+    def __copy__(self) -> CompiledRhs:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> CompiledRhs:
+        return self
 
     def on(self, frame: Frame) -> CompiledRhs:
         """Return the same right-hand side for points of ``frame``, to be called from Python."""
@@ -102,8 +113,13 @@ class CompiledRhs:
         ValueError
             If no frame has been given.
         RuntimeError
-            If the function returns another number than zero.
+            If the function returns another number than zero, or was lost in a pickle.
         """
+        if not self.address:
+            raise RuntimeError(
+                "f is compiled code, which can't be pickled: the solution needs it here, at "
+                f"t = {t:.17g}, but was read from a pickle"
+            )
         if self.frame is None:
             raise ValueError("frame must be given before a compiled f is called")
         rank = len(self.frame.point_shape)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from numbers import Real
 from typing import Any, cast
 
@@ -13,7 +12,8 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.base import Array, Frame, Points, complex_array, real_array
-from cg.integrate.arguments import check_count, check_memory
+from cg.frames.product import Product
+from cg.integrate.arguments import as_float, check_count, check_joined, check_memory
 from cg.integrate.implicit import DEFAULT_STAGE_SOLVER
 from cg.integrate.result import Trajectory
 from cg.integrate.step import Coefficients, Step
@@ -140,8 +140,8 @@ def integrate(
 
     rhs = compiled_rhs(f)
     tableau = check_problem(f if rhs is None else rhs, frame, method)
-    for name, value in (("save_every", save_every), ("workers", workers)):
-        check_count(value, name)
+    save_every = check_count(save_every, "save_every")
+    workers = check_count(workers, "workers")
     if rhs is not None:
         return integrate_compiled(
             rhs,
@@ -238,6 +238,8 @@ def check_points(frame: Frame, y0: ArrayLike) -> Points:
     ValueError
         If a point has another shape, isn't finite, lies off the manifold, or there is none.
     """
+    if isinstance(frame, Product):
+        check_joined(frame, y0)
     points = (real_array if frame.dtype.kind == "f" else complex_array)(y0, "y0")
     rank = len(frame.point_shape)
     batch = points.shape[: max(points.ndim - rank, 0)]
@@ -286,10 +288,14 @@ def resolve_method(method: str | Tableau) -> Tableau:
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     """Return initial and final time; ValueError unless they are finite and so is their distance."""
     try:
-        if isinstance(t_span, str) or any(isinstance(t, str | bytes) for t in t_span):
-            raise TypeError("text")
-        start, stop = (float(t) for t in t_span)
-    except (TypeError, ValueError, OverflowError) as error:
+        if isinstance(t_span, Mapping):
+            raise ValueError("not a sequence")
+        times = real_array(t_span, "t_span")
+        # in an array of numbers, a bool among others is one
+        if times.shape != (2,) or any(isinstance(t, bool | np.bool_) for t in t_span):
+            raise ValueError("not two numbers")
+        start, stop = times.tolist()
+    except ValueError as error:
         raise ValueError(f"t_span must be two numbers, got {t_span!r}") from error
     if not (math.isfinite(start) and math.isfinite(stop)):
         raise ValueError(f"t_span must be finite, got {t_span!r}")
@@ -337,10 +343,9 @@ def step_count(t_span: Sequence[float], h: float) -> int:
     start, stop = check_span(t_span)
     if isinstance(h, bool) or not isinstance(h, Real):
         raise TypeError(f"h must be a real number, got {h!r}")
-    # compared before it is converted: an int may be beyond all doubles
-    if not 0.0 < h <= sys.float_info.max:
+    size = as_float(h)
+    if not 0.0 < size < math.inf:
         raise ValueError(f"h must be positive and finite, got {h!r}")
-    size = float(h)
     span = abs(stop - start)
     if span == 0.0:
         return 0

@@ -62,7 +62,7 @@ class ConvergenceError(RuntimeError):
 
 def check_stage_solver(kind: object) -> None:
     """Raise ValueError unless ``kind`` is one of `STAGE_SOLVERS`."""
-    if kind not in STAGE_SOLVERS:
+    if not isinstance(kind, str) or kind not in STAGE_SOLVERS:
         names = " or ".join(f'"{name}"' for name in STAGE_SOLVERS)
         raise ValueError(f"stage_solver must be {names}, got {kind!r}")
 

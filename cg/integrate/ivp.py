@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.catalogue import methods
+from cg.checks import check_flag
 from cg.frames.base import Frame, Points
 from cg.integrate.adaptive import AdaptiveSteps, ErrorNorm, StepCountError, StepSizeError
 from cg.integrate.arguments import (
@@ -169,6 +170,7 @@ def solve_ivp(
     batch = point.shape[: point.ndim - len(frame.point_shape)]
     wanted = None if t_eval is None else check_t_eval(t_eval, start, stop)
     extra = check_args(args)
+    dense = check_flag("dense_output", dense_output)
     log = EventLog(events, extra)
     if log and batch:
         raise ValueError("events must be None for an ensemble")
@@ -181,15 +183,15 @@ def solve_ivp(
     if h is not None:
         check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
         count = step_count((start, stop), h)
-        if h > largest:
+        if float(h) > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
-        if rhs is not None and tableau.explicit and wanted is None and not (dense_output or log):
+        if rhs is not None and tableau.explicit and wanted is None and not (dense or log):
             return _solution_of(
                 integrate_compiled(
                     rhs, (start, stop), point, frame=frame, tableau=tableau, h=float(h)
                 )
             )
-        check_memory(h, count, point.nbytes * (count if wanted is None or dense_output else 0))
+        check_memory(h, count, point.nbytes * (count if wanted is None or dense else 0))
         steps = fixed_steps(step, time_grid((start, stop), h), float(h), point)
     else:
         if tableau.embedded_weights is None:
@@ -205,15 +207,13 @@ def solve_ivp(
         if rhs is not None and tableau.explicit and is_compiled(frame) and not log:
             single = Step(coefficients, frame, tableau)
             keep = wanted is None and not batch
-            task = AdaptiveTask(
-                rhs, single, norm, stop, largest, first, most, keep, bool(dense_output)
-            )
+            task = AdaptiveTask(rhs, single, norm, stop, largest, first, most, keep, dense)
             return solve_compiled(task, start, point, batch, wanted)
         steps = adaptive = AdaptiveSteps(
             step, norm, start, stop, point, max_step=largest, first_step=first, max_steps=most
         )
 
-    out = Output(step, start, point, wanted, bool(dense_output), log)
+    out = Output(step, start, point, wanted, dense, log)
     status, message = 0, _FINISHED
     try:
         for t, reached in steps:
