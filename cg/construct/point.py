@@ -88,7 +88,11 @@ class Point:
                 kept += [begin + column for column in range(length) if column != stage]
             begin += length
         smaller = System(
-            self.system.order, self.system.stages - 1, self.system.rows, self.system.embedded
+            self.system.order,
+            self.system.stages - 1,
+            self.system.rows,
+            self.system.embedded,
+            self.system.structure,
         )
         return Point(smaller, self.x[kept])
 
@@ -125,6 +129,7 @@ def correct(
         system.order,
         rows=system.rows,
         embedded=system.embedded,
+        structure=system.structure,
         free=free,
         ftol=ftol,
         damping=damping,
@@ -206,6 +211,7 @@ def to_tableau(
         system.order,
         rows=system.rows,
         embedded=system.embedded,
+        structure=system.structure,
         free=free,
     )
     scale = max(1.0, point.largest)

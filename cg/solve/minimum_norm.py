@@ -20,7 +20,7 @@ from cg import _minimum_norm
 from ..checks import check_integer
 from ..conditions import Rows
 from ..parallel import stoppable
-from .system import System
+from .system import Structure, System
 
 __all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
 
@@ -66,6 +66,7 @@ def fit_conditions(
     *,
     rows: Rows = Rows.EXPLICIT,
     embedded: bool = False,
+    structure: Structure = Structure.GENERAL,
     free: Sequence[int] | NDArray[np.intp] | None = None,
     ftol: float = 1e-27,
     damping: float = 1e-2,
@@ -84,6 +85,9 @@ def fit_conditions(
     rows : Rows, optional
     embedded : bool, optional
         Solve for an embedded pair, packed as `cg.solve.system.System` says.
+    structure : Structure, optional
+        Simplifying assumptions that are solved for together with the conditions; `x0` must
+        have the zeros that they ask for.
     free : sequence of int, optional
         Indices (from 0) of the unknowns that may move; by default all that aren't zero
         by definition.
@@ -104,7 +108,7 @@ def fit_conditions(
         If `x0` doesn't fit the stages or isn't finite, `free` has a wrong index, or a number
         is out of its range.
     """
-    system = System(order, stages, rows, embedded)
+    system = System(order, stages, rows, embedded, structure)
     size = system.size
     x = np.array(x0, dtype=np.float64)
     if x.shape != (size,) or not np.isfinite(x).all():

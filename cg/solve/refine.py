@@ -17,7 +17,7 @@ from scipy import linalg
 from .. import _core_r128, quad
 from ..conditions import Rows
 from ..parallel import raise_if_stopped
-from .system import System
+from .system import Structure, System
 
 __all__ = ["Refined", "refine"]
 
@@ -51,6 +51,7 @@ def refine(
     *,
     rows: Rows = Rows.EXPLICIT,
     embedded: bool = False,
+    structure: Structure = Structure.GENERAL,
     free: Sequence[int] | NDArray[np.intp] | None = None,
     rcond: float = 1e-10,
     max_iterations: int = 40,
@@ -65,6 +66,8 @@ def refine(
     rows : Rows, optional
     embedded : bool, optional
         Refine an embedded pair, packed as `cg.solve.system.System` says.
+    structure : Structure, optional
+        Simplifying assumptions to be kept up.
     free : sequence of int, optional
         Indices of the entries that may change; by default all that aren't zero by definition.
     rcond : float, optional
@@ -81,7 +84,7 @@ def refine(
     ValueError
         If `x` doesn't fit the stages or isn't finite, or `free` has a wrong index.
     """
-    system = System(order, stages, rows, embedded)
+    system = System(order, stages, rows, embedded, structure)
     if x.shape != (system.size, 16):
         raise ValueError(f"x must have shape ({system.size}, 16), got {x.shape}")
     start = quad.to_float(x)

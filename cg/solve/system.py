@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
@@ -19,8 +20,30 @@ from ..conditions import (
     row_lengths,
     unknowns,
 )
+from ..trees import OrderedTree, forest
 
-__all__ = ["System"]
+__all__ = ["Structure", "System"]
+
+_STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
+_MIDDLE = -1  # what the compiled core takes for c_k = sum_{j<k} b_j + b_k/2 instead of a tree
+
+
+class Structure(IntEnum):
+    """Simplifying assumptions on explicit methods, which are equations of their own.
+
+    They make many order conditions depend on each other: with order six and 13 stages 76
+    independent equations remain for 89 unknowns, where there are 113 without.
+
+    - ``GENERAL``: none.
+    - ``STAGE_ORDER_TWO``: C(2), Σ_j a_ij c_j = c_i²/2, at all stages but the second, and
+      b_2 = 0.
+    - ``MIDDLE``: that, b_1 = 0, and abscissae in the middle of the pieces of the step,
+      c_k = Σ_{j<k} b_j + b_k/2 for k > 2.
+    """
+
+    GENERAL = 0
+    STAGE_ORDER_TWO = 1
+    MIDDLE = 2
 
 
 @dataclass(frozen=True)
@@ -40,12 +63,15 @@ class System:
     rows : Rows, optional
     embedded : bool, optional
         Whether second weights, of order q - 1 and without the last stage, belong to it.
+    structure : Structure, optional
+        Simplifying assumptions that belong to it, on explicit methods of order 4 or more.
     """
 
     order: int
     stages: int
     rows: Rows = Rows.EXPLICIT
     embedded: bool = False
+    structure: Structure = Structure.GENERAL
 
     def __post_init__(self) -> None:
         # the compiled core trusts its callers with both
@@ -57,6 +83,19 @@ class System:
         object.__setattr__(self, "rows", check_rows(self.rows))
         if self.embedded and self.order < 2:
             raise ValueError(f"order must be at least 2 for an embedded pair, got {self.order}")
+        try:
+            structure = Structure(self.structure)
+        except ValueError:
+            names = ", ".join(map(str, Structure.__members__))
+            raise ValueError(f"structure must be one of {names}, got {self.structure!r}") from None
+        object.__setattr__(self, "structure", structure)
+        if structure and (self.rows is not Rows.EXPLICIT or self.embedded or order < 4):
+            raise ValueError(
+                f"structure = {structure.name} is for explicit methods of order 4 or more and not "
+                f"for pairs, got order {order}, rows {self.rows!r}, embedded {self.embedded}"
+            )
+        if structure and self.stages < 3:
+            raise ValueError(f"stages must be at least 3 with a structure, got {self.stages}")
 
     @property
     def packed_stages(self) -> int:
@@ -76,6 +115,11 @@ class System:
             begin = sum(row_lengths(self.packed_stages, self.rows)[: self.stages])
             # row of the second weights: from its last-stage weight on; and b's last entry
             fixed = [*range(begin + self.stages - 1, self.size - self.packed_stages), self.size - 1]
+        weights = self.size - self.stages
+        if self.structure >= Structure.STAGE_ORDER_TWO:
+            fixed.append(weights + 1)
+        if self.structure >= Structure.MIDDLE:
+            fixed.append(weights)
         return np.setdiff1d(np.arange(self.size), fixed)
 
     def moving(self, free: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
@@ -99,11 +143,22 @@ class System:
         return indices
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        """Return trees, and the stage that a condition is on (0 for ``b``), both (m,)."""
+        """Return trees, and the stage that a condition is on (0 for ``b``), both (m,).
+
+        A negative stage stands for a simplifying assumption at it.
+        """
         trees = condition_trees(self.order, independent)
         second = condition_trees(self.order - 1, independent) if self.embedded else ()
         owner = [0] * len(trees) + [self.packed_stages] * len(second)
-        return np.array([*trees, *second], dtype=np.intc), np.array(owner, dtype=np.intc)
+        trees = (*trees, *second)
+        for level, equation in (
+            (Structure.STAGE_ORDER_TWO, _STAGE_ORDER_TWO),
+            (Structure.MIDDLE, _MIDDLE),
+        ):
+            if self.structure >= level:
+                trees += (equation,) * (self.stages - 2)
+                owner += [-stage for stage in range(3, self.stages + 1)]
+        return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
 
     def residual(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
         """Return the residuals at packed entries, shape (m,)."""
