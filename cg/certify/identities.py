@@ -11,7 +11,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import ClassVar
+from itertools import product
+from math import factorial
+from typing import Any, ClassVar
 
 from .relations import Relation, fill, places, without
 from .systems import Equation, Term
@@ -168,12 +170,19 @@ class MiddleAbscissae:
     """``c_k = Σ_{j<k} b_j + b_k/2`` at all stages k with a weight that isn't zero.
 
     Along the weights, words are iterated integrals over a path that is linear on each
-    stage, and letters are constant there. With B for that of τ up to a point of the path,
-    c_k is the mean of B's values at the ends of stage k, so that the integral over the stage
-    of ``(B - c_k)^p / p!`` is zero for odd p. Multiplied by a letter [y] it says of
-    residuals, as the exact solution satisfies ``B = c``,
+    stage, and letters are constant there. Let B be that of τ up to a point of the path, and
+    take a letter [y] times ``(B - c_k)^p / p!`` for a *centred letter* (p, y). As c_k is the
+    mean of B's values at the ends of stage k, the integrals over that stage change by the
+    sign ``(-1)^Σp`` when their centred letters are reversed. Reversal with the sign
+    ``(-1)^m`` of words of m letters gives the inverse, so the logarithm on one stage has
+    only words with an odd number of letters of even p: at least one. The same holds for
+    its exponential and products of such, the constant apart, so that words of centred
+    letters with odd p vanish. For one letter this is
 
-        Σ_{k=0}^p (-1)^k Σ_{z in τ^k ⧢ y} τ^{p-k} [z] = 0.
+        Σ_{k=0}^p (-1)^k Σ_{z in τ^k ⧢ y} τ^{p-k} [z] = 0,
+
+    and each further letter multiplies the integrand from the right. Residuals satisfy the
+    same, since ``B = c`` for the exact solution.
     """
 
     parameters: ClassVar[tuple[Fraction, ...]] = ()
@@ -202,29 +211,75 @@ class MiddleAbscissae:
         return found
 
     def relations(self, word: Word) -> Iterator[Relation]:
-        """Yield the relations with a word ``τ…τ [z]``."""
-        if not word or isinstance(word[-1], int) or any(t != () for t in word[:-1]):
-            return
-        letter, before = word[-1], len(word) - 1
-        for k in range(len(letter) + 1):
-            power = before + k
-            if power % 2 == 0:
+        """Yield the relations in which the word occurs with all of τ^p within its letters."""
+        choices = []
+        for letter in word:
+            if isinstance(letter, int):
+                return
+            powers = range(len(letter) + 1)
+            choices.append([(p, y) for p in powers for y in without(letter, ((),) * p)])
+        for centred in product(*choices):
+            even = sum(p % 2 == 0 for p, _ in centred)
+            if even > 1 or len(centred) == even:
                 continue
-            for y in without(letter, ((),) * k):
-                relation: Relation = {}
-                for inner in range(power + 1):
-                    for z, m in shuffle(((),) * inner, y).items():
-                        _add(relation, (*((),) * (power - inner), z), (-1) ** inner * m)
-                yield relation
+            relation = _centred(centred)
+            if even == 1:
+                whole = len(centred) - 1 + sum(p for p, _ in centred)
+                share = _on_a_stage([p for p, _ in centred]) / _on_a_stage([whole])
+                together: Relation = {(): 1}
+                for _, y in centred:
+                    together = _product(together, y)
+                for y, multiplicity in together.items():
+                    for found, m in _centred([(whole, y)]).items():
+                        _add(relation, found, -share * multiplicity * m)
+            yield relation
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
         """Return False."""
         return False
 
 
+def _centred(letters: Sequence[tuple[int, Word]]) -> Relation:
+    """Return a word of centred letters as a sum of words."""
+    words: Relation = {(): 1}
+    for p, y in letters:
+        words = _append(words, p, y)
+    return words
+
+
+def _on_a_stage(powers: Sequence[int]) -> Fraction:
+    """Return the iterated integral of ``u^p / p!`` for these p, over -1/2 < u < 1/2."""
+    half = Fraction(1, 2)
+    integral = [Fraction(1)]  # coefficients of a polynomial in u
+    for p in powers:
+        scaled = [Fraction(0)] * p + [c / factorial(p) for c in integral]
+        integral = [Fraction(0)] + [c / (k + 1) for k, c in enumerate(scaled)]
+        integral[0] = -sum((c * (-half) ** k for k, c in enumerate(integral)), Fraction(0))
+    return sum((c * half**k for k, c in enumerate(integral)), Fraction(0))
+
+
+def _product(words: Relation, other: Word) -> Relation:
+    found: Relation = {}
+    for word, multiplicity in words.items():
+        for z, m in shuffle(word, other).items():
+            _add(found, z, multiplicity * m)
+    return found
+
+
+def _append(words: Relation, p: int, y: Word) -> Relation:
+    """Return the words followed by a centred letter."""
+    found: Relation = {}
+    for inner in range(p + 1):
+        for word, multiplicity in words.items():
+            for before, m in shuffle(((),) * (p - inner), word).items():
+                for z, n in shuffle(((),) * inner, y).items():
+                    _add(found, (*before, z), (-1) ** inner * multiplicity * m * n)
+    return found
+
+
 def _difference(first: Quantity, second: Quantity) -> tuple[Term, ...]:
     return Term(Fraction(1), (first,)), Term(Fraction(-1), (second,))
 
 
-def _add(relation: Relation, word: Word, multiplicity: int) -> None:
+def _add(relation: Relation, word: Word, multiplicity: Any) -> None:
     relation[word] = relation.get(word, 0) + multiplicity
