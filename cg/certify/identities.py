@@ -232,7 +232,7 @@ class MiddleAbscissae:
                 for y, multiplicity in together.items():
                     for found, m in _centred([(whole, y)]).items():
                         _add(relation, found, -share * multiplicity * m)
-            yield relation
+            yield {found: c for found, c in relation.items() if c}
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
         """Return False."""

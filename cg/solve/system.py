@@ -89,10 +89,10 @@ class System:
             names = ", ".join(map(str, Structure.__members__))
             raise ValueError(f"structure must be one of {names}, got {self.structure!r}") from None
         object.__setattr__(self, "structure", structure)
-        if structure and (self.rows is not Rows.EXPLICIT or self.embedded or order < 4):
+        if structure and (self.rows is not Rows.EXPLICIT or order < 4):
             raise ValueError(
-                f"structure = {structure.name} is for explicit methods of order 4 or more and not "
-                f"for pairs, got order {order}, rows {self.rows!r}, embedded {self.embedded}"
+                f"structure = {structure.name} is for explicit methods of order 4 or more, "
+                f"got order {order}, rows {self.rows!r}"
             )
         if structure and self.stages < 3:
             raise ValueError(f"stages must be at least 3 with a structure, got {self.stages}")
@@ -115,9 +115,10 @@ class System:
             begin = sum(row_lengths(self.packed_stages, self.rows)[: self.stages])
             # row of the second weights: from its last-stage weight on; and b's last entry
             fixed = [*range(begin + self.stages - 1, self.size - self.packed_stages), self.size - 1]
-        weights = self.size - self.stages
+        weights = self.size - self.packed_stages
+        second = weights - self.packed_stages + 1  # of the row of the second weights
         if self.structure >= Structure.STAGE_ORDER_TWO:
-            fixed.append(weights + 1)
+            fixed += [weights + 1, second + 1] if self.embedded else [weights + 1]
         if self.structure >= Structure.MIDDLE:
             fixed.append(weights)
         return np.setdiff1d(np.arange(self.size), fixed)
