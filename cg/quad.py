@@ -87,10 +87,10 @@ def decode(quads: Quads) -> list[Fraction]:
     ------
     ValueError
         If one of them is infinite or not a number, or the shape isn't (n, 16).
+    TypeError
+        If `quads` isn't an array of int8.
     """
-    quads = np.ascontiguousarray(quads, dtype=np.int8)
-    if quads.ndim != 2 or quads.shape[1] != 16:
-        raise ValueError(f"quads must have shape (n, 16), got {quads.shape}")
+    quads = _checked(quads, "n")
     data = quads.tobytes()
     return [_decode_one(data[i : i + 16]) for i in range(0, len(data), 16)]
 
@@ -107,20 +107,51 @@ def _decode_one(data: bytes) -> Fraction:
     return -magnitude if bits >> 127 else magnitude
 
 
+def _checked(quads: Any, lead: str) -> Quads:
+    # other kinds of numbers would be cut to their lowest byte
+    if not isinstance(quads, np.ndarray) or quads.dtype != np.int8:
+        kind = quads.dtype if isinstance(quads, np.ndarray) else repr(quads)
+        raise TypeError(f"quads must be an array of int8, got {kind}")
+    if quads.shape[-1:] != (16,) or (lead == "n" and quads.ndim != 2):
+        raise ValueError(f"quads must have shape ({lead}, 16), got {quads.shape}")
+    return np.ascontiguousarray(quads)
+
+
 def to_float(quads: Quads) -> NDArray[np.float64]:
-    """Round binary128 numbers of shape (..., 16) to doubles of shape (...)."""
+    """Round binary128 numbers of shape (..., 16) to doubles of shape (...).
+
+    Raises
+    ------
+    ValueError
+        If `quads` has another shape.
+    TypeError
+        If `quads` isn't an array of int8.
+    """
     from . import _core_r128
 
-    flat = np.ascontiguousarray(quads, dtype=np.int8).reshape(-1, 16)
+    quads = _checked(quads, "...")
+    flat = quads.reshape(-1, 16)
     values: NDArray[np.float64] = _core_r128.to_double(flat.T)
     return values.reshape(quads.shape[:-1])
 
 
 def from_float(values: Any) -> Quads:
-    """Widen doubles of shape (...) to binary128 numbers of shape (..., 16), exactly."""
+    """Widen doubles of shape (...) to binary128 numbers of shape (..., 16), exactly.
+
+    Raises
+    ------
+    ValueError
+        If `values` aren't real numbers.
+    """
     from . import _core_r128
 
-    array = np.asarray(values, dtype=np.float64)
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "iufO":
+            raise TypeError
+        array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"values must be an array of real numbers, got {values!r}") from None
     quads: Quads = _core_r128.from_double(array.ravel())
     return np.ascontiguousarray(quads.T).reshape(*array.shape, 16)
 

@@ -169,11 +169,21 @@ class Forest:
         return is_lyndon(self.children[self._position(index)])
 
     def tree(self, index: int) -> OrderedTree:
-        """Return the tree with this index."""
+        """Return the tree with this index.
+
+        Raises
+        ------
+        TypeError
+            If `index` isn't an integer.
+        IndexError
+            If there is no such tree.
+        """
         return self._trees[self._position(index)]
 
     def index(self, tree: OrderedTree) -> int:
         """Return the index of `tree`; KeyError if it has more than `max_nodes` nodes."""
+        if not isinstance(tree, OrderedTree):
+            raise TypeError(f"tree must be an OrderedTree, got {tree!r}")
         try:
             return self._indices[tree]
         except KeyError:
@@ -183,6 +193,8 @@ class Forest:
         return iter(self._trees)
 
     def _position(self, index: int) -> int:
+        if isinstance(index, bool) or not isinstance(index, int):
+            raise TypeError(f"index must be an int, got {index!r}")
         if not 1 <= index <= len(self):
             raise IndexError(f"index must be between 1 and {len(self)}, got {index}")
         return index - 1

@@ -21,7 +21,7 @@ from cg.construct import (
     triple_jump,
 )
 from cg.problems import FreeRigidBody
-from cg.quad import encode, to_decimal
+from cg.quad import decode, encode, from_float, to_decimal, to_float
 from cg.solve.system import System
 from cg.trees import forest
 
@@ -333,6 +333,20 @@ def test_systems_hold_plain_numbers():
         (lambda: encode(["x"]), ValueError, "values must be finite real numbers, got 'x'"),
         (lambda: encode([1j]), ValueError, "values must be finite real numbers, got 1j"),
         (lambda: to_decimal(1, 1.5), TypeError, r"digits must be an integer, got 1\.5"),
+        (lambda: decode(7), TypeError, "quads must be an array of int8, got 7"),
+        (lambda: decode(np.zeros(16)), TypeError, "quads must be an array of int8, got float64"),
+        (lambda: decode(np.int8([1])), ValueError, r"must have shape \(\.\.\., 16\), got \(1,\)"),
+        (lambda: decode(np.zeros(16, np.int8)), ValueError, r"shape \(n, 16\), got \(16,\)"),
+        (lambda: to_float([1.0]), TypeError, r"quads must be an array of int8, got \[1\.0\]"),
+        (lambda: to_float(np.int8(1)), TypeError, "quads must be an array of int8, got"),
+        (lambda: to_float(np.int8([[1]])), ValueError, r"16\), got \(1, 1\)"),
+        (lambda: from_float("x"), ValueError, "values must be an array of real numbers, got 'x'"),
+        (lambda: from_float(1j), ValueError, "values must be an array of real numbers, got 1j"),
+        (lambda: forest(3).tree(1.0), TypeError, r"index must be an int, got 1\.0"),
+        (lambda: forest(3).tree("1"), TypeError, "index must be an int, got '1'"),
+        (lambda: forest(3).tree(True), TypeError, "index must be an int, got True"),
+        (lambda: forest(3).is_independent(None), TypeError, "index must be an int, got None"),
+        (lambda: forest(3).index([]), TypeError, r"tree must be an OrderedTree, got \[\]"),
         (lambda: forest(40), ValueError, "max_nodes must be between 1 and 14, got 40"),
         (lambda: forest(3).with_nodes(1.5), TypeError, r"nodes must be an int, got 1\.5"),
         (lambda: prove("x", CG3), TypeError, "certificate must be a Certificate, got 'x'"),

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from frame_examples import FRAMES, name
 
 from cg.frames import (
     GL,
@@ -24,6 +25,7 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
+from cg.frames.matrix_group import MatrixGroup
 from cg.problems import AffineField, ConingMotion, FreeRigidBody
 
 MASKED = np.ma.masked_array([1.0, 2.0, 3.0], mask=[1, 0, 0])
@@ -166,3 +168,52 @@ def test_affine_fields():
         AffineField(3, [1.0])
     with pytest.raises(TypeError, match="seed must be an integer, got True"):
         AffineField(SO3(), np.eye(3), seed=True)
+
+
+@pytest.mark.parametrize("method", ["random_point", "random_vector"])
+@pytest.mark.parametrize("frame", FRAMES, ids=name)
+def test_random_points_and_vectors(frame, method):
+    draw = getattr(frame, method)
+    rng = np.random.default_rng
+    for wrong in (0, None, "seed", np.random, np.random.RandomState(0)):
+        with pytest.raises(TypeError, match=r"rng must be a generator such as .*, got"):
+            draw(wrong)
+    for size in (1.5, "2", None, (2, 1.5), True, (True,), {2}, [[2]]):
+        with pytest.raises(TypeError, match="size must be an integer or a tuple"):
+            draw(rng(0), size)
+    for size in (-1, (2, -1)):
+        with pytest.raises(ValueError, match="size must not be negative, got"):
+            draw(rng(0), size)
+    wanted = draw(rng(0), (3,))
+    for size in (3, [3], np.int64(3), (np.int64(3),)):
+        np.testing.assert_array_equal(draw(rng(0), size), wanted)
+    assert len(draw(rng(0), 0)) == 0
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=name)
+def test_dimensions_of_groups(frame):
+    if isinstance(frame, MatrixGroup):
+        assert len(frame.basis) == frame.dim
+
+
+@pytest.mark.parametrize(
+    ("frame", "dim"),
+    [
+        (SO(10**6), 499999500000),
+        (Sphere(10**6), 500000500000),
+        (Stiefel(10**6, 2), 499999500000),
+        (SU(10**6), 999999999999),
+        (U(10**6), 10**12),
+        (GL(10**6), 10**12),
+        (SL(10**6), 999999999999),
+        (Sp(10**6), 500000500000),
+        (Semidirect(SO(10**6)), 500000500000),
+    ],
+    ids=str,
+)
+def test_frames_too_large_for_any_machine(frame, dim):
+    assert frame.dim == dim
+    assert repr(frame)
+    group = frame if isinstance(frame, MatrixGroup) else frame.group
+    with pytest.raises(MemoryError, match=r"is too large: the matrices of its .* fields need"):
+        group.basis  # noqa: B018

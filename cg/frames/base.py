@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from numbers import Real
 from typing import Any, Literal, TypeGuard
@@ -15,6 +16,9 @@ Points = NDArray[Any]
 """Points and tangents: float64 or complex128, as `Frame.dtype` says."""
 
 Convention = Literal["body", "space"]
+
+Size = int | Sequence[int]
+"""The leading axes of random points, or the length of one such axis."""
 
 MEMBERSHIP_TOLERANCE = 1e-8
 
@@ -95,8 +99,23 @@ class Frame(ABC):
         """Return the distance of ``y`` from the manifold, shape ``(...)``."""
 
     @abstractmethod
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
-        """Return random points, shape ``(*size, *point_shape)``."""
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
+        """Return random points, shape ``(*size, *point_shape)``.
+
+        Parameters
+        ----------
+        rng
+            Where the random numbers come from, as ``numpy.random.default_rng(seed)`` makes it.
+        size
+            The leading axes; an integer is one axis.
+
+        Raises
+        ------
+        TypeError
+            If ``rng`` is no generator, or ``size`` neither an integer nor a sequence of them.
+        ValueError
+            If ``size`` is negative.
+        """
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the distance between points, shape ``(...)``; here that in the ambient space."""
@@ -122,8 +141,9 @@ class Frame(ABC):
         self._points(y1, "y1")
         return None
 
-    def random_vector(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return standard normal coefficients, shape ``(*size, dim)``."""
+        size = check_random(rng, size)
         return rng.standard_normal((*size, self.dim))
 
     def check_point(
@@ -228,3 +248,15 @@ def check_convention(convention: Any) -> None:
     """Raise ValueError unless ``convention`` is one of the two."""
     if not isinstance(convention, str) or convention not in ("body", "space"):
         raise ValueError(f'convention must be "body" or "space", got {convention!r}')
+
+
+def check_random(rng: Any, size: Any) -> tuple[int, ...]:
+    """Return ``size`` as a tuple after checking the arguments of random points and vectors."""
+    if not isinstance(rng, np.random.Generator):
+        raise TypeError(f"rng must be a generator such as numpy.random.default_rng(0), got {rng!r}")
+    axes = size if isinstance(size, tuple | list) else (size,)
+    if any(isinstance(n, bool) or not isinstance(n, int | np.integer) for n in axes):
+        raise TypeError(f"size must be an integer or a tuple of integers, got {size!r}")
+    if any(n < 0 for n in axes):
+        raise ValueError(f"size must not be negative, got {size!r}")
+    return tuple(map(int, axes))

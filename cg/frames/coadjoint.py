@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Convention, Frame, check_convention, real_array
+from cg.frames.base import Array, Convention, Frame, Size, check_convention, real_array
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import rotate
@@ -192,7 +192,7 @@ class CoadjointOrbit(Frame):
         largest = np.abs(excess).max(axis=-1, initial=0.0) / max(scale, 1.0)
         return np.asarray(np.maximum(np.linalg.norm(step, axis=-1), largest))
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return ``point`` after two flows with normal coefficients."""
         y = self.flow(self.random_vector(rng, size), np.array(self.point))
         return self.flow(self.random_vector(rng, size), y)

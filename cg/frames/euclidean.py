@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame, check_size
+from cg.frames.base import Array, Frame, Size, check_random, check_size
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,6 +61,7 @@ class Euclidean(Frame):
         """Return ``y1 - y0``, shape ``(..., n)``."""
         return np.asarray(self._points(y1, "y1") - self._points(y0, "y0"))
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return standard normal points, shape ``(*size, n)``."""
+        size = check_random(rng, size)
         return rng.standard_normal((*size, self.n))

@@ -42,6 +42,11 @@ class GL(SizedMatrixGroup):
            [0., 1.]])
     """
 
+    @property
+    def dim(self) -> int:
+        """``n ** 2``."""
+        return self.n**2
+
     def _make_basis(self) -> Points:
         return np.eye(self.n * self.n).reshape(-1, self.n, self.n)
 

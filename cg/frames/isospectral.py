@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points, complex_array, real_array
+from cg.frames.base import Array, Points, Size, complex_array, real_array
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
@@ -138,6 +138,6 @@ class IsospectralOrbit(HomogeneousSpace):
         off = np.abs(eigenvalues - np.array(self.spectrum)).max(axis=-1)
         return np.asarray(np.maximum(skew, off))
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return the spectrum in uniformly distributed orthonormal bases."""
         return self._with_eigenvectors(self.group.random_point(rng, size))

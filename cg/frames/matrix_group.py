@@ -10,7 +10,17 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Convention, Frame, Points, check_convention, check_size
+from cg.checks import memory
+from cg.frames.base import (
+    Array,
+    Convention,
+    Frame,
+    Points,
+    Size,
+    check_convention,
+    check_random,
+    check_size,
+)
 from cg.frames.matrix_functions import (
     combine,
     distance_from_unitary,
@@ -26,8 +36,8 @@ class MatrixGroup(Frame):
 
     With :math:`\Omega(v) = \sum_i v_i B_i` for a basis :math:`B_i` of the Lie algebra,
     ``convention="body"`` has the fields :math:`y' = y\,\Omega(v)` and ``convention="space"`` has
-    :math:`y' = \Omega(v)\,y`.  A group supplies ``size``, ``convention``, ``_make_basis`` and
-    ``membership_error``, and closed forms where it has them.
+    :math:`y' = \Omega(v)\,y`.  A group supplies ``dim``, ``size``, ``convention``,
+    ``_make_basis`` and ``membership_error``, and closed forms where it has them.
     """
 
     @property
@@ -46,15 +56,27 @@ class MatrixGroup(Frame):
 
     @cached_property
     def basis(self) -> Points:
-        """The matrices of the fields, shape ``(dim, size, size)``, read-only."""
+        """The matrices of the fields, shape ``(dim, size, size)``, read-only.
+
+        Raises
+        ------
+        MemoryError
+            If they need more memory than the machine has.
+        """
+        needed = self.dim * self.size**2 * self.dtype.itemsize
+        if needed > memory():
+            raise MemoryError(
+                f"{self!r} is too large: the matrices of its {self.dim} fields need "
+                f"{needed / 2**30:.3g} GiB of memory, and there are {memory() / 2**30:.3g} GiB"
+            )
         basis = np.asarray(self._make_basis(), dtype=self.dtype)
         basis.flags.writeable = False
         return basis
 
     @property
+    @abstractmethod
     def dim(self) -> int:
         """Dimension of the group."""
-        return len(self.basis)
 
     @property
     def point_shape(self) -> tuple[int, ...]:
@@ -155,7 +177,7 @@ class MatrixGroup(Frame):
         body = self.convention == "body"
         return self.logarithm(inverse @ end if body else end @ inverse)
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return exponentials of normal coefficients of deviation 1/2."""
         return self.restore(self.exponential(0.5 * self.random_vector(rng, size)))
 
@@ -181,8 +203,9 @@ class QuadraticGroup(MatrixGroup):
         """Return the 2-norm distance to the nearest element of the group, shape ``(...)``."""
         return distance_from_unitary(self._points(y), special=self._special)
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return points uniform in Haar measure, shape ``(*size, size, size)``."""
+        size = check_random(rng, size)
         point = random_unitary(rng, (*size, *self.point_shape), complex_=self.dtype.kind == "c")
         if self._special:
             # Multiplying a column commutes with the action of the group from the left.

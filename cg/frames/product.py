@@ -10,7 +10,7 @@ from math import prod
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.base import Array, Frame, Points, Size
 
 
 @dataclass(frozen=True, init=False)
@@ -132,11 +132,11 @@ class Product(Frame):
         distances = [factor.distance(p, q) for factor, p, q in parts]
         return np.asarray(np.sqrt(sum(d * d for d in distances)))
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return random points of the factors, joined: shape ``(*size, n)``."""
         return self.join(*(factor.random_point(rng, size) for factor in self.factors))
 
-    def random_vector(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return random coefficients of the factors, joined: shape ``(*size, dim)``."""
         return np.concatenate([f.random_vector(rng, size) for f in self.factors], axis=-1)
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Convention, Frame, check_convention
+from cg.frames.base import Array, Convention, Frame, Size, check_convention, check_random
 from cg.frames.matrix_functions import combine, unit_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
 
@@ -111,8 +111,9 @@ class UnitQuaternion(Frame):
         directions = (generators @ start[..., None, :, None])[..., 0]
         return quaternion_logarithm(np.vecdot(directions, end[..., None, :]), np.vecdot(start, end))
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return points uniform on the unit sphere, shape ``(*size, 4)``."""
+        size = check_random(rng, size)
         q = rng.standard_normal((*size, 4))
         return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Convention, Points, check_size
+from cg.frames.base import Array, Convention, Points, Size, check_random, check_size
 from cg.frames.matrix_group import MatrixGroup
 
 
@@ -74,6 +74,11 @@ class Semidirect(MatrixGroup):
         """Number of rows: the group's and one for each column."""
         return self.group.size + self.copies
 
+    @property
+    def dim(self) -> int:
+        """The dimension of the group, and the number of entries of the columns."""
+        return self.group.dim + self.group.size * self.copies
+
     def _make_basis(self) -> Points:
         n, k = self.group.size, self.copies
         basis = np.zeros((self.group.dim + n * k, n + k, n + k))
@@ -138,7 +143,8 @@ class Semidirect(MatrixGroup):
         columns = np.linalg.norm(first[..., :n, n:] - second[..., :n, n:], axis=(-2, -1))
         return np.asarray(np.hypot(linear, columns))
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return random points of the group with normal columns."""
+        size = check_random(rng, size)
         linear = self.group.random_point(rng, size)
         return self._assemble(linear, rng.standard_normal((*size, self.group.size, self.copies)))

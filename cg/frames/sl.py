@@ -47,6 +47,11 @@ class SL(SizedMatrixGroup):
 
     smallest: ClassVar[int] = 2
 
+    @property
+    def dim(self) -> int:
+        """``n ** 2 - 1``."""
+        return self.n**2 - 1
+
     def _make_basis(self) -> Points:
         basis = np.eye(self.n * self.n)[:-1].reshape(-1, self.n, self.n)
         for i in range(self.n - 1):

@@ -60,6 +60,11 @@ class SO(QuadraticGroup, SizedMatrixGroup):
     smallest: ClassVar[int] = 2
     _special: ClassVar[bool] = True
 
+    @property
+    def dim(self) -> int:
+        """``n (n - 1) / 2``."""
+        return self.n * (self.n - 1) // 2
+
     def _make_basis(self) -> Points:
         pairs = [(i, j) for i in range(self.n) for j in range(i + 1, self.n)]
         basis = np.zeros((len(pairs), self.n, self.n))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points
+from cg.frames.base import Array, Points, Size, check_random
 from cg.frames.rotations import hat, rotate
 from cg.frames.so import SO
 
@@ -71,8 +71,9 @@ class SO3(SO):
         """
         return np.asarray(2.0 * np.arcsin(np.minimum(super().distance(x, y) / np.sqrt(8.0), 1.0)))
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return rotations uniform in Haar measure, shape ``(*size, 3, 3)``."""
+        size = check_random(rng, size)
         q = rng.standard_normal((*size, 4))
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
         axis = q[..., 1:]

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points
+from cg.frames.base import Array, Points, Size
 from cg.frames.matrix_group import MatrixGroup, QuadraticGroup, SizedMatrixGroup
 
 
@@ -61,6 +61,11 @@ class Sp(QuadraticGroup, SizedMatrixGroup):
         half = self.n // 2
         return np.asarray(np.kron([[0.0, 1.0], [-1.0, 0.0]], np.eye(half)), dtype=np.float64)
 
+    @property
+    def dim(self) -> int:
+        """``n (n + 1) / 2``."""
+        return self.n * (self.n + 1) // 2
+
     def _make_basis(self) -> Points:
         rows, columns = np.triu_indices(self.n)
         symmetric = np.zeros((len(rows), self.n, self.n))
@@ -82,6 +87,6 @@ class Sp(QuadraticGroup, SizedMatrixGroup):
         residual = self.inverse(point) @ point - np.eye(self.n)
         return np.asarray(0.5 * np.linalg.matrix_norm(residual, ord=2))
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return exponentials of normal coefficients of deviation 1/2."""
         return MatrixGroup.random_point(self, rng, size)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points, check_size
+from cg.frames.base import Array, Points, Size, check_random, check_size
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
@@ -90,7 +90,8 @@ class Sphere(HomogeneousSpace):
         quotient = np.divide(angle, sine, out=np.where(cosine > 0.0, 1.0, np.nan), where=sine > 0.0)
         return np.asarray(quotient[..., None] * turn)
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return points uniform on the sphere, shape ``(*size, n + 1)``."""
+        size = check_random(rng, size)
         y = rng.standard_normal((*size, self.n + 1))
         return np.asarray(y / np.linalg.norm(y, axis=-1, keepdims=True))

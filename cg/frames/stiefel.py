@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points, check_size
+from cg.frames.base import Array, Points, Size, check_random, check_size
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import distance_from_unitary, newton_schulz, random_unitary
 from cg.frames.matrix_group import MatrixGroup
@@ -79,6 +79,7 @@ class Stiefel(HomogeneousSpace):
         """Return the 2-norm distance to the nearest orthonormal columns, shape ``(...)``."""
         return distance_from_unitary(self._points(y), special=False)
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return points uniform under rotations, shape ``(*size, n, k)``."""
+        size = check_random(rng, size)
         return self.restore(random_unitary(rng, (*size, *self.point_shape)))

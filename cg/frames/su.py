@@ -53,6 +53,11 @@ class SU(U):
     smallest: ClassVar[int] = 2
     _special: ClassVar[bool] = True
 
+    @property
+    def dim(self) -> int:
+        """``n ** 2 - 1``."""
+        return self.n**2 - 1
+
     def _make_basis(self) -> Points:
         return -0.5j * gell_mann(self.n)
 

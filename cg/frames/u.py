@@ -51,6 +51,11 @@ class U(QuadraticGroup, SizedMatrixGroup):
         """Complex."""
         return np.dtype(np.complex128)
 
+    @property
+    def dim(self) -> int:
+        """``n ** 2``."""
+        return self.n**2
+
     def _make_basis(self) -> Points:
         phase = np.sqrt(2.0 / self.n) * np.eye(self.n)
         return -0.5j * np.concatenate([gell_mann(self.n), phase[None]])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame, Points, complex_array, real_array
+from cg.frames.base import Array, Frame, Points, Size, check_random, complex_array, real_array
 
 Function = Callable[..., Any]
 
@@ -106,7 +106,7 @@ class UserFrame(Frame):
         points = self._points(y0, "y0"), self._points(y1, "y1")
         return self._on_points("exp_coordinates", (self.dim,), *points)
 
-    def random_point(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Points:
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return points from the user's function, or normal ones where all arrays are points.
 
         Raises
@@ -114,6 +114,7 @@ class UserFrame(Frame):
         NotImplementedError
             If the user gave ``membership_error``, but no ``random_point``.
         """
+        size = check_random(rng, size)
         function = self._functions.get("random_point")
         if function is not None:
             # A batch of empty arguments, so that the function is called once for each point.
