@@ -1,14 +1,16 @@
-! Steps of an embedded pair whose size is chosen by the error estimate. The decisions are those of
-! cg/integrate/adaptive.py, which says why; a test compares the steps.
+! Steps of an embedded pair whose size is chosen by the error estimate, and steps of given sizes, with
+! the solution between them. The decisions are those of cg/integrate/adaptive.py, which says why; a
+! test compares the steps.
 module adaptive
   use kinds_r64, only: wp
   use coordinates, only: difference, sizes
   use frames_r64, only: frame_t, move, restore
-  use stepper_r64, only: evaluate, failure_t, finished, finite, make_row, paused, row_t, &
-                         slope_not_finite, stage_not_finite, step_too_small, vector_field_t
+  use stepper_r64, only: evaluate, failure_t, finished, finite, grid_t, make_row, paused, row_t, &
+                         slope_not_finite, solution_not_finite, stage_not_finite, step_too_small, &
+                         vector_field_t
   implicit none
   private
-  public :: run_t, output_t, make_pair, integrate_adaptive
+  public :: run_t, output_t, make_pair, integrate_adaptive, integrate_on_grid
 
   real(wp), parameter :: safety = 0.9_wp
   real(wp), parameter :: smallest_factor = 0.2_wp
@@ -132,16 +134,43 @@ contains
       run%size = taken * factor
       run%last_error = max(error, 1e-4_wp)
       run%after_rejection = .false.
-      run%accepted = run%accepted + 1
-      if (output%keep) then
-        output%t(run%accepted) = end
-        output%y(:, run%accepted) = reached
-        output%f(:, run%accepted) = run%f(:, 1)
-      end if
       call accept(field, frame, run, end, reached, output, failure)
       if (failure%status /= finished) return
     end do
   end subroutine integrate_adaptive
+
+  ! Takes the steps of a grid up to its pause.
+  subroutine integrate_on_grid(field, frame, run, output, grid, failure)
+    class(vector_field_t), intent(inout) :: field
+    type(frame_t), intent(in) :: frame
+    type(run_t), intent(inout) :: run
+    type(output_t), intent(inout) :: output
+    type(grid_t), intent(in) :: grid
+    type(failure_t), intent(out) :: failure
+    real(wp) :: reached(frame%point_size), end, h
+    integer :: k
+
+    do k = grid%done + 1, grid%pause
+      h = grid%step
+      end = grid%start + real(k, wp) * grid%step
+      if (k == grid%steps) then
+        h = grid%last
+        end = run%stop
+      end if
+      run%attempts = run%attempts + 1
+      call find_stages(field, frame, run, h, failure)
+      if (failure%status /= finished) return
+      reached = run%point
+      call compose(frame, run, run%rows(size(run%c) + 1), h, reached)
+      if (.not. finite(reached)) then
+        failure = failure_t(status=solution_not_finite, t=end)
+        return
+      end if
+      call accept(field, frame, run, end, reached, output, failure)
+      if (failure%status /= finished) return
+    end do
+    if (grid%pause < grid%steps) failure%status = paused
+  end subroutine integrate_on_grid
 
   ! One trial step; the error is huge if there is no estimate.
   subroutine attempt(field, frame, run, h, reached, error, failure)
@@ -228,6 +257,12 @@ contains
     t = run%t
     before = run%point
     slope = run%f(:, 1)
+    run%accepted = run%accepted + 1
+    if (output%keep) then
+      output%t(run%accepted) = end
+      output%y(:, run%accepted) = reached
+      output%f(:, run%accepted) = slope
+    end if
     run%t = end
     run%point = reached
     run%known = .false.

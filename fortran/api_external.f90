@@ -49,24 +49,27 @@ subroutine external_field_run(function_address, data_address, blocks, descriptio
   failed_at = failure%t
 end subroutine external_field_run
 
-! Adaptive steps of one trajectory, at most budget trial steps, going on where the last call paused
+! Adaptive steps of one trajectory, or those of a grid: at most budget trial steps, going on where the
+! last call paused
 subroutine external_field_adapt(function_address, data_address, blocks, description, stages, a, b, &
-                                embedded, c, m, atol, limits, n, reals, logicals, point, slope, &
-                                budget, capacity, t_kept, y_kept, f_kept, times, wanted, y_wanted, &
-                                counts, status, flag)
+                                embedded, c, m, atol, limits, steps, done, n, reals, logicals, &
+                                point, slope, budget, capacity, t_kept, y_kept, f_kept, times, &
+                                wanted, y_wanted, counts, status, flag)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use adaptive, only: integrate_adaptive, make_pair, output_t, run_t
+  use adaptive, only: integrate_adaptive, integrate_on_grid, make_pair, output_t, run_t
   use external_field, only: external_field_t, make_external_field
   use kinds_r64, only: wp
   use frames_r64, only: frame_t, make_frame
-  use stepper_r64, only: failure_t
+  use stepper_r64, only: failure_t, grid_t
   implicit none
   integer(c_intptr_t), intent(in) :: function_address, data_address
   integer, intent(in) :: blocks, stages, m, n, budget, capacity, times
   integer, intent(in) :: description(3, blocks)
   real(wp), intent(in) :: a(stages, stages), b(stages), embedded(stages), c(stages)
   real(wp), intent(in) :: atol(m)
-  real(wp), intent(in) :: limits(4)             ! rtol, exponent, final time, largest step
+  ! final time; then rtol, exponent and largest step, or start, step and last step of the grid
+  real(wp), intent(in) :: limits(4)
+  integer, intent(in) :: steps, done            ! of the grid, none if steps have to be chosen
   real(wp), intent(inout) :: reals(4)           ! time, next step, last error, time of failure
   integer, intent(inout) :: logicals(3)         ! after a rejected step; slope is known; keep steps
   real(wp), intent(inout) :: point(n)
@@ -86,10 +89,7 @@ subroutine external_field_adapt(function_address, data_address, blocks, descript
   call make_external_field(function_address, data_address, field)
   call make_pair(frame, a, b, embedded, c, run)
   run%atol = atol
-  run%rtol = limits(1)
-  run%exponent = limits(2)
-  run%stop = limits(3)
-  run%max_step = limits(4)
+  run%stop = limits(1)
   run%t = reals(1)
   run%size = reals(2)
   run%last_error = reals(3)
@@ -104,7 +104,16 @@ subroutine external_field_adapt(function_address, data_address, blocks, descript
   output%wanted => wanted
   output%y_wanted => y_wanted
 
-  call integrate_adaptive(field, frame, run, output, budget, failure)
+  if (steps > 0) then
+    call integrate_on_grid(field, frame, run, output, &
+                           grid_t(start=limits(2), step=limits(3), last=limits(4), steps=steps, &
+                                  done=done, pause=done + min(budget, steps - done)), failure)
+  else
+    run%rtol = limits(2)
+    run%exponent = limits(3)
+    run%max_step = limits(4)
+    call integrate_adaptive(field, frame, run, output, budget, failure)
+  end if
   reals = [run%t, run%size, run%last_error, failure%t]
   logicals(1:2) = merge(1, 0, [run%after_rejection, run%known])
   point = run%point

@@ -150,6 +150,46 @@ class SegmentTable:
         return points
 
 
+class StoredSegment:
+    """The solution within one step whose coefficients at the ends are stored.
+
+    Parameters
+    ----------
+    step
+        The step function.
+    ts
+        Times at the ends, shape ``(2,)``.
+    ys
+        Points there, shape ``(2, *point_shape)``.
+    slopes
+        Coefficients there, each of shape ``(dim,)``; the last may be None if it isn't known, and
+        is found when it is needed.
+
+    Attributes
+    ----------
+    last
+        The last coefficients, if they are known by now.
+    """
+
+    def __init__(
+        self, step: Step, ts: Array, ys: Points, slopes: tuple[Array, Array | None]
+    ) -> None:
+        self.t0, self.t1 = ts.tolist()
+        self.y0, self.y1 = ys
+        self.last = slopes[1]
+        self._known = step, ts, ys, slopes[0]
+        self._table: SegmentTable | None = None
+
+    def __call__(self, t: Array) -> Points:
+        """Return the points at times within the step, shape ``(n, *point_shape)``."""
+        if self._table is None:
+            step, ts, ys, first = self._known
+            if self.last is None:
+                self.last = step.evaluate(self.t1, self.y1)
+            self._table = SegmentTable(step, ts, ys, np.stack([first, self.last]))
+        return self._table(np.zeros(len(t), dtype=np.intp), t)
+
+
 def _blend(
     frame: Frame,
     s: Array,

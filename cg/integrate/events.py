@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from cg.frames.base import Array, Points
-from cg.integrate.dense import Segment
+from cg.integrate.dense import Segment, StoredSegment
 
 EventFunction = Callable[..., Any]
 
@@ -84,7 +84,7 @@ class Event:
             )
         return value
 
-    def root(self, segment: Segment) -> float | None:
+    def root(self, segment: Segment | StoredSegment) -> float | None:
         """Return where the function changes sign within a step, or None if it doesn't."""
         before, self.value = self.value, self(segment.t1, segment.y1)
         # A zero at the very beginning of a step was either found at the end of the last step or
@@ -137,7 +137,7 @@ class EventLog:
         for event in self.events:
             event.value = event(t, y)
 
-    def record(self, segment: Segment) -> float | None:
+    def record(self, segment: Segment | StoredSegment) -> float | None:
         """Record what happens within a step; return the time at which that ends the integration.
 
         Events after the one that ends it are not recorded.

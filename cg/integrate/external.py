@@ -210,8 +210,7 @@ def integrate_compiled(
     description = describe_blocks(frame)
     start, stop = check_span(t_span)
     steps = step_count((start, stop), h)
-    if steps > _MOST_STEPS:
-        raise ValueError(f"h is too small for a compiled f: more than {_MOST_STEPS} steps")
+    check_step_count(steps)
     points = check_points(frame, y0)
     batch = points.shape[: points.ndim - len(frame.point_shape)]
     # the results are put in order in a second array
@@ -260,6 +259,12 @@ def integrate_compiled(
     t.flags.writeable = stored.flags.writeable = False
     nexp = steps * (sum(map(len, step.rows)) + len(step.weights))
     return Trajectory(t, stored, steps * tableau.stages, nexp, tableau, float(h))
+
+
+def check_step_count(steps: int) -> None:
+    """Raise ValueError if there are more steps than compiled code can count."""
+    if steps > _MOST_STEPS:
+        raise ValueError(f"h is too small for a compiled f: more than {_MOST_STEPS} steps")
 
 
 def _spread(

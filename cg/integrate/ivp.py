@@ -26,7 +26,8 @@ from cg.integrate.arguments import (
 from cg.integrate.blocks import is_compiled
 from cg.integrate.events import EventLog
 from cg.integrate.external import CompiledRhs, compiled_rhs, integrate_compiled
-from cg.integrate.external_adaptive import AdaptiveTask, solve_compiled
+from cg.integrate.external_ivp import solve_compiled
+from cg.integrate.external_task import adaptive_task, fixed_task
 from cg.integrate.fixed import (
     check_points,
     check_problem,
@@ -77,8 +78,7 @@ def solve_ivp(
         ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``.  It is given a
         read-only ``y`` of shape ``frame.point_shape``.  An exception that it raises ends the
         call.  It may be a compiled function as for `cg.integrate`; then explicit methods run in
-        compiled code, on the frames named there, if there are no events, and with ``h`` if
-        nothing between steps is asked for.  Otherwise it is called from Python.
+        compiled code on the frames named there.  Otherwise it is called from Python.
     t_span
         Initial and final time.  If the final time is smaller, integration runs backward.
     y0
@@ -177,6 +177,8 @@ def solve_ivp(
 
     coefficients = _coefficients(f, rhs, frame, extra)
     step = Step(coefficients, frame, tableau, batch=batch, stage_solver=stage_solver)
+    single = Step(coefficients, frame, tableau, stage_solver=stage_solver)
+    fast = rhs if tableau.explicit and is_compiled(frame) else None
     largest = check_step(max_step, "max_step", infinite=True)
     steps: Iterable[tuple[float, Points]]
     adaptive: AdaptiveSteps | None = None
@@ -185,12 +187,18 @@ def solve_ivp(
         count = step_count((start, stop), h)
         if float(h) > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
-        if rhs is not None and tableau.explicit and wanted is None and not (dense or log):
-            return _solution_of(
-                integrate_compiled(
-                    rhs, (start, stop), point, frame=frame, tableau=tableau, h=float(h)
+        if fast is not None:
+            if wanted is None and not (dense or log):
+                return _solution_of(
+                    integrate_compiled(
+                        fast, (start, stop), point, frame=frame, tableau=tableau, h=float(h)
+                    )
                 )
-            )
+            task = fixed_task(
+                fast, single, (start, stop), count, float(h), point,
+                keep=wanted is None, dense=dense,
+            )  # fmt: skip
+            return solve_compiled(task, start, point, batch, wanted, log)
         check_memory(h, count, point.nbytes * (count if wanted is None or dense else 0))
         steps = fixed_steps(step, time_grid((start, stop), h), float(h), point)
     else:
@@ -204,11 +212,12 @@ def solve_ivp(
         if first is not None and first > abs(stop - start):
             raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
         most = check_max_steps(max_steps)
-        if rhs is not None and tableau.explicit and is_compiled(frame) and not log:
-            single = Step(coefficients, frame, tableau)
-            keep = wanted is None and not batch
-            task = AdaptiveTask(rhs, single, norm, stop, largest, first, most, keep, dense)
-            return solve_compiled(task, start, point, batch, wanted)
+        if fast is not None:
+            task = adaptive_task(
+                fast, single, stop, norm, max_step=largest, first_step=first, max_steps=most,
+                keep=wanted is None and not batch, dense=dense,
+            )  # fmt: skip
+            return solve_compiled(task, start, point, batch, wanted, log)
         steps = adaptive = AdaptiveSteps(
             step, norm, start, stop, point, max_step=largest, first_step=first, max_steps=most
         )
