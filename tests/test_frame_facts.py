@@ -135,7 +135,7 @@ def test_isospectral_orbits_keep_the_spectrum_of_a_matrix():
     hermitian = IsospectralOrbit.through(symmetric + 1j * (matrix - matrix.T))
     assert hermitian.hermitian
     assert hermitian.dim == 15
-    with pytest.raises(ValueError, match="y0 must be a point of IsospectralOrbit"):
+    with pytest.raises(ValueError, match="y0 must be symmetric, or Hermitian"):
         IsospectralOrbit.through(matrix)
     with pytest.raises(ValueError, match="y0 must be a finite square matrix"):
         IsospectralOrbit.through(np.ones((2, 3)))

@@ -61,6 +61,15 @@ def test_the_examples_of_frames():
     assert (first * second.inv()).magnitude() < 1e-12
     assert names["angles"].shape == (50, 3)
 
+    eigenvalues, vectors = np.linalg.eigh(names["lattice"])
+    np.testing.assert_allclose(names["sorted_"].y[-1], np.diag(eigenvalues[::-1]), atol=1e-5)
+    columns = names["columns"].y[-1]
+    np.testing.assert_allclose(columns @ columns.T, vectors[:, 1:] @ vectors[:, 1:].T, atol=1e-5)
+    momentum, vertical = names["top"].y[:, :3], names["top"].y[:, 3:]
+    np.testing.assert_allclose(np.vecdot(vertical, vertical), 1.0, atol=1e-14)
+    np.testing.assert_allclose(np.vecdot(momentum, vertical), 1.32, atol=1e-14)
+    assert names["course"].success
+
 
 def test_the_equations_in_the_table_of_frames():
     rng = np.random.default_rng(2)

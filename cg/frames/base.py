@@ -98,6 +98,13 @@ class Frame(ABC):
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the distance of ``y`` from the manifold, shape ``(...)``."""
 
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the membership error relative to the size of the points, shape ``(...)``.
+
+        Here it is the membership error itself, as for rotations, whose size is one.
+        """
+        return self.membership_error(y)
+
     @abstractmethod
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return random points, shape ``(*size, *point_shape)``.
@@ -156,7 +163,7 @@ class Frame(ABC):
         y
             The candidate, shape ``point_shape``.
         tolerance
-            Largest accepted membership error.
+            Largest accepted `relative_error`.
         name
             What to call the argument in an error message.
 
@@ -173,11 +180,12 @@ class Frame(ABC):
             raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}")
         if not np.isfinite(point).all():
             raise ValueError(f"{name} must be finite, got {point}")
-        off = float(self.membership_error(point))
+        off = float(self.relative_error(point))
         if not off <= tolerance:
+            relative = "" if off == self.membership_error(point) else "relative "
             raise ValueError(
-                f"{name} must be a point of {self}: its distance from the manifold is {off:.3g}, "
-                f"more than {tolerance:.3g}"
+                f"{name} must be a point of {self}: its {relative}distance from the manifold is "
+                f"{off:.3g}, more than {tolerance:.3g}"
             )
         return point
 

@@ -192,6 +192,10 @@ class CoadjointOrbit(Frame):
         largest = np.abs(excess).max(axis=-1, initial=0.0) / max(scale, 1.0)
         return np.asarray(np.maximum(np.linalg.norm(step, axis=-1), largest))
 
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the membership error divided by the length of ``point``, shape ``(...)``."""
+        return np.asarray(self.membership_error(y) / (np.linalg.norm(self.point) or 1.0))
+
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return ``point`` after two flows with normal coefficients."""
         y = self.flow(self.random_vector(rng, size), np.array(self.point))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points, Size, complex_array, real_array
+from cg.frames.base import MEMBERSHIP_TOLERANCE, Array, Points, Size, complex_array, real_array
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
@@ -89,6 +89,9 @@ class IsospectralOrbit(HomogeneousSpace):
         point: Points = complex_array(y0, "y0") if is_complex else real_array(y0, "y0")
         if point.ndim != 2 or point.shape[0] != point.shape[1] or not np.isfinite(point).all():
             raise ValueError(f"y0 must be a finite square matrix, got {y0!r}")
+        largest = np.abs(point).max(initial=0.0)
+        if np.abs(point - point.mT.conj()).max(initial=0.0) > MEMBERSHIP_TOLERANCE * largest:
+            raise ValueError(f"y0 must be symmetric, or Hermitian if complex, got {y0!r}")
         frame = cls(tuple(np.linalg.eigvalsh(point).tolist()), hermitian=is_complex)
         frame.check_point(point, name="y0")
         return frame
@@ -137,6 +140,10 @@ class IsospectralOrbit(HomogeneousSpace):
         eigenvalues = np.linalg.eigvalsh(0.5 * (point + adjoint))
         off = np.abs(eigenvalues - np.array(self.spectrum)).max(axis=-1)
         return np.asarray(np.maximum(skew, off))
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the membership error divided by the largest eigenvalue, shape ``(...)``."""
+        return np.asarray(self.membership_error(y) / (np.abs(self.spectrum).max() or 1.0))
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return the spectrum in uniformly distributed orthonormal bases."""

@@ -126,6 +126,11 @@ class Product(Frame):
         parts = zip(self.factors, self.split(y), strict=True)
         return np.asarray(np.max([factor.membership_error(x) for factor, x in parts], axis=0))
 
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the largest of the factors' relative errors, shape ``(...)``."""
+        parts = zip(self.factors, self.split(y), strict=True)
+        return np.asarray(np.max([factor.relative_error(x) for factor, x in parts], axis=0))
+
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the root of the sum of the factors' squared distances, shape ``(...)``."""
         parts = zip(self.factors, self.split(self._points(x, "x")), self.split(y), strict=True)

@@ -249,7 +249,7 @@ def check_points(frame: Frame, y0: ArrayLike) -> Points:
         raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
     finite = np.isfinite(points).all(axis=tuple(range(-rank, 0)))
     # The worst one alone gets the full check, whose message names what is wrong with it.
-    errors = frame.membership_error(points) if finite.all() else ~finite
+    errors = frame.relative_error(points) if finite.all() else ~finite
     worst = np.unravel_index(np.argmax(errors), batch)
     frame.check_point(points[worst], name=f"y0[{', '.join(map(str, worst))}]")
     return points

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from cg.conditions import Rows
 from cg.frames.base import Array, Frame, Points, real_array
+from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.matrix_group import MatrixGroup
 from cg.integrate.flows import Row, flows_of
 from cg.integrate.implicit import (
     DEFAULT_STAGE_SOLVER,
@@ -152,6 +154,7 @@ class Step:
             raise ValueError(
                 f"f must return an array of shape {shape}, "
                 f"got shape {coefficients.shape} at t = {t:.17g}"
+                f"{self._hint(coefficients.shape[len(self.batch) :])}"
             )
         # Sums are finite only if all their terms are, and take a fraction of the time.
         if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
@@ -159,6 +162,14 @@ class Step:
                 raise StageOverflowError(f"a stage is no longer finite at t = {t:.17g}")
             raise ValueError(f"f must return finite numbers, got {coefficients} at t = {t:.17g}")
         return coefficients
+
+    def _hint(self, shape: tuple[int, ...]) -> str:
+        """Return what to do if ``f`` returned an element of the Lie algebra as a matrix."""
+        group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
+        if not isinstance(group, MatrixGroup) or shape != group.point_shape:
+            return ""
+        name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
+        return f"; {name}(matrix) are those of a matrix in the Lie algebra"
 
     def _solvers(self, kind: str) -> list[StageSolver] | None:
         """Return what finds the stages in turn: one at a time, or all at once; None if explicit."""
