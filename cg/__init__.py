@@ -9,12 +9,14 @@ from .construct import construct
 from .integrate import ConvergenceError, integrate, solve_ivp
 from .search import search
 from .solve.lmdif import lmdif
+from .solve.system import Structure
 from .tableau import Tableau, TableauError
 
 __all__ = [
     "Certificate",
     "CertificationError",
     "ConvergenceError",
+    "Structure",
     "Tableau",
     "TableauError",
     "certify",

@@ -19,19 +19,17 @@ from ..checks import (
     check_integer,
     check_real,
 )
-from ..conditions import HIGHEST_ORDER, Rows, count, unknowns
+from ..conditions import HIGHEST_ORDER, count
 from ..journal import Journal
 from ..parallel import as_finished, available_cores
-from ..solve.minimum_norm import fit_conditions
-from ..solve.system import System
+from ..solve.system import Structure, System
 from ..tableau import Tableau
+from .drop import solve_start
 from .eliminate import eliminate
-from .point import NotExactError, Point, correct, solved, to_tableau
+from .point import NotExactError, Point, solved, sound, to_tableau
+from .start import default_start, likely_structure, random_point
 
 __all__ = ["Attempt", "Construction", "ConstructionSettings", "construct", "run_attempt"]
-
-_FEWEST_EASY = {1: 1, 2: 2, 3: 3, 4: 5, 5: 10, 6: 27, 7: 36}
-"""Stages from which on random starts reach the solution set often enough, by order."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +39,11 @@ class ConstructionSettings:
     order: int
     stages: int
     seed: int
+    structure: Structure
     first_stages: int
     width: float
     iterations: int
+    promising: float
     largest: float
     restarts: int
     full_rank: bool
@@ -129,9 +129,10 @@ def construct(
     largest: float = 3.0,
     restarts: int = 1,
     full_rank: bool = False,
+    structure: Structure | None = None,
     first_stages: int | None = None,
     width: float | None = None,
-    iterations: int = 500,
+    iterations: int | None = None,
     workers: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[Attempt], None] | None = None,
@@ -158,12 +159,17 @@ def construct(
     full_rank : bool, optional
         Accept only points at which all conditions are independent, which is what a
         certificate without further identities needs.
+    structure : Structure, optional
+        Simplifying assumptions to look for methods with. By default those of
+        `Structure.MIDDLE` from order 6 on, and for fewer stages than the conditions of
+        a general method need; none with `full_rank`.
     first_stages : int, optional
-        Stages of the random starts; by default as many as the order makes easy.
+        Stages of the random starts; by default what order and structure make easy.
     width : float, optional
-        Guesses are uniform in [-width, width]; by default 1 up to order 4, 0.5 above.
+        Guesses are uniform in [-width, width]; by default what order and structure ask for.
     iterations : int, optional
-        Bound on the solver's steps for a random start.
+        Bound on the solver's steps for a random start, and once more where they lead far
+        down; by default what order and structure ask for.
     workers : int, optional
         Threads; all cores by default.
     checkpoint : path, optional
@@ -189,7 +195,17 @@ def construct(
     3
     """
     settings = _settings(
-        order, stages, seed, largest, restarts, full_rank, first_stages, width, iterations, force
+        order,
+        stages,
+        seed,
+        largest,
+        restarts,
+        full_rank,
+        structure,
+        first_stages,
+        width,
+        iterations,
+        force,
     )
     tries = check_integer("tries", tries, 1, LARGEST_COUNT)
     if progress is not None and not callable(progress):
@@ -243,12 +259,10 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
     random = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
     spread = max(0, settings.first_stages - settings.stages)
     stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
-    system = System(settings.order, stages)
-    guess = random.uniform(-settings.width, settings.width, system.size)
-    fit = fit_conditions(guess, stages, settings.order, max_iterations=settings.iterations)
+    system = System(settings.order, stages, structure=settings.structure)
+    guess = random_point(system, settings.width, random)
+    fit = solve_start(guess, settings.iterations, promising=settings.promising)
     point = Point(system, fit.x)
-    if 1e-26 < fit.f < 1e-15:
-        point = correct(point, max_iterations=300)
     if not _acceptable(settings, point):
         return _attempt(settings, index, point)
     for smaller in eliminate(
@@ -264,7 +278,7 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
 
 
 def _acceptable(settings: ConstructionSettings, point: Point) -> bool:
-    if not solved(point) or point.largest > settings.largest:
+    if not solved(point) or point.largest > settings.largest or not sound(point):
         return False
     return not settings.full_rank or point.rank == count(settings.order, independent=True)
 
@@ -275,7 +289,8 @@ def _attempt(settings: ConstructionSettings, index: int, point: Point) -> Attemp
 
 
 def _refined(settings: ConstructionSettings, attempt: Attempt) -> Tableau | None:
-    point = Point(System(settings.order, attempt.stages), _array(attempt.x))
+    system = System(settings.order, attempt.stages, structure=settings.structure)
+    point = Point(system, _array(attempt.x))
     try:
         return to_tableau(
             point,
@@ -297,35 +312,46 @@ def _settings(
     largest: float,
     restarts: int,
     full_rank: bool,
+    structure: Structure | None,
     first_stages: int | None,
     width: float | None,
-    iterations: int,
+    iterations: int | None,
     force: bool,
 ) -> ConstructionSettings:
     order = check_integer("order", order, 1)
     if order > HIGHEST_ORDER:
         raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
     stages = check_integer("stages", stages, 1, MOST_STAGES)
-    size, conditions = unknowns(stages, Rows.EXPLICIT), count(order, independent=True)
-    if not check_flag("force", force) and size < conditions:
+    full_rank = check_flag("full_rank", full_rank)
+    if structure is None:
+        structure = Structure.GENERAL if full_rank else likely_structure(order, stages)
+    system = System(order, stages, structure=structure)
+    if full_rank and system.structure:
+        raise ValueError(f"structure must be GENERAL with full_rank, got {system.structure.name}")
+    if not check_flag("force", force) and system.free.size < system.equations:
+        kind = f" with structure {system.structure.name}" if system.structure else ""
         raise ValueError(
-            f"stages = {stages} gives {size} unknowns for {conditions} independent conditions of "
-            f"order {order}; pass force=True to try all the same"
+            f"stages = {stages} gives {system.free.size} unknowns for {system.equations} "
+            f"independent conditions of order {order}{kind}; pass force=True to try all the same"
         )
+    start = default_start(order, system.structure)
     if first_stages is None:
-        first_stages = max(stages, _FEWEST_EASY.get(order, 2 * stages))
+        first_stages = max(stages, start.stages)
     first_stages = check_integer("first_stages", first_stages, stages, MOST_STAGES)
     if width is None:
-        width = 1.0 if order <= 4 else 0.5
-    width = check_real("width", width, positive=True, most=WIDEST)
+        width = start.width
+    if iterations is None:
+        iterations = start.iterations
     return ConstructionSettings(
         order,
         stages,
         check_integer("seed", seed, 0),
+        system.structure,
         first_stages,
-        width,
+        check_real("width", width, positive=True, most=WIDEST),
         check_integer("iterations", iterations, 1, LARGEST_COUNT),
+        start.promising,
         check_real("largest", largest, positive=True),
         check_integer("restarts", restarts, 0),
-        check_flag("full_rank", full_rank),
+        full_rank,
     )

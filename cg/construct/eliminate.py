@@ -1,4 +1,4 @@
-"""Fewer stages: drive one stage's influence to zero along the solution set, and drop it."""
+"""Fewer stages: drop one after the other, or drive one's influence to zero along the set."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ..checks import check_integer
+from ..solve.system import Structure
+from .drop import drop_stage, held
 from .point import Point, check_point, correct, solved
 
 __all__ = ["eliminate", "eliminate_stage", "walk"]
 
 _NEARLY_GONE = 1e-2  # from this fraction of the column on, the rest is tried at once
 _SMALLEST_STEP = 2e-3
+_SHRUNK = 3  # columns that are tried from one point
 _INTERMEDIATE = 1e-19  # sum of squares that is good enough on the way
 
 
@@ -76,7 +79,7 @@ def walk(
         free = point.system.free
         x = point.x.copy()
         x[free] += size / np.sqrt(free.size) * random.standard_normal(free.size)
-        moved = correct(Point(point.system, x))
+        moved = correct(Point(point.system, x), held(point.system))
         if solved(moved) and moved.largest <= largest:
             return moved
         size /= 2
@@ -89,11 +92,14 @@ def eliminate(
     *,
     random: np.random.Generator,
     largest: float = 4.0,
-    tries: int = 6,
+    tries: int = 16,
     restarts: int = 3,
     accept: Callable[[Point], bool] = lambda point: True,
 ) -> Iterator[Point]:
     """Eliminate stage after stage, yielding every point on the way down.
+
+    Stages are left out one by one (`drop_stage`). For pairs, and where no stage can be
+    left out even after walks along the set, columns are driven to zero (`eliminate_stage`).
 
     Parameters
     ----------
@@ -106,7 +112,7 @@ def eliminate(
     largest : float, optional
         Bound on the magnitude of coefficients.
     tries : int, optional
-        Stages tried from one point, those with the smallest columns first.
+        Ways to drop a stage that are tried from one point.
     restarts : int, optional
         Walks to another point of the set after which a dead end is one.
     accept : callable, optional
@@ -119,7 +125,11 @@ def eliminate(
     """
     stuck = 0
     while point.system.stages > stages:
-        found = _try_stages(point, random, largest, tries, accept)
+        found = None
+        if not point.system.embedded:
+            found = drop_stage(point, random, largest=largest, tries=tries, accept=accept)
+        if found is None and (point.system.embedded or stuck == restarts):
+            found = _shrink_one(point, random, largest, accept)
         if found is None:
             stuck += 1
             if stuck > restarts:
@@ -130,17 +140,18 @@ def eliminate(
             yield point
 
 
-def _try_stages(
+def _shrink_one(
     point: Point,
     random: np.random.Generator,
     largest: float,
-    tries: int,
     accept: Callable[[Point], bool],
 ) -> Point | None:
-    sizes = np.array([np.linalg.norm(point.x[point.column(k)]) for k in range(point.system.stages)])
+    first = 0 if point.system.structure is Structure.GENERAL else 2
+    stages = range(first, point.system.stages)
+    sizes = np.array([np.linalg.norm(point.x[point.column(k)]) for k in stages])
     order = np.argsort(sizes * np.exp(0.4 * random.standard_normal(sizes.size)))
-    for stage in order[:tries]:
-        smaller = eliminate_stage(point, int(stage), largest=largest)
+    for k in order[:_SHRUNK]:
+        smaller = eliminate_stage(point, stages[int(k)], largest=largest)
         if smaller is not None and accept(smaller):
             return smaller
     return None

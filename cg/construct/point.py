@@ -19,7 +19,7 @@ from ..solve.refine import refine
 from ..solve.system import System
 from ..tableau import Tableau
 
-__all__ = ["NotExactError", "Point", "correct", "pack_method", "solved", "to_tableau"]
+__all__ = ["NotExactError", "Point", "correct", "pack_method", "solved", "sound", "to_tableau"]
 
 SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby."""
@@ -167,6 +167,20 @@ def solved(point: Point) -> bool:
     return point.f <= SOLVED * max(1.0, point.largest) ** 2
 
 
+def sound(point: Point) -> bool:
+    """Tell whether an exact solution is close by: whether refinement in real(16) gets there."""
+    refined = refine(
+        quad.from_float(point.x),
+        point.system.stages,
+        point.system.order,
+        rows=point.system.rows,
+        embedded=point.system.embedded,
+        structure=point.system.structure,
+        free=np.setdiff1d(point.system.free, np.flatnonzero(point.x == 0)),  # exact zeros stay
+    )
+    return refined.largest_residual <= EXACT * max(1.0, point.largest)
+
+
 def pack_method(method: Tableau, order: int | None = None) -> Point:
     """Return the point of a method; of a pair if it has second weights of order q - 1.
 
@@ -203,8 +217,7 @@ def to_tableau(
         If the conditions don't hold to the floor of binary128 afterwards.
     """
     system = check_point(point).system
-    zeros = np.flatnonzero(point.x == 0)
-    free = np.setdiff1d(movable(system, frozen), zeros)
+    free = np.setdiff1d(movable(system, frozen), np.flatnonzero(point.x == 0))
     refined = refine(
         quad.from_float(point.x),
         system.stages,

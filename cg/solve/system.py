@@ -25,6 +25,11 @@ from ..trees import OrderedTree, forest
 __all__ = ["Structure", "System"]
 
 _STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
+_REMAINING = {
+    1: (1, 1, 2, 6, 19, 56, 178),
+    2: (1, 0, 1, 4, 12, 36, 114),
+}
+"""Conditions on 1, 2, ... nodes that don't follow from a structure and smaller ones."""
 _MIDDLE = -1  # what the compiled core takes for c_k = sum_{j<k} b_j + b_k/2 instead of a tree
 
 
@@ -122,6 +127,17 @@ class System:
         if self.structure >= Structure.MIDDLE:
             fixed.append(weights)
         return np.setdiff1d(np.arange(self.size), fixed)
+
+    @property
+    def equations(self) -> int:
+        """Number of equations that are independent of each other in general."""
+        trees, _ = self.conditions(independent=True)
+        if not self.structure:
+            return len(trees)
+        remaining = _REMAINING[self.structure]
+        assumptions = int(self.structure) * (self.stages - 2)
+        second = sum(_REMAINING[1][: self.order - 1]) if self.embedded else 0
+        return sum(remaining[: self.order]) + second + assumptions
 
     def moving(self, free: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
         """Return the indices of entries that may change, sorted; `free` if None is given.

@@ -1,0 +1,138 @@
+"""Fewer stages at one blow: leave a stage out, then solve again from what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_integer, check_real
+from ..solve.minimum_norm import MinimumNormFit, fit_conditions
+from ..solve.system import Structure, System
+from .point import Point, check_point, solved
+
+__all__ = ["drop_stage", "held", "solve_start"]
+
+_SPREAD = 0.6  # of the order in which stages are tried, in logarithms of f
+
+
+def held(system: System) -> list[int]:
+    """Return the entries to hold while solving from afar.
+
+    Close to a_21 = 0 lurks what looks like solutions: with c_2 = ε, c_3 ~ ε^(1/2),
+    c_4 ~ ε^(1/4) and so on, C(2) holds at all stages as ε tends to zero, and the solver
+    follows f to 1e-18 and below, but never to a zero.
+    """
+    return [0] if system.order >= 5 and system.stages > 1 else []
+
+
+def solve_start(point: Point, iterations: int, *, promising: float) -> MinimumNormFit:
+    """Solve from afar: as many iterations again if f is at most `promising` after the first."""
+    system = point.system
+    free = np.setdiff1d(system.free, held(system))
+
+    def fit(x: NDArray[np.float64], damping: float) -> MinimumNormFit:
+        return fit_conditions(
+            x,
+            system.stages,
+            system.order,
+            rows=system.rows,
+            embedded=system.embedded,
+            structure=system.structure,
+            free=free,
+            damping=damping,
+            max_iterations=iterations,
+        )
+
+    first = fit(point.x, 1e-2)
+    return fit(first.x, 1e-8) if 1e-26 < first.f <= promising else first
+
+
+def drop_stage(
+    point: Point,
+    random: np.random.Generator,
+    *,
+    largest: float = 4.0,
+    tries: int = 16,
+    iterations: int = 200,
+    accept: Callable[[Point], bool] = solved,
+) -> Point | None:
+    """Leave a stage out and solve again.
+
+    Its column goes to a neighbour or is dropped. What is closest to the smaller solution
+    set is tried first, but for some chance.
+
+    Parameters
+    ----------
+    point : Point
+        On the solution set; not a pair.
+    random : numpy.random.Generator
+        Source of the order of tries.
+    largest : float, optional
+        Bound on the magnitude of coefficients.
+    tries : int, optional
+        How many of the possibilities are tried.
+    iterations : int, optional
+        Bound on the solver's steps in each, and once more where they lead far down.
+    accept : callable, optional
+        A further test that the smaller point has to pass.
+
+    Returns
+    -------
+    Point or None
+        With one stage less, on its own solution set; None if all tries failed.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is out of its range.
+    """
+    check_point(point)
+    if point.system.embedded:
+        raise ValueError("point must be one method, got a pair")
+    tries = check_integer("tries", tries, 1)
+    iterations = check_integer("iterations", iterations, 1)
+    largest = check_real("largest", largest, positive=True)
+    ways = list(_ways(point))
+    if not ways:
+        return None
+    closeness = np.log([max(way.f, 1e-300) for way in ways])
+    order = np.argsort(closeness + _SPREAD * random.standard_normal(len(ways)), kind="stable")
+    for k in order[:tries]:
+        fit = solve_start(ways[k], iterations, promising=1e-14)
+        smaller = Point(ways[k].system, fit.x)
+        if solved(smaller) and smaller.largest <= largest and accept(smaller):
+            return smaller
+    return None
+
+
+def _ways(point: Point) -> Iterator[Point]:
+    """Yield what is left without each stage, its column given to none, the one before or after."""
+    system = point.system
+    first = 0 if system.structure is Structure.GENERAL else 2  # stages 1 and 2 are special
+    for stage in range(first, system.stages):
+        if system.stages - 1 < first + 1:
+            return
+        column = point.column(stage)
+        for heir in (None, stage - 1, stage + 1):
+            x = point.x.copy()
+            if heir is not None:
+                if not first <= heir < system.stages:
+                    continue
+                _inherit(point, x, stage, heir)
+            x[column] = 0.0
+            smaller = Point(system, x).without(stage)
+            kept = np.zeros(smaller.system.size)
+            kept[smaller.system.free] = smaller.x[smaller.system.free]
+            yield Point(smaller.system, kept)
+
+
+def _inherit(point: Point, x: NDArray[np.float64], stage: int, heir: int) -> None:
+    """Add the column of a stage to that of its heir, in the rows that have both."""
+    begin = 0
+    for row in range(point.system.stages + 1):
+        # explicit rows: as many entries as stages before
+        if row > max(stage, heir):
+            x[begin + heir] += point.x[begin + stage]
+        begin += row

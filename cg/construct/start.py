@@ -1,0 +1,99 @@
+"""Where random starts begin, and which kind of method they look for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..solve.system import Structure, System
+from .drop import held
+from .point import Point
+
+__all__ = ["Start", "default_start", "likely_structure", "random_point"]
+
+_HELD = (0.3, 0.8)  # range of what is held away from zero
+
+
+@dataclass(frozen=True)
+class Start:
+    """How to begin.
+
+    Attributes
+    ----------
+    stages : int
+        From which on random starts reach the solution set often enough.
+    width : float
+        Guesses are uniform in [-width, width].
+    iterations : int
+        Bound on the solver's steps, and once more if f gets below `promising` by then.
+    promising : float
+    """
+
+    stages: int
+    width: float
+    iterations: int
+    promising: float
+
+
+_GENERAL = {
+    1: Start(1, 1.0, 500, 1e-15),
+    2: Start(2, 1.0, 500, 1e-15),
+    3: Start(3, 1.0, 500, 1e-15),
+    4: Start(5, 1.0, 500, 1e-15),
+    5: Start(10, 0.5, 500, 1e-15),
+    6: Start(27, 0.5, 500, 1e-15),
+    7: Start(51, 0.3, 1000, 1e-15),
+}
+_STAGE_ORDER_TWO = {
+    4: Start(6, 1.0, 200, 1e-12),
+    5: Start(10, 0.5, 300, 1e-13),
+    6: Start(16, 0.3, 300, 1e-13),
+    7: Start(40, 0.3, 300, 1e-13),
+}
+_MIDDLE = {
+    4: Start(6, 1.0, 100, 1e-10),
+    5: Start(10, 0.6, 100, 1e-10),
+    6: Start(15, 0.5, 150, 1e-12),
+    7: Start(36, 0.3, 250, 1e-14),
+}
+
+
+def default_start(order: int, structure: Structure) -> Start:
+    """Return what was found to work."""
+    return (_GENERAL, _STAGE_ORDER_TWO, _MIDDLE)[structure][order]
+
+
+def likely_structure(order: int, stages: int) -> Structure:
+    """Return the structure that promises methods: one where there are unknowns enough.
+
+    General methods up to order five if there are as many unknowns as conditions, else
+    those of structure ``MIDDLE`` if they have enough.
+    """
+    general = System(order, stages)
+    if (order >= 4 and stages >= 3) and (order >= 6 or general.free.size < general.equations):
+        middle = System(order, stages, structure=Structure.MIDDLE)
+        if middle.free.size >= middle.equations:
+            return Structure.MIDDLE
+    return Structure.GENERAL
+
+
+def random_point(system: System, width: float, random: np.random.Generator) -> Point:
+    """Return a guess that satisfies what is linear in the system's structure."""
+    x = random.uniform(-width, width, system.size)
+    x[np.setdiff1d(np.arange(system.size), system.free)] = 0.0
+    x[held(system)] = random.uniform(*_HELD)
+    if system.structure is Structure.MIDDLE:
+        _to_the_middle(x, system.stages)
+    return Point(system, x)
+
+
+def _to_the_middle(x: NDArray[np.float64], stages: int) -> None:
+    """Shift the weights to sum 1, and the rows to abscissae in the middle of their pieces."""
+    b = x[-stages:]
+    b[2:] += (1 - b.sum()) / (stages - 2)
+    ends = np.cumsum(b)
+    for row in range(2, stages):
+        entries = slice(row * (row - 1) // 2, row * (row + 1) // 2)
+        x[entries] += (ends[row] - b[row] / 2 - x[entries].sum()) / row
