@@ -4,14 +4,14 @@ subroutine r64_set_lapack(addresses)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use lapack, only: set_lapack
   implicit none
-  integer(c_intptr_t), intent(in) :: addresses(3)  ! dsyrk, dpotrf, dpotrs
+  integer(c_intptr_t), intent(in) :: addresses(4)  ! dsyrk, dpotrf, dpotrs, dgeqrf
 
   call set_lapack(addresses)
 end subroutine r64_set_lapack
 
 ! The caller has set the addresses of LAPACK.
 subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, owner, k, free, ftol, &
-                                damping, max_iterations, stop_flag, x, f, iterations, &
+                                damping, max_iterations, accurate, stop_flag, x, f, iterations, &
                                 evaluations, status)
   use kinds_r64, only: wp
   use conditions_r64, only: order_conditions_t
@@ -25,6 +25,7 @@ subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, owner, k, 
   integer, intent(in) :: free(k)        ! indices of the unknowns that may move, from 1
   real(wp), intent(in) :: ftol, damping
   integer, intent(in) :: max_iterations
+  integer, intent(in) :: accurate       ! zero or one
   integer, intent(inout), target :: stop_flag(1)  ! zero; set by another thread to end the fit
   real(wp), intent(out) :: x(n), f
   integer, intent(out) :: iterations, evaluations, status
@@ -33,6 +34,6 @@ subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, owner, k, 
   call conditions%set_up(order, make_pattern(stages, rows), trees, owner)
   conditions%stop_flag => stop_flag(1)
   x = x0
-  call minimise_norm(conditions, x, m, free, ftol, damping, max_iterations, f, iterations, &
-                     evaluations, status)
+  call minimise_norm(conditions, x, m, free, ftol, damping, max_iterations, accurate /= 0, f, &
+                     iterations, evaluations, status)
 end subroutine r64_fit_minimum_norm

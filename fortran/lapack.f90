@@ -5,7 +5,7 @@ module lapack
                                          c_f_procpointer, c_null_funptr
   implicit none
   private
-  public :: set_lapack, lapack_is_set, gram_matrix, cholesky, solve_cholesky
+  public :: set_lapack, lapack_is_set, gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
 
   abstract interface
     subroutine syrk_i(uplo, trans, n, k, alpha, a, lda, beta, c, ldc) bind(c)
@@ -33,24 +33,36 @@ module lapack
       real(c_double), intent(inout) :: b(ldb, *)   ! (ldb, nrhs)
       integer(c_int), intent(out) :: info
     end subroutine potrs_i
+
+    subroutine geqrf_i(m, n, a, lda, tau, work, lwork, info) bind(c)
+      import :: c_int, c_double
+      integer(c_int), intent(in) :: m, n, lda, lwork
+      real(c_double), intent(inout) :: a(lda, *)   ! (lda, n)
+      real(c_double), intent(out) :: tau(*)        ! (min(m, n))
+      real(c_double), intent(out) :: work(*)       ! (lwork)
+      integer(c_int), intent(out) :: info
+    end subroutine geqrf_i
   end interface
 
   procedure(syrk_i), pointer, save :: dsyrk => null()
   procedure(potrf_i), pointer, save :: dpotrf => null()
   procedure(potrs_i), pointer, save :: dpotrs => null()
+  procedure(geqrf_i), pointer, save :: dgeqrf => null()
 
 contains
 
   subroutine set_lapack(addresses)
-    integer(c_intptr_t), intent(in) :: addresses(3)  ! dsyrk, dpotrf, dpotrs
+    integer(c_intptr_t), intent(in) :: addresses(4)  ! dsyrk, dpotrf, dpotrs, dgeqrf
 
     call c_f_procpointer(transfer(addresses(1), c_null_funptr), dsyrk)
     call c_f_procpointer(transfer(addresses(2), c_null_funptr), dpotrf)
     call c_f_procpointer(transfer(addresses(3), c_null_funptr), dpotrs)
+    call c_f_procpointer(transfer(addresses(4), c_null_funptr), dgeqrf)
   end subroutine set_lapack
 
   logical function lapack_is_set()
-    lapack_is_set = associated(dsyrk) .and. associated(dpotrf) .and. associated(dpotrs)
+    lapack_is_set = associated(dsyrk) .and. associated(dpotrf) .and. associated(dpotrs) &
+      .and. associated(dgeqrf)
   end function lapack_is_set
 
   ! The lower triangle of a a^T.
@@ -68,6 +80,30 @@ contains
 
     call dpotrf('L', size(a, 1), a, size(a, 1), info)
   end subroutine cholesky
+
+  ! The factor of a a^T + damping I, without forming it: small singular values of a, whose squares
+  ! would drown in rounding, keep their digits.
+  subroutine cholesky_of_gram(a, damping, factor)
+    real(c_double), intent(in), contiguous :: a(:, :)         ! (m, n)
+    real(c_double), intent(in) :: damping                     ! > 0
+    real(c_double), intent(inout), contiguous :: factor(:, :) ! (m, m) lower triangle
+    integer, parameter :: block = 32
+    real(c_double), allocatable :: tall(:, :), tau(:), work(:)
+    integer :: m, n, i, info
+
+    m = size(a, 1)
+    n = size(a, 2)
+    allocate (tall(n + m, m), tau(m), work(block*m))
+    tall(:n, :) = transpose(a)
+    tall(n + 1:, :) = 0.0_c_double
+    do i = 1, m
+      tall(n + i, i) = sqrt(damping)
+    end do
+    call dgeqrf(n + m, m, tall, n + m, tau, work, size(work), info)
+    do i = 1, m
+      factor(i:, i) = tall(i, i:m)
+    end do
+  end subroutine cholesky_of_gram
 
   subroutine solve_cholesky(factor, b)
     real(c_double), intent(in), contiguous :: factor(:, :)  ! (m, m)

@@ -8,7 +8,7 @@
 ! followed in steps many times longer. lambda changes by H. B. Nielsen's rule (IMM-REP-1999-05).
 module minimum_norm
   use kinds_r64, only: wp
-  use lapack, only: gram_matrix, cholesky, solve_cholesky
+  use lapack, only: gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
   use least_squares_r64, only: differentiable_t
   implicit none
   private
@@ -20,6 +20,7 @@ module minimum_norm
   integer, parameter, public :: stopped = 5          ! by another thread
 
   real(wp), parameter :: least_damping = 1.0e-17_wp
+  real(wp), parameter :: least_accurate = 1.0e-22_wp ! the same where J J^T isn't formed
   real(wp), parameter :: most_damping = 1.0e8_wp
   real(wp), parameter :: probe = 0.1_wp              ! where along p the second derivative is taken
   real(wp), parameter :: most_bend = 0.75_wp         ! largest |a| / |p| that is trusted
@@ -28,7 +29,7 @@ contains
 
   ! Moves the unknowns listed in `free` only.
   subroutine minimise_norm(problem, x, conditions, free, ftol, first_damping, max_iterations, &
-                           f, iterations, evaluations, status)
+                           accurate, f, iterations, evaluations, status)
     class(differentiable_t), intent(inout) :: problem
     real(wp), intent(inout) :: x(:)        ! (unknowns)
     integer, intent(in) :: conditions      ! number of residuals
@@ -36,17 +37,19 @@ contains
     real(wp), intent(in) :: ftol           ! >= 0
     real(wp), intent(in) :: first_damping  ! over the largest diagonal entry of J J^T
     integer, intent(in) :: max_iterations
+    logical, intent(in) :: accurate        ! by QR of J^T: for small singular values, takes longer
     real(wp), intent(out) :: f             ! sum of squared residuals at x
     integer, intent(out) :: iterations, evaluations, status
     real(wp), allocatable :: full(:, :), jac(:, :), gram(:, :), factor(:, :)
     real(wp), allocatable :: r(:), r_trial(:), y(:), step(:), trial(:)
-    real(wp) :: damping, growth, f_trial, predicted, gain
+    real(wp) :: damping, growth, f_trial, predicted, gain, least
     integer :: flag
 
     allocate (full(conditions, size(x)), jac(conditions, size(free)))
     allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
     allocate (r(conditions), r_trial(conditions), y(conditions), step(size(free)), trial(size(x)))
 
+    least = merge(least_accurate, least_damping, accurate)
     status = not_finite
     iterations = 0
     evaluations = 1
@@ -58,7 +61,7 @@ contains
     if (f <= ftol) status = solved
     call linearise(damping, flag)
     if (flag < 0) status = not_finite
-    damping = max(first_damping*damping, least_damping)
+    damping = max(first_damping*damping, least)
     growth = 2.0_wp
 
     do while (status == out_of_iterations .and. iterations < max_iterations)
@@ -67,7 +70,11 @@ contains
         exit
       end if
       iterations = iterations + 1
-      call factorise(gram, factor, damping)
+      if (accurate) then
+        call cholesky_of_gram(jac, damping, factor)
+      else
+        call factorise(gram, factor, damping)
+      end if
       y = r
       call solve_cholesky(factor, y)
       step = -matmul(y, jac)
@@ -82,7 +89,7 @@ contains
       if (f_trial < f) then
         predicted = f - sum((damping*y)**2)
         gain = (f - f_trial)/max(predicted, tiny(f))
-        damping = max(damping*max(1.0_wp/3.0_wp, 1.0_wp - (2.0_wp*gain - 1.0_wp)**3), least_damping)
+        damping = max(damping*max(1.0_wp/3.0_wp, 1.0_wp - (2.0_wp*gain - 1.0_wp)**3), least)
         growth = 2.0_wp
         x = trial
         r = r_trial
@@ -110,8 +117,8 @@ contains
       flag = 0
       call problem%jacobian(x, full, flag)
       jac = full(:, free)
-      call gram_matrix(jac, gram)
-      largest = maxval([(gram(i, i), i=1, conditions)])
+      if (.not. accurate) call gram_matrix(jac, gram)
+      largest = maxval([(dot_product(jac(i, :), jac(i, :)), i=1, conditions)])
     end subroutine linearise
   end subroutine minimise_norm
 

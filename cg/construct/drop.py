@@ -32,7 +32,7 @@ def solve_start(point: Point, iterations: int, *, promising: float) -> MinimumNo
     system = point.system
     free = np.setdiff1d(system.free, held(system))
 
-    def fit(x: NDArray[np.float64], damping: float) -> MinimumNormFit:
+    def fit(x: NDArray[np.float64], damping: float, accurate: bool) -> MinimumNormFit:
         return fit_conditions(
             x,
             system.stages,
@@ -43,10 +43,11 @@ def solve_start(point: Point, iterations: int, *, promising: float) -> MinimumNo
             free=free,
             damping=damping,
             max_iterations=iterations,
+            accurate=accurate,
         )
 
-    first = fit(point.x, 1e-2)
-    return fit(first.x, 1e-8) if 1e-26 < first.f <= promising else first
+    first = fit(point.x, 1e-2, False)
+    return fit(first.x, 1e-15, True) if 1e-26 < first.f <= promising else first
 
 
 def drop_stage(

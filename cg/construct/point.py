@@ -134,6 +134,7 @@ def correct(
         ftol=ftol,
         damping=damping,
         max_iterations=max_iterations,
+        accurate=system.order >= 7,
     )
     return Point(system, fit.x)
 

@@ -17,7 +17,7 @@ from scipy.linalg import cython_blas, cython_lapack
 
 from cg import _minimum_norm
 
-from ..checks import check_integer
+from ..checks import check_flag, check_integer
 from ..conditions import Rows
 from ..parallel import stoppable
 from .system import Structure, System
@@ -71,6 +71,7 @@ def fit_conditions(
     ftol: float = 1e-27,
     damping: float = 1e-2,
     max_iterations: int = 1000,
+    accurate: bool = False,
 ) -> MinimumNormFit:
     """Minimise the sum of squared residuals of the independent order conditions.
 
@@ -97,6 +98,9 @@ def fit_conditions(
         First damping, relative to the largest squared norm of a row of the Jacobian;
         small close to a solution.
     max_iterations : int, optional
+    accurate : bool, optional
+        Take steps from a QR factorisation, which takes up to three times as long, instead
+        of normal equations, which lose singular values below 1e-8 of the largest.
 
     Returns
     -------
@@ -119,13 +123,14 @@ def fit_conditions(
     if not 0 < damping < np.inf:
         raise ValueError(f"damping must be finite and positive, got {damping}")
     max_iterations = check_integer("max_iterations", max_iterations, 0)
+    accurate = check_flag("accurate", accurate)
     trees, owner = system.conditions(independent=True)
     moving = (indices + 1).astype(np.intc)
     shape = (order, system.packed_stages, rows)
     most = max_iterations * trees.size**2 * moving.size  # for the Gram matrices
     found, f, iterations, evaluations, status = stoppable(
         lambda stop_flag: _minimum_norm.fit_minimum_norm(
-            *shape, x, trees, owner, moving, ftol, damping, max_iterations, stop_flag
+            *shape, x, trees, owner, moving, ftol, damping, max_iterations, accurate, stop_flag
         ),
         brief=most <= _BRIEF,
     )
@@ -149,5 +154,6 @@ _minimum_norm.set_lapack(
         _address(cython_blas.__pyx_capi__, "dsyrk"),
         _address(cython_lapack.__pyx_capi__, "dpotrf"),
         _address(cython_lapack.__pyx_capi__, "dpotrs"),
+        _address(cython_lapack.__pyx_capi__, "dgeqrf"),
     ]
 )
