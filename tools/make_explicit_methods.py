@@ -1,9 +1,9 @@
-"""Find methods like the catalogue's explicit ones of orders three to five, from random starts.
+"""Find methods like the catalogue's explicit ones of orders three to six, from random starts.
 
 Each recipe solves the order conditions from seeded random guesses and moves along the
 solution set: to a small principal error, or by driving coefficients to exact zeros. The best
-candidate with a certificate is written. CG5(4) and CG5e of the catalogue are from here; for the
-others, which came from such runs with other guesses, digits and errors differ a little.
+candidate with a certificate is written. CG5(4), CG5e, CG6f and CG6g of the catalogue are from here;
+for the others, which came from such runs with other guesses, digits and errors differ a little.
 
     python tools/make_explicit_methods.py FOLDER [NAME ...]
 """
@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,22 +27,28 @@ from cg.construct import (
     Goals,
     NotExactError,
     Point,
+    Structure,
+    System,
+    eliminate,
     fewer_exponentials,
     optimise,
     principal_error,
     solved,
+    sound,
     to_tableau,
 )
+from cg.construct.drop import solve_start
+from cg.construct.start import default_start, random_point
 from cg.parallel import as_finished, available_cores
 from cg.search import random_start
 from cg.solve.minimum_norm import fit_conditions
-from cg.solve.system import System
 from cg.tableau import Tableau
 
 SEED = 1
 LARGEST = 4.0  # coefficients of what is worth moving along
 CLEARLY = 2e-3  # least norm of the residuals of order q of a pair's second weights
 SINGLE = Goals(bound_weight=0.05)
+STRUCTURED = Goals(coefficients=1e-4, abscissae=0.2, bound_weight=0.05)
 PAIR = Goals(coefficients=0.02, abscissae=0.2)
 
 
@@ -55,7 +61,8 @@ class Recipe:
     name : str
     system : System
     starts, iterations : int
-        Random guesses, and steps of the solver from each.
+        Random guesses, and steps of the solver from each; with a structure, steps are as
+        many as `cg.construct` takes.
     aim : str
         A small "error", few "flows", which are coefficients that aren't zero, or a small
         "effort", flows times the q-th root of the error.
@@ -71,6 +78,8 @@ class Recipe:
     def source(self) -> str:
         """Where a method comes from, for its file."""
         kind = "moved along the solution set to a small principal error"
+        if self.system.structure:
+            kind = f"structure {self.system.structure.name}, stages dropped, {kind}"
         if self.system.embedded:
             kind = f"both weights solved for jointly, {kind}"
         if self.aim != "error":
@@ -89,6 +98,8 @@ RECIPES = (
     Recipe("CG5e", System(5, 9), 2000, 250, "effort"),
     Recipe("CG5d", System(5, 8), 3000, 400),
     Recipe("CG5(4)", System(5, 10, embedded=True), 500, 400),
+    Recipe("CG6f", System(6, 13, structure=Structure.MIDDLE), 150, 0),
+    Recipe("CG6g", System(6, 12, structure=Structure.MIDDLE), 150, 0),
 )
 
 
@@ -98,6 +109,8 @@ def solutions(recipe: Recipe) -> list[Point]:
     fixed = np.setdiff1d(np.arange(system.size), system.free)
 
     def run(index: int) -> tuple[int, Point]:
+        if system.structure:
+            return index, _constructed(system, index)
         guess = random_start(SEED, index, system.size, 1.0)
         guess[fixed] = 0
         fit = fit_conditions(
@@ -111,7 +124,21 @@ def solutions(recipe: Recipe) -> list[Point]:
 
     found = dict(as_finished(run, range(recipe.starts), available_cores()))
     points = [found[index] for index in range(recipe.starts)]
-    return [p for p in points if solved(p) and p.largest <= LARGEST]
+    return [p for p in points if p.largest <= LARGEST and solved(p)]
+
+
+def _constructed(system: System, index: int) -> Point:
+    """Return where a start with easily enough stages ends after as many are dropped."""
+    random = np.random.default_rng([SEED, index])
+    start = default_start(system.order, system.structure)
+    wide = replace(system, stages=max(system.stages, start.stages))
+    guess = random_point(wide, start.width, random)
+    point = Point(wide, solve_start(guess, start.iterations, promising=start.promising).x)
+    if solved(point) and sound(point):
+        for smaller in eliminate(point, system.stages, random=random, restarts=1, accept=sound):
+            point = smaller
+    short = point.system.stages != system.stages
+    return Point(system, np.full(system.size, np.inf)) if short else point
 
 
 def candidates(recipe: Recipe) -> Iterator[Point]:
@@ -123,7 +150,8 @@ def candidates(recipe: Recipe) -> Iterator[Point]:
         moved = [optimise(p, PAIR, tolerance=1e-5) for p in points]
         moved = [p for p in moved if second_residual(p) >= CLEARLY]
     else:
-        moved = [optimise(p, SINGLE) for p in points]
+        goals = STRUCTURED if recipe.system.structure else SINGLE
+        moved = [optimise(p, goals) for p in points]
     if recipe.aim != "error":
         thinned = [fewer_exponentials(p, largest=3.0) for p in moved]
         moved = [optimise(p, SINGLE, frozen=zeros) for p, zeros in thinned if solved(p)]

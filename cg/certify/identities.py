@@ -81,6 +81,10 @@ class StageOrderTwo:
         which is left out where y isn't empty: then the word with the mark is one with
         fewer nodes. The factor κ is taken into the mark, whose weights are zero or not
         with it.
+
+        Letters before a mark of stage 2 count on stages 1 and 2 only. There, all letters but
+        τ are zero or multiples of ``[τ]``, so that words are zero or multiples of one with
+        fewer nodes.
         """
         for context, letter in places(word):
             for y in without(letter, _LINE) | without(letter, _BUSH):
@@ -91,6 +95,10 @@ class StageOrderTwo:
                 if not y:
                     _add(relation, fill(context, self.exception), -1)
                 yield relation
+        if self.exception == 1:
+            rows = (letter for _, letter in places(word))
+            if any(map(_before_the_mark, rows)):
+                yield {word: 1}
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
         """Tell whether a child of the root is the mark, and the weight there is zero."""
@@ -183,6 +191,10 @@ class MiddleAbscissae:
 
     and each further letter multiplies the integrand from the right. Residuals satisfy the
     same, since ``B = c`` for the exact solution.
+
+    With one letter of even p, all m have to be on one stage. There such a word is a number
+    times ``b_k^N Φ_k(y)``, with N = m + Σp and y in the shuffles of all y: a multiple of the
+    words of one letter with ``p = N - 1``.
     """
 
     parameters: ClassVar[tuple[Fraction, ...]] = ()
@@ -219,24 +231,44 @@ class MiddleAbscissae:
             powers = range(len(letter) + 1)
             choices.append([(p, y) for p in powers for y in without(letter, ((),) * p)])
         for centred in product(*choices):
-            even = sum(p % 2 == 0 for p, _ in centred)
-            if even > 1 or len(centred) == even:
-                continue
-            relation = _centred(centred)
-            if even == 1:
-                whole = len(centred) - 1 + sum(p for p, _ in centred)
-                share = _on_a_stage([p for p, _ in centred]) / _on_a_stage([whole])
-                together: Relation = {(): 1}
-                for _, y in centred:
-                    together = _product(together, y)
-                for y, multiplicity in together.items():
-                    for found, m in _centred([(whole, y)]).items():
-                        _add(relation, found, -share * multiplicity * m)
-            yield {found: c for found, c in relation.items() if c}
+            found = _folded(centred)
+            if found:
+                yield found
 
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
         """Return False."""
         return False
+
+
+def _before_the_mark(word: Word) -> bool:
+    """Tell whether a letter before a mark of stage 2 is neither τ nor [τ]."""
+    last = max((k for k, letter in enumerate(word) if isinstance(letter, int)), default=0)
+    return any(letter not in ((), _DOT) for letter in word[:last])
+
+
+def _folded(letters: Sequence[tuple[int, Word]]) -> Relation:
+    """Return how a word of centred letters differs from a multiple of words of one letter.
+
+    Nothing if no relation comes of it.
+    """
+    even = sum(p % 2 == 0 for p, _ in letters)
+    if even > 1 or even == len(letters):
+        return {}
+    relation = _centred(letters)
+    if even:
+        whole = sum(p + 1 for p, _ in letters) - 1
+        share = _on_a_stage(letters) / _on_a_stage([(whole, ())])
+        for y, multiplicity in _shuffled(letters).items():
+            for word, m in _centred([(whole, y)]).items():
+                _add(relation, word, -share * multiplicity * m)
+    return {word: c for word, c in relation.items() if c}
+
+
+def _shuffled(letters: Sequence[tuple[int, Word]]) -> Relation:
+    words: Relation = {(): 1}
+    for _, y in letters:
+        words = _product(words, y)
+    return words
 
 
 def _centred(letters: Sequence[tuple[int, Word]]) -> Relation:
@@ -247,11 +279,11 @@ def _centred(letters: Sequence[tuple[int, Word]]) -> Relation:
     return words
 
 
-def _on_a_stage(powers: Sequence[int]) -> Fraction:
-    """Return the iterated integral of ``u^p / p!`` for these p, over -1/2 < u < 1/2."""
+def _on_a_stage(letters: Sequence[tuple[int, Word]]) -> Fraction:
+    """Return the iterated integral of the letters' ``u^p / p!``, over -1/2 < u < 1/2."""
     half = Fraction(1, 2)
     integral = [Fraction(1)]  # coefficients of a polynomial in u
-    for p in powers:
+    for p, _ in letters:
         scaled = [Fraction(0)] * p + [c / factorial(p) for c in integral]
         integral = [Fraction(0)] + [c / (k + 1) for k, c in enumerate(scaled)]
         integral[0] = -sum((c * (-half) ** k for k, c in enumerate(integral)), Fraction(0))

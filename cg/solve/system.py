@@ -26,8 +26,8 @@ __all__ = ["Structure", "System"]
 
 _STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
 _REMAINING = {
-    1: (1, 1, 2, 6, 19, 56, 178),
-    2: (1, 0, 1, 4, 12, 36, 114),
+    1: (1, 1, 2, 6, 19, 56, 176),
+    2: (1, 0, 1, 4, 12, 36, 112),
 }
 """Conditions on 1, 2, ... nodes that don't follow from a structure and smaller ones."""
 _MIDDLE = -1  # what the compiled core takes for c_k = sum_{j<k} b_j + b_k/2 instead of a tree
