@@ -25,6 +25,8 @@ KNOWN = {
     "CG4a": (4, 5, 15),
     "CG5a": (5, 9, 43),
     "CG6a": (6, 16, 136),
+    "CG6f": (6, 13, 89),
+    "CG6g": (6, 12, 76),
 }
 RATIONAL = ["LieEuler", "CG2", "CG3", "CG2(3)"]
 EXACT = [name for name in methods if not methods[name].approximate]

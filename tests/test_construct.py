@@ -12,8 +12,11 @@ from cg.construct import (
     Goals,
     NotExactError,
     Point,
+    Structure,
+    System,
     compose,
     correct,
+    drop_stage,
     eliminate,
     eliminate_stage,
     fewer_exponentials,
@@ -21,12 +24,12 @@ from cg.construct import (
     pack_method,
     principal_error,
     solved,
+    sound,
     to_tableau,
     triple_jump,
     walk,
 )
 from cg.solve.minimum_norm import fit_conditions
-from cg.solve.system import System
 
 
 def a_point(order, stages, *, embedded=False, seed=0, bound=3.0):
@@ -145,6 +148,29 @@ class TestMoving:
         smaller = eliminate_stage(wider, 1)
         np.testing.assert_allclose(smaller.x, point.x, rtol=0, atol=1e-12)
 
+    def test_a_dropped_stage_leaves_a_method(self):
+        smaller = drop_stage(a_point(4, 7, seed=1), np.random.default_rng(3))
+        assert smaller.system.stages == 6
+        assert solved(smaller)
+        assert sound(smaller)
+
+    def test_stages_that_cannot_be_dropped(self):
+        random = np.random.default_rng(0)
+        assert drop_stage(a_point(3, 3), random) is None
+        assert drop_stage(a_point(4, 7), random, accept=lambda point: False) is None
+        with pytest.raises(ValueError, match="point must be one method, got a pair"):
+            drop_stage(a_point(3, 3, embedded=True), random)
+        with pytest.raises(ValueError, match="tries must be at least 1"):
+            drop_stage(a_point(4, 7), random, tries=0)
+
+    def test_a_near_miss_is_not_sound(self):
+        point = a_point(4, 6)
+        assert sound(point)
+        assert sound(Point(point.system, point.x + 1e-9))
+        # b = 0 is held, and the first condition with it
+        nothing = Point(System(1, 1), np.zeros(1))
+        assert not sound(nothing)
+
     def test_a_dead_end_is_none(self):
         # two stages cannot have order three
         assert eliminate_stage(a_point(3, 3), 1) is None
@@ -219,6 +245,31 @@ class TestConstruct:
         assert found.exact
         assert (found.method.order, found.method.stages) == (4, 5)
         assert max(map(abs, residuals_exact(*found.method.exact, 4))) < Fraction(1, 10**33)
+
+    @pytest.mark.parametrize("stages", [15, 13, pytest.param(12, marks=pytest.mark.slow)])
+    def test_order_six(self, stages):
+        found = cg.construct(order=6, stages=stages, seed=1, tries=40)
+        assert found.exact
+        assert found.settings.structure is Structure.MIDDLE
+        assert (found.method.order, found.method.stages) == (6, stages)
+        assert max(map(abs, residuals_exact(*found.method.exact, 6))) < Fraction(1, 10**33)
+        c, b = found.method.c, found.method.b
+        np.testing.assert_allclose(c[2:], np.cumsum(b)[2:] - b[2:] / 2, rtol=0, atol=1e-15)
+
+    @pytest.mark.slow
+    def test_order_six_with_independent_conditions(self):
+        found = cg.construct(order=6, stages=22, seed=1, tries=40, full_rank=True)
+        assert pack_method(found.method, 6).rank == 113
+
+    def test_order_five_with_eight_stages_has_a_structure(self):
+        found = cg.construct(order=5, stages=8, seed=0, tries=1)
+        assert found.settings.structure is Structure.MIDDLE  # 36 unknowns for 38 conditions else
+
+    def test_too_few_stages_for_a_structure(self):
+        with pytest.raises(ValueError, match=r"64 unknowns for 72 .* with structure MIDDLE"):
+            cg.construct(order=6, stages=11, seed=0, structure=Structure.MIDDLE)
+        with pytest.raises(ValueError, match="structure must be GENERAL with full_rank"):
+            cg.construct(order=6, stages=15, seed=0, structure=1, full_rank=True)
 
     def test_workers_do_not_change_the_result(self):
         one, two = (cg.construct(order=4, stages=5, seed=3, workers=n) for n in (1, 2))
