@@ -67,7 +67,7 @@ def test_residuals_vanish_through_the_order_and_not_beyond(name):
     residuals = conditions.residuals_exact(*method.exact, order + 1)
     through = conditions.count(order)
     assert max(map(abs, residuals[:through])) < Fraction(1, 10**32)
-    assert max(map(abs, residuals[through:])) > Fraction(1, 10**5)
+    assert max(map(abs, residuals[through:])) > Fraction(1, 10**6)  # of CG7b 7e-6 is left
     assert method.principal_error() > 1e-5  # far above rounding, and the best method has 1e-4
 
 

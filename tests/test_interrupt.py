@@ -36,7 +36,7 @@ def fit_fast(stop_flag):
     trees, owner = System(ORDER, TOO_FEW).conditions(independent=True)
     free = np.arange(1, x0.size + 1, dtype=np.intc)
     return _minimum_norm.fit_minimum_norm(
-        ORDER, TOO_FEW, 0, x0, trees, owner, free, 0.0, 1e-2, FOREVER, stop_flag
+        ORDER, TOO_FEW, 0, x0, trees, owner, free, 0.0, 1e-2, FOREVER, False, stop_flag
     )
 
 
