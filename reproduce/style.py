@@ -72,12 +72,16 @@ def lines(names: Iterable[str]) -> dict[str, Mapping[str, Any]]:
     """
     listed = list(names)
     taken = {LINES[name]["color"] for name in listed if name in LINES}
-    looks = list(zip(PALETTE.values(), _MARKERS, strict=True))
-    # neighbours differ in all three, so that curves on top of each other can be told apart
+    # neighbours differ in all three, so that curves on top of each other can be told apart, and
+    # no marker has a colour twice
     free = [
-        {"color": color, "marker": marker, "linestyle": _DASHES[(k + turn) % len(_DASHES)]}
+        {
+            "color": color,
+            "marker": _MARKERS[(k + 2 * turn) % len(_MARKERS)],
+            "linestyle": _DASHES[(k + turn) % len(_DASHES)],
+        }
         for turn in range(len(_DASHES))
-        for k, (color, marker) in enumerate(looks)
+        for k, color in enumerate(PALETTE.values())
         if color not in taken
     ]
     others = [name for name in listed if name not in LINES]
