@@ -133,7 +133,7 @@ def _constructed(system: System, index: int) -> Point:
     start = default_start(system.order, system.structure)
     wide = replace(system, stages=max(system.stages, start.stages))
     guess = random_point(wide, start.width, random)
-    point = Point(wide, solve_start(guess, start.iterations, promising=start.promising).x)
+    point = solve_start(guess, start.iterations, promising=start.promising)
     if solved(point) and sound(point):
         for smaller in eliminate(point, system.stages, random=random, restarts=1, accept=sound):
             point = smaller

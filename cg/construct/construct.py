@@ -261,8 +261,7 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
     stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
     system = System(settings.order, stages, structure=settings.structure)
     guess = random_point(system, settings.width, random)
-    fit = solve_start(guess, settings.iterations, promising=settings.promising)
-    point = Point(system, fit.x)
+    point = solve_start(guess, settings.iterations, promising=settings.promising)
     if not _acceptable(settings, point):
         return _attempt(settings, index, point)
     for smaller in eliminate(

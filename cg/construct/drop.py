@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_integer, check_real
-from ..solve.minimum_norm import MinimumNormFit, fit_conditions
 from ..solve.system import Structure, System
-from .point import Point, check_point, solved
+from .point import Point, check_point, correct, solved
 
 __all__ = ["drop_stage", "held", "solve_start"]
 
@@ -27,27 +27,14 @@ def held(system: System) -> list[int]:
     return [0] if system.order >= 5 and system.stages > 1 else []
 
 
-def solve_start(point: Point, iterations: int, *, promising: float) -> MinimumNormFit:
+def solve_start(point: Point, iterations: int, *, promising: float) -> Point:
     """Solve from afar: as many iterations again if f is at most `promising` after the first."""
-    system = point.system
-    free = np.setdiff1d(system.free, held(system))
-
-    def fit(x: NDArray[np.float64], damping: float, accurate: bool) -> MinimumNormFit:
-        return fit_conditions(
-            x,
-            system.stages,
-            system.order,
-            rows=system.rows,
-            embedded=system.embedded,
-            structure=system.structure,
-            free=free,
-            damping=damping,
-            max_iterations=iterations,
-            accurate=accurate,
-        )
-
-    first = fit(point.x, 1e-2, False)
-    return fit(first.x, 1e-15, True) if 1e-26 < first.f <= promising else first
+    frozen = held(point.system)
+    options: dict[str, Any] = {"ftol": 1e-27, "max_iterations": iterations}
+    first = correct(point, frozen, damping=1e-2, accurate=False, **options)
+    if not 1e-26 < first.f <= promising:
+        return first
+    return correct(first, frozen, damping=1e-15, accurate=True, **options)
 
 
 def drop_stage(
@@ -101,8 +88,7 @@ def drop_stage(
     closeness = np.log([max(way.f, 1e-300) for way in ways])
     order = np.argsort(closeness + _SPREAD * random.standard_normal(len(ways)), kind="stable")
     for k in order[:tries]:
-        fit = solve_start(ways[k], iterations, promising=1e-14)
-        smaller = Point(ways[k].system, fit.x)
+        smaller = solve_start(ways[k], iterations, promising=1e-14)
         if solved(smaller) and smaller.largest <= largest and accept(smaller):
             return smaller
     return None

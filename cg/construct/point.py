@@ -104,6 +104,7 @@ def correct(
     ftol: float = 1e-26,
     damping: float = 1e-6,
     max_iterations: int = 200,
+    accurate: bool | None = None,
 ) -> Point:
     """Move back to the solution set by small steps of least norm.
 
@@ -113,8 +114,8 @@ def correct(
         Close to the set.
     frozen : sequence of int, optional
         Entries that must keep their values.
-    ftol, damping, max_iterations
-        As for `cg.solve.minimum_norm.fit_conditions`.
+    ftol, damping, max_iterations, accurate
+        As for `cg.solve.minimum_norm.fit_conditions`; accurate from order 7 on by default.
 
     Returns
     -------
@@ -134,7 +135,7 @@ def correct(
         ftol=ftol,
         damping=damping,
         max_iterations=max_iterations,
-        accurate=system.order >= 7,
+        accurate=system.order >= 7 if accurate is None else accurate,
     )
     return Point(system, fit.x)
 
