@@ -196,6 +196,14 @@ class TestFailures:
         with pytest.raises(CertificationError, match="no zero is proved"):
             check(replace(honest, fixed=fixed), methods["CG5a"])
 
+    @pytest.mark.parametrize("middle", ["middle abscissae", "path of order two of b"])
+    def test_an_identity_that_the_second_weights_do_not_satisfy(self, middle):
+        honest = certificate_of(methods["CG6(5)"])
+        assert honest.identities == ("C(2) except at stage 2", "middle abscissae of b")
+        wrong = replace(honest, identities=(honest.identities[0], middle))
+        with pytest.raises(CertificationError):
+            check(wrong, methods["CG6(5)"])
+
     @pytest.mark.parametrize("name", ["CG3", "CG4a"])
     def test_tampered_bounds(self, name):
         honest = certificate_of(methods[name])

@@ -5,8 +5,10 @@ import pytest
 
 import cg
 from cg import quad
-from cg.certify.identities import MiddleAbscissae, StageOrderTwo
+from cg.certify.explain import augment
+from cg.certify.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
 from cg.certify.relations import kept_words
+from cg.certify.weights import Shape
 from cg.conditions import Rows
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
@@ -86,6 +88,18 @@ def test_bad_input(arguments, message):
 )
 def test_equations_that_remain_through_order_seven(identities, weightless, kept):
     assert [len(kept_words(grade, identities, weightless)) for grade in range(1, 8)] == kept
+
+
+def test_an_identity_of_the_first_weights_says_nothing_of_the_second():
+    # 54 conditions on b, 29 on the second weights, and two assumptions at 13 stages
+    shape, zeros = Shape(15, Rows.EXPLICIT, True), [{0, 1}, {1, 14}]
+    identities = (StageOrderTwo(1), OfFirstWeights(MiddleAbscissae()))
+    labels = [e.label for e in augment(shape, [6, 5], identities, zeros).equations]
+    assert len(labels) == 54 + 29 + 2 * 13
+    assert sum(label.endswith("embedded") for label in labels) == 29
+    assert [label for label in labels if label.startswith("middle")] == [
+        f"middle of stage {k}" for k in range(3, 16)
+    ]
 
 
 def test_rank_is_the_count_of_equations_that_remain():

@@ -17,7 +17,7 @@ from scipy import linalg
 from ..conditions import Rows
 from ..quad import to_decimal
 from .composition import MidpointSteps
-from .identities import MiddleAbscissae, PathOrderTwo, StageOrderTwo
+from .identities import MiddleAbscissae, OfFirstWeights, PathOrderTwo, StageOrderTwo
 from .krawczyk import to_double
 from .parametric import Columns, Letters, Path
 from .relations import Identity, kept_words
@@ -59,7 +59,8 @@ def read_identity(name: str) -> Identity:
     elif heading.startswith("letters "):
         found = Letters.read(heading, parameters)
     else:
-        plain: tuple[Identity, ...] = (MidpointSteps(), MiddleAbscissae())
+        both: tuple[Identity, ...] = (MiddleAbscissae(), PathOrderTwo())
+        plain = (MidpointSteps(), *both, *map(OfFirstWeights, both))
         found = next((one for one in plain if one.heading == heading), PathOrderTwo())
     if name_of(found) != name:
         raise ValueError(f"no identity is known as {name!r}")
@@ -85,6 +86,10 @@ def find_identities(
     found += [
         (MiddleAbscissae(),),
         (PathOrderTwo(),),
+    ]
+    if shape.pair:
+        found += [(OfFirstWeights(MiddleAbscissae()),), (OfFirstWeights(PathOrderTwo()),)]
+    found += [
         (Path((Fraction(0),)),),
         (Columns((Fraction(0),)),),
     ]
@@ -211,8 +216,9 @@ def augment(
         equations += identity.equations(shape, zeros, count)
         count += len(identity.parameters)
     for r, (order, held) in enumerate(zip(orders, zeros, strict=True)):
+        known = [one for one in identities if not (r and isinstance(one, OfFirstWeights))]
         for grade in range(1, order + 1):
-            for word in kept_words(grade, identities, held):
+            for word in kept_words(grade, known, held):
                 equation = condition(word, shape.stages + r)
                 label = f"{text(word)} embedded" if r else equation.label
                 equations.append(equation._replace(label=label))

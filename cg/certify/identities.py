@@ -15,12 +15,12 @@ from itertools import product
 from math import factorial
 from typing import Any, ClassVar
 
-from .relations import Relation, fill, places, without
+from .relations import Identity, Relation, fill, places, without
 from .systems import Equation, Term
 from .weights import Quantity, Shape
 from .words import Word, shuffle
 
-__all__ = ["MiddleAbscissae", "PathOrderTwo", "StageOrderTwo"]
+__all__ = ["MiddleAbscissae", "OfFirstWeights", "PathOrderTwo", "StageOrderTwo"]
 
 
 _DOT: Word = ((),)  # τ as a word
@@ -238,6 +238,43 @@ class MiddleAbscissae:
     def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
         """Return False."""
         return False
+
+
+@dataclass(frozen=True)
+class OfFirstWeights:
+    """An identity that only the first weights of a pair satisfy.
+
+    The abscissae can't be in the middle for both, as these weights would then be equal.
+    The conditions on the second weights don't follow by it.
+
+    Attributes
+    ----------
+    identity : Identity
+        Without parameters.
+    """
+
+    identity: Identity
+
+    parameters: ClassVar[tuple[Fraction, ...]] = ()
+
+    @property
+    def heading(self) -> str:
+        """Text from which it is read again."""
+        return f"{self.identity.heading} of b"
+
+    def equations(
+        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+    ) -> list[Equation]:
+        """Return the equations of the identity for ``b`` alone."""
+        return self.identity.equations(shape, zeros[:1], first)
+
+    def relations(self, word: Word) -> Iterator[Relation]:
+        """Yield the relations of the identity, which hold for residuals of ``b``."""
+        yield from self.identity.relations(word)
+
+    def vanishes(self, word: Word, zeros: Collection[int]) -> bool:
+        """Tell whether a weight of ``b`` is zero since these are."""
+        return self.identity.vanishes(word, zeros)
 
 
 def _before_the_mark(word: Word) -> bool:
