@@ -1,3 +1,4 @@
+import math
 from fractions import Fraction
 
 import numpy as np
@@ -237,6 +238,26 @@ class TestIdentities:
                 if marked:  # others differ by a multiple of a shorter word with a mark
                     weights[marked[0]] *= kappa
                     assert is_zero(combined(relation, weights))
+
+    @pytest.mark.parametrize("letter", [((), ()), ((),) * 3, (((),),), ((), ((),)), 1])
+    def test_letters_before_a_mark_are_multiples_of_a_smaller_one(self, draw, letter):
+        # a mark is one on stage 2; the factor is then that of the letters there
+        a, b = explicit_rows(5, draw), [draw() for _ in range(5)]
+        c = a[1][0]
+        value = 1 if letter == 1 else c ** len(letter) / math.factorial(len(letter))
+        factor = value / c if letter == 1 or set(letter) == {()} else 0
+        row, smaller = (letter, (), 1, ((),)), (((),), (), 1, ((),))
+        assert {(row,): 1} in list(StageOrderTwo(1).relations((row,)))
+        assert {(smaller,): 1} not in list(StageOrderTwo(1).relations((smaller,)))
+        for outer in ((row,), (((), row), ())):
+            reduced = (smaller,) if outer == (row,) else (((), smaller), ())
+            weights = exact_weights(a, b, [outer, reduced])
+            assert weights[reduced] != 0
+            assert weights[outer] == factor * weights[reduced]
+
+    def test_letters_after_a_mark_are_not(self, draw):
+        row = (1, ((), ()))
+        assert {(row,): 1} not in list(StageOrderTwo(1).relations((row,)))
 
     def test_columns(self, draw):
         a = [[draw() for _ in range(4)] for _ in range(4)]

@@ -29,6 +29,8 @@ from cg.construct import (
     triple_jump,
     walk,
 )
+from cg.construct.drop import _ways, solve_start
+from cg.construct.start import random_point
 from cg.solve.minimum_norm import fit_conditions
 
 
@@ -154,6 +156,16 @@ class TestMoving:
         assert solved(smaller)
         assert sound(smaller)
 
+    def test_a_neighbour_inherits_the_column_of_a_dropped_stage(self):
+        point = a_point(4, 6)
+        _, b = cg.conditions.unpack(point.x, 6)
+        totals = [sum(cg.conditions.unpack(way.x, 5)[1]) for way in _ways(point)]
+        expected = []
+        for stage in range(6):
+            heirs = (stage > 0) + (stage < 5)
+            expected += [1 - b[stage]] + [1.0] * heirs
+        np.testing.assert_allclose(totals, expected, rtol=0, atol=1e-10)
+
     def test_stages_that_cannot_be_dropped(self):
         random = np.random.default_rng(0)
         assert drop_stage(a_point(3, 3), random) is None
@@ -162,6 +174,18 @@ class TestMoving:
             drop_stage(a_point(3, 3, embedded=True), random)
         with pytest.raises(ValueError, match="tries must be at least 1"):
             drop_stage(a_point(4, 7), random, tries=0)
+
+    @pytest.mark.parametrize(("order", "kept"), [(4, False), (5, True)])
+    def test_what_keeps_starts_away_from_false_zeros_is_held(self, order, kept):
+        guess = random_point(System(order, 9), 0.5, np.random.default_rng(2))
+        solved_to = solve_start(guess, 20, promising=1e9)
+        assert bool(solved_to.x[0] == guess.x[0]) is kept
+        assert not kept or 0.3 <= guess.x[0] <= 0.8
+
+    def test_guesses_satisfy_what_is_linear_in_the_structure(self):
+        system = System(6, 13, structure=Structure.MIDDLE)
+        guess = random_point(system, 0.5, np.random.default_rng(2))
+        assert np.abs(system.residual(guess.x)[-11:]).max() < 1e-14
 
     def test_a_near_miss_is_not_sound(self):
         point = a_point(4, 6)

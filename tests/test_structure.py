@@ -116,3 +116,26 @@ def test_rank_is_the_count_of_equations_that_remain():
     assert np.sum(values > 1e-9 * values[0]) == rank
     refined = refine(quad.from_float(fit.x), 10, 5, structure=Structure.MIDDLE, free=system.free)
     assert refined.largest_residual < 1e-32
+
+
+def test_accurate_steps_reach_zeros_that_normal_equations_miss():
+    # singular values down to 2e-9 of the largest count
+    method = cg.methods["CG7b"]
+    system = System(7, method.stages, structure=Structure.MIDDLE)
+    x = np.asarray(cg.conditions.pack(method.a, method.b))
+    x[system.free] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.free.size)
+    plain, accurate = (
+        fit_conditions(
+            x,
+            method.stages,
+            7,
+            structure=Structure.MIDDLE,
+            free=system.free,
+            damping=1e-12,
+            max_iterations=40,
+            accurate=accurate,
+        ).f
+        for accurate in (False, True)
+    )
+    assert accurate <= 1e-27
+    assert plain > 100 * accurate

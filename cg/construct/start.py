@@ -61,7 +61,11 @@ _MIDDLE = {
 
 
 def default_start(order: int, structure: Structure) -> Start:
-    """Return what was found to work."""
+    """Return what works; guesses from other orders where nothing was tried.
+
+    Those are orders four, five and seven with ``STAGE_ORDER_TWO``, and order seven in
+    general, for which no random start succeeded.
+    """
     return (_GENERAL, _STAGE_ORDER_TWO, _MIDDLE)[structure][order]
 
 
