@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 import cg
-from cg.integrate import Solution
-from cg.integrate.external import compiled_rhs
+from cg.integration import Solution
+from cg.integration.external import compiled_rhs
 from cg.problems import HeavyTop
 
 from .compiled_top import CompiledTop

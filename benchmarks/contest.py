@@ -10,7 +10,7 @@ import numpy as np
 
 from cg import quad
 from cg.conditions import unknowns
-from cg.search import EXACT, SearchSettings, random_start, run_start, search
+from cg.random_search import EXACT, SearchSettings, random_start, run_start, search
 from cg.solve.refine import refine
 
 from .leastsq import OutOfTime, PaddedResidual, solve

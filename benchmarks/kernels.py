@@ -10,7 +10,7 @@ from scipy.optimize import leastsq
 import cg
 from cg import _core_r64, _core_r128, quad
 from cg.conditions import condition_trees, pack, unknowns
-from cg.search import random_start
+from cg.random_search import random_start
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
 from cg.solve.system import System

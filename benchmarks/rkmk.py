@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames import SO3, Euclidean, Frame, Product, Sphere
-from cg.integrate.flows import flows_of
+from cg.integration.flows import flows_of
 
 __all__ = ["RKMK4"]
 

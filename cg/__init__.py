@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from . import frames, problems
 from .catalogue import methods
-from .certify import Certificate, CertificationError, certify
-from .construct import construct
-from .integrate import ConvergenceError, integrate, solve_ivp
-from .search import search
+from .certification import Certificate, CertificationError, certify
+from .construction import construct
+from .integration import ConvergenceError, integrate, solve_ivp
+from .random_search import search
 from .solve.lmdif import lmdif
 from .solve.system import Structure
 from .tableau import Tableau, TableauError

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Frame
-from cg.integrate.fixed import Coefficients, integrate
+from cg.integration.fixed import Coefficients, integrate
 from cg.tableau import Tableau
 
 
@@ -131,7 +131,7 @@ def final_errors(
     Parameters
     ----------
     f, t_span, y0, frame, method
-        As for `cg.integrate.integrate`.
+        As for `cg.integrate`.
     exact
         The solution at the end of the span, shape ``frame.point_shape``.
     h
@@ -145,7 +145,7 @@ def final_errors(
     Raises
     ------
     TypeError, ValueError, OverflowError
-        As `cg.integrate.integrate` does.
+        As `cg.integrate` does.
     """
     errors = []
     for size in h:

@@ -18,7 +18,7 @@ from .conditions import Rows
 from .quad import DECIMAL_DIGITS, to_decimal
 
 if TYPE_CHECKING:
-    from .certify import Certificate
+    from .certification import Certificate
 
 __all__ = ["Tableau", "TableauError"]
 
@@ -334,7 +334,7 @@ class Tableau:
         ValueError
             If `digits` is out of range, or there are no second weights.
         """
-        from .certify import certificate_of, refined_digits
+        from .certification import certificate_of, refined_digits
 
         if check_flag("embedded", embedded) and self.embedded_weights is None:
             raise ValueError(f"embedded: {self.name or 'the method'} has no second weights")

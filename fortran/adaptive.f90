@@ -1,5 +1,5 @@
 ! Steps of an embedded pair whose size is chosen by the error estimate, and steps of given sizes, with
-! the solution between them. The decisions are those of cg/integrate/adaptive.py, which says why; a
+! the solution between them. The decisions are those of cg/integration/adaptive.py, which says why; a
 ! test compares the steps.
 module adaptive
   use kinds_r64, only: wp
@@ -282,7 +282,7 @@ contains
                      output%y_wanted(:, first:last), failure)
   end subroutine accept
 
-  ! Points between the ends of a step, as in cg/integrate/dense.py
+  ! Points between the ends of a step, as in cg/integration/dense.py
   subroutine interpolate(field, frame, run, t, before, slope, times, y, failure)
     class(vector_field_t), intent(inout) :: field
     type(frame_t), intent(in) :: frame

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from cg.catalogue import methods
-from cg.certify import certificate_of
-from cg.certify.files import certificate_names
+from cg.certification import certificate_of
+from cg.certification.files import certificate_names
 from cg.conditions import count, jacobian
 from cg.tableau import Tableau
 
@@ -29,7 +29,7 @@ _EXPLANATION = (
     "Residual: the largest through the order, in rational arithmetic. Rank: that of the "
     "Jacobian of the independent conditions, and how many there are. Certificate: the radius "
     "around the stored coefficients within which an exact method is proved to exist; 0 if the "
-    "coefficients themselves are one. python -m cg.certify --check repeats the proofs."
+    "coefficients themselves are one. python -m cg.certification --check repeats the proofs."
 )
 
 

@@ -13,7 +13,7 @@ from cg.conditions import Rows, count, jacobian, residuals_exact, unknowns, unpa
 from cg.convergence import final_errors, observed_order
 from cg.frames import Euclidean
 from cg.frames.base import Array
-from cg.integrate import integrate
+from cg.integration import integrate
 from cg.problems import HeavyTop, StateDependentRotation
 from cg.tableau import Tableau
 from cg.trees import catalan, forest

@@ -11,12 +11,19 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cg.certify.files import folder as certificate_folder
+from cg.certification.files import folder as certificate_folder
 
 __all__ = ["of_package", "of_search"]
 
 # by name, since the package has a function of the same name as one of them
-_SEARCH = ("cg._core_r64", "cg._core_r128", "cg.search", "cg.conditions", "cg.quad", "cg.starts")
+_SEARCH = (
+    "cg._core_r64",
+    "cg._core_r128",
+    "cg.random_search",
+    "cg.conditions",
+    "cg.quad",
+    "cg.search_records",
+)
 
 
 def of_search(arguments: Mapping[str, Any]) -> str:

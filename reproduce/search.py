@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cg.search import SearchResult, Start, search
+from cg.random_search import SearchResult, Start, search
 from cg.tableau import Tableau
 
 from . import fingerprint

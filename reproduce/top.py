@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 
 from cg.frames.base import Array
-from cg.integrate import integrate
-from cg.integrate.compiled import Kind, integrate_heavy_top
+from cg.integration import integrate
+from cg.integration.compiled import Kind, integrate_heavy_top
 from cg.problems import HeavyTop
 
 __all__ = [

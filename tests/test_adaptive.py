@@ -8,9 +8,9 @@ import pytest
 import cg
 from cg.convergence import observed_order
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.integrate.adaptive import AdaptiveSteps, ErrorNorm
-from cg.integrate.coordinates import coordinate_sizes
-from cg.integrate.step import Step
+from cg.integration.adaptive import AdaptiveSteps, ErrorNorm
+from cg.integration.coordinates import coordinate_sizes
+from cg.integration.step import Step
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 

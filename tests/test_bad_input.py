@@ -6,10 +6,10 @@ import pytest
 import cg
 from cg import conditions
 from cg.catalogue import dumps, load, loads, save
-from cg.certify import certificate_of
-from cg.certify import check as prove
+from cg.certification import certificate_of
+from cg.certification import check as prove
 from cg.conditions import Rows, check_rows, count, residuals, residuals_exact, unknowns
-from cg.construct import (
+from cg.construction import (
     Goals,
     compose,
     correct,

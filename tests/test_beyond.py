@@ -8,7 +8,7 @@ import pytest
 from test_reproduce import check_page, read
 
 from cg.catalogue import methods
-from cg.certify.files import certificate_names
+from cg.certification.files import certificate_names
 from cg.conditions import count
 from cg.reproduce import beyond_catalogue, beyond_order
 from cg.reproduce.context import Context, Settings

@@ -11,7 +11,7 @@ from flint import arb
 import cg
 from cg import conditions
 from cg.catalogue import methods
-from cg.certify import (
+from cg.certification import (
     Certificate,
     CertificationError,
     certificate_of,
@@ -19,9 +19,9 @@ from cg.certify import (
     check,
     check_file,
 )
-from cg.certify.__main__ import main
-from cg.certify.files import certificate_names, folder
-from cg.certify.prove import Packed, box, precision
+from cg.certification.__main__ import main
+from cg.certification.files import certificate_names, folder
+from cg.certification.prove import Packed, box, precision
 from cg.conditions import Rows
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
@@ -243,7 +243,9 @@ class TestFailures:
             check_file(path)
 
     def test_dependent_conditions_that_nothing_explains(self, monkeypatch):
-        monkeypatch.setattr(sys.modules["cg.certify.prove"], "find_identities", lambda *_: iter(()))
+        monkeypatch.setattr(
+            sys.modules["cg.certification.prove"], "find_identities", lambda *_: iter(())
+        )
         with pytest.raises(CertificationError, match="dependent") as caught:
             certify("CG5a")
         assert caught.value.quantities["conditions"] == 38
@@ -279,7 +281,7 @@ class TestCommand:
     def test_it_is_a_function_and_a_command(self):
         assert cg.certify is certify
         run = subprocess.run(
-            [sys.executable, "-m", "cg.certify", "--check", "CG3"],
+            [sys.executable, "-m", "cg.certification", "--check", "CG3"],
             capture_output=True,
             text=True,
             check=True,

@@ -10,16 +10,16 @@ from strategies import tableaux
 import cg
 from cg import conditions
 from cg.catalogue import methods
-from cg.certify import certify
-from cg.certify.composition import MidpointSteps, convolve, logarithm
-from cg.certify.identities import MiddleAbscissae, StageOrderTwo
-from cg.certify.krawczyk import to_double
-from cg.certify.parametric import Columns, Letters, Path
-from cg.certify.prove import Packed, precision
-from cg.certify.systems import System as ExtendedSystem
-from cg.certify.systems import exact_residuals, order_system
-from cg.certify.weights import Quantity, Shape, Weights
-from cg.certify.words import condition_words, density, nodes, parse, shuffle, text
+from cg.certification import certify
+from cg.certification.composition import MidpointSteps, convolve, logarithm
+from cg.certification.identities import MiddleAbscissae, StageOrderTwo
+from cg.certification.krawczyk import to_double
+from cg.certification.parametric import Columns, Letters, Path
+from cg.certification.prove import Packed, precision
+from cg.certification.systems import System as ExtendedSystem
+from cg.certification.systems import exact_residuals, order_system
+from cg.certification.weights import Quantity, Shape, Weights
+from cg.certification.words import condition_words, density, nodes, parse, shuffle, text
 from cg.conditions import Rows
 
 

@@ -14,10 +14,10 @@ import cg
 from cg.catalogue import methods
 from cg.convergence import observed_order
 from cg.frames import SO, SO3, SU, Euclidean, Product, Sphere
-from cg.integrate import integrate
-from cg.integrate.blocks import SCALAR_FIRST, SPACE_AXES, BlockKind
-from cg.integrate.compiled import integrate_affine
-from cg.integrate.external import Stop, compiled_rhs
+from cg.integration import integrate
+from cg.integration.blocks import SCALAR_FIRST, SPACE_AXES, BlockKind
+from cg.integration.compiled import integrate_affine
+from cg.integration.external import Stop, compiled_rhs
 from cg.problems.affine import AffineField
 
 HERE = Path(__file__).parent

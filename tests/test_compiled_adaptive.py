@@ -8,8 +8,8 @@ from compiled_examples import PROBLEMS
 
 import cg
 from cg.frames import SO3, SU, Euclidean, Product, Sphere
-from cg.integrate import external, pace
-from cg.integrate.external import compiled_rhs
+from cg.integration import external, pace
+from cg.integration.external import compiled_rhs
 from cg.problems.affine import AffineField
 
 TOLERANCE = 1e-13
@@ -319,7 +319,7 @@ def test_other_frames_and_methods_are_run_from_python(affine, function, monkeypa
     def refuse(*arguments):
         raise AssertionError("compiled code was called")
 
-    monkeypatch.setattr(sys.modules["cg.integrate.ivp"], "solve_compiled", refuse)
+    monkeypatch.setattr(sys.modules["cg.integration.ivp"], "solve_compiled", refuse)
     problem = PROBLEMS["SO3 body"]
     f, _keep = affine(problem)
     assert cg.solve_ivp(

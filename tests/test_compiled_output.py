@@ -7,8 +7,8 @@ from test_compiled_adaptive import both
 
 import cg
 from cg.frames import SU, Euclidean, Sphere
-from cg.integrate import external, pace
-from cg.integrate.external import compiled_rhs
+from cg.integration import external, pace
+from cg.integration.external import compiled_rhs
 
 CLOSE = {"rtol": 0, "atol": 1e-12}
 PAIR = {"rtol": 1e-5, "atol": 1e-5}

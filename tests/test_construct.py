@@ -8,7 +8,7 @@ import pytest
 
 import cg
 from cg.conditions import Rows, residuals, residuals_exact, unknowns
-from cg.construct import (
+from cg.construction import (
     Goals,
     NotExactError,
     Point,
@@ -29,8 +29,8 @@ from cg.construct import (
     triple_jump,
     walk,
 )
-from cg.construct.drop import _ways, solve_start
-from cg.construct.start import random_point
+from cg.construction.drop import _ways, solve_start
+from cg.construction.start import random_point
 from cg.solve.minimum_norm import fit_conditions
 
 

@@ -20,8 +20,8 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integrate.dense import Segment
-from cg.integrate.step import Step
+from cg.integration.dense import Segment
+from cg.integration.step import Step
 
 FRAMES = [
     Euclidean(3),

@@ -5,8 +5,8 @@ import pytest
 
 import cg
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
-from cg.integrate.blocks import is_compiled
-from cg.integrate.flows import CompiledDifference, _CompiledFlows, _Flows, flows_of
+from cg.integration.blocks import is_compiled
+from cg.integration.flows import CompiledDifference, _CompiledFlows, _Flows, flows_of
 
 FRAMES = [
     SO3(),

@@ -17,7 +17,7 @@ from cg.frames import (
     Sphere,
     UnitQuaternion,
 )
-from cg.integrate import integrate
+from cg.integration import integrate
 
 FRAMES = {
     "SE3": SE3(),

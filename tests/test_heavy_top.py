@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from cg.catalogue import methods
 from cg.convergence import observed_order
 from cg.frames import SO3, Euclidean, Product, hat
-from cg.integrate import integrate
-from cg.integrate.compiled import integrate_heavy_top
+from cg.integration import integrate
+from cg.integration.compiled import integrate_heavy_top
 from cg.problems import HeavyTop, StateDependentRotation
 from cg.problems.taylor import QuadraticSystem, reference_solution
 

@@ -12,7 +12,7 @@ from cg.catalogue import methods
 from cg.conditions import Rows, count, residuals, residuals_exact
 from cg.convergence import observed_order
 from cg.problems import StateDependentRotation
-from cg.search import search
+from cg.random_search import search
 from cg.tableau import Tableau
 from cg.trees import forest
 

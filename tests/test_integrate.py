@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from cg.catalogue import methods
 from cg.frames import SO3, Euclidean, Product
-from cg.integrate import Trajectory, integrate
-from cg.integrate.fixed import time_grid
+from cg.integration import Trajectory, integrate
+from cg.integration.fixed import time_grid
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 

@@ -11,8 +11,8 @@ import pytest
 
 import cg
 from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, UnitQuaternion
-from cg.integrate.compiled import integrate_affine
-from cg.integrate.external import compiled_rhs
+from cg.integration.compiled import integrate_affine
+from cg.integration.external import compiled_rhs
 from cg.problems import AffineField
 
 ATTITUDE = Product(UnitQuaternion(), Euclidean(3))

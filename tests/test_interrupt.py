@@ -13,9 +13,9 @@ import pytest
 
 from cg import _core_r64, _core_r128, _minimum_norm, parallel, quad
 from cg.conditions import table_rows
-from cg.construct import construct
+from cg.construction import construct
 from cg.parallel import Stopped, as_finished, stoppable
-from cg.search import search
+from cg.random_search import search
 from cg.solve.minimum_norm import MinimumNormStatus, fit_conditions
 from cg.solve.refine import refine
 from cg.solve.status import Status

@@ -18,8 +18,8 @@ from extended_steps import ExtendedProblem, left_flow, right_flow, similarity_fl
 from cg.catalogue import methods
 from cg.convergence import observed_order
 from cg.frames import SE3, SO3, SU, FieldFrame, Frame, MatrixFrame, Sphere, UnitQuaternion
-from cg.integrate import integrate
-from cg.integrate.step import Step
+from cg.integration import integrate
+from cg.integration.step import Step
 from cg.problems.affine import AffineField
 from cg.tableau import Tableau
 

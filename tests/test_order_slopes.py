@@ -6,8 +6,8 @@ import pytest
 from cg.catalogue import methods
 from cg.convergence import final_errors, observed_order, slopes
 from cg.frames import SE3, SO3, Sphere, UnitQuaternion
-from cg.integrate.compiled import integrate_affine
-from cg.integrate.step import Step
+from cg.integration.compiled import integrate_affine
+from cg.integration.step import Step
 from cg.problems import StateDependentRotation
 from cg.problems.affine import AffineField
 from cg.tableau import Tableau

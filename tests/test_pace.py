@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import pytest
 
-from cg.integrate import pace
-from cg.integrate.pace import Pace
+from cg.integration import pace
+from cg.integration.pace import Pace
 
 
 @pytest.fixture

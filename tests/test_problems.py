@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from cg.catalogue import methods
 from cg.convergence import observed_order
 from cg.frames import SE3, SU, Product, Sphere, UnitQuaternion, hat
-from cg.integrate import integrate
+from cg.integration import integrate
 from cg.problems import (
     AffineField,
     ConingMotion,

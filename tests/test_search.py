@@ -11,7 +11,7 @@ import cg
 from cg import conditions, quad
 from cg.catalogue import methods
 from cg.conditions import Rows, residuals_exact, unknowns, unpack
-from cg.search import EXACT, random_start, run_start, search
+from cg.random_search import EXACT, random_start, run_start, search
 from cg.solve.minimum_norm import MinimumNormStatus, fit_conditions
 from cg.solve.polish import polish
 from cg.solve.refine import refine
@@ -21,7 +21,9 @@ ORDER_FOUR = {"order": 4, "stages": 5, "starts": 24, "seed": 3}
 SMALL = {"order": 3, "stages": 3, "seed": 5, "workers": 1}
 GOOD = {"order": 2, "stages": 2, "starts": 1, "seed": 1}
 PATTERNS = {"explicit": Rows.EXPLICIT, "diagonal": Rows.DIAGONAL, "full": Rows.FULL}
-search_module = importlib.import_module("cg.search")  # the package's attribute is the function
+search_module = importlib.import_module(
+    "cg.random_search"
+)  # the package's attribute is the function
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import scipy.integrate
 
 import cg
 from cg.frames import SO3, Euclidean
-from cg.integrate import DenseOutput, Solution
+from cg.integration import DenseOutput, Solution
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 
@@ -156,7 +156,7 @@ def test_too_many_steps_end_without_success_and_keep_what_was_accepted():
 
 
 def test_steps_without_end_are_given_up(monkeypatch):
-    monkeypatch.setattr(sys.modules["cg.integrate.arguments"], "DEFAULT_MAX_STEPS", 50)
+    monkeypatch.setattr(sys.modules["cg.integration.arguments"], "DEFAULT_MAX_STEPS", 50)
     for options in ({"max_step": 1e-30}, {"t_span": (0.0, 1e300), "max_step": 1.0}):
         solution = solve(**options)
         assert "max_steps = 50 steps" in solution.message

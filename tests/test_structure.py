@@ -5,10 +5,10 @@ import pytest
 
 import cg
 from cg import quad
-from cg.certify.explain import augment
-from cg.certify.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
-from cg.certify.relations import kept_words
-from cg.certify.weights import Shape
+from cg.certification.explain import augment
+from cg.certification.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
+from cg.certification.relations import kept_words
+from cg.certification.weights import Shape
 from cg.conditions import Rows
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine

@@ -21,9 +21,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cg.catalogue import save
-from cg.certify import CertificationError, certify
+from cg.certification import CertificationError, certify
 from cg.conditions import count, residuals, unpack
-from cg.construct import (
+from cg.construction import (
     Goals,
     NotExactError,
     Point,
@@ -37,10 +37,10 @@ from cg.construct import (
     sound,
     to_tableau,
 )
-from cg.construct.drop import solve_start
-from cg.construct.start import default_start, random_point
+from cg.construction.drop import solve_start
+from cg.construction.start import default_start, random_point
 from cg.parallel import as_finished, available_cores
-from cg.search import random_start
+from cg.random_search import random_start
 from cg.solve.minimum_norm import fit_conditions
 from cg.tableau import Tableau
 

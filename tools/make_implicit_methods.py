@@ -20,8 +20,8 @@ import numpy as np
 
 from cg.catalogue import save
 from cg.conditions import Rows, row_lengths, unknowns
-from cg.construct import Goals, Point, optimise, principal_error
-from cg.search import random_start
+from cg.construction import Goals, Point, optimise, principal_error
+from cg.random_search import random_start
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.polish import polish
 from cg.solve.system import System

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.base import Array, Frame, Points, real_array
-from cg.integrate.step import Step
+from cg.integration.step import Step
 
 
 class Segment:

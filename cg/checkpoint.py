@@ -12,13 +12,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
-__all__ = ["Journal"]
+__all__ = ["Checkpoint"]
 
-_FORMAT = "cg journal 1"
+_FORMAT = "cg checkpoint 1"
 
 
-class Journal:
-    """An open journal; made by `open`.
+class Checkpoint:
+    """An open checkpoint file; made by `open`.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Journal:
         self.records = records
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], settings: Mapping[str, Any]) -> Journal:
+    def open(cls, path: str | os.PathLike[str], settings: Mapping[str, Any]) -> Checkpoint:
         """Open for appending, and read what is there.
 
         Parameters
@@ -72,13 +72,13 @@ class Journal:
                 )
             if len(whole) < len(text):  # the line that a killed run left unfinished
                 stream.truncate(len(whole.encode("utf-8")))
-            journal = cls(stream, tuple(_read(line, path) for line in lines[1:]))
+            opened = cls(stream, tuple(_read(line, path) for line in lines[1:]))
             if not lines:
-                journal._write(header)
+                opened._write(header)
         except BaseException:
             stream.close()
             raise
-        return journal
+        return opened
 
     def append(self, record: Mapping[str, Any]) -> None:
         """Write one record, and make sure that it is on disk."""

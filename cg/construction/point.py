@@ -12,7 +12,7 @@ from scipy import linalg
 
 from .. import quad
 from ..conditions import Rows, pack, row_lengths
-from ..search import EXACT
+from ..random_search import EXACT
 from ..solve.minimum_norm import fit_conditions
 from ..solve.polish import polish
 from ..solve.refine import refine

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cg.frames.base import Array, Points
-from cg.integrate.adaptive import ErrorNorm, error_exponent
-from cg.integrate.arguments import check_memory
-from cg.integrate.external import CompiledRhs, check_step_count
-from cg.integrate.fixed import last_step
-from cg.integrate.step import Step
+from cg.integration.adaptive import ErrorNorm, error_exponent
+from cg.integration.arguments import check_memory
+from cg.integration.external import CompiledRhs, check_step_count
+from cg.integration.fixed import last_step
+from cg.integration.step import Step
 
 
 @dataclass(frozen=True)

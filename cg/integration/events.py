@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from cg.frames.base import Array, Points
-from cg.integrate.dense import Segment, StoredSegment
+from cg.integration.dense import Segment, StoredSegment
 
 EventFunction = Callable[..., Any]
 

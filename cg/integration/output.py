@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from cg.frames.base import Array, Points
-from cg.integrate.dense import DenseOutput, Segment
-from cg.integrate.events import EventLog
-from cg.integrate.result import Solution
-from cg.integrate.step import Step
+from cg.integration.dense import DenseOutput, Segment
+from cg.integration.events import EventLog
+from cg.integration.result import Solution
+from cg.integration.step import Step
 
 
 class Output:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Frame, Points
-from cg.integrate.blocks import is_compiled
-from cg.integrate.coordinates import coordinate_sizes
-from cg.integrate.flows import CompiledDifference
-from cg.integrate.implicit import ConvergenceError, StageOverflowError
-from cg.integrate.step import Step
+from cg.integration.blocks import is_compiled
+from cg.integration.coordinates import coordinate_sizes
+from cg.integration.flows import CompiledDifference
+from cg.integration.implicit import ConvergenceError, StageOverflowError
+from cg.integration.step import Step
 from cg.tableau import Tableau
 
 DEFAULT_MAX_STEPS = 10**6
@@ -53,7 +53,7 @@ class ErrorNorm:
     coefficients of the flow from one to the other, where the frame has such coordinates, and
     :math:`y - \hat y` where it hasn't.  The norm is the root mean square of
     :math:`e_i / (\mathrm{atol}_i + \mathrm{rtol}\, s_i)`.  The sizes :math:`s_i` are those of
-    `cg.integrate.coordinates.coordinate_sizes`: on Euclidean space :math:`|y_i|`, so that the
+    `cg.integration.coordinates.coordinate_sizes`: on Euclidean space :math:`|y_i|`, so that the
     norm is that of SciPy there, and 1 for coordinates that have no magnitude of their own, so
     that ``rtol`` is an angle in radians for rotations.  In the ambient space :math:`s` is the
     root mean square of the entries of the point.  Of an ensemble it is the largest of its

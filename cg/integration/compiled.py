@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from cg import quad
 from cg.checks import memory
 from cg.frames.base import Array, Frame
-from cg.integrate.arguments import check_count
-from cg.integrate.blocks import describe_blocks
-from cg.integrate.fixed import resolve_method
-from cg.integrate.pace import Pace
+from cg.integration.arguments import check_count
+from cg.integration.blocks import describe_blocks
+from cg.integration.fixed import resolve_method
+from cg.integration.pace import Pace
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
 from cg.tableau import Tableau

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cg.frames.base import Array, Points
-from cg.integrate.dense import DenseOutput
+from cg.integration.dense import DenseOutput
 from cg.tableau import Tableau
 
 

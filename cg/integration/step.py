@@ -13,8 +13,8 @@ from cg.conditions import Rows
 from cg.frames.base import Array, Frame, Points, real_array
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
-from cg.integrate.flows import Row, flows_of
-from cg.integrate.implicit import (
+from cg.integration.flows import Row, flows_of
+from cg.integration.implicit import (
     DEFAULT_STAGE_SOLVER,
     StageOverflowError,
     StageSolver,
@@ -50,7 +50,7 @@ class Step:
     batch
         Leading axes of the points.
     stage_solver
-        How implicit stages are solved, one of `cg.integrate.implicit.STAGE_SOLVERS`.
+        How implicit stages are solved, one of `cg.integration.implicit.STAGE_SOLVERS`.
 
     Attributes
     ----------

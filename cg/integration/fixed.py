@@ -13,10 +13,10 @@ from scipy import LowLevelCallable
 
 from cg.frames.base import Array, Frame, Points, complex_array, real_array
 from cg.frames.product import Product
-from cg.integrate.arguments import as_float, check_count, check_joined, check_memory
-from cg.integrate.implicit import DEFAULT_STAGE_SOLVER
-from cg.integrate.result import Trajectory
-from cg.integrate.step import Coefficients, Step
+from cg.integration.arguments import as_float, check_count, check_joined, check_memory
+from cg.integration.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.result import Trajectory
+from cg.integration.step import Coefficients, Step
 from cg.tableau import Tableau
 
 __all__ = [
@@ -125,13 +125,13 @@ def integrate(
 
     >>> import numpy as np
     >>> from cg.frames import SO3
-    >>> from cg.integrate import integrate
+    >>> from cg.integration import integrate
     >>> turn = lambda t, y: [0.0, 0.0, np.pi / 2]
     >>> solution = integrate(turn, (0, 1), np.eye(3), frame=SO3(), method="CG3", h=0.25)
     >>> solution.y[-1].round(12)[:, 0]
     array([0., 1., 0.])
     """
-    from cg.integrate.external import (
+    from cg.integration.external import (
         compiled_rhs,
         integrate_compiled,
         stored_count,

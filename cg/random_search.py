@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _core_r64, _core_r128, quad
+from .checkpoint import Checkpoint
 from .checks import LARGEST_COUNT, MOST_STAGES, WIDEST, check_flag, check_integer, check_real
 from .conditions import (
     HIGHEST_ORDER,
@@ -28,13 +29,12 @@ from .conditions import (
     table_rows,
     unknowns,
 )
-from .journal import Journal
 from .parallel import as_finished, available_cores, stoppable
+from .search_records import Phase, SearchSettings, Start
 from .solve.minimum_norm import fit_conditions
 from .solve.polish import polish
 from .solve.refine import refine
 from .solve.system import System
-from .starts import Phase, SearchSettings, Start
 from .tableau import Tableau
 
 __all__ = [
@@ -224,21 +224,23 @@ def search(
     if progress is not None and not callable(progress):
         raise TypeError(f"progress must be callable, got {progress!r}")
     workers = check_integer("workers", workers, 1) if workers is not None else available_cores()
-    journal = Journal.open(checkpoint, asdict(settings)) if checkpoint is not None else None
+    checkpoint_file = (
+        Checkpoint.open(checkpoint, asdict(settings)) if checkpoint is not None else None
+    )
     try:
-        records = map(Start.from_record, journal.records if journal else ())
+        records = map(Start.from_record, checkpoint_file.records if checkpoint_file else ())
         done = {start.index: start for start in records}
         missing = [index for index in range(starts) if index not in done]
         with closing(as_finished(partial(run_start, settings), missing, workers)) as running:
             for start in running:
                 done[start.index] = start
-                if journal:
-                    journal.append(start.record())
+                if checkpoint_file:
+                    checkpoint_file.append(start.record())
                 if progress:
                     progress(sum(index < starts for index in done), starts)
     finally:
-        if journal:
-            journal.close()
+        if checkpoint_file:
+            checkpoint_file.close()
     return SearchResult(settings, tuple(done[index] for index in range(starts)))
 
 

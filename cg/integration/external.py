@@ -20,13 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import LowLevelCallable
 
 from cg.frames.base import Array, Frame, Points
-from cg.integrate.arguments import check_memory
-from cg.integrate.blocks import describe_blocks
-from cg.integrate.fixed import check_points, check_span, last_step, step_count
-from cg.integrate.implicit import StageOverflowError
-from cg.integrate.pace import Pace
-from cg.integrate.result import Trajectory
-from cg.integrate.step import Step
+from cg.integration.arguments import check_memory
+from cg.integration.blocks import describe_blocks
+from cg.integration.fixed import check_points, check_span, last_step, step_count
+from cg.integration.implicit import StageOverflowError
+from cg.integration.pace import Pace
+from cg.integration.result import Trajectory
+from cg.integration.step import Step
 from cg.tableau import Tableau
 
 # Status, what the function returned, time, and trajectory.

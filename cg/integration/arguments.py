@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cg.checks import memory
 from cg.frames.base import Array, real_array
 from cg.frames.product import Product
-from cg.integrate.adaptive import DEFAULT_MAX_STEPS
+from cg.integration.adaptive import DEFAULT_MAX_STEPS
 
 _RTOL, _ATOL = 1e-3, 1e-6
 _SMALLEST_RTOL = 100.0 * float(np.finfo(np.float64).eps)

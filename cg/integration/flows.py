@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Array, Frame, Points
-from cg.integrate.blocks import describe_blocks, is_compiled
+from cg.integration.blocks import describe_blocks, is_compiled
 
 __all__ = ["CompiledDifference", "Flows", "Row", "flows_of"]
 

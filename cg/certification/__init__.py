@@ -1,7 +1,7 @@
 """Proofs of the order of methods, in ball arithmetic.
 
 `certify` finds a proof and returns a `Certificate`; `check` repeats one from scratch, as
-``python -m cg.certify --check`` does for the files of the catalogue.
+``python -m cg.certification --check`` does for the files of the catalogue.
 """
 
 from __future__ import annotations

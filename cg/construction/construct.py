@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checkpoint import Checkpoint
 from ..checks import (
     LARGEST_COUNT,
     MOST_STAGES,
@@ -20,7 +21,6 @@ from ..checks import (
     check_real,
 )
 from ..conditions import HIGHEST_ORDER, count
-from ..journal import Journal
 from ..parallel import as_finished, available_cores
 from ..solve.system import Structure, System
 from ..tableau import Tableau
@@ -212,19 +212,19 @@ def construct(
         raise TypeError(f"progress must be callable, got {progress!r}")
     workers = available_cores() if workers is None else check_integer("workers", workers, 1)
     header = {"construct": asdict(settings)}
-    journal = Journal.open(checkpoint, header) if checkpoint is not None else None
+    checkpoint_file = Checkpoint.open(checkpoint, header) if checkpoint is not None else None
     try:
-        records = map(Attempt.from_record, journal.records if journal else ())
+        records = map(Attempt.from_record, checkpoint_file.records if checkpoint_file else ())
         done = {attempt.index: attempt for attempt in records}
         method = None
-        for attempt in _in_order(settings, tries, workers, done, journal, progress):
+        for attempt in _in_order(settings, tries, workers, done, checkpoint_file, progress):
             if attempt.solved and attempt.stages == settings.stages:
                 method = _refined(settings, attempt)
                 if method is not None:
                     return Construction(settings, method, attempt, attempt.index + 1)
     finally:
-        if journal:
-            journal.close()
+        if checkpoint_file:
+            checkpoint_file.close()
     best = min((done[index] for index in range(tries)), key=lambda a: (not a.solved, a.stages, a.f))
     return Construction(settings, None, best, tries)
 
@@ -234,7 +234,7 @@ def _in_order(
     tries: int,
     workers: int,
     done: dict[int, Attempt],
-    journal: Journal | None,
+    checkpoint_file: Checkpoint | None,
     progress: Callable[[Attempt], None] | None,
 ) -> Iterator[Attempt]:
     """Yield attempts by index, running those that aren't done yet as workers get free."""
@@ -245,8 +245,8 @@ def _in_order(
             while index not in done:
                 attempt = next(running)
                 done[attempt.index] = attempt
-                if journal:
-                    journal.append(attempt.record())
+                if checkpoint_file:
+                    checkpoint_file.append(attempt.record())
                 if progress:
                     progress(attempt)
             yield done[index]

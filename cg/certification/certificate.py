@@ -21,7 +21,7 @@ class CertificationError(ArithmeticError):
     quantities : dict
         What was found, by name: ``conditions``, ``rank``, ``singular_values`` (the
         smallest), ``residual`` and what the stored places ``allow``, ``radius``,
-        ``ratio``, ``correction``, ``contraction`` (see `cg.certify.krawczyk`), …
+        ``ratio``, ``correction``, ``contraction`` (see `cg.certification.krawczyk`), …
     """
 
     def __init__(self, message: str, **quantities: Any) -> None:

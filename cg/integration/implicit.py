@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cg.frames.base import Array, Points
-from cg.integrate.coordinates import coordinate_sizes
+from cg.integration.coordinates import coordinate_sizes
 
 if TYPE_CHECKING:
-    from cg.integrate.step import Step
+    from cg.integration.step import Step
 
 STAGE_SOLVERS = {"newton": 25, "fixed-point": 100}
 """The ways to solve implicit stages, and the most iterations of each."""

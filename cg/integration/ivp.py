@@ -12,8 +12,8 @@ from scipy import LowLevelCallable
 from cg.catalogue import methods
 from cg.checks import check_flag
 from cg.frames.base import Frame, Points
-from cg.integrate.adaptive import AdaptiveSteps, ErrorNorm, StepCountError, StepSizeError
-from cg.integrate.arguments import (
+from cg.integration.adaptive import AdaptiveSteps, ErrorNorm, StepCountError, StepSizeError
+from cg.integration.arguments import (
     check_args,
     check_atol,
     check_max_steps,
@@ -23,12 +23,12 @@ from cg.integrate.arguments import (
     check_t_eval,
     check_unused,
 )
-from cg.integrate.blocks import is_compiled
-from cg.integrate.events import EventLog
-from cg.integrate.external import CompiledRhs, compiled_rhs, integrate_compiled
-from cg.integrate.external_ivp import solve_compiled
-from cg.integrate.external_task import adaptive_task, fixed_task
-from cg.integrate.fixed import (
+from cg.integration.blocks import is_compiled
+from cg.integration.events import EventLog
+from cg.integration.external import CompiledRhs, compiled_rhs, integrate_compiled
+from cg.integration.external_ivp import solve_compiled
+from cg.integration.external_task import adaptive_task, fixed_task
+from cg.integration.fixed import (
     check_points,
     check_problem,
     check_span,
@@ -36,10 +36,10 @@ from cg.integrate.fixed import (
     step_count,
     time_grid,
 )
-from cg.integrate.implicit import DEFAULT_STAGE_SOLVER
-from cg.integrate.output import Output
-from cg.integrate.result import Solution, Trajectory
-from cg.integrate.step import Coefficients, Step
+from cg.integration.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.output import Output
+from cg.integration.result import Solution, Trajectory
+from cg.integration.step import Coefficients, Step
 from cg.tableau import Tableau
 
 DEFAULT_METHOD = next(name for name in ("CG4(3)", "CG2(3)") if name in methods)
@@ -99,7 +99,7 @@ def solve_ivp(
         Relative and absolute tolerance of the error in one step, by default 1e-3 and 1e-6.  The
         error is measured in the coordinates of the frame (angles for rotations) where it has
         them, else in the ambient space.  ``rtol`` is relative to :math:`|y_i|` on Euclidean
-        space, to 1 for coordinates like angles; see `cg.integrate.adaptive.ErrorNorm`.
+        space, to 1 for coordinates like angles; see `cg.integration.adaptive.ErrorNorm`.
         ``atol`` may be given for each coordinate.
     t_eval
         Times at which to store the solution, sorted in the direction of integration and within

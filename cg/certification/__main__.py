@@ -1,4 +1,4 @@
-"""Prove orders from the command line: ``python -m cg.certify --check [NAME | FILE ...]``."""
+"""Prove orders from the command line: ``python -m cg.certification --check [NAME | FILE ...]``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .prove import certify, check
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 0 if all was proved, 1 if not."""
     parser = argparse.ArgumentParser(
-        prog="python -m cg.certify",
+        prog="python -m cg.certification",
         description="Prove the order of methods in ball arithmetic, and check certificates.",
     )
     parser.add_argument(

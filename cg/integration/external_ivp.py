@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Array, Points
-from cg.integrate.adaptive import too_many_steps, too_small_a_step
-from cg.integrate.blocks import describe_blocks
-from cg.integrate.dense import DenseOutput, EnsembleOutput, SegmentTable, StoredSegment
-from cg.integrate.events import EventLog
-from cg.integrate.external import Stop, failure
-from cg.integrate.external_task import Task
-from cg.integrate.pace import Pace
-from cg.integrate.result import Solution
-from cg.integrate.step import Step
+from cg.integration.adaptive import too_many_steps, too_small_a_step
+from cg.integration.blocks import describe_blocks
+from cg.integration.dense import DenseOutput, EnsembleOutput, SegmentTable, StoredSegment
+from cg.integration.events import EventLog
+from cg.integration.external import Stop, failure
+from cg.integration.external_task import Task
+from cg.integration.pace import Pace
+from cg.integration.result import Solution
+from cg.integration.step import Step
 
 # Steps between looks for events: the fewer, the less is computed beyond the one that ends it all.
 _STEPS_BETWEEN_LOOKS = 64

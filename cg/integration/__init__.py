@@ -1,0 +1,16 @@
+"""Integration of differential equations on manifolds."""
+
+from cg.integration.dense import DenseOutput
+from cg.integration.fixed import integrate
+from cg.integration.implicit import ConvergenceError
+from cg.integration.ivp import solve_ivp
+from cg.integration.result import Solution, Trajectory
+
+__all__ = [
+    "ConvergenceError",
+    "DenseOutput",
+    "Solution",
+    "Trajectory",
+    "integrate",
+    "solve_ivp",
+]
