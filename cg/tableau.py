@@ -15,6 +15,7 @@ from . import conditions
 from .checks import check_flag, check_integer
 from .coefficients import Coefficient
 from .conditions import Rows
+from .points import Point, PointTree, tree_of_rows
 from .quad import DECIMAL_DIGITS, to_decimal
 
 if TYPE_CHECKING:
@@ -234,6 +235,32 @@ class Tableau:
     def explicit(self) -> bool:
         """Whether a is strictly lower."""
         return self.rows is Rows.EXPLICIT
+
+    @cached_property
+    def _tree(self) -> PointTree:
+        if not self.explicit:
+            raise AttributeError(f"{self!r} is implicit, so that its stages are not points in turn")
+        return tree_of_rows(*self.exact, self.exact_embedded)
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """The points of a step of an explicit method, parents first; see `cg.points.Point`."""
+        return self._tree.points
+
+    @property
+    def stage_points(self) -> tuple[int, ...]:
+        """The point that each stage is at, -1 for the initial point."""
+        return self._tree.stage_points
+
+    @property
+    def result(self) -> int:
+        """The point that a step leads to."""
+        return self._tree.result
+
+    @property
+    def embedded_result(self) -> int | None:
+        """The point that the second weights of a pair lead to; None without them."""
+        return self._tree.embedded_result
 
     @property
     def exponentials(self) -> int:
