@@ -11,6 +11,8 @@ from typing import Any, Literal, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cg.frames.block_kinds import Blocks
+
 Array = NDArray[np.float64]
 Points = NDArray[Any]
 """Points and tangents: float64 or complex128, as `Frame.dtype` says."""
@@ -21,6 +23,17 @@ Size = int | Sequence[int]
 """The leading axes of random points, or the length of one such axis."""
 
 MEMBERSHIP_TOLERANCE = 1e-8
+
+# Singular values of a matrix of fields below this fraction of the largest are rounding.
+_RANK_TOLERANCE = 1e-12
+# Corrections of nearby coordinates by fields shrink by a factor of about |v|, and where that is
+# slow Newton's take over; points that these don't find are not nearby.
+_MOST_CORRECTIONS = 20
+_SLOW = 0.1
+# Of the points; below it slowness is no reason to go on.
+_ROUNDING = 1e-12
+_DIFFERENCE = 1e-8
+_DIFFERENCE_RANK_TOLERANCE = 1e-5
 
 
 class Frame(ABC):
@@ -148,6 +161,131 @@ class Frame(ABC):
         self._points(y1, "y1")
         return None
 
+    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        r"""Return coefficients whose flow takes ``y0`` to a nearby ``y1``.
+
+        Other than `exp_coordinates`, every frame has them.  They are those where they are known.
+        Elsewhere :math:`v` starts from zero and is corrected by the shortest coefficients whose
+        field at the end of the flow is what is left,
+
+        .. math::
+
+            v \leftarrow v + E(y)^+ (y_1 - y), \qquad y = \exp(\textstyle\sum_i v_i E_i) y_0 ,
+
+        until only rounding is left.
+
+        Parameters
+        ----------
+        y0, y1
+            Points, shape ``(..., *point_shape)``.
+
+        Returns
+        -------
+        ndarray
+            ``v`` with ``flow(v, y0) == y1`` to rounding, shape ``(..., dim)``; zero where the
+            points are equal, NaN where the points are too far from each other.
+        """
+        start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
+        known = self.exp_coordinates(start, end)
+        if known is None:
+            return self._corrected_coordinates(start, end)
+        missing = ~np.isfinite(known).all(axis=-1)
+        if missing.any():
+            known[missing] = self._corrected_coordinates(start[missing], end[missing])
+        return known
+
+    def _corrected_coordinates(self, start: Points, end: Points) -> Array:
+        """Return nearby coordinates by corrections, those of each point while they shrink."""
+        lead = start.shape[: start.ndim - len(self.point_shape)]
+        start = start.reshape(-1, *self.point_shape)
+        end = end.reshape(start.shape)
+        v = np.full((len(start), self.dim), np.nan)
+        length, distance = _lengths(end), _lengths(end - start)
+        v[np.isfinite(distance)] = 0.0
+        active = np.flatnonzero(distance > 0.0)
+        reached, left = start[active], distance[active]
+        exact = np.zeros(len(active), dtype=bool)
+        for _ in range(_MOST_CORRECTIONS):
+            if not len(active):
+                break
+            tried = self._correct(v[active], start[active], reached, end[active], exact)
+            moved = self.flow(tried, start[active])
+            size = _lengths(end[active] - moved)
+            better = size < 0.5 * left
+            v[active[better]], reached[better] = tried[better], moved[better]
+            # Fields at the end stand for the flow's derivative while that is enough.
+            slow = ~(size < _SLOW * left) & (left > _ROUNDING * length[active])
+            left[better] = size[better]
+            go_on = better | (slow & ~exact)
+            active, reached, left = active[go_on], reached[go_on], left[go_on]
+            exact = (exact | slow)[go_on]
+        missed = _lengths(end - self.flow(v, start)) > MEMBERSHIP_TOLERANCE * length
+        v[missed] = np.nan
+        return v.reshape(*lead, self.dim)
+
+    def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
+        """Return coefficients whose flow leads from ``start`` nearer to ``end`` than to ``y``.
+
+        Parameters
+        ----------
+        v
+            Coefficients whose flow leads to ``y``, shape ``(count, dim)``.
+        start, y, end
+            Shape ``(count, *point_shape)``.
+        exact
+            Whether the derivative of the flow is to be taken by differences, shape ``(count,)``.
+        """
+        corrected = v + self._coefficients_at(y, end - y)
+        for k in np.flatnonzero(exact):
+            step = _DIFFERENCE * max(1.0, float(np.linalg.norm(v[k])))
+            moved = self.flow(v[k] + step * np.eye(self.dim), start[k])
+            slopes = (moved - y[k])[None] / step
+            left = (end - y)[k : k + 1]
+            corrected[k] = v[k] + _shortest(slopes, left, _DIFFERENCE_RANK_TOLERANCE)[0]
+        return corrected
+
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        """Return the shortest coefficients whose field at ``y`` is nearest to a tangent.
+
+        Parameters
+        ----------
+        y, tangent
+            Shape ``(count, *point_shape)``.
+        """
+        return _shortest(self.field(np.eye(self.dim), y[:, None]), tangent)
+
+    def coordinate_sizes(self, y: ArrayLike) -> Array:
+        """Return the size that a change of each coordinate is to be compared with.
+
+        A translation of Euclidean space is compared with the coordinate that it changes, one in
+        a semidirect product with the length of the vector that it changes.  All other
+        coordinates, such as angles, have no magnitude that depends on the point: their unit
+        moves a point about as far as the manifold is large, and their size is one.
+
+        Parameters
+        ----------
+        y
+            Points, shape ``(..., *point_shape)``.
+
+        Returns
+        -------
+        ndarray
+            Shape ``(..., dim)``.
+        """
+        point = self._points(y)
+        return np.ones((*point.shape[: point.ndim - len(self.point_shape)], self.dim))
+
+    def compiled_blocks(self) -> Blocks | None:
+        """Return the blocks by which compiled code knows this frame, None if it doesn't.
+
+        A subclass of a frame that is compiled may have other flows, and is not.
+        """
+        return self._blocks() if "_blocks" in vars(type(self)) else None
+
+    def _blocks(self) -> Blocks | None:
+        """Return the blocks of a frame of this very class: defined by what is compiled."""
+        return None
+
     def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return standard normal coefficients, shape ``(*size, dim)``."""
         size = check_random(rng, size)
@@ -217,6 +355,29 @@ class Frame(ABC):
 def _is_array(value: Any, dtype: Any) -> TypeGuard[Points]:
     """Tell whether a value is an array of a type that needs no further check."""
     return type(value) is np.ndarray and value.dtype == dtype
+
+
+def _lengths(points: Points) -> Array:
+    """Return the Euclidean norms of points, shape ``(count,)``."""
+    return np.asarray(np.linalg.norm(points.reshape(len(points), -1), axis=-1))
+
+
+def _shortest(fields: Points, tangent: Points, tolerance: float = _RANK_TOLERANCE) -> Array:
+    """Return the shortest coefficients of fields whose sum is nearest to a tangent.
+
+    Parameters
+    ----------
+    fields
+        Shape ``(count, dim, *point_shape)``.
+    tangent
+        Shape ``(count, *point_shape)``.
+    tolerance
+        Singular values below this fraction of the largest count as zero.
+    """
+    rows = np.ascontiguousarray(fields).reshape(*fields.shape[:2], -1).view(np.float64)
+    right = np.ascontiguousarray(tangent).reshape(len(tangent), -1).view(np.float64)
+    inverse = np.linalg.pinv(rows.mT, rcond=tolerance)
+    return np.asarray((inverse @ right[..., None])[..., 0])
 
 
 def real_array(value: Any, name: str) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Frame, Size, check_random, check_size
+from cg.frames.block_kinds import BlockKind, Blocks
 
 
 @dataclass(frozen=True, repr=False)
@@ -60,6 +61,13 @@ class Euclidean(Frame):
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return ``y1 - y0``, shape ``(..., n)``."""
         return np.asarray(self._points(y1, "y1") - self._points(y0, "y0"))
+
+    def coordinate_sizes(self, y: ArrayLike) -> Array:
+        """Return the coordinates' absolute values, shape ``(..., n)``."""
+        return np.abs(self._points(y))
+
+    def _blocks(self) -> Blocks | None:
+        return ((BlockKind.EUCLIDEAN, self.n, 0),)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return standard normal points, shape ``(*size, n)``."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Frame, Points
+from cg.frames.base import Array, Frame, Points
 from cg.frames.matrix_group import MatrixGroup
 
 
@@ -44,6 +45,12 @@ class HomogeneousSpace(Frame):
     def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
         """Return the tangent at ``y`` of the element ``omega`` of the Lie algebra."""
         return np.asarray(omega @ y)
+
+    def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
+        # The product of the two group elements leads to where one flow after the other does,
+        # however far v is from zero.
+        further = self.group.exponential(self._coefficients_at(y, end - y))
+        return self.group.logarithm(further @ self.group.exponential(v))
 
     @abstractmethod
     def restore(self, y: Points) -> Points:

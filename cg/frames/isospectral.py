@@ -128,6 +128,17 @@ class IsospectralOrbit(HomogeneousSpace):
         product = (vectors * np.array(self.spectrum)) @ vectors.mT.conj()
         return np.asarray(0.5 * (product + product.mT.conj()))
 
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        # In the eigenbasis of y the entries of [X, y] are those of X times differences of the
+        # eigenvalues; where these are equal, the shortest X has zero.
+        _, vectors = np.linalg.eigh(y)
+        spectrum = np.array(self.spectrum)
+        gaps = spectrum - spectrum[:, None]
+        turned = vectors.mT.conj() @ tangent @ vectors
+        rotation = np.divide(turned, gaps, out=np.zeros_like(turned), where=gaps != 0.0)
+        omega = vectors @ rotation @ vectors.mT.conj()
+        return self.group.coefficients(0.5 * (omega - omega.mT.conj()))
+
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the skew part's norm and the eigenvalues' error, shape ``(...)``.
 

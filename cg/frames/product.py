@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Frame, Points, Size
+from cg.frames.block_kinds import Blocks
 
 
 @dataclass(frozen=True, init=False)
@@ -106,6 +107,26 @@ class Product(Frame):
                 return None
             found.append(coordinates)
         return np.concatenate(found, axis=-1)
+
+    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        """Return the factors' nearby coordinates, joined: shape ``(..., dim)``."""
+        start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
+        parts = zip(self.factors, self._split(start), self._split(end), strict=True)
+        return np.concatenate([f.nearby_coordinates(p, q) for f, p, q in parts], axis=-1)
+
+    def coordinate_sizes(self, y: ArrayLike) -> Array:
+        """Return the sizes of the factors' coordinates, joined: shape ``(..., dim)``."""
+        parts = zip(self.factors, self.split(y), strict=True)
+        return np.concatenate([factor.coordinate_sizes(x) for factor, x in parts], axis=-1)
+
+    def _blocks(self) -> Blocks | None:
+        blocks: Blocks = ()
+        for factor in self.factors:
+            found = factor.compiled_blocks()
+            if found is None:
+                return None
+            blocks += found
+        return blocks
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' tangents, joined: shape ``(..., n)``."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Convention, Frame, Size, check_convention, check_random
+from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, axes_option
 from cg.frames.matrix_functions import combine, unit_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
 
@@ -110,6 +111,10 @@ class UnitQuaternion(Frame):
         generators = 2.0 * _generators(self.convention, self.scalar_first)
         directions = (generators @ start[..., None, :, None])[..., 0]
         return quaternion_logarithm(np.vecdot(directions, end[..., None, :]), np.vecdot(start, end))
+
+    def _blocks(self) -> Blocks | None:
+        options = axes_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)
+        return ((BlockKind.QUATERNION, 3, options),)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return points uniform on the unit sphere, shape ``(*size, 4)``."""

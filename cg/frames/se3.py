@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from cg.frames.base import Convention
+from cg.frames.block_kinds import BlockKind, Blocks, axes_option
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.semidirect import Semidirect
 from cg.frames.so3 import SO3
@@ -56,3 +57,6 @@ class SE3(Semidirect):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "group", SO3(self.convention))
+
+    def _blocks(self) -> Blocks | None:
+        return ((BlockKind.SE3, 3, axes_option(self.convention)),)

@@ -143,6 +143,15 @@ class Semidirect(MatrixGroup):
         columns = np.linalg.norm(first[..., :n, n:] - second[..., :n, n:], axis=(-2, -1))
         return np.asarray(np.hypot(linear, columns))
 
+    def coordinate_sizes(self, y: ArrayLike) -> Array:
+        """Return ones for the group, and the length of its column for each entry of one."""
+        point = self._points(y)
+        n = self.group.size
+        sizes = super().coordinate_sizes(point)
+        columns = np.linalg.norm(point[..., :n, n:], axis=-2)
+        sizes[..., self.group.dim :] = np.repeat(columns, n, axis=-1)
+        return sizes
+
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return random points of the group with normal columns."""
         size = check_random(rng, size)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Convention, Points
+from cg.frames.block_kinds import BlockKind, Blocks, axes_option
 from cg.frames.matrix_functions import rotation_matrix_logarithm
 from cg.frames.matrix_group import QuadraticGroup, SizedMatrixGroup
 from cg.frames.rotations import averaged_rotation, rotate, rotation_logarithm
@@ -93,6 +94,11 @@ class SO(QuadraticGroup, SizedMatrixGroup):
         if self.n == 3:
             return rotation_logarithm(rotation)
         return self.coefficients(rotation_matrix_logarithm(rotation))
+
+    def _blocks(self) -> Blocks | None:
+        if self.n != 3:
+            return None
+        return ((BlockKind.SO3, 3, axes_option(self.convention)),)
 
     def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
         """Return the exponential and the bordering columns' average, closed for n = 3."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points, Size, check_random
+from cg.frames.block_kinds import Blocks
 from cg.frames.rotations import hat, rotate
 from cg.frames.so import SO
 
@@ -62,6 +63,9 @@ class SO3(SO):
         vector, point = self._arguments(v, y)
         body = self.convention == "body"
         return self.restore(rotate(-vector, point.mT).mT if body else rotate(vector, point))
+
+    def _blocks(self) -> Blocks | None:
+        return super()._blocks()
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians between two rotations, shape ``(...)``.

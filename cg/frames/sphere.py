@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points, Size, check_random, check_size
+from cg.frames.block_kinds import BlockKind, Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
@@ -73,6 +74,9 @@ class Sphere(HomogeneousSpace):
     def membership_error(self, y: ArrayLike) -> Array:
         """Return how far the length is from one, shape ``(...)``."""
         return np.asarray(np.abs(np.linalg.norm(self._points(y), axis=-1) - 1.0))
+
+    def _blocks(self) -> Blocks | None:
+        return ((BlockKind.SPHERE, 3, 0),) if self.n == 2 else None
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the angle in radians between two points, shape ``(...)``."""

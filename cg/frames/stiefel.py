@@ -75,6 +75,15 @@ class Stiefel(HomogeneousSpace):
         """Return ``y`` after a Newton-Schulz step towards orthonormal columns."""
         return newton_schulz(y, y.mT)
 
+    def _coefficients_at(self, y: Points, tangent: Points) -> Array:
+        # Of the skew matrices with the product `tangent` this is the smallest, y^T times the
+        # tangent being skew: X y^T - y X^T - y (y^T X) y^T.
+        mixed = y.mT @ tangent
+        along = 0.5 * (mixed - mixed.mT)
+        across = tangent - y @ mixed
+        left = (across + 0.5 * (y @ along)) @ y.mT
+        return self.group.coefficients(left - left.mT)
+
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the 2-norm distance to the nearest orthonormal columns, shape ``(...)``."""
         return distance_from_unitary(self._points(y), special=False)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points
+from cg.frames.block_kinds import BlockKind, Blocks, axes_option
 from cg.frames.matrix_functions import determinant_step, special_unitary_logarithm
 from cg.frames.rotations import half_angle, quaternion_logarithm
 from cg.frames.u import U, gell_mann
@@ -72,6 +73,11 @@ class SU(U):
         half, sinc = half_angle(self._vectors(v))
         identity = np.cos(half)[..., None, None] * np.eye(2)
         return np.asarray(identity + sinc[..., None, None] * self.algebra(v))
+
+    def _blocks(self) -> Blocks | None:
+        if self.n != 2:
+            return None
+        return ((BlockKind.SU2, 3, axes_option(self.convention)),)
 
     def logarithm(self, x: ArrayLike) -> Array:
         r"""Return coefficients whose eigenvalues' angles add up to zero."""
