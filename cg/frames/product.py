@@ -13,6 +13,11 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Array, Frame, Points, Size
 from cg.frames.block_kinds import Blocks
 
+_DOUBLE = np.dtype(np.float64)
+
+# Where a factor's point is, its shape, and whether it has only one axis
+_RealPart = tuple[slice, tuple[int, ...], bool]
+
 
 @dataclass(frozen=True, init=False)
 class Product(Frame):
@@ -45,6 +50,8 @@ class Product(Frame):
     factors: tuple[Frame, ...]
     _vector_slices: tuple[slice, ...] = field(init=False, compare=False)
     _point_slices: tuple[slice, ...] = field(init=False, compare=False)
+    _point_shape: tuple[int] = field(init=False, compare=False)
+    _real_parts: tuple[_RealPart, ...] | None = field(init=False, compare=False)
 
     def __init__(self, *factors: Frame) -> None:
         if not factors:
@@ -52,9 +59,12 @@ class Product(Frame):
         for index, factor in enumerate(factors):
             if not isinstance(factor, Frame):
                 raise TypeError(f"factors[{index}] must be a Frame, got {factor!r}")
+        places = _slices([_length(f) for f in factors])
         object.__setattr__(self, "factors", factors)
         object.__setattr__(self, "_vector_slices", _slices([f.dim for f in factors]))
-        object.__setattr__(self, "_point_slices", _slices([_length(f) for f in factors]))
+        object.__setattr__(self, "_point_slices", places)
+        object.__setattr__(self, "_point_shape", (places[-1].stop,))
+        object.__setattr__(self, "_real_parts", _real_parts(factors, places))
 
     def __repr__(self) -> str:
         return f"Product({', '.join(map(repr, self.factors))})"
@@ -67,16 +77,29 @@ class Product(Frame):
     @property
     def point_shape(self) -> tuple[int, ...]:
         """The shape ``(n,)`` of a flat vector that holds all factors' points."""
-        return (self._point_slices[-1].stop,)
+        return self._point_shape
 
     def split(self, y: ArrayLike) -> tuple[Points, ...]:
         """Return the factors' points, the i-th of shape ``(..., *factors[i].point_shape)``.
+
+        They are views of ``y`` if it is an array of doubles, contiguous along its last axis, and
+        can be written to if ``y`` can.
 
         Raises
         ------
         ValueError
             If the last axis of ``y`` hasn't the length of a point.
         """
+        parts = self._real_parts
+        # The first thing that f does at each stage, with one point: what the general way checks
+        # and works out anew would take several times as long as the slices themselves.
+        if (
+            parts is not None
+            and type(y) is np.ndarray
+            and y.shape == self._point_shape
+            and y.dtype == _DOUBLE
+        ):
+            return tuple([y[at] if flat else y[at].reshape(shape) for at, shape, flat in parts])
         return self._split(self._points(y))
 
     def join(self, *parts: ArrayLike) -> Array:
@@ -89,6 +112,8 @@ class Product(Frame):
         """
         if len(parts) != len(self.factors):
             raise ValueError(f"parts must be {len(self.factors)} points, got {len(parts)}")
+        if (single := self._join_single(parts)) is not None:
+            return single
         return self._join(
             [
                 factor._points(part, f"parts[{index}]")
@@ -171,29 +196,54 @@ class Product(Frame):
 
     def _split(self, point: Array) -> tuple[Points, ...]:
         lead = point.shape[:-1]
-        return tuple(
-            np.ascontiguousarray(point[..., part])
-            .view(factor.dtype)
-            .reshape(lead + factor.point_shape)
-            for factor, part in zip(self.factors, self._point_slices, strict=True)
-        )
+        parts = []
+        for factor, place in zip(self.factors, self._point_slices, strict=True):
+            part = point[..., place]
+            if factor.dtype != _DOUBLE:
+                if part.strides[-1] != _DOUBLE.itemsize:
+                    part = np.ascontiguousarray(part)
+                part = part.view(factor.dtype)
+            parts.append(part.reshape(lead + factor.point_shape))
+        return tuple(parts)
+
+    def _join_single(self, parts: Sequence[ArrayLike]) -> Array | None:
+        """Return the point joined from single real points, None if the parts aren't that."""
+        if self._real_parts is None:
+            return None
+        joined = np.empty(self._point_shape)
+        for part, (at, shape, _) in zip(parts, self._real_parts, strict=True):
+            if type(part) is not np.ndarray or part.shape != shape or part.dtype != _DOUBLE:
+                return None
+            joined[at] = part.ravel()
+        return joined
 
     def _join(self, points: Sequence[Points]) -> Array:
-        flat = []
-        for factor, point in zip(self.factors, points, strict=True):
-            shape = factor.point_shape
-            rows = point.reshape((*point.shape[: point.ndim - len(shape)], prod(shape)))
-            flat.append(np.ascontiguousarray(rows).view(np.float64))
-        leads = {part.shape[:-1] for part in flat}
-        if len(leads) > 1:
+        leads = [
+            point.shape[: point.ndim - len(factor.point_shape)]
+            for factor, point in zip(self.factors, points, strict=True)
+        ]
+        lead = leads[0]
+        if any(other != lead for other in leads):
             try:
                 lead = np.broadcast_shapes(*leads)
             except ValueError:
                 raise ValueError(
-                    f"parts must have leading axes that fit together, got {sorted(leads)}"
+                    f"parts must have leading axes that fit together, got {sorted(set(leads))}"
                 ) from None
-            flat = [np.broadcast_to(part, (*lead, part.shape[-1])) for part in flat]
-        return np.concatenate(flat, axis=-1)
+        joined = np.empty(lead + self._point_shape)
+        for part, point in zip(self._split(joined), points, strict=True):
+            part[...] = point
+        return joined
+
+
+def _real_parts(factors: Sequence[Frame], places: Sequence[slice]) -> tuple[_RealPart, ...] | None:
+    """Return where each factor's point is, and its shape; None if one is complex."""
+    if any(factor.dtype != _DOUBLE for factor in factors):
+        return None
+    return tuple(
+        (place, factor.point_shape, len(factor.point_shape) == 1)
+        for factor, place in zip(factors, places, strict=True)
+    )
 
 
 def _length(factor: Frame) -> int:
