@@ -7,7 +7,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cg.frames import SE3, SO, SO3, SU, Semidirect, Sphere, UnitQuaternion, hat, vee
+from cg.frames import (
+    SE3,
+    SO,
+    SO3,
+    SU,
+    Euclidean,
+    Product,
+    Semidirect,
+    Sphere,
+    UnitQuaternion,
+    hat,
+    vee,
+)
 
 CONVENTIONS = ["body", "space"]
 ANGLES = [0.0, 1e-300, 1e-160, 1e-20, 1e-9, 1e-5, 1e-3, 0.1, 0.9, 1.0, 1.1, 3.0, 6.2, 20.0]
@@ -226,3 +238,91 @@ def test_the_sphere_is_turned_by_the_rotation_vector():
     assert np.isnan(Sphere(2).exp_coordinates(y, -y)).all()
     quarter = Sphere(2).exp_coordinates([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     np.testing.assert_allclose(quarter, [0.0, 0.0, np.pi / 2])
+
+
+ROTATION_FRAMES = [
+    *(SO3(convention) for convention in CONVENTIONS),
+    *(SO(3, convention) for convention in CONVENTIONS),
+    *(
+        UnitQuaternion(convention, scalar_first=first)
+        for convention in CONVENTIONS
+        for first in (False, True)
+    ),
+]
+
+
+def rotations_of_scipy(rng, *batch):
+    return Rotation.from_rotvec(rng.standard_normal((*batch, 3)))
+
+
+@pytest.mark.parametrize("batch", [(), (4,), (1,)], ids=repr)
+@pytest.mark.parametrize("frame", ROTATION_FRAMES, ids=repr)
+def test_rotations_of_scipy_are_points(frame, batch):
+    rng = np.random.default_rng(23)
+    rotation = rotations_of_scipy(rng, *batch)
+    points = frame.read_points(rotation, "y0")
+    assert points.shape == (*batch, *frame.point_shape)
+    assert points.flags.c_contiguous
+    assert points.flags.writeable
+    assert frame.membership_error(points).max() < 1e-15
+    np.testing.assert_array_equal(points, frame._points(rotation))
+    v = rng.standard_normal(3)
+    moved = frame.flow(v, rotation)
+    np.testing.assert_array_equal(moved, frame.flow(v, points))
+    turn = Rotation.from_rotvec(v)
+    wanted = rotation * turn if frame.convention == "body" else turn * rotation
+    found = frame.as_rotation(moved)
+    assert isinstance(found, Rotation)
+    assert found.single == (not batch)
+    np.testing.assert_allclose(found.as_matrix(), wanted.as_matrix(), rtol=0, atol=3e-15)
+    np.testing.assert_allclose(frame.distance(rotation, points), 0.0, rtol=0, atol=1e-15)
+    if not batch:
+        np.testing.assert_array_equal(frame.check_point(rotation), points)
+
+
+@pytest.mark.parametrize("frame", ROTATION_FRAMES, ids=repr)
+def test_rotations_of_scipy_come_back(frame):
+    rng = np.random.default_rng(24)
+    for batch in ((), (5,)):
+        points = frame.random_point(rng, batch)
+        back = frame.read_points(frame.as_rotation(points), "y")
+        np.testing.assert_allclose(back, points, rtol=0, atol=1e-15)
+
+
+def test_matrices_and_quaternions_of_one_rotation_agree():
+    rotation = rotations_of_scipy(np.random.default_rng(25), 3)
+    vector = np.array([0.3, -1.0, 0.5])
+    wanted = rotation.apply(vector)
+    for frame in ROTATION_FRAMES:
+        points = frame.read_points(rotation, "y")
+        if isinstance(frame, SO):
+            np.testing.assert_allclose(points @ vector, wanted, rtol=0, atol=1e-15)
+        elif frame.scalar_first:
+            np.testing.assert_array_equal(points, rotation.as_quat(scalar_first=True))
+        else:
+            np.testing.assert_array_equal(points, rotation.as_quat())
+        np.testing.assert_allclose(
+            frame.as_rotation(points).as_matrix(), rotation.as_matrix(), rtol=0, atol=1e-15
+        )
+
+
+def test_rotations_of_scipy_are_factors_of_products():
+    rotation = rotations_of_scipy(np.random.default_rng(26))
+    frame = Product(SO3(), UnitQuaternion(scalar_first=True), Euclidean(1))
+    attitude, q, _ = frame.split(frame.join(rotation, rotation, [2.0]))
+    np.testing.assert_array_equal(attitude, rotation.as_matrix())
+    np.testing.assert_array_equal(q, rotation.as_quat(scalar_first=True))
+
+
+@pytest.mark.parametrize("frame", [SO(4), Sphere(2), SU(2), SE3(), Euclidean(4)], ids=repr)
+def test_rotations_of_scipy_are_no_points_of_other_frames(frame):
+    rotation = rotations_of_scipy(np.random.default_rng(27))
+    with pytest.raises(ValueError, match=r"start must be an array of (real|complex) numbers, got"):
+        frame.check_point(rotation, name="start")
+
+
+def test_only_rotations_of_space_are_rotations_of_scipy():
+    with pytest.raises(ValueError, match=r"points must be rotations of space .*, got SO\(4\)"):
+        SO(4).as_rotation(np.eye(4))
+    with pytest.raises(ValueError, match=r"y must have shape \(\.\.\., 3, 3\)"):
+        SO3().as_rotation(np.eye(4))

@@ -291,6 +291,26 @@ class Frame(ABC):
         size = check_random(rng, size)
         return rng.standard_normal((*size, self.dim))
 
+    def read_points(self, value: Any, name: str = "y") -> Points:
+        """Return what stands for points as a new C-ordered array of type ``dtype``.
+
+        Here that is an array of numbers.  Frames that know other representations of their points
+        take these too.
+
+        Parameters
+        ----------
+        value
+            What stands for points; neither its shape nor its membership is checked.
+        name
+            What to call it in an error message.
+
+        Raises
+        ------
+        ValueError
+            If it isn't numeric (real, unless points are complex).
+        """
+        return (real_array if self.dtype.kind == "f" else complex_array)(value, name)
+
     def check_point(
         self, y: ArrayLike, *, tolerance: float = MEMBERSHIP_TOLERANCE, name: str = "y"
     ) -> Points:
@@ -313,7 +333,7 @@ class Frame(ABC):
         """
         if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not tolerance >= 0.0:
             raise ValueError(f"tolerance must be a number, not negative, got {tolerance!r}")
-        point = real_array(y, name) if self.dtype.kind == "f" else complex_array(y, name)
+        point = self.read_points(y, name)
         if point.shape != self.point_shape:
             raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}")
         if not np.isfinite(point).all():
@@ -340,11 +360,7 @@ class Frame(ABC):
 
     def _points(self, y: ArrayLike, name: str = "y") -> Points:
         """Return ``y`` as an array of type ``dtype`` whose trailing axes are ``point_shape``."""
-        points: Points
-        if _is_array(y, self.dtype):
-            points = y
-        else:
-            points = (real_array if self.dtype.kind == "f" else complex_array)(y, name)
+        points: Points = y if _is_array(y, self.dtype) else self.read_points(y, name)
         shape = self.point_shape
         if points.shape[max(points.ndim - len(shape), 0) :] != shape:
             wanted = ", ".join(map(str, shape))

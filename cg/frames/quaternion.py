@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Convention, Frame, Size, check_convention, check_random
+from cg.frames.base import Array, Convention, Frame, Points, Size, check_convention, check_random
 from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, axes_option
 from cg.frames.matrix_functions import combine, unit_step
-from cg.frames.rotations import half_angle, quaternion_logarithm
+from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True, repr=False)
@@ -115,6 +119,30 @@ class UnitQuaternion(Frame):
     def _blocks(self) -> Blocks | None:
         options = axes_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)
         return ((BlockKind.QUATERNION, 3, options),)
+
+    def read_points(self, value: Any, name: str = "y") -> Points:
+        """Return arrays of numbers, and the quaternions of ``Rotation`` of SciPy."""
+        if is_rotation(value):
+            quaternions = value.as_quat(scalar_first=self.scalar_first)
+            return np.array(quaternions, dtype=np.float64, order="C")
+        return super().read_points(value, name)
+
+    def as_rotation(self, y: ArrayLike) -> Rotation:
+        """Return points as ``scipy.spatial.transform.Rotation``.
+
+        Parameters
+        ----------
+        y
+            Shape ``(4,)``, or ``(count, 4)`` for a stack.
+
+        Raises
+        ------
+        ValueError
+            If ``y`` has another shape.
+        """
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self._points(y), scalar_first=self.scalar_first)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return points uniform on the unit sphere, shape ``(*size, 4)``."""

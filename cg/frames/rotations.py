@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 _SMALLEST = float(np.finfo(np.float64).tiny)
 
@@ -23,6 +27,16 @@ _GENERATORS = np.array(
 
 # (x - sin x) / x^3 in powers of -x^2, enough of them for |x| <= 1.
 _SERIES = [1.0 / math.factorial(2 * k + 3) for k in range(9)]
+
+
+def is_rotation(value: Any) -> TypeGuard[Rotation]:
+    """Tell whether a value is a rotation, or a stack of them, as SciPy has them."""
+    # Without this the import, which takes a while, would be made for every list of numbers.
+    if not hasattr(value, "as_quat"):
+        return False
+    from scipy.spatial.transform import Rotation
+
+    return isinstance(value, Rotation)
 
 
 def hat(v: ArrayLike) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,10 @@ from cg.frames.base import Array, Convention, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
 from cg.frames.matrix_functions import rotation_matrix_logarithm
 from cg.frames.matrix_group import QuadraticGroup, SizedMatrixGroup
-from cg.frames.rotations import averaged_rotation, rotate, rotation_logarithm
+from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,6 +102,31 @@ class SO(QuadraticGroup, SizedMatrixGroup):
         if self.n != 3:
             return None
         return ((BlockKind.SO3, 3, axes_option(self.convention)),)
+
+    def read_points(self, value: Any, name: str = "y") -> Points:
+        """Return arrays of numbers, and for n = 3 the matrices of ``Rotation`` of SciPy."""
+        if self.n == 3 and is_rotation(value):
+            return np.array(value.as_matrix(), dtype=np.float64, order="C")
+        return super().read_points(value, name)
+
+    def as_rotation(self, y: ArrayLike) -> Rotation:
+        """Return points as ``scipy.spatial.transform.Rotation``, n = 3 only.
+
+        Parameters
+        ----------
+        y
+            Shape ``(3, 3)``, or ``(count, 3, 3)`` for a stack.
+
+        Raises
+        ------
+        ValueError
+            If ``n`` isn't 3, or ``y`` has another shape.
+        """
+        if self.n != 3:
+            raise ValueError(f"points must be rotations of space for this, got {self!r}")
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_matrix(self._points(y))
 
     def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
         """Return the exponential and the bordering columns' average, closed for n = 3."""
