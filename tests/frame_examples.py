@@ -41,6 +41,7 @@ CIRCLE = FieldFrame(
     dtype=complex,
     membership_error=lambda z: abs(abs(z[0]) - 1.0),
     restore=lambda z: z * (1.5 - 0.5 * abs(z) ** 2),
+    project=lambda z: z / abs(z),
     distance=lambda x, z: abs(np.angle(z[0] * x[0].conj())),
     exp_coordinates=lambda x, z: [np.angle(z[0] * x[0].conj())],
     random_point=lambda rng: np.exp([2j * np.pi * rng.random()]),
@@ -51,6 +52,7 @@ ELLIPSE = MatrixFrame(
     [[[0.0, -1.0], [4.0, 0.0]]],
     membership_error=lambda y: abs(np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0) - 1.0),
     restore=lambda y: y / np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0),
+    project=lambda y: y / np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0),
     random_point=lambda rng: np.array([1.0, 2.0]) * Sphere(1).random_point(rng),
 )
 

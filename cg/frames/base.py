@@ -118,6 +118,39 @@ class Frame(ABC):
         """
         return self.membership_error(y)
 
+    def project(self, y: ArrayLike) -> Points:
+        """Return the points of the manifold that are nearest to arrays near it.
+
+        Among the uses are points that were stored in single precision, which `check_point`
+        refuses.
+
+        Parameters
+        ----------
+        y
+            Shape ``(..., *point_shape)``.
+
+        Returns
+        -------
+        ndarray
+            Of type ``dtype``, shape ``(..., *point_shape)``; NaN where there is no such point.
+
+        Raises
+        ------
+        NotImplementedError
+            If this frame knows no projection.
+        """
+        point = self._points(y)
+        rows = point.reshape(-1, *self.point_shape)
+        finite = np.isfinite(rows).all(axis=tuple(range(1, rows.ndim)))
+        projected = np.full(rows.shape, np.nan, dtype=self.dtype)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            projected[finite] = self._project(rows[finite])
+        return projected.reshape(point.shape)
+
+    def _project(self, y: Points) -> Points:
+        """Return the nearest points to finite arrays, shape ``(count, *point_shape)``."""
+        raise NotImplementedError(f"{self!r} has no projection onto its manifold")
+
     @abstractmethod
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return random points, shape ``(*size, *point_shape)``.
@@ -343,9 +376,20 @@ class Frame(ABC):
             relative = "" if off == self.membership_error(point) else "relative "
             raise ValueError(
                 f"{name} must be a point of {self}: its {relative}distance from the manifold is "
-                f"{off:.3g}, more than {tolerance:.3g}"
+                f"{off:.3g}, more than {tolerance:.3g}{self._remedy(point, name)}"
             )
         return point
+
+    def _remedy(self, point: Points, name: str) -> str:
+        """Return what to do about a point off the manifold, for an error message."""
+        try:
+            nearest = self.project(point)
+        except NotImplementedError:
+            return ""
+        if not np.isfinite(nearest).all() or self.relative_error(nearest) > MEMBERSHIP_TOLERANCE:
+            return ""
+        whole = name.partition("[")[0]
+        return f"; frame.project({whole}) is the nearest point"
 
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Convention, Frame, Size, check_convention, real_array
-from cg.frames.matrix_functions import combine, expm
+from cg.frames.matrix_functions import combine, corrected, expm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import rotate
 
@@ -180,6 +180,10 @@ class CoadjointOrbit(Frame):
         """Return ``y`` after a Gauss-Newton step to the orbit's Casimirs."""
         finite = np.isfinite(y).all(axis=-1, keepdims=True)
         return np.asarray(y - self._correction(np.where(finite, y, self.point))[1])
+
+    def _project(self, y: Array) -> Array:
+        # Nearest to the second order of the distance; cubic Casimirs are left as they are.
+        return corrected(y, lambda x: -self._correction(x)[1])
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the length of the step back to the orbit's Casimirs, shape ``(...)``.

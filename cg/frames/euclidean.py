@@ -58,6 +58,9 @@ class Euclidean(Frame):
         """Return zeros: every array is a point."""
         return np.zeros(self._points(y).shape[:-1])
 
+    def _project(self, y: Array) -> Array:
+        return y
+
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return ``y1 - y0``, shape ``(..., n)``."""
         return np.asarray(self._points(y1, "y1") - self._points(y0, "y0"))

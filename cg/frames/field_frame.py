@@ -32,6 +32,8 @@ class FieldFrame(UserFrame):
     restore
         Function that takes a point with rounding errors off the manifold back to it; called
         after each flow.
+    project
+        Function of an array near the manifold that returns the nearest point.
     distance
         Function of two points.  Without it the distance is that in the ambient space.
     exp_coordinates
@@ -79,6 +81,7 @@ class FieldFrame(UserFrame):
         dtype: Any = float,
         membership_error: Function | None = None,
         restore: Function | None = None,
+        project: Function | None = None,
         distance: Function | None = None,
         exp_coordinates: Function | None = None,
         random_point: Function | None = None,
@@ -105,6 +108,7 @@ class FieldFrame(UserFrame):
         self._set_functions(
             membership_error=membership_error,
             restore=restore,
+            project=project,
             distance=distance,
             exp_coordinates=exp_coordinates,
             random_point=random_point,

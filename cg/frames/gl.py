@@ -50,6 +50,10 @@ class GL(SizedMatrixGroup):
     def _make_basis(self) -> Points:
         return np.eye(self.n * self.n).reshape(-1, self.n, self.n)
 
+    def _project(self, y: Points) -> Points:
+        # Nearest to a singular matrix there is none.
+        return y
+
     def membership_error(self, y: ArrayLike) -> Array:
         """Return zero for invertible matrices, infinity where singular to working precision."""
         singular = np.linalg.svd(self._points(y), compute_uv=False)

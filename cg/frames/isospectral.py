@@ -124,6 +124,11 @@ class IsospectralOrbit(HomogeneousSpace):
         _, vectors = np.linalg.eigh(np.where(finite, y, np.eye(len(self.spectrum))))
         return np.where(finite, self._with_eigenvectors(vectors), y)
 
+    def _project(self, y: Points) -> Points:
+        # The symmetric part's eigenvectors give the nearest matrix with these eigenvalues, by
+        # the inequality of Hoffman and Wielandt.
+        return self.restore(0.5 * (y + y.mT.conj()))
+
     def _with_eigenvectors(self, vectors: Points) -> Points:
         product = (vectors * np.array(self.spectrum)) @ vectors.mT.conj()
         return np.asarray(0.5 * (product + product.mT.conj()))

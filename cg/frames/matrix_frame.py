@@ -27,6 +27,8 @@ class MatrixFrame(UserFrame):
     restore
         Function that takes a point with rounding errors off the manifold back to it; called
         after each flow.  Without it rounding errors add up, as a random walk at best.
+    project
+        Function of an array near the manifold that returns the nearest point.
     random_point
         Function of a random generator that returns one point.
 
@@ -61,6 +63,7 @@ class MatrixFrame(UserFrame):
         *,
         membership_error: Function | None = None,
         restore: Function | None = None,
+        project: Function | None = None,
         random_point: Function | None = None,
     ) -> None:
         is_complex = np.iscomplexobj(matrices)
@@ -75,7 +78,10 @@ class MatrixFrame(UserFrame):
         object.__setattr__(self, "_matrices", array)
         object.__setattr__(self, "_columns", columns)
         self._set_functions(
-            membership_error=membership_error, restore=restore, random_point=random_point
+            membership_error=membership_error,
+            restore=restore,
+            project=project,
+            random_point=random_point,
         )
 
     def __repr__(self) -> str:

@@ -12,6 +12,9 @@ from cg.frames.base import Array, Points
 
 # Within this 1-norm of the identity z below has norm 1/7, and the terms left out are 1e-18.
 _NEAR = 0.25
+# Newton's method from a point nearby doubles the digits each time.
+_MOST_CORRECTIONS = 10
+_ROUNDING = 1e-15
 _ARTANH = [1.0 / (2 * k + 1) for k in range(11)]
 
 
@@ -51,6 +54,49 @@ def determinant_step(y: Points) -> Points:
     return np.asarray(y * (1.0 - excess / y.shape[-1])[..., None, None])
 
 
+def determinant_correction(y: Points) -> Points:
+    r"""Return the shortest change that takes the determinants of real matrices to 1.
+
+    To first order it is a multiple of the gradient, the matrix of cofactors.  From the singular
+    values :math:`s_i` and vectors it comes without cancellation, and without the products of
+    singular values, which would overflow.
+    """
+    left, singular, right = np.linalg.svd(y)
+    sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    smallest = singular[..., -1:]
+    # The cofactors are products of all singular values but one: here in units of the largest.
+    cofactors = smallest / singular
+    cofactors[..., -1] = 1.0
+    excess = smallest - sign[..., None] / singular[..., :-1].prod(axis=-1, keepdims=True)
+    change = -excess * cofactors / (cofactors * cofactors).sum(axis=-1, keepdims=True)
+    return np.asarray((left * change[..., None, :]) @ right)
+
+
+def symplectic_correction(y: Points, form: Array) -> Points:
+    r"""Return the shortest change :math:`\delta` that makes matrices preserve a skew form J.
+
+    To first order :math:`\delta = J^T y \Lambda` with a skew :math:`\Lambda` for which
+    :math:`y^T y \Lambda + \Lambda y^T y = J - y^T J y`.  The singular vectors of y turn this
+    into quotients of single entries.
+    """
+    left, singular, right = np.linalg.svd(y)
+    rows, columns = singular[..., :, None], singular[..., None, :]
+    kept = rows * (left.mT @ form @ left) * columns
+    defect = kept - right @ form @ right.mT
+    length = np.hypot(rows, columns)
+    return np.asarray(form.T @ left @ (-rows / length * (defect / length)) @ right)
+
+
+def corrected(y: Points, correction: Callable[[Points], Points]) -> Points:
+    """Return points after corrections by Newton's method, until nothing but rounding is left."""
+    for _ in range(_MOST_CORRECTIONS):
+        change = correction(y)
+        y = y + change
+        if not (np.abs(change).max(initial=0.0) > _ROUNDING * np.abs(y).max(initial=0.0)):
+            break
+    return y
+
+
 def unit_step(y: Points) -> Points:
     r"""Return :math:`\frac12 (3 - |y|^2)\, y`, the same step for vectors of length one."""
     return np.asarray((1.5 - 0.5 * np.vecdot(y, y))[..., None] * y)
@@ -79,6 +125,26 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
         return np.asarray(np.abs(singular - phase[..., None]).max(axis=-1))
     singular[..., -1] = np.where(determinant < 0.0, -singular[..., -1], singular[..., -1])
     return np.asarray(np.abs(singular - 1.0).max(axis=-1))
+
+
+def nearest_unitary(y: Points, *, special: bool) -> Points:
+    r"""Return the nearest matrices with orthonormal columns, those of the polar factor.
+
+    Parameters
+    ----------
+    y
+        Real or complex matrices, shape ``(..., n, k)`` with ``k <= n``.
+    special
+        Whether they must also have determinant 1, as for `distance_from_unitary`.
+    """
+    left, _, right = np.linalg.svd(y, full_matrices=False)
+    if special:
+        determinant = np.linalg.det(left) * np.linalg.det(right)
+        if np.iscomplexobj(y):
+            left = left * np.exp(-1j * np.angle(determinant) / y.shape[-1])[..., None, None]
+        else:
+            left[..., -1] *= np.sign(determinant)[..., None]
+    return np.asarray(left @ right)
 
 
 def random_unitary(

@@ -25,6 +25,7 @@ from cg.frames.matrix_functions import (
     combine,
     distance_from_unitary,
     expm,
+    nearest_unitary,
     newton_schulz,
     random_unitary,
     real_logarithm,
@@ -202,6 +203,10 @@ class QuadraticGroup(MatrixGroup):
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the 2-norm distance to the nearest element of the group, shape ``(...)``."""
         return distance_from_unitary(self._points(y), special=self._special)
+
+    def _project(self, y: Points) -> Points:
+        # The polar factor; where the determinant must be 1, as near to it as that allows.
+        return nearest_unitary(y, special=self._special)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return points uniform in Haar measure, shape ``(*size, size, size)``."""

@@ -167,6 +167,10 @@ class Product(Frame):
         parts = zip(self.factors, vectors, self._split(point), strict=True)
         return self._join([factor.flow(u, x) for factor, u, x in parts])
 
+    def _project(self, y: Array) -> Array:
+        parts = zip(self.factors, self._split(y), strict=True)
+        return self._join([factor.project(x) for factor, x in parts])
+
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the largest of the factors' membership errors, shape ``(...)``."""
         parts = zip(self.factors, self.split(y), strict=True)

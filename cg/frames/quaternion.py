@@ -102,6 +102,9 @@ class UnitQuaternion(Frame):
         """Return how far the length is from one, shape ``(...)``."""
         return np.asarray(np.abs(np.linalg.norm(self._points(y), axis=-1) - 1.0))
 
+    def _project(self, y: Points) -> Points:
+        return np.asarray(y / np.linalg.norm(y, axis=-1, keepdims=True))
+
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians that turns ``x`` into ``y``, at most :math:`2\pi`."""
         return np.asarray(4.0 * np.arcsin(np.minimum(super().distance(x, y) / 2.0, 1.0)))

@@ -127,6 +127,10 @@ class Semidirect(MatrixGroup):
         n = self.group.size
         return self._assemble(self.group.restore(y[..., :n, :n]), y[..., :n, n:])
 
+    def _project(self, y: Array) -> Array:
+        n = self.group.size
+        return self._assemble(self.group.project(y[..., :n, :n]), y[..., :n, n:])
+
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the group's error and the constant rows', shape ``(...)``."""
         point = self._points(y)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points
-from cg.frames.matrix_functions import determinant_step
+from cg.frames.matrix_functions import corrected, determinant_correction, determinant_step
 from cg.frames.matrix_group import SizedMatrixGroup
 
 
@@ -61,6 +61,10 @@ class SL(SizedMatrixGroup):
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a Newton step towards determinant 1."""
         return determinant_step(y)
+
+    def _project(self, y: Points) -> Points:
+        # Nearest in the Frobenius norm, to the second order of the distance.
+        return corrected(y, determinant_correction)
 
     def membership_error(self, y: ArrayLike) -> Array:
         r"""Return :math:`|\det y - 1| / n`, shape ``(...)``.

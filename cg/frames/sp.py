@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points, Size
+from cg.frames.matrix_functions import corrected, symplectic_correction
 from cg.frames.matrix_group import MatrixGroup, QuadraticGroup, SizedMatrixGroup
 
 
@@ -76,6 +77,10 @@ class Sp(QuadraticGroup, SizedMatrixGroup):
     def inverse(self, x: ArrayLike) -> Points:
         r"""Return :math:`x^* = -J x^T J`, shape ``(..., n, n)``."""
         return np.asarray(-self._form @ self._points(x, "x").mT @ self._form)
+
+    def _project(self, y: Points) -> Points:
+        # Nearest in the Frobenius norm, to the second order of the distance.
+        return corrected(y, lambda x: symplectic_correction(x, self._form))
 
     def membership_error(self, y: ArrayLike) -> Array:
         r"""Return :math:`\tfrac12 \|y^* y - I\|_2`, shape ``(...)``.

@@ -78,6 +78,9 @@ class Sphere(HomogeneousSpace):
     def _blocks(self) -> Blocks | None:
         return ((BlockKind.SPHERE, 3, 0),) if self.n == 2 else None
 
+    def _project(self, y: Points) -> Points:
+        return np.asarray(y / np.linalg.norm(y, axis=-1, keepdims=True))
+
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the angle in radians between two points, shape ``(...)``."""
         return np.asarray(2.0 * np.arcsin(np.minimum(super().distance(x, y) / 2.0, 1.0)))

@@ -10,7 +10,12 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points, Size, check_random, check_size
 from cg.frames.homogeneous import HomogeneousSpace
-from cg.frames.matrix_functions import distance_from_unitary, newton_schulz, random_unitary
+from cg.frames.matrix_functions import (
+    distance_from_unitary,
+    nearest_unitary,
+    newton_schulz,
+    random_unitary,
+)
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 
@@ -87,6 +92,9 @@ class Stiefel(HomogeneousSpace):
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the 2-norm distance to the nearest orthonormal columns, shape ``(...)``."""
         return distance_from_unitary(self._points(y), special=False)
+
+    def _project(self, y: Points) -> Points:
+        return nearest_unitary(y, special=False)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return points uniform under rotations, shape ``(*size, n, k)``."""

@@ -80,13 +80,21 @@ class UserFrame(Frame):
         if function is None:
             return None
         rank = len(self.point_shape)
-        dtype = self.dtype if name == "restore" else np.float64
+        dtype = self.dtype if name in ("restore", "project") else np.float64
         return self._call(name, function, [(p, rank) for p in points], shape, dtype)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after the user's ``restore``, if there is one."""
         restored = self._on_points("restore", self.point_shape, y)
         return y if restored is None else restored
+
+    def _project(self, y: Points) -> Points:
+        projected = self._on_points("project", self.point_shape, y)
+        if projected is not None:
+            return projected
+        if "membership_error" in self._functions:
+            raise NotImplementedError(f"{self!r} has a membership_error, but no project")
+        return y
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return what the user's function says, else zeros: every array is a point then."""

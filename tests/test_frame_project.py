@@ -1,0 +1,197 @@
+"""The point of a manifold that is nearest to one off it."""
+
+import numpy as np
+import pytest
+from frame_examples import CIRCLE, ELLIPSE, FRAMES, OPEN, name
+from test_frames import condition
+
+import cg
+from cg.frames import (
+    SL,
+    SO,
+    SO3,
+    SU,
+    CoadjointOrbit,
+    Euclidean,
+    FieldFrame,
+    Frame,
+    IsospectralOrbit,
+    MatrixFrame,
+    Product,
+    Sp,
+    Sphere,
+    Stiefel,
+    U,
+    UnitQuaternion,
+)
+
+every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
+BATCHES = [(), (4,), (2, 3), (0,)]
+
+
+def single(points):
+    """The numbers as float32 has them."""
+    return points.astype(np.complex64 if points.dtype.kind == "c" else np.float32)
+
+
+@every_frame
+@pytest.mark.parametrize("batch", BATCHES, ids=repr)
+def test_points_are_their_own_projections(frame, batch):
+    y = frame.random_point(np.random.default_rng(91), batch)
+    projected = frame.project(y)
+    assert projected.dtype == frame.dtype
+    assert projected.shape == y.shape
+    assert not np.shares_memory(projected, y)
+    if y.size:
+        np.testing.assert_allclose(projected, y, rtol=0, atol=4e-15 * condition(y))
+
+
+@every_frame
+@pytest.mark.parametrize("batch", BATCHES[:3], ids=repr)
+def test_points_in_single_precision_are_projected(frame, batch):
+    y = single(frame.random_point(np.random.default_rng(92), batch))
+    before = y.copy()
+    projected = frame.project(y)
+    np.testing.assert_array_equal(y, before)
+    assert projected.dtype == frame.dtype
+    size = condition(y)
+    assert np.abs(projected - y).max() < 1e-6 * size
+    assert frame.membership_error(projected).max() < 2e-15 * size
+    for index in np.ndindex(batch):
+        np.testing.assert_allclose(
+            projected[index], frame.project(y[index]), rtol=0, atol=4e-15 * size
+        )
+        frame.check_point(projected[index])
+
+
+@every_frame
+def test_errors_name_the_projection(frame):
+    if frame in OPEN:
+        return
+    rng = np.random.default_rng(93)
+    off = frame.random_point(rng)
+    off = off + 1e-4 * rng.standard_normal(off.shape)
+    message = r"distance from the manifold is .*; frame\.project\(start\) is the nearest point"
+    with pytest.raises(ValueError, match=message):
+        frame.check_point(off, name="start")
+    assert frame.relative_error(frame.check_point(frame.project(off))) < 1e-14
+
+
+@pytest.mark.parametrize(
+    "frame", [SO3(), SO(4), U(3), UnitQuaternion(), Sphere(4), Stiefel(4, 2)], ids=repr
+)
+def test_no_other_point_is_nearer(frame):
+    rng = np.random.default_rng(94)
+    off = frame.random_point(rng)
+    off = off + 0.05 * rng.standard_normal(off.shape)
+    nearest = frame.project(off)
+    least = np.linalg.norm(off - nearest)
+    assert least > 1e-3
+    for size in (1e-3, 0.1, 1.0):
+        others = frame.flow(size * frame.random_vector(rng, (200,)), nearest)
+        distances = np.linalg.norm((off - others).reshape(200, -1), axis=-1)
+        assert distances.min() > least
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        SU(2),
+        SU(3),
+        SL(2),
+        SL(3),
+        Sp(2),
+        Sp(4),
+        IsospectralOrbit((-1.0, 0.25, 1.5)),
+        CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
+    ],
+    ids=repr,
+)
+def test_what_is_left_is_normal_to_the_fields(frame):
+    """To first order, which is what a few corrections of a point nearby attain."""
+    rng = np.random.default_rng(95)
+    on = frame.random_point(rng)
+    off = on + 1e-4 * rng.standard_normal(on.shape)
+    nearest = frame.project(off)
+    left = (off - nearest).ravel()
+    fields = frame.field(np.eye(frame.dim), nearest).reshape(frame.dim, -1)
+    assert np.linalg.norm(left) > 1e-6
+    assert np.abs((fields.conj() @ left).real).max() < 1e-6 * np.abs(fields).max()
+
+
+def test_reflections_are_projected_to_rotations():
+    for frame in (SO3(), SO(4)):
+        n = frame.n
+        projected = frame.project(np.diag([1.0] * (n - 1) + [-0.5]))
+        assert frame.membership_error(projected) < 1e-15
+
+
+@every_frame
+def test_where_there_is_no_nearest_point(frame):
+    y = frame.random_point(np.random.default_rng(96), (2,))
+    y[0].flat[0] = np.nan
+    projected = frame.project(y)
+    if frame not in OPEN:
+        assert np.isnan(projected[0]).any()
+    np.testing.assert_allclose(projected[1], y[1], rtol=0, atol=4e-15 * condition(y[1]))
+    with pytest.raises(ValueError, match="y must have shape"):
+        frame.project(np.append(y[1], 1.0))
+
+
+def test_zero_is_near_no_unit_vector():
+    assert np.isnan(Sphere(2).project(np.zeros(3))).all()
+    assert np.isnan(SL(2).project(np.zeros((2, 2)))).all()
+
+
+def test_users_give_projections():
+    frame = MatrixFrame(
+        ELLIPSE.matrices,
+        membership_error=lambda y: abs(np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0) - 1.0),
+    )
+    with pytest.raises(NotImplementedError, match="has a membership_error, but no project"):
+        frame.project([1.1, 0.0])
+    with pytest.raises(ValueError, match=r"distance from the manifold is 0\.1, more than 1e-08$"):
+        frame.check_point([1.1, 0.0])
+    np.testing.assert_allclose(ELLIPSE.project([1.1, 0.0]), [1.0, 0.0])
+    np.testing.assert_allclose(CIRCLE.project([[2.0], [3j]]), [[1.0], [1j]])
+    np.testing.assert_array_equal(MatrixFrame([[[1.0]]]).project([[3.0]]), [[3.0]])
+    with pytest.raises(TypeError, match="project must be a function or None, got 1"):
+        MatrixFrame([[[1.0]]], project=1)
+    wrong = FieldFrame([abs], abs, point_shape=2, project=lambda y: y[0])
+    with pytest.raises(ValueError, match=r"project must return shape \(2,\), got shape \(\)"):
+        wrong.project([1.0, 2.0])
+
+
+def test_frames_without_a_projection_say_so():
+    class Half(Frame):
+        dim = 1
+        point_shape = (1,)
+
+        def field(self, v, y):
+            return v * y
+
+        def flow(self, v, y):
+            return np.exp(v) * y
+
+        def membership_error(self, y):
+            return np.where(np.asarray(y)[..., 0] > 0.0, 0.0, np.inf)
+
+        def random_point(self, rng, size=()):
+            return np.exp(rng.standard_normal((size, 1)))
+
+    with pytest.raises(NotImplementedError, match=r"Half.* has no projection onto its manifold"):
+        Half().project([1.0])
+    with pytest.raises(ValueError, match=r"distance from the manifold is inf, more than 1e-08$"):
+        Half().check_point([-1.0])
+
+
+def test_a_projected_point_can_be_integrated_from():
+    frame = Product(SO3(), UnitQuaternion(), Euclidean(2))
+    rng = np.random.default_rng(97)
+    y0 = frame.random_point(rng, (3,)).astype(np.float32)
+    f = frame.random_vector(rng, (3,))
+    options = {"frame": frame, "method": "CG3", "h": 0.1}
+    with pytest.raises(ValueError, match=r"e-08, more than 1e-08; frame\.project\(y0\) is the"):
+        cg.integrate(lambda t, y: f, (0, 1), y0, **options)
+    end = cg.integrate(lambda t, y: f, (0, 1), frame.project(y0), **options).y[-1]
+    assert frame.membership_error(end).max() < 1e-15
