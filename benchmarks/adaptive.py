@@ -11,7 +11,7 @@ import numpy as np
 
 import cg
 from cg.integration import Solution
-from cg.integration.external import compiled_rhs
+from cg.integration.compiled_rhs import compiled_rhs
 from cg.problems import HeavyTop
 
 from .compiled_top import CompiledTop
@@ -40,7 +40,7 @@ def run(quick: bool, figures: Path | None) -> Result:
 
         contestants: dict[str, Callable[[], Solution]] = {
             "compiled": lambda: solve(compiled.f),
-            "called": lambda: solve(called.on(top.frame)),
+            "called": lambda: solve(called.on(top.frame, (), None)),
             "Python": lambda: solve(top.f),
             "ensemble": lambda: solve(compiled.f, ensemble, t_eval=[_END]),
         }

@@ -13,7 +13,6 @@ from cg.integration.flows import flows_of
 __all__ = ["RKMK4"]
 
 Array = NDArray[np.float64]
-_ONE = ((0, 1.0),)
 
 
 class RKMK4:
@@ -84,7 +83,7 @@ class RKMK4:
 
     def _move(self, u: Array, y: Array) -> Array:
         self.nexp += 1
-        return self.flows(_ONE, u[None], y, 1.0)
+        return self.flows(u[None], y)
 
     def _transport(self, u: Array, f: Array) -> Array:
         """Return the derivative of u that goes with the coefficients f."""

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Frame
-from cg.integration.fixed import Coefficients, integrate
+from cg.integration.fixed import integrate
+from cg.integration.python_rhs import Coefficients
 from cg.tableau import Tableau
 
 

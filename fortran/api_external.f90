@@ -1,131 +1,283 @@
-! Faces for f2py of the integrator of a user's compiled function, and of flows on their own: they
-! only shape and call.
-
-! Trajectories in double precision, one after the other until one fails: budget steps in all, going
-! on where the last call paused
-subroutine external_field_run(function_address, data_address, blocks, description, stages, a, b, &
-                              start, h, last, steps, save_every, n, stored, trajectories, y, &
-                              budget, position, point, status, flag, failed_at)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use external_field, only: external_field_t, make_external_field
-  use kinds_r64, only: wp
-  use frames_r64, only: frame_t, make_frame
-  use stepper_r64, only: failure_t, finished, grid_t, integrate_fixed, paused
+! Faces for f2py of the integration of a function in C, and of flows on their own: they only shape
+! and call. What belongs to one integration stays here between calls, known by its address.
+module sessions
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr, c_ptr
+  use external_field, only: external_field_t, make_external_field, point_to_data
+  use integration_r64, only: problem_t, trajectory_t
   implicit none
-  integer(c_intptr_t), intent(in) :: function_address, data_address
-  integer, intent(in) :: blocks, stages, steps, save_every, n, stored, trajectories, budget
-  integer, intent(in) :: description(3, blocks)
-  real(wp), intent(in) :: a(stages, stages), b(stages)
-  real(wp), intent(in) :: start, h, last
-  real(wp), intent(inout) :: y(n, 0:stored, trajectories)    ! column 0 is the initial point
-  integer, intent(inout) :: position(2)                      ! trajectories, then steps, done
-  real(wp), intent(inout) :: point(n)                        ! after those steps
-  integer, intent(out) :: status, flag
-  real(wp), intent(out) :: failed_at
-  type(frame_t) :: frame
-  type(external_field_t) :: field
-  type(grid_t) :: grid
-  type(failure_t) :: failure
-  integer :: i, left
+  private
+  public :: session_t, session_at, address_of, make_field
 
-  call make_frame(description, frame)
-  call make_external_field(function_address, data_address, field)
-  grid = grid_t(start=start, step=h, last=last, steps=steps, save_every=save_every)
-  left = budget
-  do i = position(1) + 1, trajectories
-    if (left == 0) exit
-    if (position(2) == 0) point = y(:, 0, i)
-    grid%done = position(2)
-    grid%pause = grid%done + min(left, steps - grid%done)
-    call integrate_fixed(field, frame, a, b, grid, point, y(:, :, i), failure)
+  type :: session_t
+    type(problem_t) :: problem
+    integer(c_intptr_t) :: function_address = 0
+    integer(c_intptr_t) :: data_address = 0          ! 0 for none
+    integer(c_intptr_t) :: data_stride = 0           ! bytes from one trajectory's data to the next
+    type(trajectory_t), allocatable :: trajectories(:)
+  end type session_t
+
+contains
+
+  integer(c_intptr_t) function address_of(session)
+    type(session_t), pointer, intent(in) :: session
+
+    address_of = transfer(c_loc(session), address_of)
+  end function address_of
+
+  function session_at(address) result(session)
+    integer(c_intptr_t), intent(in) :: address
+    type(session_t), pointer :: session
+    type(c_ptr) :: pointer
+
+    pointer = transfer(address, c_null_ptr)
+    call c_f_pointer(pointer, session)
+  end function session_at
+
+  subroutine make_field(session, trajectory, field)
+    type(session_t), intent(in) :: session
+    integer, intent(in) :: trajectory                ! whose data the function is given
+    type(external_field_t), intent(out) :: field
+
+    call make_external_field(session%function_address, session%data_address &
+                             + int(trajectory - 1, c_intptr_t) * session%data_stride, field)
+  end subroutine make_field
+
+end module sessions
+
+! An integration of trajectories that start at the same time. Steps have to be chosen next.
+subroutine session_open(blocks, description, members, integers, list, terms, weight, stages, c, &
+                        function_address, data_address, data_stride, n, trajectories, t, points, &
+                        first_step, address)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use frames_r64, only: make_frame
+  use integration_r64, only: start_trajectory
+  use kinds_r64, only: wp
+  use method_r64, only: make_method
+  use sessions, only: address_of, session_t
+  implicit none
+  integer, intent(in) :: blocks, members, integers, terms, stages, n, trajectories
+  integer, intent(in) :: description(3, blocks)
+  integer, intent(in) :: list(integers)
+  real(wp), intent(in) :: weight(terms), c(stages)
+  integer(c_intptr_t), intent(in) :: function_address, data_address, data_stride
+  real(wp), intent(in) :: t
+  real(wp), intent(in) :: points(n, trajectories)
+  real(wp), intent(in) :: first_step                 ! zero to choose it
+  integer(c_intptr_t), intent(out) :: address
+  type(session_t), pointer :: session
+  integer :: i
+
+  allocate (session)
+  call make_frame(description, members, session%problem%frame)
+  call make_method(list, weight, c, session%problem%method)
+  session%problem%members = members
+  session%function_address = function_address
+  session%data_address = data_address
+  session%data_stride = data_stride
+  allocate (session%trajectories(trajectories))
+  do i = 1, trajectories
+    call start_trajectory(session%problem, t, points(:, i), first_step, session%trajectories(i))
+  end do
+  address = address_of(session)
+end subroutine session_open
+
+subroutine session_close(address)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use sessions, only: session_at, session_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  type(session_t), pointer :: session
+
+  session => session_at(address)
+  deallocate (session)
+end subroutine session_close
+
+! A trajectory takes no more steps.
+subroutine session_finish(address, i)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use sessions, only: session_at, session_t
+  use shared_numbers, only: finished
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: i
+  type(session_t), pointer :: session
+
+  session => session_at(address)
+  session%trajectories(i)%failure%status = finished
+end subroutine session_finish
+
+! Equal steps from start to stop
+subroutine session_use_grid(address, start, stop, step, last, steps)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use integration_r64, only: grid_t
+  use kinds_r64, only: wp
+  use sessions, only: session_at, session_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  real(wp), intent(in) :: start, stop, step, last
+  integer, intent(in) :: steps
+  type(session_t), pointer :: session
+
+  session => session_at(address)
+  session%problem%adaptive = .false.
+  session%problem%stop = stop
+  session%problem%grid = grid_t(start=start, step=step, last=last, steps=steps)
+end subroutine session_use_grid
+
+! Steps chosen by the error estimate of a pair
+subroutine session_use_tolerances(address, stop, rtol, m, atol, exponent, max_step)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use integration_r64, only: tolerances_t
+  use kinds_r64, only: wp
+  use sessions, only: session_at, session_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  real(wp), intent(in) :: stop, rtol, exponent, max_step
+  integer, intent(in) :: m
+  real(wp), intent(in) :: atol(m)
+  type(session_t), pointer :: session
+
+  session => session_at(address)
+  session%problem%adaptive = .true.
+  session%problem%stop = stop
+  session%problem%tolerances = tolerances_t(atol=atol, rtol=rtol, exponent=exponent, &
+                                            max_step=max_step)
+end subroutine session_use_tolerances
+
+! At most budget trial steps of each of some trajectories
+subroutine session_advance(address, first, last, budget, every, keep_slopes, capacity, n, m, t, y, f, &
+                           counts, status, flag, failed_at)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use external_field, only: external_field_t
+  use integration_r64, only: integrate, output_t
+  use kinds_r64, only: wp
+  use sessions, only: make_field, session_at, session_t
+  use shared_numbers, only: paused
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: first, last, budget         ! trajectories from 1
+  integer, intent(in) :: every                       ! steps between stored ones
+  logical, intent(in) :: keep_slopes
+  integer, intent(in) :: capacity, n, m              ! of stored steps; sizes of points and slopes
+  real(wp), intent(inout), target :: t(capacity)
+  real(wp), intent(inout), target :: y(n, capacity, first:last)
+  real(wp), intent(inout), target :: f(m, capacity, first:last)
+  integer, intent(out) :: counts(5, first:last)      ! attempts, accepted, stored, nfev, nexp
+  integer, intent(out) :: status(first:last), flag(first:last)
+  real(wp), intent(out) :: failed_at(first:last)
+  type(session_t), pointer :: session
+  type(external_field_t) :: field
+  type(output_t) :: output
+  integer :: i
+
+  session => session_at(address)
+  counts = 0
+  do i = first, last
+    associate (trajectory => session%trajectories(i))
+      if (trajectory%failure%status == paused) then
+        call make_field(session, i, field)
+        output%every = every
+        output%t => t
+        output%y => y(:, :, i)
+        nullify (output%f)
+        if (keep_slopes) output%f => f(:, :, i)
+        call integrate(session%problem, field, budget, trajectory, output)
+        counts(:, i) = [trajectory%attempts, trajectory%accepted, output%stored, trajectory%nfev, &
+                        trajectory%nexp]
+      end if
+      status(i) = trajectory%failure%status
+      flag(i) = trajectory%failure%flag
+      failed_at(i) = trajectory%failure%t
+    end associate
+  end do
+end subroutine session_advance
+
+! The coefficients where a trajectory has got to, which its next step won't evaluate again
+subroutine session_slope(address, i, m, f, evaluations, status, flag)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use external_field, only: external_field_t
+  use kinds_r64, only: wp
+  use sessions, only: make_field, session_at, session_t
+  use shared_numbers, only: finished
+  use stepper_r64, only: evaluate, failure_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: i, m
+  real(wp), intent(out) :: f(m)
+  integer, intent(out) :: evaluations, status, flag
+  type(session_t), pointer :: session
+  type(external_field_t) :: field
+  type(failure_t) :: failure
+
+  session => session_at(address)
+  evaluations = 0
+  associate (trajectory => session%trajectories(i))
+    if (.not. trajectory%known) then
+      call make_field(session, i, field)
+      call evaluate(field, trajectory%t, trajectory%point, trajectory%slope, failure)
+      evaluations = 1
+      trajectory%known = failure%status == finished
+    end if
+    f = trajectory%slope
+  end associate
+  status = failure%status
+  flag = failure%flag
+end subroutine session_slope
+
+! The coefficients at any times and points, with a trajectory's data
+subroutine session_evaluate(address, i, points, n, m, t, y, f, done, status, flag)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use external_field, only: external_field_t
+  use kinds_r64, only: wp
+  use sessions, only: make_field, session_at, session_t
+  use shared_numbers, only: finished
+  use stepper_r64, only: evaluate, failure_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: i, points, n, m
+  real(wp), intent(in) :: t(points), y(n, points)
+  real(wp), intent(inout) :: f(m, points)
+  integer, intent(out) :: done                       ! how many were evaluated before one failed
+  integer, intent(out) :: status, flag
+  type(session_t), pointer :: session
+  type(external_field_t) :: field
+  type(failure_t) :: failure
+
+  session => session_at(address)
+  call make_field(session, i, field)
+  do done = 0, points - 1
+    call evaluate(field, t(done + 1), y(:, done + 1), f(:, done + 1), failure)
     if (failure%status /= finished) exit
-    left = left - (grid%pause - grid%done)
-    position(2) = grid%pause
-    if (grid%pause == steps) position = [i, 0]
   end do
   status = failure%status
-  if (status == finished .and. position(1) < trajectories) status = paused
   flag = failure%flag
-  failed_at = failure%t
-end subroutine external_field_run
+end subroutine session_evaluate
 
-! Adaptive steps of one trajectory, or those of a grid: at most budget trial steps, going on where the
-! last call paused
-subroutine external_field_adapt(function_address, data_address, blocks, description, stages, a, b, &
-                                embedded, c, m, atol, limits, steps, done, n, reals, logicals, &
-                                point, slope, budget, capacity, t_kept, y_kept, f_kept, times, &
-                                wanted, y_wanted, counts, status, flag)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use adaptive, only: integrate_adaptive, integrate_on_grid, make_pair, output_t, run_t
-  use external_field, only: external_field_t, make_external_field
-  use kinds_r64, only: wp
-  use frames_r64, only: frame_t, make_frame
-  use stepper_r64, only: failure_t, grid_t
+! The address of the function in C that calls one of Python
+subroutine python_field_address(address)
+  use, intrinsic :: iso_c_binding, only: c_double, c_funloc, c_int, c_intptr_t, c_ptr
   implicit none
-  integer(c_intptr_t), intent(in) :: function_address, data_address
-  integer, intent(in) :: blocks, stages, m, n, budget, capacity, times
-  integer, intent(in) :: description(3, blocks)
-  real(wp), intent(in) :: a(stages, stages), b(stages), embedded(stages), c(stages)
-  real(wp), intent(in) :: atol(m)
-  ! final time; then rtol, exponent and largest step, or start, step and last step of the grid
-  real(wp), intent(in) :: limits(4)
-  integer, intent(in) :: steps, done            ! of the grid, none if steps have to be chosen
-  real(wp), intent(inout) :: reals(4)           ! time, next step, last error, time of failure
-  integer, intent(inout) :: logicals(3)         ! after a rejected step; slope is known; keep steps
-  real(wp), intent(inout) :: point(n)
-  real(wp), intent(inout) :: slope(m)           ! the coefficients there
-  ! the capacity is at least budget if steps are kept
-  real(wp), intent(inout), target :: t_kept(capacity), y_kept(n, capacity), f_kept(m, capacity)
-  real(wp), intent(inout), target :: wanted(times), y_wanted(n, times)
-  integer, intent(out) :: counts(5)             ! attempts, accepted, nfev, nexp, times reached
-  integer, intent(out) :: status, flag
-  type(frame_t) :: frame
-  type(external_field_t) :: field
-  type(run_t) :: run
-  type(output_t) :: output
-  type(failure_t) :: failure
+  integer(c_intptr_t), intent(out) :: address
 
-  call make_frame(description, frame)
-  call make_external_field(function_address, data_address, field)
-  call make_pair(frame, a, b, embedded, c, run)
-  run%atol = atol
-  run%stop = limits(1)
-  run%t = reals(1)
-  run%size = reals(2)
-  run%last_error = reals(3)
-  run%after_rejection = logicals(1) /= 0
-  run%known = logicals(2) /= 0
-  run%point = point
-  run%f(:, 1) = slope
-  output%keep = logicals(3) /= 0
-  output%t => t_kept
-  output%y => y_kept
-  output%f => f_kept
-  output%wanted => wanted
-  output%y_wanted => y_wanted
+  interface
 
-  if (steps > 0) then
-    call integrate_on_grid(field, frame, run, output, &
-                           grid_t(start=limits(2), step=limits(3), last=limits(4), steps=steps, &
-                                  done=done, pause=done + min(budget, steps - done)), failure)
-  else
-    run%rtol = limits(2)
-    run%exponent = limits(3)
-    run%max_step = limits(4)
-    call integrate_adaptive(field, frame, run, output, budget, failure)
-  end if
-  reals = [run%t, run%size, run%last_error, failure%t]
-  logicals(1:2) = merge(1, 0, [run%after_rejection, run%known])
-  point = run%point
-  slope = run%f(:, 1)
-  counts = [run%attempts, run%accepted, run%nfev, run%nexp, output%used]
-  status = failure%status
-  flag = failure%flag
-end subroutine external_field_adapt
+    function call_python_field(t, y, f, user_data) bind(c) result(code)
+      import :: c_double, c_int, c_ptr
+      real(c_double), value, intent(in) :: t
+      real(c_double), intent(in) :: y(*)
+      real(c_double), intent(inout) :: f(*)
+      type(c_ptr), value, intent(in) :: user_data
+      integer(c_int) :: code
+    end function call_python_field
+
+  end interface
+
+  address = transfer(c_funloc(call_python_field), address)
+end subroutine python_field_address
 
 ! The coefficients of the flows from points x to points y
 subroutine frame_difference(blocks, description, points, x, y, fields, v)
-  use coordinates, only: difference
+  use coordinates_r64, only: difference
   use kinds_r64, only: wp
   use frames_r64, only: frame_t, make_frame
   implicit none
@@ -136,7 +288,7 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
   type(frame_t) :: frame
   integer :: i
 
-  call make_frame(description, frame)
+  call make_frame(description, 1, frame)
   associate (n => frame%point_size, m => frame%dimension)
     do i = 0, points / n - 1
       call difference(frame, x(i * n + 1:(i + 1) * n), y(i * n + 1:(i + 1) * n), &
@@ -145,38 +297,85 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
   end associate
 end subroutine frame_difference
 
-! Points moved along the flows of step * weight(j) times their field number stage(j), the first
-! one first
-subroutine frame_move(blocks, description, flows, step, weight, stage, stages, fields, f, points, y)
+! Points moved along the time-1 flows of as many fields each, the first one first
+subroutine frame_move(blocks, description, flows, fields, v, points, y)
   use kinds_r64, only: wp
   use frames_r64, only: frame_t, make_frame, move, restore
   implicit none
-  integer, intent(in) :: blocks, flows, stages, fields, points
+  integer, intent(in) :: blocks, flows, fields, points
   integer, intent(in) :: description(3, blocks)
-  real(wp), intent(in) :: step
-  real(wp), intent(in) :: weight(flows)
-  integer, intent(in) :: stage(flows)
-  real(wp), intent(in) :: f(fields)          ! (dimension, stages, trajectories)
+  real(wp), intent(in) :: v(fields)          ! (dimension, flows, trajectories)
   real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
   type(frame_t) :: frame
-  real(wp) :: scaled(flows)
+  real(wp) :: ones(flows)
+  integer :: numbers(flows + 1), i
 
-  call make_frame(description, frame)
-  scaled = step * weight
-  call move_all(frame%dimension, frame%point_size, points / frame%point_size, f, y)
+  call make_frame(description, 1, frame)
+  ones = 1.0_wp
+  numbers = [(i, i=1, flows + 1)]
+  call move_all(frame%dimension, frame%point_size, points / frame%point_size, v, y)
 
 contains
 
-  subroutine move_all(dimension, point_size, trajectories, f, y)
+  subroutine move_all(dimension, point_size, trajectories, v, y)
     integer, intent(in) :: dimension, point_size, trajectories
-    real(wp), intent(in) :: f(dimension, stages, trajectories)
+    real(wp), intent(in) :: v(dimension, flows, trajectories)
     real(wp), intent(inout) :: y(point_size, trajectories)
-    integer :: i
 
     do i = 1, trajectories
-      call move(frame, scaled, stage, f(:, :, i), y(:, i))
+      call move(frame, numbers, ones, numbers(:flows), v(:, :, i), y(:, i))
       call restore(frame, y(:, i))
     end do
   end subroutine move_all
 
 end subroutine frame_move
+
+! The controller, for steps that are taken in Python
+subroutine control_step(taken, error, exponent, last_error, after_rejection, accepted, next_size, &
+                        next_last_error)
+  use controller_r64, only: accepted_size, rejected_size
+  use kinds_r64, only: wp
+  implicit none
+  real(wp), intent(in) :: taken, error, exponent, last_error
+  logical, intent(in) :: after_rejection
+  logical, intent(out) :: accepted
+  real(wp), intent(out) :: next_size, next_last_error
+
+  accepted = error <= 1
+  next_last_error = last_error
+  if (accepted) then
+    call accepted_size(taken, error, exponent, after_rejection, next_last_error, next_size)
+  else
+    next_size = rejected_size(taken, error, exponent)
+  end if
+end subroutine control_step
+
+subroutine control_first_guess(point, slope, span, size)
+  use controller_r64, only: first_guess
+  use kinds_r64, only: wp
+  implicit none
+  real(wp), intent(in) :: point, slope, span
+  real(wp), intent(out) :: size
+
+  size = first_guess(point, slope, span)
+end subroutine control_first_guess
+
+subroutine control_first_size(point, slope, curvature, exponent, size)
+  use controller_r64, only: first_size
+  use kinds_r64, only: wp
+  implicit none
+  real(wp), intent(in) :: point, slope, curvature, exponent
+  real(wp), intent(out) :: size
+
+  size = first_size(point, slope, curvature, exponent)
+end subroutine control_first_size
+
+subroutine control_smallest_size(t, size)
+  use controller_r64, only: smallest_size
+  use kinds_r64, only: wp
+  implicit none
+  real(wp), intent(in) :: t
+  real(wp), intent(out) :: size
+
+  size = smallest_size(t)
+end subroutine control_smallest_size

@@ -12,7 +12,7 @@ import numpy as np
 
 from cg.frames.base import Array
 from cg.integration import integrate
-from cg.integration.compiled import Kind, integrate_heavy_top
+from cg.integration.built_in import Kind, integrate_heavy_top
 from cg.problems import HeavyTop
 
 __all__ = [

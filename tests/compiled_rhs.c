@@ -86,3 +86,30 @@ int jump(double t, const double *y, double *f, void *user_data)
     f[2] = y[1] * rate;
     return 0;
 }
+
+// As many zeros as the data say
+int rests_all(double t, const double *y, double *f, void *user_data)
+{
+    const double *count = user_data;
+    (void)t, (void)y;
+    for (int i = 0; i < (int)*count; i++)
+        f[i] = 0.0;
+    return 0;
+}
+
+// y' = rate y, where the data are the rate and a time from which on it fails
+int decays(double t, const double *y, double *f, void *user_data)
+{
+    const double *data = user_data;
+    f[0] = data[0] * y[0];
+    return t > data[1] ? 5 : 0;
+}
+
+// It breaks its promise not to change the point.
+int overwrites(double t, const double *y, double *f, void *user_data)
+{
+    (void)t, (void)user_data;
+    f[0] = -y[0];
+    ((double *)y)[0] = 17.0;
+    return 0;
+}

@@ -8,9 +8,10 @@ import pytest
 import cg
 from cg.convergence import observed_order
 from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.integration.adaptive import AdaptiveSteps, ErrorNorm
-from cg.integration.coordinates import coordinate_sizes
+from cg.integration.error_norm import ErrorNorm
+from cg.integration.python_stepper import PythonStepper
 from cg.integration.step import Step
+from cg.integration.stepper import AdaptiveSchedule
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 
@@ -232,8 +233,8 @@ def test_sizes_that_errors_are_relative_to():
     pose[:3, 3] = [3.0, 0.0, 4.0]
     y = frame.join(np.eye(3), [-2.0, 7.0], pose)
     expected = [1, 1, 1, 2, 7, 1, 1, 1, 5, 5, 5]
-    np.testing.assert_allclose(coordinate_sizes(frame, y), expected)
-    np.testing.assert_allclose(coordinate_sizes(frame, np.stack([y, y])), [expected] * 2)
+    np.testing.assert_allclose(frame.coordinate_sizes(y), expected)
+    np.testing.assert_allclose(frame.coordinate_sizes(np.stack([y, y])), [expected] * 2)
 
 
 def test_norm_on_flat_space_is_that_of_scipy():
@@ -273,8 +274,8 @@ def test_every_kind_of_frame_is_integrated_to_its_tolerance(frame):
 def test_steps_can_be_taken_one_by_one():
     step = Step(PROBLEM.f, SO3(), cg.methods["CG2(3)"])
     norm = ErrorNorm(SO3(), PROBLEM.y0, 1e-3, np.array(1e-6))
-    steps = iter(AdaptiveSteps(step, norm, 0.0, 1.0, PROBLEM.y0))
-    t, y = next(steps)
-    assert 0.0 < t < 1.0
-    assert y.shape == (3, 3)
-    assert step.nfev == 4
+    blocks = PythonStepper(step, PROBLEM.y0, AdaptiveSchedule(0.0, 1.0, norm)).blocks()
+    block = next(blocks)
+    assert 0.0 < block.t[1] < 1.0
+    assert block.y.shape == (2, 3, 3)
+    assert step.counts.nfev == 4

@@ -7,8 +7,9 @@ from test_compiled_adaptive import both
 
 import cg
 from cg.frames import SU, Euclidean, Sphere
-from cg.integration import external, pace
-from cg.integration.external import compiled_rhs
+from cg.integration import step_budget
+from cg.integration.compiled_rhs import CompiledRhs, compiled_rhs
+from cg.integration.interpolation import extra_evaluations
 
 CLOSE = {"rtol": 0, "atol": 1e-12}
 PAIR = {"rtol": 1e-5, "atol": 1e-5}
@@ -51,7 +52,8 @@ def test_fixed_steps(name, span, affine):
     np.testing.assert_array_equal(dense.t, plain.t)
     np.testing.assert_allclose(dense.y, plain.y, **CLOSE)
     np.testing.assert_array_equal(dense.sol(dense.t), dense.y)
-    assert dense.nfev == plain.nfev + 1
+    extra = extra_evaluations(cg.methods["CG4a"])
+    assert dense.nfev == plain.nfev + 1 + extra * plain.steps
 
 
 @pytest.mark.parametrize("method", ["LieEuler", "CG4(3)", "CG6d"])
@@ -90,7 +92,6 @@ def test_no_span_is_the_initial_point(function):
     ("name", "y0", "error", "message"),
     [
         ("stops", [0.0], RuntimeError, r"^f returned the error code 7 at t = 0\.625"),
-        ("stops", [[0.0], [1.0]], RuntimeError, r"code 7 at t = 0\.625 for y0\[0\]"),
         ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.625"),
         ("square", [1e160], ValueError, "f must return finite numbers"),
     ],
@@ -119,8 +120,11 @@ def test_solutions_that_overflow(method, message, function):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"h": 1e-10, "t_eval": []}, "h is too small for a compiled f: more than 2147483647"),
-        ({"h": 1e-9, "dense_output": True}, "h is too small for t_span: 0 steps need .* GiB"),
+        ({"h": 1e-10, "t_eval": []}, "h must leave at most 2147483647 steps"),
+        (
+            {"h": 1e-9, "dense_output": True},
+            "h is too small for t_span: 1000000000 steps need .* GiB",
+        ),
     ],
 )
 def test_too_many_steps(changes, message, function):
@@ -241,7 +245,7 @@ def test_errors_of_events_pass_through(function):
 def test_the_loop_runs_in_compiled_code(affine, monkeypatch):
     problem = PROBLEMS["SO3 body"]
     f, _keep = affine(problem)
-    monkeypatch.setattr(external.CompiledRhs, "__call__", None)
+    monkeypatch.setattr(CompiledRhs, "__call__", None)
     for options in (FIXED | {"t_eval": [0.3]}, FIXED | {"events": first_entry}, {"events": time}):
         assert cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **options).success
 
@@ -259,7 +263,7 @@ def test_pauses_change_nothing(affine, monkeypatch):
         ]
 
     free = results()
-    monkeypatch.setattr(pace, "_SECONDS", 0.0)
+    monkeypatch.setattr(step_budget, "_SECONDS", 0.0)
     for one, other in zip(free, results(), strict=True):
         np.testing.assert_array_equal(one.t, other.t)
         np.testing.assert_array_equal(one.y, other.y)

@@ -1,7 +1,11 @@
 """The continuous solution: its order, its ends, the manifold it stays on."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
+from scipy.interpolate import CubicHermiteSpline
 
 import cg
 from cg.convergence import observed_order
@@ -20,8 +24,9 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integration.dense import Segment
-from cg.integration.step import Step
+from cg.integration.interpolation import extra_evaluations, interpolate, nodes_of
+from cg.integration.problem import make_problem
+from cg.integration.time_grid import make_grid
 
 FRAMES = [
     Euclidean(3),
@@ -41,7 +46,6 @@ FRAMES = [
     Product(SO3(), Euclidean(2)),
     Product(UnitQuaternion(), Sphere(2)),
 ]
-WITHOUT_LOGARITHM = [Stiefel(3, 1), IsospectralOrbit((1.0, 2.0, 4.0)), FRAMES[13]]
 T0 = 0.3
 
 
@@ -57,26 +61,44 @@ def generic(frame, seed=11):
     return f, y0
 
 
-def segment_of(frame, h, method="CG5a", pieces=6):
-    """Return a segment between accurate points, and accurate points between its ends."""
+def one_step(frame, h, method):
+    """Return the solution within one step, and accurate points between its ends."""
     f, y0 = generic(frame)
-    fine = cg.integrate(f, (T0, T0 + h), y0, frame=frame, method=method, h=abs(h) / pieces)
-    step = Step(f, frame, cg.methods[method])
-    return Segment(step, T0, y0, float(fine.t[-1]), fine.y[-1]), fine
+    problem = make_problem(f, frame, method, y0, stage_solver="newton")
+    stepper = problem.stepper(make_grid((T0, T0 + h), abs(h)), slopes=True)
+    (block,) = stepper.blocks()
+    made = interpolate(stepper, block, np.array([0]))
+    fine = cg.integrate(f, (T0, T0 + h), y0, frame=frame, method="CG6g", h=abs(h) / 6)
+    return made, fine
+
+
+def within(made, t):
+    return made.at(np.zeros(len(t), dtype=np.intp), t)
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
-@pytest.mark.parametrize("sign", [1, -1])
-def test_local_order_is_four_at_least(frame, sign):
-    sizes = np.array([0.2, 0.1, 0.05])
+@pytest.mark.parametrize(("method", "sign"), [("CG3", 1), ("CG4a", -1), ("CG5a", 1)])
+def test_local_order_is_that_of_the_steps(frame, method, sign):
+    sizes = np.array([0.1, 0.05, 0.025])
     errors = []
     for h in sizes:
-        segment, fine = segment_of(frame, sign * h)
-        errors.append(frame.distance(segment(fine.t), fine.y).max())
-    order = observed_order(sizes, errors, floor=1e-14).order
-    assert order > 3.7
-    if frame in WITHOUT_LOGARITHM:
-        assert order > 5.5
+        made, fine = one_step(frame, sign * h, method)
+        errors.append(frame.distance(within(made, fine.t), fine.y).max())
+    order = observed_order(sizes, errors, floor=2e-15).order
+    assert order > cg.methods[method].order + 0.6
+
+
+@pytest.mark.parametrize(
+    "method", [n for n, m in cg.methods.items() if not m.explicit and m.order < 6]
+)
+def test_implicit_methods_have_it_too(method):
+    sizes = np.array([0.1, 0.05, 0.025])
+    errors = []
+    for h in sizes:
+        made, fine = one_step(SO3(), h, method)
+        errors.append(SO3().distance(within(made, fine.t), fine.y).max())
+    order = observed_order(sizes, errors, floor=2e-15).order
+    assert order > cg.methods[method].order + 0.6
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
@@ -91,36 +113,49 @@ def test_the_ends_are_exact_and_all_is_on_the_manifold(frame):
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_it_is_continuous_at_the_ends_without_their_being_set(frame):
-    segment, _ = segment_of(frame, 0.3, pieces=1)
-    ends = segment._blend(np.array([0.0, 1.0]))
-    np.testing.assert_allclose(ends[0], segment.y0, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(ends[1], segment.y1, rtol=0, atol=1e-14)
-    assert (segment._bends is None) == (frame in WITHOUT_LOGARITHM)
+    made, _ = one_step(frame, 0.3, "CG5a")
+    ends = made._between(np.array([0, 0]), np.array([0.0, 1.0]), made.rest[[0, 0]])
+    np.testing.assert_allclose(ends[0], made.y0[0], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(ends[1], made.y1[0], rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("frame", [f for f in FRAMES if f not in WITHOUT_LOGARITHM], ids=repr)
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_derivatives_at_the_ends_are_the_field(frame):
     f, _ = generic(frame)
-    segment, _ = segment_of(frame, 0.3)
+    made, _ = one_step(frame, 0.05, "CG5a")
     d = 1e-5
-    for t, y, inside in (
-        (segment.t0, segment.y0, d),
-        (segment.t1, segment.y1, -d),
-    ):
-        near = segment(np.array([t + inside, t + 2 * inside]))
+    for t, y, inside in ((T0, made.y0[0], d), (T0 + 0.05, made.y1[0], -d)):
+        near = within(made, np.array([t + inside, t + 2 * inside]))
         slope = (4 * near[0] - near[1] - 3 * y) / (2 * inside)
-        np.testing.assert_allclose(slope, frame.field(f(t, y), y), rtol=0, atol=1e-8)
+        np.testing.assert_allclose(slope, frame.field(f(t, y), y), rtol=0, atol=2e-6)
 
 
-def test_on_flat_space_it_is_the_cubic_of_hermite():
-    from scipy.interpolate import CubicHermiteSpline
-
+def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
     f, _ = generic(Euclidean(3))
-    segment, _ = segment_of(Euclidean(3), 0.5)
-    ends = [(segment.t0, segment.y0), (segment.t1, segment.y1)]
+    made, _ = one_step(Euclidean(3), 0.5, "CG3")
+    ends = [(T0, made.y0[0]), (T0 + 0.5, made.y1[0])]
     cubic = CubicHermiteSpline(*zip(*ends, strict=True), [f(t, y) for t, y in ends])
-    t = np.linspace(segment.t0, segment.t1, 20)
-    np.testing.assert_allclose(segment(t), cubic(t), rtol=0, atol=1e-14)
+    t = np.linspace(T0, T0 + 0.5, 20)
+    np.testing.assert_allclose(within(made, t), cubic(t), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("count", range(2, 9))
+def test_the_last_flow_takes_away_the_leading_error(count):
+    """Where the coefficients are a polynomial of degree n, one more than is interpolated."""
+    rng = np.random.default_rng(count)
+    nodes = nodes_of(count)
+    assert len(nodes.nodes) == count
+    assert (np.diff(nodes.nodes) > 0).all()
+    field = Polynomial(rng.standard_normal(count + 1))
+    solution = field.integ()
+    values = field(nodes.nodes)
+    s = np.linspace(0, 1, 11)
+    interpolated = Polynomial.fit(nodes.nodes, values, count - 1, domain=[0, 1], window=[0, 1])
+    np.testing.assert_allclose(nodes.basis(s) @ values, interpolated(s), rtol=0, atol=1e-11)
+    integral = interpolated.integ()
+    rest = solution(1.0) - (integral(1.0) - integral(0.0))
+    made = integral(s) - integral(0.0) + rest * nodes.blend(s)
+    np.testing.assert_allclose(made, solution(s), rtol=0, atol=1e-11)
 
 
 def test_many_turns_in_one_step_do_not_lose_their_count():
@@ -139,27 +174,59 @@ def test_many_turns_in_one_step_do_not_lose_their_count():
 
 
 @pytest.mark.parametrize("frame", [SO3(), Sphere(2), Stiefel(3, 1)], ids=repr)
-def test_global_order_between_steps_is_that_of_the_steps_up_to_four(frame):
+@pytest.mark.parametrize("method", ["CG4a", "CG5a"])
+def test_global_order_between_steps_is_that_of_the_steps(frame, method):
     f, y0 = generic(frame)
     t = np.linspace(0, 2, 15)
-    truth = cg.solve_ivp(f, (0, 2), y0, frame=frame, method="CG5a", h=2 / 120, t_eval=t).y
+    truth = cg.solve_ivp(f, (0, 2), y0, frame=frame, method="CG6g", h=2 / 120, t_eval=t).y
     sizes = 2.0 / np.array([8, 16, 32])
     errors = [
         frame.distance(
-            cg.solve_ivp(f, (0, 2), y0, frame=frame, method="CG4a", h=h, t_eval=t).y, truth
+            cg.solve_ivp(f, (0, 2), y0, frame=frame, method=method, h=h, t_eval=t).y, truth
         ).max()
         for h in sizes
     ]
-    assert observed_order(sizes, errors).order > 3.7
+    assert observed_order(sizes, errors).order > cg.methods[method].order - 0.3
 
 
-def test_one_more_evaluation_is_all_it_costs():
+@pytest.mark.parametrize("method", ["CG2(3)", "CG4a", "CG5a", "CG6g"])
+def test_what_it_costs(method):
     f, y0 = generic(SO3())
-    for options in ({"method": "CG4a", "h": 0.25}, {"method": "CG2(3)"}):
-        plain = cg.solve_ivp(f, (0, 1), y0, frame=SO3(), **options)
-        dense = cg.solve_ivp(f, (0, 1), y0, frame=SO3(), dense_output=True, **options)
-        np.testing.assert_array_equal(plain.y, dense.y)
-        assert dense.nfev == plain.nfev + 1
+    extra = extra_evaluations(cg.methods[method])
+    assert extra <= cg.methods[method].stages
+    options = {"frame": SO3(), "method": method, "h": 0.25}
+    plain = cg.solve_ivp(f, (0, 1), y0, **options)
+    dense = cg.solve_ivp(f, (0, 1), y0, dense_output=True, **options)
+    np.testing.assert_array_equal(plain.y, dense.y)
+    assert dense.nfev == plain.nfev + 1 + 4 * extra
+    some = cg.solve_ivp(f, (0, 1), y0, t_eval=[0.25, 0.3, 0.4, 0.5], **options)
+    assert some.nfev == plain.nfev + extra  # only one step has output inside of it
+
+
+PAIRS = [n for n, m in cg.methods.items() if m.explicit and m.embedded_order]
+
+
+def worst_ratio(solution, points, frame, exact):
+    """Return the largest error within a step relative to that at its ends."""
+    worst = 0.0
+    for t0, t1 in pairwise(solution.sol.ts.tolist()):
+        t = t0 + (t1 - t0) * points
+        errors = frame.distance(solution.sol(t), exact(t))
+        worst = max(worst, errors[1:-1].max() / max(errors[0], errors[-1], 1e-14))
+    return worst
+
+
+@pytest.mark.parametrize("method", PAIRS)
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-11])
+@pytest.mark.parametrize("frame", [SO3(), Product(SO3()), Stiefel(3, 1), SO(4)], ids=repr)
+def test_errors_between_steps_are_those_at_the_steps(method, tolerance, frame):
+    if cg.methods[method].order < 4:
+        tolerance = max(tolerance, 1e-6)  # or the steps would be too many
+    f, y0 = generic(frame, seed=5)
+    options = {"rtol": tolerance, "atol": tolerance, "method": method, "dense_output": True}
+    solution = cg.solve_ivp(f, (0, 1), y0, frame=frame, **options)
+    truth = cg.solve_ivp(f, (0, 1), y0, frame=frame, method="CG7b", h=1 / 24, dense_output=True).sol
+    assert worst_ratio(solution, np.linspace(0, 1, 6), frame, truth) < 3.0
 
 
 def test_backward():

@@ -1,7 +1,10 @@
 """Ensembles of initial points: every member is what it is alone."""
 
+import re
+
 import numpy as np
 import pytest
+from compiled_examples import PROBLEMS
 
 import cg
 from cg.frames import SE3, SO, SO3, SU, CoadjointOrbit, Euclidean, Product, Sphere, Stiefel
@@ -86,3 +89,154 @@ def test_a_member_that_blows_up_ends_an_ensemble_with_common_steps():
     assert solution.status == -1
     assert solution.t[-1] == pytest.approx(0.5, abs=1e-2)
     np.testing.assert_allclose(solution.y[-1, 0], 1 / (2 - solution.t[-1]), rtol=1e-2)
+
+
+def decay(function, rates, ends):
+    """Return a compiled right-hand side and the numbers of its members."""
+    return function("decays"), np.stack([rates, ends], axis=-1)
+
+
+RATES, NEVER = np.array([[-1.0, -2.0, 0.5], [0.0, -0.5, 1.5]]), np.full((2, 3), 1e9)
+LATER = {"frame": Euclidean(1), "rtol": 1e-9, "atol": 1e-9}
+EQUAL = {"frame": Euclidean(1), "method": "CG6g", "h": 1 / 32}
+
+
+@pytest.mark.parametrize("options", [LATER, EQUAL], ids=["adaptive", "fixed"])
+def test_members_have_parameters_of_their_own(options, function):
+    f, parameters = decay(function, RATES, NEVER)
+    y0 = np.ones((2, 3, 1))
+    found = cg.solve_ivp(f, (0, 1), y0, parameters=parameters, t_eval=[0.3, 1.0], **options)
+    for t, y in zip(found.t, found.y, strict=True):
+        np.testing.assert_allclose(y[..., 0], np.exp(RATES * t), rtol=1e-8)
+    implicit = {"frame": Euclidean(1), "method": "DICG6", "h": 1 / 16}
+    slow = cg.solve_ivp(f, (0, 1), y0, parameters=parameters, **implicit)
+    np.testing.assert_allclose(slow.y[-1, ..., 0], np.exp(RATES), rtol=1e-7)
+    one = cg.solve_ivp(f, (0, 1), [1.0], parameters=[-3.0, 1e9], **options)
+    assert one.y[-1, 0] == pytest.approx(np.exp(-3.0), rel=1e-7)
+
+
+def test_parameters_of_threads(function):
+    rates = np.linspace(-1, 1, 50)
+    f, parameters = decay(function, rates, np.full(50, 1e9))
+    runs = [
+        cg.integrate(
+            f, (0, 1), np.ones((50, 1)), parameters=parameters, workers=workers, save_every=5,
+            **EQUAL,
+        )
+        for workers in (1, 3)
+    ]  # fmt: skip
+    np.testing.assert_array_equal(runs[0].y, runs[1].y)
+    np.testing.assert_allclose(runs[0].y[-1, :, 0], np.exp(rates), rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        (np.ones((3, 2)), r"parameters must have shape \(2, 3, k\), got \(3, 2\)"),
+        (np.ones((2, 3, 0)), r"parameters must have shape \(2, 3, k\), got \(2, 3, 0\)"),
+        ("many", "parameters must be an array of real numbers"),
+    ],
+)
+def test_bad_parameters_are_refused(parameters, message, function):
+    with pytest.raises(ValueError, match=message):
+        cg.solve_ivp(function("decays"), (0, 1), np.ones((2, 3, 1)), parameters=parameters, **LATER)
+
+
+def test_parameters_are_for_compiled_functions_without_data(affine):
+    problem = PROBLEMS["SO3 body"]
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "parameters": [1.0]}
+    with pytest.raises(ValueError, match="parameters must be None for a compiled f that has user"):
+        cg.solve_ivp(f, (0, 1), problem.y0, **options)
+    with pytest.raises(ValueError, match="parameters must be None unless f is compiled"):
+        cg.solve_ivp(problem.f, (0, 1), problem.y0, **options)
+
+
+@pytest.mark.parametrize("extra", [{}, {"t_eval": [0.25, 0.5, 1.0]}, {"dense_output": True}])
+@pytest.mark.parametrize("options", [LATER, EQUAL], ids=["adaptive", "fixed"])
+def test_a_member_that_fails_ends_alone(options, extra, function):
+    ends = NEVER.copy()
+    ends[1, 0] = 0.6
+    f, parameters = decay(function, RATES, ends)
+    found = cg.solve_ivp(f, (0, 1), np.ones((2, 3, 1)), parameters=parameters, **options, **extra)
+    assert (found.status, found.success) == (-1, False)
+    assert list(found.failures) == [(1, 0)]
+    assert re.match(r"f returned the error code 5 at t = 0\.[6-9]", found.failures[1, 0])
+    assert found.message.startswith("Failure of 1 of 6 trajectories; of y0[1, 0]: f returned")
+    whole = np.delete(found.y.reshape(len(found.t), 6), 3, axis=1)
+    exact = np.exp(found.t[:, None] * np.delete(RATES.ravel(), 3))
+    np.testing.assert_allclose(whole, exact, rtol=1e-8)
+    failed = found.y[:, 1, 0, 0]
+    ended = float(found.failures[1, 0].split("= ")[1])
+    assert np.isnan(failed[found.t > ended]).all()
+    assert (failed[found.t < 0.3] == 1.0).all()  # its rate is zero
+    if found.sol is not None:
+        assert np.isnan(found.sol(0.9)[1, 0, 0])
+        np.testing.assert_allclose(found.sol(0.9)[0, :, 0], np.exp(0.9 * RATES[0]), rtol=1e-8)
+
+
+def test_a_member_that_fails_ends_alone_in_integrate_too(function):
+    ends = NEVER.copy()
+    ends[1, 0] = 0.6
+    f, parameters = decay(function, RATES, ends)
+    with pytest.warns(UserWarning, match=r"1 members of the ensemble failed, y0\[1, 0\] since f"):
+        found = cg.integrate(f, (0, 1), np.ones((2, 3, 1)), parameters=parameters, **EQUAL)
+    assert list(found.failures) == [(1, 0)]
+    np.testing.assert_allclose(found.y[-1, 0, :, 0], np.exp(RATES[0]), rtol=1e-8)
+    assert np.isnan(found.y[-1, 1, 0, 0])
+
+
+@pytest.mark.parametrize("in_c", [True, False], ids=["C", "Python"])
+@pytest.mark.parametrize("options", [LATER, EQUAL], ids=["adaptive", "fixed"])
+@pytest.mark.parametrize("terminal", [True, False])
+def test_events_of_members(in_c, options, terminal, function):
+    rates, level = np.array([-1.0, -2.0, -0.1]), 0.4
+    f, extra = (lambda t, y: rates[:, None] * y), {}
+    if in_c:
+        f, extra["parameters"] = decay(function, rates, np.full(3, 1e9))
+
+    def reaches(t, y):
+        assert y.shape == (1,)
+        return y[0] - level
+
+    reaches.terminal = terminal
+    found = cg.solve_ivp(
+        f, (0, 1), np.ones((3, 1)), events=reaches, dense_output=True, **extra, **options
+    )
+    wanted = np.log(level) / rates  # the last one is beyond the end
+    (times,), (points,) = found.t_events, found.y_events
+    assert [len(t) for t in times] == [1, 1, 0]
+    for i in range(2):
+        assert times[i][0] == pytest.approx(wanted[i], abs=2e-9)
+        assert points[i][0] == pytest.approx(level, abs=1e-12)
+        after = found.sol(min(1.0, wanted[i] + 0.01))[i]
+        assert np.isnan(after).all() == terminal
+    assert found.sol(0.99)[2, 0] == pytest.approx(np.exp(-0.099), rel=1e-8)
+    assert np.isnan(found.y[-1, :2]).all() == terminal
+    assert found.status == 0
+
+
+def test_terminal_events_of_all_members_end_it_all(function):
+    rates = np.array([-1.0, -2.0])
+    event = lambda t, y: y[0] - 0.5  # noqa: E731
+    event.terminal = True
+    f, parameters = decay(function, rates, np.full(2, 1e9))
+    for rhs, extra in ((f, {"parameters": parameters}), (lambda t, y: rates[:, None] * y, {})):
+        for options in (LATER, EQUAL):
+            found = cg.solve_ivp(rhs, (0, 5), np.ones((2, 1)), events=event, **extra, **options)
+            assert (found.status, found.message) == (1, "A terminal event ended the integration.")
+            assert found.t_events[0][1][0] == pytest.approx(np.log(2) / 2, abs=1e-8)
+
+
+def test_a_compiled_function_that_writes_into_its_point(function):
+    """It is given a copy: whatever leads to it, the answer is the same."""
+    f = function("overwrites")
+    ways = (
+        {"method": "CG5a", "h": 0.01},
+        {"rtol": 1e-10, "atol": 1e-10, "t_eval": [1.0]},
+        {"method": "DICG6", "h": 0.01},
+    )
+    for options in ways:
+        for y0 in ([1.0], [[1.0], [1.0]]):
+            found = cg.solve_ivp(f, (0, 1), y0, frame=Euclidean(1), **options)
+            np.testing.assert_allclose(found.y[-1], np.full_like(y0, np.exp(-1.0)), rtol=1e-9)

@@ -4,13 +4,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cg.catalogue import methods
 from cg.frames import SO3, Euclidean, Product
 from cg.integration import Trajectory, integrate
-from cg.integration.fixed import time_grid
+from cg.integration.time_grid import make_grid
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 
@@ -165,7 +165,7 @@ def test_empty_span_is_the_initial_point():
 )
 def test_grid_of_whole_steps_has_no_sliver_at_the_end(start, steps, h, backward):
     stop = start - steps * h if backward else start + steps * h
-    t = time_grid((start, stop), h)
+    t = make_grid((start, stop), h).times
     assert len(t) == steps + 1
     assert (t[0], t[-1]) == (start, stop)
     np.testing.assert_allclose(
@@ -175,7 +175,7 @@ def test_grid_of_whole_steps_has_no_sliver_at_the_end(start, steps, h, backward)
 
 @given(start=st.floats(-10, 10), span=st.floats(1e-3, 10), h=st.floats(1e-3, 20))
 def test_grid_steps_are_h_but_for_a_shorter_last(start, span, h):
-    t = time_grid((start, start + span), h)
+    t = make_grid((start, start + span), h).times
     sizes = np.diff(t)
     assert (t[0], t[-1]) == (start, start + span)
     np.testing.assert_allclose(sizes[:-1], h, rtol=0, atol=1e-13)
@@ -318,3 +318,28 @@ def test_blow_up_is_reported():
     # The stage of CG2 at half a step is already beyond the largest number.
     with np.errstate(over="ignore"), pytest.raises(OverflowError, match=r"stage .* at t = 0.5"):
         integrate(lambda t, y: 1e308 + 0.1 * y, (0, 3), [1.5e308], method="CG2", **space)
+
+
+def test_the_last_step_does_not_overrun_the_span_however_large_time_is():
+    start, span, h = 1.7e9, 31 * 2.0**-22, 2e-6
+    run = integrate(
+        lambda t, y: [1.0], (start, start + span), [0.0], frame=Euclidean(1), method="CG4a", h=h
+    )
+    assert len(run.t) == 5
+    assert run.y[-1, 0] == pytest.approx(span, rel=1e-12)
+
+
+@given(
+    start=st.sampled_from([0.0, 1.0, -3.7e3, 1.7e9]),
+    span=st.floats(1e-6, 10.0),
+    parts=st.floats(1.0, 50.0),
+)
+def test_elapsed_time_is_right_to_rounding_of_time(start, span, parts):
+    stop = start + span
+    assume(stop > start)
+    h = (stop - start) / parts
+    assume(h > 4 * np.spacing(abs(stop)))
+    grid = make_grid((start, stop), h)
+    elapsed = (grid.steps - 1) * Fraction(grid.h) + Fraction(grid.last)
+    off = abs(elapsed - (Fraction(stop) - Fraction(start)))
+    assert off <= np.spacing(max(abs(start), abs(stop))) + grid.steps * np.spacing(h)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from reversed_flows import reverse_flows
 
 from cg.catalogue import methods
 from cg.convergence import final_errors, observed_order, slopes
 from cg.frames import SE3, SO3, Sphere, UnitQuaternion
-from cg.integration.compiled import integrate_affine
-from cg.integration.step import Step
+from cg.integration.built_in import integrate_affine
 from cg.problems import StateDependentRotation
 from cg.problems.affine import AffineField
 from cg.tableau import Tableau
@@ -79,12 +79,7 @@ def test_the_methods_of_the_paper_are_among_them():
 
 @pytest.mark.parametrize("name", REVERSED)
 def test_reversed_rows_drop_to_order_two(problem, name, monkeypatch):
-    compose = Step.compose
-    monkeypatch.setattr(
-        Step,
-        "compose",
-        lambda self, row, fields, point, h: compose(self, row[::-1], fields, point, h),
-    )
+    reverse_flows(monkeypatch)
     slope = measured(problem, WEIGHTS[name][0], (64, 128, 256))
     assert slope.order == pytest.approx(2.0, abs=0.1)
 

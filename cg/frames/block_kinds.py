@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
+from cg.shared_numbers import BlockKind, BlockOption
 
 __all__ = ["SCALAR_FIRST", "SPACE_AXES", "BlockKind", "Blocks"]
 
-
-class BlockKind(IntEnum):
-    """What a block is; compiled code has the same numbers."""
-
-    EUCLIDEAN = 1
-    SO3 = 2
-    QUATERNION = 3
-    SE3 = 4
-    SPHERE = 5
-    SU2 = 6
-
-
-SPACE_AXES = 1
+SPACE_AXES = int(BlockOption.SPACE_AXES)
 """Option of a block: its coefficients are in space axes."""
 
-SCALAR_FIRST = 2
+SCALAR_FIRST = int(BlockOption.SCALAR_FIRST)
 """Option of a block: its quaternions begin with their scalar part."""
 
 Blocks = tuple[tuple[int, int, int], ...]

@@ -4,7 +4,7 @@ from cg.integration.dense import DenseOutput
 from cg.integration.fixed import integrate
 from cg.integration.implicit import ConvergenceError
 from cg.integration.ivp import solve_ivp
-from cg.integration.result import Solution, Trajectory
+from cg.integration.results import Solution, Trajectory
 
 __all__ = [
     "ConvergenceError",

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg.catalogue import methods
 from cg.checks import memory
-from cg.frames.base import Array, real_array
+from cg.frames.base import Array, Frame, Points, real_array
 from cg.frames.product import Product
-from cg.integration.adaptive import DEFAULT_MAX_STEPS
+from cg.tableau import Tableau
+
+DEFAULT_MAX_STEPS = 10**6
+"""The number of adaptive steps, rejected ones included, after which it is given up."""
+
+MOST_COMPILED_STEPS = 2**31 - 1
+"""Compiled code counts the steps of a grid in integers of 32 bits."""
 
 _RTOL, _ATOL = 1e-3, 1e-6
 _SMALLEST_RTOL = 100.0 * float(np.finfo(np.float64).eps)
-# A time is held in an array and as a Python number.
-_BYTES_PER_STEP = 40
 
 
 def check_unused(**arguments: object) -> None:
@@ -135,7 +140,7 @@ def check_count(value: object, name: str) -> int:
     return int(value)
 
 
-def check_memory(h: object, steps: int, kept: int) -> None:
+def check_memory(h: object, steps: int, needed: int) -> None:
     """Raise ValueError if so many steps of size ``h`` need more memory than the machine has.
 
     Parameters
@@ -144,12 +149,108 @@ def check_memory(h: object, steps: int, kept: int) -> None:
         The step size, for the message.
     steps
         Number of steps.
-    kept
-        How many bytes their results take.
+    needed
+        How many bytes what is kept of them takes.
     """
-    needed = steps * _BYTES_PER_STEP + kept
     if needed > memory():
         raise ValueError(
             f"h is too small for t_span: {steps} steps need {needed / 2**30:.3g} GiB of memory, "
             f"and there are {memory() / 2**30:.3g} GiB, got {h!r}"
         )
+
+
+def check_problem(f: object, frame: object, method: str | Tableau) -> Tableau:
+    """Return the tableau after checking what every integration begins with.
+
+    Raises
+    ------
+    TypeError
+        If ``f`` isn't callable, ``frame`` isn't a `Frame`, or ``method`` is neither a name nor a
+        tableau.
+    ValueError
+        If no method has that name.
+    """
+    if not callable(f):
+        raise TypeError(f"f must be callable as f(t, y), got {f!r}")
+    if not isinstance(frame, Frame):
+        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
+    return resolve_method(method)
+
+
+def check_points(frame: Frame, y0: ArrayLike) -> Points:
+    """Return an initial point, or an ensemble of them, as a new array after checking it.
+
+    Parameters
+    ----------
+    frame
+        The frame that is to hold the points.
+    y0
+        Shape ``(*batch, *frame.point_shape)``.
+
+    Raises
+    ------
+    ValueError
+        If a point has another shape, isn't finite, lies off the manifold, or there is none.
+    """
+    if isinstance(frame, Product):
+        check_joined(frame, y0)
+    points = frame.read_points(y0, "y0")
+    rank = len(frame.point_shape)
+    batch = points.shape[: max(points.ndim - rank, 0)]
+    if not batch or points.shape[len(batch) :] != frame.point_shape:
+        return frame.check_point(points, name="y0")
+    if points.size == 0:
+        raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
+    finite = np.isfinite(points).all(axis=tuple(range(-rank, 0)))
+    # The worst one alone gets the full check, whose message names what is wrong with it.
+    errors = frame.relative_error(points) if finite.all() else ~finite
+    worst = np.unravel_index(np.argmax(errors), batch)
+    frame.check_point(points[worst], name=f"y0[{', '.join(map(str, worst))}]")
+    return points
+
+
+def resolve_method(method: str | Tableau) -> Tableau:
+    """Return the tableau that ``method`` is or names.
+
+    Parameters
+    ----------
+    method
+        A tableau, or the name of one in the catalogue.
+
+    Returns
+    -------
+    Tableau
+
+    Raises
+    ------
+    ValueError
+        If no method of the catalogue has that name; the message lists those there are.
+    TypeError
+        If ``method`` is neither a name nor a tableau.
+    """
+    if isinstance(method, Tableau):
+        return method
+    if not isinstance(method, str):
+        raise TypeError(f"method must be a name or a Tableau, got {method!r}")
+    if method not in methods:
+        raise ValueError(f"method must be one of {', '.join(methods)}, got {method!r}")
+    return methods[method]
+
+
+def check_span(t_span: Sequence[float]) -> tuple[float, float]:
+    """Return initial and final time; ValueError unless they are finite and so is their distance."""
+    try:
+        if isinstance(t_span, Mapping):
+            raise ValueError("not a sequence")
+        times = real_array(t_span, "t_span")
+        # in an array of numbers, a bool among others is one
+        if times.shape != (2,) or any(isinstance(t, bool | np.bool_) for t in t_span):
+            raise ValueError("not two numbers")
+        start, stop = times.tolist()
+    except ValueError as error:
+        raise ValueError(f"t_span must be two numbers, got {t_span!r}") from error
+    if not (math.isfinite(start) and math.isfinite(stop)):
+        raise ValueError(f"t_span must be finite, got {t_span!r}")
+    if not math.isfinite(stop - start):
+        raise ValueError(f"t_span must have a finite length, got {t_span!r}")
+    return start, stop

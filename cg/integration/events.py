@@ -10,11 +10,16 @@ import numpy as np
 from scipy.optimize import brentq
 
 from cg.frames.base import Array, Points
-from cg.integration.dense import Segment, StoredSegment
+from cg.integration.interpolation import Interpolant
 
 EventFunction = Callable[..., Any]
 
 _TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
+# Near zeros of high multiplicity Brent's method bisects for each bit, again and again.
+_MOST_ITERATIONS = 60**2
+
+Within = Callable[[], Interpolant]
+"""Gives the solution within the step that is looked at; called only if it is needed."""
 
 
 class Event:
@@ -72,6 +77,11 @@ class Event:
         visible = y.view()
         visible.flags.writeable = False
         raw = self.function(t, visible, *self.args)
+        if isinstance(raw, bool | np.bool_) or getattr(raw, "dtype", None) == np.bool_:
+            raise ValueError(
+                f"events[{self.index}] must return a real number that changes sign, got the bool "
+                f"{raw!r} at t = {t:.17g}"
+            )
         try:
             value = float(np.asarray(raw, dtype=np.float64).item())
         except (TypeError, ValueError) as error:
@@ -84,21 +94,44 @@ class Event:
             )
         return value
 
-    def root(self, segment: Segment | StoredSegment) -> float | None:
-        """Return where the function changes sign within a step, or None if it doesn't."""
-        before, self.value = self.value, self(segment.t1, segment.y1)
+    def root(self, t0: float, t1: float, y1: Points, within: Within) -> float | None:
+        """Return at which fraction of a step the function changes sign, or None if it doesn't.
+
+        Parameters
+        ----------
+        t0, t1
+            The ends of the step.
+        y1
+            The point at its end.
+        within
+            The solution within it.
+        """
+        before, self.value = self.value, self(t1, y1)
         # A zero at the very beginning of a step was either found at the end of the last step or
         # is the initial point, which nothing has led to.
         up = before < 0.0 <= self.value and self.direction >= 0.0
         down = before > 0.0 >= self.value and self.direction <= 0.0
         if not (up or down):
             return None
-        ends = {segment.t0: before, segment.t1: self.value}
+        if self.value == 0.0:
+            return 1.0
+        ends = {0.0: before, 1.0: self.value}
+        solution = within()
 
-        def value(t: float) -> float:
-            return ends[t] if t in ends else self(t, segment(np.array([t]))[0])
+        def value(theta: float) -> float:
+            if theta in ends:
+                return ends[theta]
+            return self(t0 + theta * (t1 - t0), point_at(solution, theta))
 
-        return float(brentq(value, segment.t0, segment.t1, xtol=_TOLERANCE, rtol=_TOLERANCE))
+        # In fractions of the step, the tolerance means the same in any unit and origin of time.
+        theta = brentq(value, 0.0, 1.0, xtol=_TOLERANCE, rtol=_TOLERANCE, maxiter=_MOST_ITERATIONS)
+        return float(theta)
+
+
+def point_at(solution: Interpolant, theta: float) -> Points:
+    """Return the point at a fraction of a single step."""
+    point: Points = solution(np.zeros(1, dtype=np.intp), np.array([theta]))[0]
+    return point
 
 
 class EventLog:
@@ -126,7 +159,6 @@ class EventLog:
             functions = events
         else:
             raise TypeError(f"events must be a function or a sequence of them, got {events!r}")
-        self.wanted = events is not None
         self.events = [Event(function, i, args) for i, function in enumerate(functions)]
 
     def __bool__(self) -> bool:
@@ -137,28 +169,25 @@ class EventLog:
         for event in self.events:
             event.value = event(t, y)
 
-    def record(self, segment: Segment | StoredSegment) -> float | None:
-        """Record what happens within a step; return the time at which that ends the integration.
+    def record(self, t0: float, t1: float, y1: Points, within: Within) -> float | None:
+        """Record what happens within a step; return the fraction of it at which that ends it all.
 
-        Events after the one that ends it are not recorded.
+        Events after the one that ends it are not recorded.  The parameters are those of
+        `Event.root`.
         """
-        found = [(t, event) for event in self.events if (t := event.root(segment)) is not None]
-        for t, event in sorted(found, key=lambda pair: abs(pair[0] - segment.t0)):
-            event.times.append(t)
-            event.points.append(segment(np.array([t]))[0])
+        found = [(x, e) for e in self.events if (x := e.root(t0, t1, y1, within)) is not None]
+        for theta, event in sorted(found, key=lambda pair: pair[0]):
+            event.times.append(t1 if theta == 1.0 else t0 + theta * (t1 - t0))
+            event.points.append(y1 if theta == 1.0 else point_at(within(), theta))
             if len(event.times) >= event.most:
-                return t
+                return theta
         return None
 
-    def times(self) -> list[Array] | None:
-        """Return the times of each event, or None if there were no events to look for."""
-        if not self.wanted:
-            return None
+    def times(self) -> list[Array]:
+        """Return the times of each event."""
         return [np.array(event.times, dtype=np.float64) for event in self.events]
 
-    def points(self, y0: Points) -> list[Points] | None:
+    def points(self, y0: Points) -> list[Points]:
         """Return the points of each event, shaped like ``y0`` with one more leading axis."""
-        if not self.wanted:
-            return None
         shape = (-1, *y0.shape)
         return [np.array(e.points, dtype=y0.dtype).reshape(shape) for e in self.events]

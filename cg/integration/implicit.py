@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from cg.frames.base import Array, Points
-from cg.integration.coordinates import coordinate_sizes
+from cg.frames.base import Array, Frame, Points
+from cg.integration.python_rhs import StageOverflowError
 
 if TYPE_CHECKING:
-    from cg.integration.step import Step
+    from cg.integration.stepper import Counts
+
+Row = tuple[tuple[int, float], ...]
+"""The coefficients of a row that aren't zero, each after its stage (from 0)."""
 
 STAGE_SOLVERS = {"newton": 25, "fixed-point": 100}
 """The ways to solve implicit stages, and the most iterations of each."""
@@ -27,10 +30,6 @@ _NOISE = 1e-10
 _SLOW = 0.1
 # Residuals that grew so much will not shrink again.
 _DIVERGED = 1e3
-
-
-class StageOverflowError(OverflowError):
-    """A stage is beyond the range of floating point; no error of f itself."""
 
 
 class ConvergenceError(RuntimeError):
@@ -67,6 +66,42 @@ def check_stage_solver(kind: object) -> None:
         raise ValueError(f"stage_solver must be {names}, got {kind!r}")
 
 
+class ImplicitStep(Protocol):
+    """What a stage solver needs of a step."""
+
+    @property
+    def frame(self) -> Frame:
+        """The frame."""
+        ...
+
+    @property
+    def rows(self) -> list[Row]:
+        """The rows of a."""
+        ...
+
+    @property
+    def abscissae(self) -> list[float]:
+        """The abscissae."""
+        ...
+
+    @property
+    def counts(self) -> Counts:
+        """What was counted."""
+        ...
+
+    def field(self, t: float, point: Points) -> Array:
+        """Return f(t, point), remembered."""
+        ...
+
+    def evaluate(self, t: float, point: Points) -> Array:
+        """Return f(t, point)."""
+        ...
+
+    def compose(self, row: Row, fields: Array, point: Points, h: float) -> Points:
+        """Apply the flows of a row."""
+        ...
+
+
 class StageSolver:
     r"""Solve the equations of some stages, those before them being known.
 
@@ -97,7 +132,7 @@ class StageSolver:
     .. [1] B. Owren, B. Welfert, "The Newton iteration on Lie groups", BIT 40 (2000), 121-145.
     """
 
-    def __init__(self, step: Step, block: list[int], kind: str) -> None:
+    def __init__(self, step: ImplicitStep, block: list[int], kind: str) -> None:
         self.step = step
         self.block = block
         self.kind = kind
@@ -151,7 +186,7 @@ class StageSolver:
     ) -> Array:
         """Return the solution of ``evaluated(k) == k``, from the guess ``k``."""
         # A change of k by this moves a stage about as far as its own size.
-        movement = coordinate_sizes(self.step.frame, point)[..., None, :] / abs(h)
+        movement = self.step.frame.coordinate_sizes(point)[..., None, :] / abs(h)
         newton = self.kind == "newton"
         most = STAGE_SOLVERS[self.kind]
         previous = smallest = residual = np.inf
@@ -195,8 +230,8 @@ class StageSolver:
             difference = (evaluated(moved) - value) / (moved - k)[..., i, j, None, None]
             jacobian[..., column] = -difference.reshape(*k.shape[:-2], -1)
         jacobian += np.eye(stages * dim)
-        self.step.njev += 1
-        self.step.nlu += 1
+        self.step.counts.njev += 1
+        self.step.counts.nlu += 1
         return np.linalg.inv(jacobian)
 
 

@@ -6,46 +6,42 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.catalogue import methods
 from cg.checks import check_flag
-from cg.frames.base import Frame, Points
-from cg.integration.adaptive import AdaptiveSteps, ErrorNorm, StepCountError, StepSizeError
+from cg.frames.base import Array, Frame
 from cg.integration.arguments import (
-    check_args,
     check_atol,
     check_max_steps,
-    check_memory,
     check_rtol,
+    check_span,
     check_step,
     check_t_eval,
     check_unused,
 )
-from cg.integration.blocks import is_compiled
+from cg.integration.dense import DenseOutput, EnsembleOutput
+from cg.integration.error_norm import ErrorNorm
 from cg.integration.events import EventLog
-from cg.integration.external import CompiledRhs, compiled_rhs, integrate_compiled
-from cg.integration.external_ivp import solve_compiled
-from cg.integration.external_task import adaptive_task, fixed_task
-from cg.integration.fixed import (
-    check_points,
-    check_problem,
-    check_span,
-    fixed_steps,
-    step_count,
-    time_grid,
-)
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.output import Output
-from cg.integration.result import Solution, Trajectory
-from cg.integration.step import Coefficients, Step
+from cg.integration.messages import FINISHED, TERMINAL_EVENT
+from cg.integration.problem import Problem, make_problem
+from cg.integration.python_rhs import Coefficients
+from cg.integration.recorder import Recorder
+from cg.integration.results import Solution
+from cg.integration.stepper import AdaptiveSchedule, Stepper
+from cg.integration.time_grid import TimeGrid, make_grid
 from cg.tableau import Tableau
+
+__all__ = ["DEFAULT_METHOD", "solve_ivp"]
 
 DEFAULT_METHOD = next(name for name in ("CG4(3)", "CG2(3)") if name in methods)
 """The pair that is used unless another method is named."""
 
-_FINISHED = "The end of t_span was reached."
+Logs = dict[tuple[int, ...], EventLog]
+"""The events of every member of an ensemble, those of a single point under the index ()."""
 
 
 def solve_ivp(
@@ -65,6 +61,7 @@ def solve_ivp(
     first_step: float | None = None,
     max_steps: int | None = None,
     args: Iterable[Any] | None = None,
+    parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
@@ -105,12 +102,15 @@ def solve_ivp(
         Times at which to store the solution, sorted in the direction of integration and within
         ``t_span``; by default those of the steps.
     dense_output
-        Whether to return a continuous solution.  It has local order four and costs one more
-        evaluation of ``f`` in all.
+        Whether to return a continuous solution.  It is as accurate as the steps, as output at
+        ``t_eval`` and events are; steps that have output in them take
+        `cg.integration.interpolation.extra_evaluations` more of ``f``.
     events
         A function ``event(t, y, *args)`` or a sequence of them, whose zeros are found along the
         continuous solution.  Attributes ``terminal`` (a bool, or the number of times after which
-        to stop) and ``direction`` are as in SciPy.  A zero at the initial point is no event.
+        to stop) and ``direction`` are as in SciPy.  A zero at the initial point is no event.  Of
+        an ensemble they are given one member at a time, and end that member, which is NaN from
+        there on.
     max_step
         Largest step size.
     first_step
@@ -120,6 +120,9 @@ def solve_ivp(
         without success; by default 1,000,000.
     args
         Further arguments of ``f`` and of the events.
+    parameters
+        For a compiled ``f``: numbers whose address it is given as its last argument, shape
+        ``(*batch, k)``, those of its own member of an ensemble.
     stage_solver
         How the stages of an implicit method are found: ``"newton"`` or ``"fixed-point"``.
 
@@ -163,109 +166,203 @@ def solve_ivp(
     >>> solution.y.shape == (solution.steps + 1, 3, 3)
     True
     """
-    rhs = compiled_rhs(f)
-    tableau = check_problem(f if rhs is None else rhs, frame, method)
+    problem = make_problem(
+        f, frame, method, y0, args=args, parameters=parameters, stage_solver=stage_solver
+    )
     start, stop = check_span(t_span)
-    point = check_points(frame, y0)
-    batch = point.shape[: point.ndim - len(frame.point_shape)]
     wanted = None if t_eval is None else check_t_eval(t_eval, start, stop)
-    extra = check_args(args)
     dense = check_flag("dense_output", dense_output)
-    log = EventLog(events, extra)
-    if log and batch:
-        raise ValueError("events must be None for an ensemble")
-
-    coefficients = _coefficients(f, rhs, frame, extra)
-    step = Step(coefficients, frame, tableau, batch=batch, stage_solver=stage_solver)
-    single = Step(coefficients, frame, tableau, stage_solver=stage_solver)
-    fast = rhs if tableau.explicit and is_compiled(frame) else None
+    logs = _event_logs(events, problem)
     largest = check_step(max_step, "max_step", infinite=True)
-    steps: Iterable[tuple[float, Points]]
-    adaptive: AdaptiveSteps | None = None
+    schedule: TimeGrid | AdaptiveSchedule
     if h is not None:
         check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
-        count = step_count((start, stop), h)
+        schedule = make_grid((start, stop), h)
         if float(h) > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
-        if fast is not None:
-            if wanted is None and not (dense or log):
-                return _solution_of(
-                    integrate_compiled(
-                        fast, (start, stop), point, frame=frame, tableau=tableau, h=float(h)
-                    )
-                )
-            task = fixed_task(
-                fast, single, (start, stop), count, float(h), point,
-                keep=wanted is None, dense=dense,
-            )  # fmt: skip
-            return solve_compiled(task, start, point, batch, wanted, log)
-        check_memory(h, count, point.nbytes * (count if wanted is None or dense else 0))
-        steps = fixed_steps(step, time_grid((start, stop), h), float(h), point)
+        problem.check_grid(
+            schedule, h, every=int(wanted is None or dense), between=dense or bool(logs)
+        )
     else:
-        if tableau.embedded_weights is None:
+        if problem.method.embedded_order is None:
             raise ValueError(
                 f"method must be a pair unless h gives the step size, got {method!r}, which has "
                 "no embedded weights"
             )
-        norm = ErrorNorm(frame, point, check_rtol(rtol), check_atol(atol))
+        norm = ErrorNorm(frame, problem.points, check_rtol(rtol), check_atol(atol))
         first = None if first_step is None else check_step(first_step, "first_step")
         if first is not None and first > abs(stop - start):
             raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-        most = check_max_steps(max_steps)
-        if fast is not None:
-            task = adaptive_task(
-                fast, single, stop, norm, max_step=largest, first_step=first, max_steps=most,
-                keep=wanted is None and not batch, dense=dense,
-            )  # fmt: skip
-            return solve_compiled(task, start, point, batch, wanted, log)
-        steps = adaptive = AdaptiveSteps(
-            step, norm, start, stop, point, max_step=largest, first_step=first, max_steps=most
-        )
-
-    out = Output(step, start, point, wanted, dense, log)
-    status, message = 0, _FINISHED
-    try:
-        for t, reached in steps:
-            if out.add(t, reached):
-                status, message = 1, "A terminal event ended the integration."
-                break
-    except (StepSizeError, StepCountError) as error:
-        status, message = -1, f"Failure: {error}."
-    return out.solution(status, message, 0 if adaptive is None else adaptive.rejected)
+        schedule = AdaptiveSchedule(start, stop, norm, largest, first, check_max_steps(max_steps))
+        if problem.has_own_steps:
+            return _solve_members(problem, schedule, wanted, dense, logs)
+    return _solution(*_record(problem, schedule, wanted, dense, logs), problem, logs)
 
 
-def _coefficients(
-    f: Any, rhs: CompiledRhs | None, frame: Frame, args: tuple[Any, ...]
-) -> Coefficients:
-    """Return ``f``, or the compiled function that it is, as a function of time and point."""
-    if rhs is not None:
-        if args:
-            raise ValueError(f"args must be None for a compiled f, got {args!r}")
-        return rhs.on(frame)
-    function: Coefficients = f
-
-    def with_args(t: float, y: Points) -> ArrayLike:
-        return function(t, y, *args)
-
-    return with_args if args else function
+def _event_logs(events: Any, problem: Problem) -> Logs | None:
+    """Return the events of every member."""
+    if events is None:
+        return None
+    return {member: EventLog(events, problem.args) for member in np.ndindex(problem.batch)}
 
 
-def _solution_of(trajectory: Trajectory) -> Solution:
-    """Return a trajectory of the compiled integrator as a solution."""
+def _record(
+    problem: Problem,
+    schedule: TimeGrid | AdaptiveSchedule,
+    wanted: Array | None,
+    dense: bool,
+    logs: Logs | None,
+) -> tuple[Stepper, Recorder]:
+    """Take all steps."""
+    looked_for = {member: log for member, log in (logs or {}).items() if log}
+    between = dense or bool(looked_for) or wanted is not None
+    stepper = problem.stepper(schedule, slopes=between, watched=bool(looked_for))
+    recorder = Recorder(stepper, schedule.start, problem.points, wanted, dense, looked_for)
+    for block in stepper.blocks():
+        if recorder.add(block):
+            break
+    return stepper, recorder
+
+
+def _status(stepper: Stepper, recorder: Recorder) -> tuple[int, str]:
+    if stepper.trouble:
+        return -1, f"Failure: {stepper.trouble}."
+    if stepper.failures:
+        return -1, _failed_members(stepper.failures, math.prod(stepper.batch))
+    if recorder.ended and not recorder.logs:
+        return 1, TERMINAL_EVENT
+    return 0, FINISHED
+
+
+def _failed_members(failures: dict[tuple[int, ...], str], total: int) -> str:
+    first = min(failures)
+    where = ", ".join(map(str, first))
+    return f"Failure of {len(failures)} of {total} trajectories; of y0[{where}]: {failures[first]}."
+
+
+def _solution(
+    stepper: Stepper,
+    recorder: Recorder,
+    problem: Problem,
+    logs: Logs | None,
+) -> Solution:
+    status, message = _status(stepper, recorder)
+    counts = stepper.counts
     return Solution(
-        t=trajectory.t,
-        y=trajectory.y,
-        sol=None,
-        t_events=None,
-        y_events=None,
-        nfev=trajectory.nfev,
+        t=recorder.times(),
+        y=recorder.points(),
+        sol=recorder.solution(),
+        t_events=_by_event(logs, problem.batch, lambda log, _: log.times()),
+        y_events=_by_event(logs, problem.batch, lambda log, i: log.points(problem.points[i])),
+        nfev=counts.nfev,
+        njev=counts.njev,
+        nlu=counts.nlu,
+        nexp=counts.nexp,
+        steps=recorder.steps,
+        nrejected=counts.rejected,
+        status=status,
+        message=message,
+        success=status >= 0,
+        method=problem.method,
+        failures=dict(stepper.failures),
+    )
+
+
+def _by_event(logs: Logs | None, batch: tuple[int, ...], found: Any) -> list[Any] | None:
+    """Return what was found for each event: itself for a single point, else arrays of it."""
+    if logs is None:
+        return None
+    if not batch:
+        alone: list[Any] = found(logs[()], ())
+        return alone
+    by_member = {member: found(log, member) for member, log in logs.items()}
+    count = len(next(iter(by_member.values()), ()))
+    arrays = [np.empty(batch, dtype=object) for _ in range(count)]
+    for member, values in by_member.items():
+        for array, value in zip(arrays, values, strict=True):
+            array[member] = value
+    return arrays
+
+
+def _solve_members(
+    problem: Problem,
+    schedule: AdaptiveSchedule,
+    wanted: Array | None,
+    dense: bool,
+    logs: Logs | None,
+) -> Solution:
+    """Integrate every member of an ensemble with steps of its own."""
+    batch, points = problem.batch, problem.points
+    sign = -1.0 if schedule.stop < schedule.start else 1.0
+    if wanted is None:
+        wanted = np.unique([schedule.start, schedule.stop])[:: int(sign)]
+    y = np.full((len(wanted), *points.shape), math.nan, dtype=points.dtype)
+    outputs: list[DenseOutput] = []
+    solutions: list[Solution] = []
+    failures: dict[tuple[int, ...], str] = {}
+    for member in np.ndindex(batch):
+        log: Logs | None = None if logs is None else {(): logs[member]}
+        alone = problem.member(member)
+        stepper, recorder, trouble = _record_member(alone, schedule, wanted, dense, log)
+        if trouble or stepper.trouble:
+            failures[member] = trouble or stepper.trouble
+        solution = _solution(stepper, recorder, alone, log)
+        y[(slice(len(solution.t)), *member)] = solution.y
+        solutions.append(solution)
+        if solution.sol is not None:
+            outputs.append(solution.sol)
+    status, message = max(solution.status for solution in solutions), FINISHED
+    if all(solution.status == 1 for solution in solutions):
+        message = TERMINAL_EVENT
+    elif not failures:
+        status = 0
+    if failures:
+        status, message = -1, _failed_members(failures, len(solutions))
+    wanted = wanted.copy()
+    wanted.flags.writeable = y.flags.writeable = False
+
+    def total(name: str) -> int:
+        return sum(getattr(solution, name) for solution in solutions)
+
+    return Solution(
+        t=wanted,
+        y=y,
+        sol=EnsembleOutput(outputs, points, batch) if dense else None,
+        t_events=_by_event(logs, batch, lambda log, _: log.times()),
+        y_events=_by_event(logs, batch, lambda log, i: log.points(points[i])),
+        nfev=total("nfev"),
         njev=0,
         nlu=0,
-        nexp=trajectory.nexp,
-        steps=len(trajectory.t) - 1,
-        nrejected=0,
-        status=0,
-        message=_FINISHED,
-        success=True,
-        method=trajectory.method,
+        nexp=total("nexp"),
+        steps=total("steps"),
+        nrejected=total("nrejected"),
+        status=status,
+        message=message,
+        success=status >= 0,
+        method=problem.method,
+        failures=failures,
     )
+
+
+def _record_member(
+    problem: Problem,
+    schedule: AdaptiveSchedule,
+    wanted: Array,
+    dense: bool,
+    logs: Logs | None,
+) -> tuple[Stepper, Recorder, str]:
+    """Take all steps of one member; return what went wrong in ``f`` or its numbers, if anything.
+
+    What was found before stands.  An error in an event is none of the member's.
+    """
+    looked_for = {member: log for member, log in (logs or {}).items() if log}
+    stepper = problem.stepper(schedule, slopes=True, watched=bool(looked_for))
+    recorder = Recorder(stepper, schedule.start, problem.points, wanted, dense, looked_for)
+    blocks = stepper.blocks()
+    while True:
+        try:
+            block = next(blocks, None)
+        except (ValueError, RuntimeError, OverflowError) as error:
+            return stepper, recorder, str(error)
+        if block is None or recorder.add(block):
+            return stepper, recorder, ""

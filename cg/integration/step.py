@@ -1,51 +1,40 @@
-"""One step of a Crouch-Grossman method, explicit or implicit, of a point or an ensemble."""
+"""One step of a method, explicit or implicit, in Python."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cg.conditions import Rows
-from cg.frames.base import Array, Frame, Points, real_array
-from cg.frames.homogeneous import HomogeneousSpace
-from cg.frames.matrix_group import MatrixGroup
-from cg.integration.flows import Row, flows_of
-from cg.integration.implicit import (
-    DEFAULT_STAGE_SOLVER,
-    StageOverflowError,
-    StageSolver,
-    check_stage_solver,
-)
+from cg.frames.base import Array, Frame, Points
+from cg.integration.flows import flows_of
+from cg.integration.implicit import DEFAULT_STAGE_SOLVER, Row, StageSolver, check_stage_solver
+from cg.integration.paths import paths_of
+from cg.integration.python_rhs import Coefficients, PythonRhs
+from cg.integration.stepper import Counts, advances_by_embedded
 from cg.tableau import Tableau
 
-Coefficients = Callable[..., ArrayLike]
+__all__ = ["Step"]
 
 
 class Step:
-    r"""One step of a tableau, prepared for many repetitions.
+    r"""One step of a method, prepared for many repetitions.
 
-    With :math:`F_j` the field whose coefficients are frozen at stage :math:`j`, the step is
+    An explicit method follows the paths of its tree of points, with :math:`F_k` the field whose
+    coefficients are frozen at stage :math:`k`,
 
-    .. math::
+    .. math:: y_m = \exp\Bigl(h \sum_k \alpha_{m,k} F_k\Bigr) y_{\mathrm{parent}(m)} .
 
-        Y_i = e^{h a_{is} F_s} \cdots e^{h a_{i1} F_1} p, \qquad
-        y = e^{h b_s F_s} \cdots e^{h b_1 F_1} p ,
-
-    equations (2.2) and (2.3) of [1]_.  The flow of the lowest stage is applied first, and a
-    coefficient that is exactly zero costs no flow.
+    An implicit one is equation (2.3) of [1]_.  Of a pair the result of higher order makes the
+    step.
 
     Parameters
     ----------
     f
         ``f(t, y)`` returns the coefficients, shape ``(*batch, frame.dim)``; it is given a
-        read-only ``y`` of shape ``(*batch, *frame.point_shape)``.
+        read-only ``y`` of shape ``(*batch, *frame.point_shape)``.  Or a `PythonRhs`.
     frame
         The frame that holds the points and supplies the flows.
-    tableau
+    method
         The method.
     batch
         Leading axes of the points.
@@ -54,9 +43,8 @@ class Step:
 
     Attributes
     ----------
-    nfev, nexp, njev, nlu
-        How many evaluations of ``f``, flows, Jacobians of the stage equations and inversions of
-        them there were so far.  Those of an ensemble count once for all its members.
+    counts
+        What the steps took so far.
 
     References
     ----------
@@ -66,62 +54,88 @@ class Step:
 
     def __init__(
         self,
-        f: Coefficients,
+        f: Coefficients | PythonRhs,
         frame: Frame,
-        tableau: Tableau,
+        method: Tableau,
         *,
         batch: tuple[int, ...] = (),
         stage_solver: str = DEFAULT_STAGE_SOLVER,
     ) -> None:
         check_stage_solver(stage_solver)
-        self.f = f
+        self.rhs = f if isinstance(f, PythonRhs) else PythonRhs(f, frame, batch)
         self.frame = frame
         self.flows = flows_of(frame)
-        self.tableau = tableau
+        self.method = method
         self.batch = batch
-        self.abscissae: list[float] = tableau.c.tolist()
-        self.rows = [_nonzero(row) for row in tableau.a]
-        self.weights = _nonzero(tableau.b)
-        self.embedded = None if tableau.b_embedded is None else _nonzero(tableau.b_embedded)
-        if self.embedded is not None and (tableau.embedded_order or 0) > tableau.order:
-            self.weights, self.embedded = self.embedded, self.weights
-        self.solvers = self._solvers(stage_solver)
-        self.nfev = self.nexp = self.njev = self.nlu = 0
+        self.abscissae: list[float] = method.c.tolist()
+        self.counts = Counts()
         self._known: tuple[float, Points, Array] | None = None
+        self.solvers: list[StageSolver] | None = None
+        if method.explicit:
+            self._prepare_paths()
+        else:
+            self._prepare_rows(stage_solver)
+
+    def _prepare_paths(self) -> None:
+        paths = paths_of(self.method)
+        self.results = [paths.result, paths.embedded]
+        self.stage_paths = paths.stages
+        self.paths = []
+        for path in paths.paths:
+            stages = sorted({stage for flow in path.flows for stage, _ in flow})
+            rows = [[float(dict(flow).get(k, 0)) for k in stages] for flow in path.flows]
+            self.paths.append((path.origin, stages, np.array(rows)))
+
+    def _prepare_rows(self, stage_solver: str) -> None:
+        method = self.method
+        self.rows = [_nonzero(row) for row in method.a]
+        weights = [_nonzero(row) for row in (method.b, method.b_embedded) if row is not None]
+        if advances_by_embedded(method):
+            weights.reverse()
+        self.weights = weights
+        stages = range(len(self.rows))
+        blocks = [list(stages)] if method.rows is Rows.FULL else [[i] for i in stages]
+        self.solvers = [StageSolver(self, block, stage_solver) for block in blocks]
 
     def __call__(self, t: float, point: Points, h: float) -> Points:
         """Return the point after a step of size ``h`` from ``point`` at time ``t``."""
-        return self.compose(self.weights, self.stages(t, point, h), point, h)
+        return self._take(t, point, h, 1)[0]
 
     def pair(self, t: float, point: Points, h: float) -> tuple[Points, Points]:
-        """Return the point after a step by the weights of higher, and by those of lower order.
+        """Return the point after a step, and the result of lower order.
 
         Raises
         ------
         ValueError
-            If the tableau is no pair.
+            If the method is no pair.
         """
-        if self.embedded is None:
-            raise ValueError(f"method must have embedded weights, got {self.tableau!r}")
-        fields = self.stages(t, point, h)
-        return (
-            self.compose(self.weights, fields, point, h),
-            self.compose(self.embedded, fields, point, h),
-        )
+        if self.method.embedded_order is None:
+            raise ValueError(f"method must have embedded weights, got {self.method!r}")
+        result, other = self._take(t, point, h, 2)
+        return result, other
 
-    def stages(self, t: float, point: Points, h: float) -> Array:
-        """Return the coefficients at all stages, shape ``(*batch, stages, dim)``."""
-        fields = np.empty((*self.batch, len(self.rows), self.frame.dim))
+    def _take(self, t: float, point: Points, h: float, results: int) -> list[Points]:
+        fields = np.empty((*self.batch, len(self.abscissae), self.frame.dim))
         if self.solvers is not None:
             fields[...] = self.field(t, point)[..., None, :]
             for solver in self.solvers:
                 solver(t, point, h, fields)
-            return fields
+            return [self.compose(row, fields, point, h) for row in self.weights[:results]]
+        known = {0: point}
         fields[..., 0, :] = self.field(t, point)
-        for i, c in enumerate(self.abscissae[1:], start=1):
-            stage = self.compose(self.rows[i], fields, point, h)
-            fields[..., i, :] = self.evaluate(t + c * h, stage)
-        return fields
+        for k, c in enumerate(self.abscissae[1:], start=1):
+            stage = self._end(self.stage_paths[k], known, fields, h)
+            fields[..., k, :] = self.evaluate(t + c * h, stage)
+        return [self._end(path, known, fields, h) for path in self.results[:results]]
+
+    def _end(self, path: int, known: dict[int, Points], fields: Array, h: float) -> Points:
+        """Return the end of a path, after those on the way to it."""
+        if path not in known:
+            origin, stages, weights = self.paths[path - 1]
+            start = self._end(origin, known, fields, h)
+            self.counts.nexp += len(weights)
+            known[path] = self.flows((h * weights) @ fields[..., stages, :], start)
+        return known[path]
 
     def field(self, t: float, point: Points) -> Array:
         """Return f(t, point), without evaluating it again if that was the last such call.
@@ -134,51 +148,17 @@ class Step:
 
     def compose(self, row: Row, fields: Array, point: Points, h: float) -> Points:
         """Apply the flows of a row of coefficients, that of the lowest stage first."""
-        self.nexp += len(row)
-        return self.flows(row, fields, point, h) if row else point
+        self.counts.nexp += len(row)
+        if not row:
+            return point
+        stages = [j for j, _ in row]
+        weights = np.array([h * weight for _, weight in row])
+        return self.flows(weights[:, None] * fields[..., stages, :], point)
 
     def evaluate(self, t: float, point: Points) -> Array:
         """Return f(t, point) after checking it."""
-        visible = point.view()
-        visible.flags.writeable = False
-        self.nfev += 1
-        value: Any = self.f(t, visible)
-        shape = (*self.batch, self.frame.dim)
-        try:
-            # This copies, since f may return the same buffer each time.
-            coefficients = real_array(value, "f")
-        except ValueError as error:
-            wanted = f"an array of shape {shape}" if self.batch else f"{shape[0]} real numbers"
-            raise ValueError(f"f must return {wanted}, got {value!r} at t = {t:.17g}") from error
-        if coefficients.shape != shape:
-            raise ValueError(
-                f"f must return an array of shape {shape}, "
-                f"got shape {coefficients.shape} at t = {t:.17g}"
-                f"{self._hint(coefficients.shape[len(self.batch) :])}"
-            )
-        # Sums are finite only if all their terms are, and take a fraction of the time.
-        if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
-            if not np.isfinite(point).all():
-                raise StageOverflowError(f"a stage is no longer finite at t = {t:.17g}")
-            raise ValueError(f"f must return finite numbers, got {coefficients} at t = {t:.17g}")
-        return coefficients
-
-    def _hint(self, shape: tuple[int, ...]) -> str:
-        """Return what to do if ``f`` returned an element of the Lie algebra as a matrix."""
-        group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
-        if not isinstance(group, MatrixGroup) or shape != group.point_shape:
-            return ""
-        name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
-        return f"; {name}(matrix) are those of a matrix in the Lie algebra"
-
-    def _solvers(self, kind: str) -> list[StageSolver] | None:
-        """Return what finds the stages in turn: one at a time, or all at once; None if explicit."""
-        if self.tableau.explicit:
-            return None
-        stages = range(len(self.rows))
-        if self.tableau.rows is Rows.FULL:
-            return [StageSolver(self, list(stages), kind)]
-        return [StageSolver(self, [i], kind) for i in stages]
+        self.counts.nfev += 1
+        return self.rhs(t, point)
 
 
 def _nonzero(row: Array) -> Row:

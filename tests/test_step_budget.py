@@ -4,20 +4,20 @@ from itertools import pairwise
 
 import pytest
 
-from cg.integration import pace
-from cg.integration.pace import Pace
+from cg.integration import step_budget
+from cg.integration.step_budget import StepBudget
 
 
 @pytest.fixture
 def clock(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(pace.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(step_budget.time, "perf_counter", lambda: now[0])
     return now
 
 
 @pytest.mark.parametrize("seconds_a_step", [1e-7, 1e-3, 1.0])
 def test_pauses_come_to_the_same_time(seconds_a_step, clock):
-    chosen = Pace()
+    chosen = StepBudget()
     sizes = []
     for _ in range(12):
         sizes.append(chosen.start())
@@ -29,7 +29,7 @@ def test_pauses_come_to_the_same_time(seconds_a_step, clock):
 
 
 def test_short_runs_say_no_more_than_they_took(clock):
-    chosen = Pace()
+    chosen = StepBudget()
     for _ in range(100):  # trajectories of five steps
         steps = min(chosen.start(), 5)
         clock[0] += steps * 1e-4
@@ -38,7 +38,7 @@ def test_short_runs_say_no_more_than_they_took(clock):
 
 
 def test_steps_that_take_no_time_are_counted_in_32_bits(clock):
-    chosen = Pace()
+    chosen = StepBudget()
     for _ in range(50):
         chosen.stop(chosen.start())
     assert chosen.start() == 2**30

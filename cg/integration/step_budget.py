@@ -1,4 +1,4 @@
-"""How long compiled code runs before Python looks for an interrupt."""
+"""How many steps compiled code takes before Python looks for an interrupt."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _FASTEST_GROWTH = 8
 _MOST = 2**30  # as integers of 32 bits have them
 
 
-class Pace:
+class StepBudget:
     """The number of steps to take at a time, from the time that the last ones took.
 
     Python can't stop compiled code, so that an interrupt from the keyboard waits until it pauses.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from cg.frames.base import Array, Points
 from cg.integration.dense import DenseOutput
@@ -27,6 +28,8 @@ class Trajectory:
         The tableau that was used.
     h
         Absolute size of all steps but perhaps the last.
+    failures
+        Why members of an ensemble ended early, by their indices.  ``y`` is NaN from there on.
     """
 
     t: Array
@@ -35,6 +38,7 @@ class Trajectory:
     nexp: int
     method: Tableau
     h: float
+    failures: dict[tuple[int, ...], str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return (
@@ -58,9 +62,11 @@ class Solution:
     sol
         The continuous solution, or None unless ``dense_output`` was asked for.
     t_events
-        For each event the times at which it happened, or None without events.
+        For each event the times at which it happened, or None without events.  Of an ensemble an
+        array of such arrays, shape ``batch``.
     y_events
-        For each event the points, shape ``(n_i, *point_shape)``, or None without events.
+        For each event the points, shape ``(n_i, *point_shape)``, or None without events.  Of an
+        ensemble an array of such arrays, shape ``batch``.
     nfev
         Evaluations of the coefficients.
     njev, nlu
@@ -82,13 +88,15 @@ class Solution:
         Whether ``status`` is at least 0.
     method
         The tableau that was used.
+    failures
+        Why members of an ensemble ended early, by their indices.  ``y`` is NaN from there on.
     """
 
     t: Array
     y: Points
     sol: DenseOutput | None
-    t_events: list[Array] | None
-    y_events: list[Points] | None
+    t_events: list[Any] | None
+    y_events: list[Any] | None
     nfev: int
     njev: int
     nlu: int
@@ -99,6 +107,7 @@ class Solution:
     message: str
     success: bool
     method: Tableau
+    failures: dict[tuple[int, ...], str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"

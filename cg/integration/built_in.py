@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from cg import quad
 from cg.checks import memory
 from cg.frames.base import Array, Frame
-from cg.integration.arguments import check_count
+from cg.integration.arguments import check_count, resolve_method
 from cg.integration.blocks import describe_blocks
-from cg.integration.fixed import resolve_method
-from cg.integration.pace import Pace
+from cg.integration.paths import paths_of
+from cg.integration.step_budget import StepBudget
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
+from cg.shared_numbers import Stop
 from cg.tableau import Tableau
 
 Kind = Literal["real64", "real128"]
@@ -178,21 +179,19 @@ def _integrate(
 
     _check_memory(steps, len(y0), kind)
     core, convert = (core64, _doubles) if kind == "real64" else (core128, _quads)
-    a, b = tableau.exact
-    stages = len(b)
-    matrix = convert([x for row in a for x in row], (stages, stages))
-    weights, size_of_step = convert(b), convert([size])
+    paths = paths_of(tableau)
+    weights, c, size_of_step = convert(paths.weights), convert(paths.c), convert([size])
     call = prepare(core, convert)
     start = convert(y0)
     columns = np.zeros((*start.shape, steps + 1), dtype=start.dtype, order="F")
     columns[..., 0] = start
-    pace = Pace()
+    budget = StepBudget()
     done = status = 0
     failed_at: Any = [0.0]
-    while done < steps and not status:
-        count = min(pace.start(), steps - done)
-        status, failed_at = call(matrix, weights, size_of_step, done, count, columns)
-        pace.stop(count)
+    while done < steps and status in (Stop.FINISHED, Stop.PAUSED):
+        count = min(budget.start(), steps - done)
+        status, failed_at = call(paths.integers, weights, c, size_of_step, done, count, columns)
+        budget.stop(count)
         done += count
     if kind == "real64":
         raw: NDArray[Any] = np.ascontiguousarray(columns.T)
@@ -202,7 +201,7 @@ def _integrate(
         raw = np.ascontiguousarray(np.transpose(columns, (2, 1, 0)))
         points = quad.to_float(raw)
         t = float(quad.to_float(np.ascontiguousarray(failed_at.T))[0])
-    if status:
+    if status != Stop.FINISHED:
         raise OverflowError(f"the solution is no longer finite at t = {t:.17g}")
     times = np.array([float(k * size) for k in range(steps + 1)])
     raw = raw.reshape(steps + 1, *frame.point_shape, *raw.shape[2:])

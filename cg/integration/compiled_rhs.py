@@ -1,0 +1,175 @@
+"""Right-hand sides that are compiled: C functions, SciPy's LowLevelCallable, numba's cfunc."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import LowLevelCallable
+
+from cg.frames.base import Array, Frame, Points, real_array
+
+__all__ = ["SIGNATURE", "CompiledRhs", "compiled_rhs"]
+
+SIGNATURE = "int (double, double *, double *, void *)"
+"""What a compiled right-hand side must be; ``const`` may stand anywhere."""
+
+_FUNCTION_POINTER: Any = ctypes.CFUNCTYPE(None).__mro__[1]
+_PROTOTYPE = ctypes.CFUNCTYPE(
+    ctypes.c_int,
+    ctypes.c_double,
+    ctypes.POINTER(ctypes.c_double),
+    ctypes.POINTER(ctypes.c_double),
+    ctypes.c_void_p,
+)
+
+
+@dataclass(frozen=True)
+class CompiledRhs:
+    """A compiled right-hand side.
+
+    It can be called from Python too, as ``f(t, y)``, for what the compiled integrator can't do.
+
+    Attributes
+    ----------
+    function
+        What the user gave; it is kept alive.
+    address
+        Address of the function.
+    user_data
+        Address that it is given as its last argument, or 0.
+    parameters
+        The numbers of each member of an ensemble, shape ``(*batch, k)``, or None.  The function
+        is given the address of its member's in place of ``user_data``.
+    frame
+        The frame that it gives coefficients for; needed to call it from Python.
+    """
+
+    function: Any
+    address: int
+    user_data: int
+    parameters: Array | None = None
+    frame: Frame | None = None
+
+    def on(self, frame: Frame, batch: tuple[int, ...], parameters: Any) -> CompiledRhs:
+        """Return the same right-hand side for points of ``frame``.
+
+        Parameters
+        ----------
+        frame
+            Where the points are.
+        batch
+            Leading axes of an ensemble.
+        parameters
+            Numbers for each member, shape ``(*batch, k)``, or None.
+
+        Raises
+        ------
+        ValueError
+            If ``parameters`` has another shape, holds nothing, or there are user's data already.
+        """
+        if parameters is None:
+            return replace(self, frame=frame)
+        if self.user_data:
+            raise ValueError("parameters must be None for a compiled f that has user_data")
+        numbers = real_array(parameters, "parameters")
+        if numbers.shape[:-1] != batch or numbers.ndim == 0 or numbers.size == 0:
+            wanted = ", ".join(map(str, (*batch, "k")))
+            raise ValueError(f"parameters must have shape ({wanted}), got {numbers.shape}")
+        return replace(self, frame=frame, parameters=numbers)
+
+    @property
+    def data_address(self) -> int:
+        """Address of the data of the first member."""
+        return self.user_data if self.parameters is None else self.parameters.ctypes.data
+
+    @property
+    def data_stride(self) -> int:
+        """Bytes from the data of one member to those of the next."""
+        return 0 if self.parameters is None else 8 * self.parameters.shape[-1]
+
+    def __call__(self, t: float, y: Points) -> Array:
+        """Return the coefficients, shape ``(*batch, dim)``; what the function leaves out is NaN.
+
+        Parameters
+        ----------
+        t
+            Time.
+        y
+            Points, shape ``(*batch, *point_shape)``.
+
+        Raises
+        ------
+        ValueError
+            If no frame has been given.
+        RuntimeError
+            If the function returns another number than zero.
+        """
+        if self.frame is None:
+            raise ValueError("frame must be given before a compiled f is called")
+        rank = len(self.frame.point_shape)
+        points = np.array(y, dtype=self.frame.dtype, order="C")  # it may write into its own copy
+        batch = points.shape[: points.ndim - rank]
+        rows = points.reshape(math.prod(batch), -1).view(np.float64)
+        coefficients = np.full((len(rows), self.frame.dim), math.nan)
+        pointer = ctypes.POINTER(ctypes.c_double)
+        call = _PROTOTYPE(self.address)
+        for i, (row, values) in enumerate(zip(rows, coefficients, strict=True)):
+            data = (self.data_address + i * self.data_stride) or None
+            code = call(t, row.ctypes.data_as(pointer), values.ctypes.data_as(pointer), data)
+            if code:
+                raise RuntimeError(f"f returned the error code {code} at t = {t:.17g}")
+        return coefficients.reshape(*batch, self.frame.dim)
+
+
+def compiled_rhs(f: Any) -> CompiledRhs | None:
+    """Return what the compiled integrator needs of ``f``, or None if it is no compiled function.
+
+    Parameters
+    ----------
+    f
+        A `scipy.LowLevelCallable`, a function pointer of ctypes with its types set, or a
+        ``numba.cfunc``, of the signature ``int (double t, const double *y, double *f,
+        void *user_data)``.
+
+    Returns
+    -------
+    CompiledRhs or None
+
+    Raises
+    ------
+    ValueError
+        If ``f`` is compiled but has another signature.
+    """
+    # A cfunc's type can't be named here, since numba may not be installed.
+    is_cfunc = hasattr(f, "address") and isinstance(getattr(f, "ctypes", None), _FUNCTION_POINTER)
+    source: Any = f.ctypes if is_cfunc else f
+    if isinstance(source, _FUNCTION_POINTER):
+        if source.argtypes is None:
+            raise ValueError(f"f must have argtypes and restype of {SIGNATURE!r}, got {f!r}")
+        source = LowLevelCallable(source)
+    if not isinstance(source, LowLevelCallable):
+        return None
+    if not _fits(source.signature):
+        raise ValueError(f"f must have the signature {SIGNATURE!r}, got {source.signature!r}")
+    # SciPy keeps a capsule there, whose context is the user's data.
+    capsule = tuple.__getitem__(source, 0)
+    name = _capsule("GetName", ctypes.c_char_p, capsule)
+    address = _capsule("GetPointer", ctypes.c_void_p, capsule, name)
+    user_data = _capsule("GetContext", ctypes.c_void_p, capsule)
+    return CompiledRhs((f, source), address, user_data or 0)
+
+
+def _capsule(name: str, result: Any, *arguments: Any) -> Any:
+    address = ctypes.cast(getattr(ctypes.pythonapi, f"PyCapsule_{name}"), ctypes.c_void_p).value
+    kinds: list[Any] = [ctypes.py_object, ctypes.c_char_p][: len(arguments)]
+    return ctypes.PYFUNCTYPE(result, *kinds)(address or 0)(*arguments)
+
+
+def _fits(signature: str | None) -> bool:
+    words = (signature or "").replace("const", "").replace(" ", "")
+    head, _, data = words.rpartition(",")
+    return head == "int(double,double*,double*" and data.endswith("*)")

@@ -1,0 +1,253 @@
+"""Steps of an explicit method in compiled code, for a right-hand side in C or in Python."""
+
+from __future__ import annotations
+
+import math
+import weakref
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.frames.base import Array, Frame, Points
+from cg.integration.blocks import describe_blocks
+from cg.integration.compiled_rhs import CompiledRhs
+from cg.integration.messages import failure, too_many_steps, too_small_a_step
+from cg.integration.paths import paths_of
+from cg.integration.python_rhs import PythonRhs
+from cg.integration.step_budget import StepBudget
+from cg.integration.stepper import (
+    AdaptiveSchedule,
+    Block,
+    Stepper,
+    error_exponent,
+)
+from cg.integration.time_grid import TimeGrid
+from cg.shared_numbers import Stop
+from cg.tableau import Tableau
+
+__all__ = ["CompiledStepper"]
+
+# With a compiled f, the fewer the less is computed beyond the event that ends it all.
+_STEPS_BETWEEN_EVENTS = 64
+
+
+class CompiledStepper(Stepper):
+    """Steps in compiled code.
+
+    Points of an ensemble move as one for a function in Python, which is given all of them, and
+    one after the other for a function in C.
+
+    Parameters
+    ----------
+    rhs
+        The right-hand side.
+    frame
+        One that is compiled.
+    method
+        An explicit one.
+    batch
+        Leading axes.
+    points
+        Initial points, shape ``(*batch, *point_shape)``.
+    schedule
+        Which steps to take.  An ensemble for a function in C has a grid.
+    slopes
+        Whether blocks have slopes.
+    every
+        How many steps of a grid there are between those that blocks have.
+    workers
+        Number of threads over which an ensemble for a function in C is spread.
+    watched
+        Whether each block is looked through for the event that ends it all.
+    """
+
+    def __init__(
+        self,
+        rhs: CompiledRhs | PythonRhs,
+        frame: Frame,
+        method: Tableau,
+        batch: tuple[int, ...],
+        points: Points,
+        schedule: TimeGrid | AdaptiveSchedule,
+        *,
+        slopes: bool = False,
+        every: int = 1,
+        workers: int = 1,
+        watched: bool = False,
+    ) -> None:
+        import cg._external as core
+
+        super().__init__(frame, method, batch)
+        self.rhs = rhs
+        self.schedule = schedule
+        self.slopes = slopes
+        self.every = every
+        self.workers = workers
+        in_python = isinstance(rhs, PythonRhs)
+        self.most_steps = (1 if in_python else _STEPS_BETWEEN_EVENTS) if watched else 2**30
+        self.trajectories = 1 if in_python else math.prod(batch)
+        rows = np.ascontiguousarray(points).reshape(self.trajectories, -1).view(np.float64)
+        self.start = points
+        self.width = rows.shape[1]
+        self.dim = frame.dim * (math.prod(batch) if in_python else 1)
+        paths = paths_of(method)
+        if isinstance(rhs, PythonRhs):
+            data = core.python_field(), id(rhs.context), 0
+        else:
+            data = rhs.address, rhs.data_address, rhs.data_stride
+        first = getattr(schedule, "first_step", None) or 0.0
+        self._core = core
+        self._reached = schedule.start
+        self._address: int = core.open(
+            describe_blocks(frame), math.prod(batch) if in_python else 1, paths.integers,
+            np.array(paths.weights, dtype=np.float64), np.array(paths.c, dtype=np.float64),
+            *data, schedule.start, rows.T, first,
+        )  # fmt: skip
+        weakref.finalize(self, core.close, self._address)
+        if isinstance(schedule, TimeGrid):
+            core.use_grid(
+                self._address, schedule.start, schedule.stop, schedule.h, schedule.last,
+                schedule.steps,
+            )  # fmt: skip
+        else:
+            norm = schedule.norm
+            core.use_tolerances(
+                self._address, schedule.stop, norm.rtol,
+                np.array(np.broadcast_to(norm.atol, frame.dim)), error_exponent(method),
+                schedule.max_step,
+            )  # fmt: skip
+
+    def blocks(self) -> Iterator[Block]:
+        """Give the steps, as many at a time as Python may wait for."""
+        t, y = self.schedule.start, self.start
+        adaptive = isinstance(self.schedule, AdaptiveSchedule)
+        left = self.schedule.max_steps if adaptive else self.schedule.steps  # type: ignore[union-attr]
+        budget = StepBudget()
+        going = self.schedule.start != self.schedule.stop
+        while going and left > 0:
+            steps = min(budget.start(), self.most_steps, left)
+            steps = max(1, steps // self.trajectories)
+            block, attempts, statuses, flags, failed_at = self._advance(steps, t, y)
+            budget.stop(attempts * self.trajectories)
+            left -= attempts
+            if len(block):
+                t, y = float(block.t[-1]), block.y[-1]
+                self._reached = t
+                yield block
+            going = self._judge(statuses, flags, failed_at, t)
+        if adaptive and going:
+            self.trouble = too_many_steps(self.schedule.max_steps, t)  # type: ignore[union-attr]
+
+    def _advance(
+        self, steps: int, t: float, y: Points
+    ) -> tuple[Block, int, NDArray[np.intc], NDArray[np.intc], Array]:
+        """Take some steps of all trajectories."""
+        capacity = steps // self.every + 1
+        points = np.full((self.trajectories, capacity, self.width), math.nan)
+        shape = (self.trajectories, capacity, self.dim) if self.slopes else (1, 1, 1)
+        slopes = np.full(shape, math.nan)
+
+        def run(part: slice) -> tuple[Any, ...]:
+            times = np.empty(capacity)
+            found = self._core.advance(
+                self._address, part.start + 1, part.stop, steps, self.every, self.slopes, times,
+                points[part].T, slopes[part if self.slopes else slice(None)].T,
+            )  # fmt: skip
+            return times, *found
+
+        parts = self._spread(run)
+        counts, statuses, flags, failed_at = (
+            np.concatenate([part[k] for part in parts], axis=-1) for k in range(1, 5)
+        )
+        attempts, accepted, stored, nfev, nexp = counts.max(axis=1).tolist()
+        self.counts.steps += accepted
+        self.counts.rejected += attempts - accepted
+        self.counts.nfev += nfev
+        self.counts.nexp += nexp
+        longest = max(range(len(parts)), key=lambda k: int(parts[k][1][2].max()))
+        times = parts[longest][0][:stored]
+        block = Block(
+            np.concatenate([[t], times]),
+            np.concatenate([y[None], self._ordered(points, stored)]),
+            np.moveaxis(slopes[:, :stored], 0, 1).reshape(stored, *self.batch, self.frame.dim)
+            if self.slopes
+            else None,
+        )
+        return block, attempts, statuses, flags, failed_at
+
+    def _spread(self, run: Callable[[slice], tuple[Any, ...]]) -> list[tuple[Any, ...]]:
+        """Run parts of an ensemble, each in a thread of its own if there is more than one."""
+        total = self.trajectories
+        bounds = [total * k // self.workers for k in range(self.workers + 1)]
+        parts = [slice(*pair) for pair in pairwise(bounds) if pair[0] < pair[1]]
+        if len(parts) == 1:
+            return [run(parts[0])]
+        with ThreadPoolExecutor(len(parts)) as pool:
+            return list(pool.map(run, parts))
+
+    def _ordered(self, points: Array, stored: int) -> Points:
+        """Return stored points with time as the first axis."""
+        rows = np.ascontiguousarray(np.moveaxis(points[:, :stored], 0, 1))
+        shape = (stored, *self.batch, *self.frame.point_shape)
+        return rows.view(self.frame.dtype).reshape(shape)
+
+    def _judge(
+        self, statuses: NDArray[np.intc], flags: NDArray[np.intc], failed_at: Array, t: float
+    ) -> bool:
+        """Raise what went wrong, or note it of a member; return whether to go on."""
+        going = statuses == Stop.PAUSED
+        for i in np.flatnonzero(~going & (statuses != Stop.FINISHED)).tolist():
+            stop = Stop(statuses[i])
+            if stop is Stop.STEP_TOO_SMALL:
+                self.trouble = too_small_a_step(t, self._core.smallest_size(t))
+                continue
+            index: tuple[int, ...] = ()
+            if self.trajectories > 1:
+                index = tuple(map(int, np.unravel_index(i, self.batch)))
+            slope = self._slope(i)[0] if stop is Stop.SLOPE_NOT_FINITE else None
+            error = failure(stop, int(flags[i]), float(failed_at[i]), slope)
+            if not self.batch or (self.trajectories == 1 and isinstance(self.rhs, PythonRhs)):
+                raise error
+            self.failures.setdefault(index or (0,) * len(self.batch), str(error))
+        return bool(going.any())
+
+    def last_slope(self) -> Array:
+        """Return the coefficients where the trajectories are, which the next step won't need."""
+        found = []
+        for i in range(self.trajectories):
+            slope, evaluations, status, flag = self._slope(i)
+            if status != Stop.FINISHED:
+                if isinstance(self.rhs, PythonRhs) or not self.batch:
+                    raise failure(Stop(status), flag, self._reached)
+                slope = np.full(self.dim, math.nan)
+            found.append(slope)
+        self.counts.nfev += evaluations
+        return np.array(found).reshape(*self.batch, self.frame.dim)
+
+    def _slope(self, i: int) -> tuple[Array, int, int, int]:
+        found: tuple[Array, int, int, int] = self._core.slope(self._address, i + 1, self.dim)
+        return found
+
+    def evaluate(self, t: Array, y: Points) -> Array:
+        """Return coefficients at times ``(n,)`` and points ``(n, *batch, *point_shape)``."""
+        self.counts.nfev += len(t)
+        values = np.empty((self.trajectories, len(t), self.dim))
+        rows = np.ascontiguousarray(y).reshape(len(t), self.trajectories, -1).view(np.float64)
+        for i in range(self.trajectories):
+            done, status, flag = self._core.evaluate(
+                self._address, i + 1, t, np.ascontiguousarray(rows[:, i]).T, values[i].T
+            )
+            if status != Stop.FINISHED:
+                if isinstance(self.rhs, PythonRhs) or not self.batch:
+                    raise failure(Stop(status), flag, float(t[done]))
+                values[i, done:] = math.nan
+        return np.moveaxis(values, 0, 1).reshape(len(t), *self.batch, self.frame.dim)
+
+    def end_member(self, index: tuple[int, ...]) -> None:
+        """Take no more steps of one trajectory, if it moves on its own."""
+        if self.trajectories > 1:
+            self._core.finish(self._address, int(np.ravel_multi_index(index, self.batch)) + 1)

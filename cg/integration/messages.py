@@ -1,0 +1,51 @@
+"""What is said of integrations that end early."""
+
+from __future__ import annotations
+
+from cg.frames.base import Array
+from cg.integration.python_rhs import StageOverflowError
+from cg.shared_numbers import Stop
+
+__all__ = ["FINISHED", "TERMINAL_EVENT", "failure", "too_many_steps", "too_small_a_step"]
+
+FINISHED = "The end of t_span was reached."
+TERMINAL_EVENT = "A terminal event ended the integration."
+
+
+def failure(stop: Stop, flag: int, t: float, slope: Array | None = None) -> Exception:
+    """Return the exception for an integration that ``f`` or its numbers ended.
+
+    Parameters
+    ----------
+    stop
+        Why it ended.
+    flag
+        What a compiled function returned.
+    t
+        When.
+    slope
+        The initial coefficients, where they are the reason.
+    """
+    where = f"at t = {t:.17g}"
+    match stop:
+        case Stop.STOPPED_BY_FIELD:
+            return RuntimeError(f"f returned the error code {flag} {where}")
+        case Stop.FIELD_NOT_FINITE:
+            return ValueError(f"f must return finite numbers, and all of them, {where}")
+        case Stop.STAGE_NOT_FINITE:
+            return StageOverflowError(f"a stage is no longer finite {where}")
+        case Stop.SOLUTION_NOT_FINITE:
+            return OverflowError(f"the solution is no longer finite {where}")
+        case Stop.SLOPE_NOT_FINITE:
+            return OverflowError(f"f is too large to choose a step {where}, got {slope}")
+    return MemoryError("there is not enough memory for the stages of one step")
+
+
+def too_small_a_step(t: float, smallest: float) -> str:
+    """Return what to say of a step size at ``t`` that is below the resolution of time."""
+    return f"the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
+
+
+def too_many_steps(max_steps: int, t: float) -> str:
+    """Return what to say of steps that didn't get beyond ``t``."""
+    return f"max_steps = {max_steps} steps, rejected ones included, led only to t = {t:.17g}"

@@ -1,0 +1,162 @@
+"""Explicit methods as their steps are taken: paths of flows between the points that are kept."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.points import START
+from cg.tableau import Tableau
+
+__all__ = ["Flow", "MethodPaths", "Path", "paths_of"]
+
+Flow = tuple[tuple[int, Fraction], ...]
+"""The stages (from 0) and their weights that make the field of one flow."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """Flows from one point that is kept to another.
+
+    Attributes
+    ----------
+    origin
+        The path whose end it starts from, counting from 1; 0 is the start of the step.
+    flows
+        The flows, the first one first.
+    """
+
+    origin: int
+    flows: tuple[Flow, ...]
+
+
+@dataclass(frozen=True)
+class MethodPaths:
+    """An explicit method as paths.
+
+    Points that are kept are stages, results, and those that several others go on from.  Paths
+    are in the order in which a step needs them, and counted from 1; 0 stands for the start.
+
+    Attributes
+    ----------
+    paths
+        All paths.
+    stages
+        The path to each stage.
+    result, embedded
+        The paths to the result of the step, and to the second result of a pair (0 without).  The
+        one of higher order is the result.
+    final_stage
+        The stage (from 1) that is evaluated at the end of the step and so begins the next one, or
+        0 if there is none.
+    c
+        Abscissae.
+    """
+
+    paths: tuple[Path, ...]
+    stages: tuple[int, ...]
+    result: int
+    embedded: int
+    final_stage: int
+    c: tuple[Fraction, ...]
+
+    @property
+    def result_flows(self) -> tuple[Flow, ...]:
+        """All flows from the start to the result."""
+        flows: tuple[Flow, ...] = ()
+        k = self.result
+        while k:
+            path = self.paths[k - 1]
+            flows = path.flows + flows
+            k = path.origin
+        return flows
+
+    @property
+    def weights(self) -> tuple[Fraction, ...]:
+        """The weights of all terms of all flows, and a zero: no array may be empty."""
+        flows = [flow for path in self.paths for flow in path.flows]
+        return (*(weight for flow in flows for _, weight in flow), Fraction(0))
+
+    @property
+    def integers(self) -> NDArray[np.intc]:
+        """What else compiled code needs, as ``make_method`` of ``fortran/method.f90.in`` reads it.
+
+        The numbers of paths, flows, terms and stages; the origins of the paths; from 1, where
+        the flows of each path begin, and where the terms of each flow begin; the stages of the
+        terms; the paths to the stages and to both results; the final stage.
+        """
+        flows = [flow for path in self.paths for flow in path.flows]
+        terms = [stage + 1 for flow in flows for stage, _ in flow]
+        numbers = [
+            len(self.paths), len(flows), len(terms), len(self.stages),
+            *(path.origin for path in self.paths),
+            *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
+            *self.stages, self.result, self.embedded, self.final_stage,
+        ]  # fmt: skip
+        return np.array(numbers, dtype=np.intc)
+
+
+def paths_of(method: Tableau) -> MethodPaths:
+    """Return the paths of an explicit method."""
+    result, embedded = method.result, method.embedded_result
+    if embedded is not None and (method.embedded_order or 0) > method.order:
+        result, embedded = embedded, result
+    builder = _Builder(method)
+    stages = tuple(builder.path_to(point) for point in method.stage_points)
+    result_path = builder.path_to(result)
+    c = _abscissae(method)
+    final = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
+    embedded_path = 0 if embedded is None else builder.path_to(embedded)
+    return MethodPaths(
+        tuple(builder.paths), stages, result_path, embedded_path, final[0] if final else 0, c
+    )
+
+
+class _Builder:
+    def __init__(self, method: Tableau) -> None:
+        self.points = method.points
+        ends = {*method.stage_points, method.result}
+        if method.embedded_result is not None:
+            ends.add(method.embedded_result)
+        used: set[int] = set()
+        pending = list(ends)
+        while pending:
+            point = pending.pop()
+            if point != START and point not in used:
+                used.add(point)
+                pending.append(self.points[point].parent)
+        children = Counter(self.points[point].parent for point in used)
+        self.kept = ends | {point for point in used if children[point] > 1}
+        self.index = {START: 0}
+        self.paths: list[Path] = []
+
+    def path_to(self, point: int) -> int:
+        """Return the number of the path to a point that is kept, after adding what leads there."""
+        if point not in self.index:
+            chain = [point]
+            while (parent := self.points[chain[-1]].parent) not in self.kept and parent != START:
+                chain.append(parent)
+            origin = self.path_to(parent)
+            flows = tuple(tuple(self.points[i].weights.items()) for i in reversed(chain))
+            self.paths.append(Path(origin, flows))
+            self.index[point] = len(self.paths)
+        return self.index[point]
+
+
+def _starts(parts: Sequence[Sequence[object]]) -> list[int]:
+    starts = [1]
+    for part in parts:
+        starts.append(starts[-1] + len(part))
+    return starts
+
+
+def _abscissae(method: Tableau) -> tuple[Fraction, ...]:
+    at = {START: Fraction(0)}
+    for i, point in enumerate(method.points):
+        at[i] = at[point.parent] + sum(point.weights.values(), Fraction(0))
+    return tuple(at[point] for point in method.stage_points)

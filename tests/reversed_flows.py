@@ -1,0 +1,24 @@
+"""Makes all steps apply the flows of each path in the reverse order: what a test must see."""
+
+from dataclasses import replace
+
+from cg.integration import compiled_stepper, step
+from cg.integration.paths import Path, paths_of
+
+
+def reversed_paths(method):
+    found = paths_of(method)
+    # rows that share their first flows would be cut up
+    assert len(found.paths) == len({*found.stages, found.result, found.embedded} - {0})
+    return replace(found, paths=tuple(Path(p.origin, p.flows[::-1]) for p in found.paths))
+
+
+def reverse_flows(monkeypatch):
+    for module in (compiled_stepper, step):
+        monkeypatch.setattr(module, "paths_of", reversed_paths)
+    compose = step.Step.compose
+    monkeypatch.setattr(
+        step.Step,
+        "compose",
+        lambda self, row, fields, point, h: compose(self, row[::-1], fields, point, h),
+    )
