@@ -29,12 +29,13 @@ from .conditions import (
     table_rows,
     unknowns,
 )
+from .layout import Layout
 from .parallel import as_finished, available_cores, stoppable
 from .search_records import Phase, SearchSettings, Start
 from .solve.minimum_norm import fit_conditions
 from .solve.polish import polish
 from .solve.refine import refine
-from .solve.system import System
+from .solve.system import ConditionSystem
 from .tableau import Tableau
 
 __all__ = [
@@ -106,7 +107,8 @@ class SearchResult:
         source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
         # the last places that real(16) leaves may not be right to the digits that are written
         polished = polish(
-            list(map(Fraction, start.x)), settings.stages, settings.order, rows=settings.rows
+            list(map(Fraction, start.x)),
+            ConditionSystem.tableau(settings.order, settings.stages, settings.rows),
         )
         return Tableau.from_packed(
             [entry if abs(entry) > _NOTHING else Fraction() for entry in polished.x],
@@ -268,7 +270,7 @@ def run_start(settings: SearchSettings, index: int) -> Start:
     else:
         decimals = tuple(map(quad.to_decimal, quad.decode(bits)))
         bits = quad.encode(map(Fraction, decimals))
-    system = System(settings.order, settings.stages, settings.rows)
+    system = ConditionSystem.tableau(settings.order, settings.stages, settings.rows)
     largest = float(np.abs(system.residual_quad(bits)).max())
     if not np.isfinite(largest):
         largest = np.inf
@@ -282,7 +284,7 @@ def _run_lmdif(
     trees = np.array(table_rows(settings.order), dtype=np.intc)
     # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
-    shape = (settings.order, settings.stages, int(settings.rows))
+    shape = settings.order, Layout.tableau(settings.stages, settings.rows).code
     x, f, info, nfev = stoppable(
         lambda stop_flag: _core_r64.fit_lmdif(
             *shape, guess, trees, [1e-18], [1e-18], settings.maxfev, stop_flag
@@ -306,17 +308,16 @@ def _run_lmdif(
 def _run_minimum_norm(
     settings: SearchSettings, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quad.Quads]:
+    system = ConditionSystem.tableau(settings.order, settings.stages, settings.rows)
     fit = fit_conditions(
         guess,
-        settings.stages,
-        settings.order,
-        rows=settings.rows,
+        system,
         max_iterations=max(1, settings.maxfev // 2),
     )
     double, bits = Phase(_finite(fit.f), int(fit.status), fit.evaluations), quad.from_float(fit.x)
     if double.f > settings.refine_below:
         return double, None, bits
-    refined = refine(bits, settings.stages, settings.order, rows=settings.rows)
+    refined = refine(bits, system)
     count_all = count(settings.order)
     bound = count_all * refined.largest_residual**2
     return double, Phase(bound, int(fit.status), refined.iterations + 1), refined.x

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 from hypothesis import strategies as st
 
-from cg.conditions import Rows, row_lengths
+from cg.layout import Layout, Rows
 from cg.trees import OrderedTree
 
 trees = st.recursive(
@@ -23,7 +23,7 @@ def tableaux(draw, entries=dyadics, max_stages=4):
     """Draw (a, b), as lists of Fractions, of any of the patterns."""
     stages = draw(st.integers(1, max_stages))
     rows = draw(st.sampled_from(Rows))
-    lengths = row_lengths(stages, rows)
+    lengths = Layout.tableau(stages, rows).lengths
     a = [
         draw(st.lists(entries, min_size=length, max_size=length))
         + [Fraction(0)] * (stages - length)

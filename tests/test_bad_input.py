@@ -20,9 +20,10 @@ from cg.construction import (
     to_tableau,
     triple_jump,
 )
+from cg.layout import Layout
 from cg.problems import FreeRigidBody
 from cg.quad import decode, encode, from_float, to_decimal, to_float
-from cg.solve.system import System
+from cg.solve.system import ConditionSystem
 from cg.trees import forest
 
 HUGE = 10**400
@@ -125,7 +126,7 @@ def test_orders_with_more_trees_than_memory(function):
 def test_numbers_of_stages():
     assert unknowns(10**9, "full") == 10**18 + 10**9
     for rows in Rows:
-        assert unknowns(7, rows) == sum(conditions.row_lengths(7, rows))
+        assert unknowns(7, rows) == sum(Layout.tableau(7, rows).lengths)
     for stages in (True, 1.0, "1"):
         with pytest.raises(TypeError, match="stages must be an integer, got"):
             unknowns(stages)
@@ -283,8 +284,12 @@ POINT = pack_method(CG3)
         (lambda: triple_jump(2, 0), ValueError, "digits must be at least 1, got 0"),
         (lambda: pack_method("CG3"), TypeError, "method must be a Tableau, got 'CG3'"),
         (lambda: pack_method(CG3, 2.5), TypeError, r"order must be an integer, got 2\.5"),
-        (lambda: System(True, 3), TypeError, "order must be an integer, got True"),
-        (lambda: System(3, 3, "half"), ValueError, "rows must be one of explicit, diagonal, full"),
+        (lambda: ConditionSystem.tableau(True, 3), TypeError, "order must be an integer, got True"),
+        (
+            lambda: ConditionSystem.tableau(3, 3, "half"),
+            ValueError,
+            "rows must be one of explicit, diagonal, full",
+        ),
         (lambda: Goals(bound="x"), ValueError, "bound must be a finite number, not negative"),
         (lambda: Goals(abscissae=True), ValueError, "abscissae must be a finite number"),
         (lambda: optimise(None, Goals()), TypeError, "point must be a Point, got None"),
@@ -321,9 +326,9 @@ def test_optimise(changes, error, message):
 
 
 def test_systems_hold_plain_numbers():
-    system = System(np.int64(3), np.int64(3), 0)
-    assert system == System(3, 3)
-    assert repr(system) == repr(System(3, 3))
+    system = ConditionSystem.tableau(np.int64(3), np.int64(3), 0)
+    assert system == ConditionSystem.tableau(3, 3)
+    assert repr(system) == repr(ConditionSystem.tableau(3, 3))
 
 
 @pytest.mark.parametrize(

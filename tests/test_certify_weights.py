@@ -21,6 +21,7 @@ from cg.certification.systems import exact_residuals, order_system
 from cg.certification.weights import Quantity, Shape, Weights
 from cg.certification.words import condition_words, density, nodes, parse, shuffle, text
 from cg.conditions import Rows
+from cg.layout import Layout
 
 
 class TestWords:
@@ -49,7 +50,7 @@ class TestBalls:
     def test_rational_weights_agree_with_the_oracle(self, tableau):
         a, b = tableau
         rows = conditions.rows_of(a)
-        lengths = conditions.row_lengths(len(b), rows)
+        lengths = Layout.tableau(len(b), rows).lengths
         x = [v for row, n in zip([*a, b], lengths, strict=True) for v in row[:n]]
         shape = Shape(len(b), rows)
         found = exact_residuals(shape, x, condition_words(4), len(b))
@@ -115,7 +116,7 @@ class TestBalls:
 def exact_weights(a, b, words):
     """Return Φ(w) for words with marks, as Fractions."""
     rows = conditions.rows_of(a)
-    lengths = conditions.row_lengths(len(b), rows)
+    lengths = Layout.tableau(len(b), rows).lengths
     x = [v for row, n in zip([*a, b], lengths, strict=True) for v in row[:n]]
     found = exact_residuals(Shape(len(b), rows), x, words, len(b))
     return {w: value + density(w) for w, value in zip(words, found, strict=True)}

@@ -12,6 +12,7 @@ from strategies import dyadics, rationals, tableaux
 
 from cg import _core_r64, _core_r128, conditions
 from cg.conditions import Rows
+from cg.layout import Layout
 from cg.tables import fortran_tables, main
 from cg.trees import OrderedTree, forest
 
@@ -189,7 +190,7 @@ class TestCompiledCore:
         assert np.all(np.abs(double - np.array(exact, **FLOATS)) <= 2.0**-48 * sizes)
 
         rows = conditions.rows_of(a)
-        lengths = conditions.row_lengths(len(b), rows)
+        lengths = Layout.tableau(len(b), rows).lengths
         packed = [x for row, m in zip([*a, b], lengths, strict=True) for x in row[:m]]
         quad = conditions.residuals_quad(packed, len(b), order, independent, rows)
         for found, expected, size in zip(quad, exact, sizes, strict=True):
@@ -208,7 +209,7 @@ class TestCompiledCore:
             )
             for rows in Rows
             if rows >= conditions.rows_of(a)
-            for lengths in [conditions.row_lengths(len(b), rows)]
+            for lengths in [Layout.tableau(len(b), rows).lengths]
         ]
         assert all(residuals == found[0] for residuals in found)
 
@@ -238,7 +239,7 @@ class TestCompiledCore:
         a, b = tableau
         order, stages = 5, len(b)
         rows = data.draw(st.sampled_from([r for r in Rows if r >= conditions.rows_of(a)]))
-        lengths = conditions.row_lengths(stages, rows)
+        lengths = Layout.tableau(stages, rows).lengths
         x = [e for row, m in zip([*a, b], lengths, strict=True) for e in row[:m]]
         v = data.draw(st.lists(dyadics, min_size=len(x), max_size=len(x)))
 

@@ -9,11 +9,11 @@ import pytest
 import cg
 from cg.conditions import Rows, residuals, residuals_exact, unknowns
 from cg.construction import (
+    ConditionSystem,
     Goals,
     NotExactError,
     Point,
     Structure,
-    System,
     compose,
     correct,
     drop_stage,
@@ -36,12 +36,12 @@ from cg.solve.minimum_norm import fit_conditions
 
 def a_point(order, stages, *, embedded=False, seed=0, bound=3.0):
     """A point of the solution set with moderate coefficients, from the first start to give one."""
-    system = System(order, stages, embedded=embedded)
+    system = ConditionSystem.tableau(order, stages, embedded=embedded)
     fixed = np.setdiff1d(np.arange(system.size), system.free)
     for start in range(200):
         guess = np.random.default_rng([seed, start]).uniform(-1, 1, system.size)
         guess[fixed] = 0
-        fit = fit_conditions(guess, stages, order, embedded=embedded, max_iterations=200)
+        fit = fit_conditions(guess, system, max_iterations=200)
         point = Point(system, fit.x)
         if solved(point) and point.largest < bound:
             return point
@@ -52,7 +52,7 @@ class TestSystem:
     @pytest.mark.parametrize("rows", list(Rows))
     @pytest.mark.parametrize("embedded", [False, True])
     def test_jacobian_is_the_derivative(self, rows, embedded):
-        system = System(4, 3, rows, embedded)
+        system = ConditionSystem.tableau(4, 3, rows, embedded)
         x = np.random.default_rng(5).uniform(-1, 1, system.size)
         jac, h = system.jacobian(x, independent=False), 1e-6
         for k in range(system.size):
@@ -64,7 +64,7 @@ class TestSystem:
     def test_second_weights_have_their_own_conditions(self):
         pair = cg.methods["CG2(3)"]
         point = pack_method(pair)
-        assert point.system == System(3, 3, embedded=True)
+        assert point.system == ConditionSystem.tableau(3, 3, embedded=True)
         assert np.abs(point.system.residual(point.x)).max() < 1e-15
         worse = point.x.copy()
         worse[point.system.free[-4]] += 0.1  # the last of the second weights
@@ -78,7 +78,7 @@ class TestSystem:
 
     def test_a_pair_of_order_one_is_refused(self):
         with pytest.raises(ValueError, match="order must be at least 2"):
-            System(1, 2, embedded=True)
+            ConditionSystem.tableau(1, 2, embedded=True)
 
 
 class TestCompose:
@@ -146,7 +146,7 @@ class TestMoving:
         full_a, full_b = cg.conditions.unpack(point.x, 3)
         a[np.ix_(keep, keep)] = full_a
         a[1, 0], b[keep] = 0.7, full_b
-        wider = Point(System(3, 4), cg.conditions.pack(a, b, Rows.EXPLICIT))
+        wider = Point(ConditionSystem.tableau(3, 4), cg.conditions.pack(a, b, Rows.EXPLICIT))
         smaller = eliminate_stage(wider, 1)
         np.testing.assert_allclose(smaller.x, point.x, rtol=0, atol=1e-12)
 
@@ -177,13 +177,13 @@ class TestMoving:
 
     @pytest.mark.parametrize(("order", "kept"), [(4, False), (5, True)])
     def test_what_keeps_starts_away_from_false_zeros_is_held(self, order, kept):
-        guess = random_point(System(order, 9), 0.5, np.random.default_rng(2))
+        guess = random_point(ConditionSystem.tableau(order, 9), 0.5, np.random.default_rng(2))
         solved_to = solve_start(guess, 20, promising=1e9)
         assert bool(solved_to.x[0] == guess.x[0]) is kept
         assert not kept or 0.3 <= guess.x[0] <= 0.8
 
     def test_guesses_satisfy_what_is_linear_in_the_structure(self):
-        system = System(6, 13, structure=Structure.MIDDLE)
+        system = ConditionSystem.tableau(6, 13, structure=Structure.MIDDLE)
         guess = random_point(system, 0.5, np.random.default_rng(2))
         assert np.abs(system.residual(guess.x)[-11:]).max() < 1e-14
 
@@ -192,7 +192,7 @@ class TestMoving:
         assert sound(point)
         assert sound(Point(point.system, point.x + 1e-9))
         # b = 0 is held, and the first condition with it
-        nothing = Point(System(1, 1), np.zeros(1))
+        nothing = Point(ConditionSystem.tableau(1, 1), np.zeros(1))
         assert not sound(nothing)
 
     def test_a_dead_end_is_none(self):
@@ -239,7 +239,7 @@ class TestOptimise:
 
     def test_points_off_the_set_are_refused(self):
         with pytest.raises(ValueError, match="point must be on the solution set"):
-            optimise(Point(System(4, 5), np.ones(15)), Goals())
+            optimise(Point(ConditionSystem.tableau(4, 5), np.ones(15)), Goals())
 
     def test_bad_goals(self):
         with pytest.raises(ValueError, match="abscissae must be a finite number"):
@@ -258,7 +258,7 @@ class TestToTableau:
         assert np.linalg.norm(second) > 1e-3
 
     def test_what_is_not_a_solution_is_never_a_method(self):
-        far = Point(System(4, 5), np.random.default_rng(0).uniform(-1, 1, 15))
+        far = Point(ConditionSystem.tableau(4, 5), np.random.default_rng(0).uniform(-1, 1, 15))
         with pytest.raises(NotExactError, match=r"largest residual .* after refinement"):
             to_tableau(far, name="no", source="test")
 

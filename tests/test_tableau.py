@@ -14,6 +14,7 @@ from strategies import rationals, tableaux
 from cg import conditions
 from cg.coefficients import Coefficient
 from cg.conditions import Rows
+from cg.layout import Layout
 from cg.tableau import Tableau, TableauError
 
 MIDPOINT = Tableau([[], ["1/2"]], [0, 1], name="midpoint")
@@ -303,7 +304,7 @@ class TestPacked:
     @given(tableaux(rationals))
     def test_round_trip(self, tableau):
         method = Tableau(*tableau)
-        lengths = conditions.row_lengths(method.stages, method.rows)
+        lengths = Layout.tableau(method.stages, method.rows).lengths
         rows = zip([*method.exact[0], method.exact[1]], lengths, strict=True)
         x = [entry for row, length in rows for entry in row[:length]]
         assert Tableau.from_packed(x, method.stages, method.rows) == method

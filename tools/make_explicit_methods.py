@@ -24,11 +24,11 @@ from cg.catalogue import save
 from cg.certification import CertificationError, certify
 from cg.conditions import count, residuals, unpack
 from cg.construction import (
+    ConditionSystem,
     Goals,
     NotExactError,
     Point,
     Structure,
-    System,
     eliminate,
     fewer_exponentials,
     optimise,
@@ -59,7 +59,7 @@ class Recipe:
     Attributes
     ----------
     name : str
-    system : System
+    system : ConditionSystem
     starts, iterations : int
         Random guesses, and steps of the solver from each; with a structure, steps are as
         many as `cg.construct` takes.
@@ -69,7 +69,7 @@ class Recipe:
     """
 
     name: str
-    system: System
+    system: ConditionSystem
     starts: int
     iterations: int
     aim: str = "error"
@@ -88,18 +88,18 @@ class Recipe:
 
 
 RECIPES = (
-    Recipe("CG3(2)", System(3, 3, embedded=True), 100, 200),
-    Recipe("CG4b", System(4, 5), 1500, 60),
-    Recipe("CG4c", System(4, 5), 1500, 60, "flows"),
-    Recipe("CG4(3)", System(4, 6, embedded=True), 100, 200),
-    Recipe("CG4(3)b", System(4, 5, embedded=True), 400, 200),
-    Recipe("CG5b", System(5, 9), 2000, 250),
-    Recipe("CG5c", System(5, 9), 2000, 250, "flows"),
-    Recipe("CG5e", System(5, 9), 2000, 250, "effort"),
-    Recipe("CG5d", System(5, 8), 3000, 400),
-    Recipe("CG5(4)", System(5, 10, embedded=True), 500, 400),
-    Recipe("CG6f", System(6, 13, structure=Structure.MIDDLE), 150, 0),
-    Recipe("CG6g", System(6, 12, structure=Structure.MIDDLE), 150, 0),
+    Recipe("CG3(2)", ConditionSystem.tableau(3, 3, embedded=True), 100, 200),
+    Recipe("CG4b", ConditionSystem.tableau(4, 5), 1500, 60),
+    Recipe("CG4c", ConditionSystem.tableau(4, 5), 1500, 60, "flows"),
+    Recipe("CG4(3)", ConditionSystem.tableau(4, 6, embedded=True), 100, 200),
+    Recipe("CG4(3)b", ConditionSystem.tableau(4, 5, embedded=True), 400, 200),
+    Recipe("CG5b", ConditionSystem.tableau(5, 9), 2000, 250),
+    Recipe("CG5c", ConditionSystem.tableau(5, 9), 2000, 250, "flows"),
+    Recipe("CG5e", ConditionSystem.tableau(5, 9), 2000, 250, "effort"),
+    Recipe("CG5d", ConditionSystem.tableau(5, 8), 3000, 400),
+    Recipe("CG5(4)", ConditionSystem.tableau(5, 10, embedded=True), 500, 400),
+    Recipe("CG6f", ConditionSystem.tableau(6, 13, structure=Structure.MIDDLE), 150, 0),
+    Recipe("CG6g", ConditionSystem.tableau(6, 12, structure=Structure.MIDDLE), 150, 0),
 )
 
 
@@ -115,9 +115,7 @@ def solutions(recipe: Recipe) -> list[Point]:
         guess[fixed] = 0
         fit = fit_conditions(
             guess,
-            system.stages,
-            system.order,
-            embedded=system.embedded,
+            system,
             max_iterations=recipe.iterations,
         )
         return index, Point(system, fit.x)
@@ -127,7 +125,7 @@ def solutions(recipe: Recipe) -> list[Point]:
     return [p for p in points if p.largest <= LARGEST and solved(p)]
 
 
-def _constructed(system: System, index: int) -> Point:
+def _constructed(system: ConditionSystem, index: int) -> Point:
     """Return where a start with easily enough stages ends after as many are dropped."""
     random = np.random.default_rng([SEED, index])
     start = default_start(system.order, system.structure)

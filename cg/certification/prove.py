@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from ..checks import check_integer
 from ..coefficients import Coefficient
 from ..conditions import HIGHEST_ORDER
+from ..method import TOLERANCE_FACTOR
 from ..quad import to_decimal
-from ..tableau import TOLERANCE_FACTOR, Tableau
+from ..tableau import Tableau
 from .certificate import Beyond, Certificate, CertificationError
 from .explain import augment, find_identities, name_of, read_identity
 from .krawczyk import Attempt, choose_free, krawczyk, numerical_rank, to_double

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from flint import arb, arb_mat
 
-from ..conditions import Rows, row_lengths
+from ..layout import Layout, Rows
 from .words import Letter, Word, closure, nodes
 
 __all__ = ["Quantity", "Shape", "Weights"]
@@ -62,8 +62,8 @@ class Shape:
     @property
     def lengths(self) -> tuple[int, ...]:
         """Entries of each row."""
-        lengths = row_lengths(self.stages, self.rows)
-        return (*lengths, self.stages) if self.pair else lengths
+        layout = Layout.tableau(self.stages, self.rows, self.pair)
+        return tuple(len(layout.row(r)) for r in range(len(layout.ends)))
 
     @property
     def starts(self) -> tuple[int, ...]:

@@ -1,6 +1,6 @@
 """Tools on the set of methods of an order: construct, compose, eliminate, optimise."""
 
-from ..solve.system import Structure, System
+from ..solve.system import ConditionSystem, Structure
 from .compose import compose, triple_jump
 from .construct import Attempt, Construction, construct
 from .drop import drop_stage
@@ -10,12 +10,12 @@ from .point import NotExactError, Point, correct, pack_method, solved, sound, to
 
 __all__ = [
     "Attempt",
+    "ConditionSystem",
     "Construction",
     "Goals",
     "NotExactError",
     "Point",
     "Structure",
-    "System",
     "compose",
     "construct",
     "correct",

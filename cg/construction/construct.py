@@ -22,7 +22,7 @@ from ..checks import (
 )
 from ..conditions import HIGHEST_ORDER, count
 from ..parallel import as_finished, available_cores
-from ..solve.system import Structure, System
+from ..solve.system import ConditionSystem, Structure
 from ..tableau import Tableau
 from .drop import solve_start
 from .eliminate import eliminate
@@ -259,7 +259,7 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
     random = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
     spread = max(0, settings.first_stages - settings.stages)
     stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
-    system = System(settings.order, stages, structure=settings.structure)
+    system = ConditionSystem.tableau(settings.order, stages, structure=settings.structure)
     guess = random_point(system, settings.width, random)
     point = solve_start(guess, settings.iterations, promising=settings.promising)
     if not _acceptable(settings, point):
@@ -288,7 +288,7 @@ def _attempt(settings: ConstructionSettings, index: int, point: Point) -> Attemp
 
 
 def _refined(settings: ConstructionSettings, attempt: Attempt) -> Tableau | None:
-    system = System(settings.order, attempt.stages, structure=settings.structure)
+    system = ConditionSystem.tableau(settings.order, attempt.stages, structure=settings.structure)
     point = Point(system, _array(attempt.x))
     try:
         return to_tableau(
@@ -324,7 +324,7 @@ def _settings(
     full_rank = check_flag("full_rank", full_rank)
     if structure is None:
         structure = Structure.GENERAL if full_rank else likely_structure(order, stages)
-    system = System(order, stages, structure=structure)
+    system = ConditionSystem.tableau(order, stages, structure=structure)
     if full_rank and system.structure:
         raise ValueError(f"structure must be GENERAL with full_rank, got {system.structure.name}")
     if not check_flag("force", force) and system.free.size < system.equations:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_integer, check_real
-from ..solve.system import Structure, System
+from ..solve.system import ConditionSystem, Structure
 from .point import Point, check_point, correct, solved
 
 __all__ = ["drop_stage", "held", "solve_start"]
@@ -17,7 +17,7 @@ __all__ = ["drop_stage", "held", "solve_start"]
 _SPREAD = 0.6  # of the order in which stages are tried, in logarithms of f
 
 
-def held(system: System) -> list[int]:
+def held(system: ConditionSystem) -> list[int]:
     """Return the entries to hold while solving from afar.
 
     Close to a_21 = 0 lurks what looks like solutions: with c_2 = ε, c_3 ~ ε^(1/2),
@@ -117,9 +117,8 @@ def _ways(point: Point) -> Iterator[Point]:
 
 def _inherit(point: Point, x: NDArray[np.float64], stage: int, heir: int) -> None:
     """Add the column of a stage to that of its heir, in the rows that have both."""
-    begin = 0
-    for row in range(point.system.stages + 1):
-        # explicit rows: as many entries as stages before
-        if row > max(stage, heir):
-            x[begin + heir] += point.x[begin + stage]
-        begin += row
+    layout = point.system.layout
+    for r in range(len(layout.ends)):
+        row = layout.row(r)
+        if len(row) > max(stage, heir):
+            x[row[heir]] += point.x[row[stage]]

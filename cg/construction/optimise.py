@@ -16,7 +16,7 @@ from scipy import linalg
 
 from .. import _core_r64
 from ..checks import check_integer, check_real
-from ..conditions import condition_trees, count, row_lengths
+from ..conditions import condition_trees, count
 from .point import RANK_TOLERANCE, Point, check_point, correct, movable, solved
 
 __all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
@@ -216,12 +216,9 @@ def _objective(point: Point, goals: Goals) -> Terms:
 
 def _row_sums(point: Point) -> NDArray[np.float64]:
     system = point.system
-    lengths = row_lengths(system.packed_stages, system.rows)[: system.stages]
     sums = np.zeros((system.stages, system.size))
-    begin = 0
-    for row, length in enumerate(lengths):
-        sums[row, begin : begin + length] = 1
-        begin += length
+    for stage in range(system.stages):
+        sums[stage, system.layout.row(stage)] = 1
     return sums
 
 
@@ -229,7 +226,7 @@ def _next_order(point: Point, derivative: bool) -> Terms:
     system = point.system
     order = system.order + 1
     trees = np.array(condition_trees(order)[count(system.order) :], dtype=np.intc)
-    shape = (order, system.packed_stages, int(system.rows))
+    shape = (order, system.layout.code)
     values: NDArray[np.float64] = _core_r64.residuals(*shape, point.x, trees)
     if not derivative:
         return values, np.empty((0, system.size))

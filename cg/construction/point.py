@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from .. import quad
-from ..conditions import Rows, pack, row_lengths
 from ..random_search import EXACT
 from ..solve.minimum_norm import fit_conditions
 from ..solve.polish import polish
 from ..solve.refine import refine
-from ..solve.system import System
+from ..solve.system import ConditionSystem
 from ..tableau import Tableau
 
 __all__ = ["NotExactError", "Point", "correct", "pack_method", "solved", "sound", "to_tableau"]
@@ -38,11 +37,11 @@ class Point:
 
     Attributes
     ----------
-    system : System
+    system : ConditionSystem
     x : ndarray, shape (system.size,)
     """
 
-    system: System
+    system: ConditionSystem
     x: NDArray[np.float64]
 
     @property
@@ -68,33 +67,12 @@ class Point:
 
     def column(self, stage: int) -> NDArray[np.intp]:
         """Return the indices of the entries by which a stage (from 0) acts on others."""
-        lengths = row_lengths(self.system.packed_stages, self.system.rows)
-        starts = np.concatenate([[0], np.cumsum(lengths)])
-        return np.array(
-            [
-                starts[row] + stage
-                for row, length in enumerate(lengths)
-                if row != stage and stage < length
-            ],
-            dtype=np.intp,
-        )
+        return self.system.layout.column(stage)
 
     def without(self, stage: int) -> Point:
         """Drop a stage (from 0) whose column is zero."""
-        lengths = row_lengths(self.system.packed_stages, self.system.rows)
-        kept, begin = [], 0
-        for row, length in enumerate(lengths):
-            if row != stage:
-                kept += [begin + column for column in range(length) if column != stage]
-            begin += length
-        smaller = System(
-            self.system.order,
-            self.system.stages - 1,
-            self.system.rows,
-            self.system.embedded,
-            self.system.structure,
-        )
-        return Point(smaller, self.x[kept])
+        layout, kept = self.system.layout.without(stage)
+        return Point(replace(self.system, layout=layout), self.x[kept])
 
 
 def correct(
@@ -126,11 +104,7 @@ def correct(
     free = movable(system, frozen)
     fit = fit_conditions(
         point.x,
-        system.stages,
-        system.order,
-        rows=system.rows,
-        embedded=system.embedded,
-        structure=system.structure,
+        system,
         free=free,
         ftol=ftol,
         damping=damping,
@@ -147,7 +121,7 @@ def check_point(point: Any) -> Point:
     return point
 
 
-def movable(system: System, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+def movable(system: ConditionSystem, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the entries of a system that may change if those in `frozen` mustn't.
 
     Raises
@@ -173,11 +147,7 @@ def sound(point: Point) -> bool:
     """Tell whether an exact solution is close by: whether refinement in real(16) gets there."""
     refined = refine(
         quad.from_float(point.x),
-        point.system.stages,
-        point.system.order,
-        rows=point.system.rows,
-        embedded=point.system.embedded,
-        structure=point.system.structure,
+        point.system,
         free=np.setdiff1d(point.system.free, np.flatnonzero(point.x == 0)),  # exact zeros stay
     )
     return refined.largest_residual <= EXACT * max(1.0, point.largest)
@@ -195,15 +165,8 @@ def pack_method(method: Tableau, order: int | None = None) -> Point:
     if not isinstance(method, Tableau):
         raise TypeError(f"method must be a Tableau, got {method!r}")
     order = method.order if order is None else order
-    if method.b_embedded is None:
-        system = System(order, method.stages, method.rows)
-        return Point(system, pack(method.a, method.b))
-    stages = method.stages
-    rows = method.rows
-    wide = np.zeros((stages + 1, stages + 1))
-    wide[:stages, :stages] = method.a
-    wide[stages, :stages] = method.b_embedded
-    return Point(System(order, stages, rows, True), pack(wide, [*method.b, 0.0], rows))
+    system = ConditionSystem(order, method.layout)
+    return Point(system, np.array([float(entry.value) for entry in method.coefficients]))
 
 
 def to_tableau(
@@ -222,11 +185,7 @@ def to_tableau(
     free = np.setdiff1d(movable(system, frozen), np.flatnonzero(point.x == 0))
     refined = refine(
         quad.from_float(point.x),
-        system.stages,
-        system.order,
-        rows=system.rows,
-        embedded=system.embedded,
-        structure=system.structure,
+        system,
         free=free,
     )
     scale = max(1.0, point.largest)
@@ -237,26 +196,14 @@ def to_tableau(
         )
     polished = polish(
         quad.decode(refined.x),
-        system.stages,
-        system.order,
-        rows=system.rows,
-        embedded=system.embedded,
+        system,
         directions=np.eye(system.size)[:, free],
     )
     return _unpack([quad.to_decimal(entry) for entry in polished.x], system, name, source)
 
 
-def _unpack(decimals: list[str], system: System, name: str, source: str) -> Tableau:
-    lengths = row_lengths(system.packed_stages, system.rows)
-    cut, begin = [], 0
-    for length in lengths:
-        cut.append(decimals[begin : begin + length])
-        begin += length
-    second = None
-    if system.embedded:
-        second = cut[system.stages][: system.stages]
-        second += ["0"] * (system.stages - len(second))
+def _unpack(decimals: list[str], system: ConditionSystem, name: str, source: str) -> Tableau:
+    rows = system.layout.full_rows(decimals)
     stages = system.stages
-    a = [row[: stages if system.rows is Rows.FULL else None] for row in cut[:stages]]
-    b = cut[-1][:stages]
-    return Tableau(a, b, name=name, source=source, b_embedded=second)
+    second = rows[stages + 1] if system.embedded else None
+    return Tableau(rows[:stages], rows[stages], name=name, source=source, b_embedded=second)

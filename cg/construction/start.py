@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solve.system import Structure, System
+from ..solve.system import ConditionSystem, Structure
 from .drop import held
 from .point import Point
 
@@ -75,15 +75,15 @@ def likely_structure(order: int, stages: int) -> Structure:
     General methods up to order five if there are as many unknowns as conditions, else
     those of structure ``MIDDLE`` if they have enough.
     """
-    general = System(order, stages)
+    general = ConditionSystem.tableau(order, stages)
     if (order >= 4 and stages >= 3) and (order >= 6 or general.free.size < general.equations):
-        middle = System(order, stages, structure=Structure.MIDDLE)
+        middle = ConditionSystem.tableau(order, stages, structure=Structure.MIDDLE)
         if middle.free.size >= middle.equations:
             return Structure.MIDDLE
     return Structure.GENERAL
 
 
-def random_point(system: System, width: float, random: np.random.Generator) -> Point:
+def random_point(system: ConditionSystem, width: float, random: np.random.Generator) -> Point:
     """Return a guess that satisfies what is linear in the system's structure."""
     x = random.uniform(-width, width, system.size)
     x[np.setdiff1d(np.arange(system.size), system.free)] = 0.0
