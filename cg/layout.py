@@ -97,9 +97,7 @@ class Layout:
     @classmethod
     def of_tree(cls, tree: PointTree) -> Layout:
         """Return the layout of a tree of points: their weights that aren't zero."""
-        results = (
-            [tree.result] if tree.embedded_result is None else [tree.result, tree.embedded_result]
-        )
+        second = () if tree.embedded_result is None else (tree.embedded_result,)
         return cls(
             tuple(point.parent for point in tree.points),
             tuple(tuple(point.weights) for point in tree.points),
@@ -243,7 +241,7 @@ class Layout:
 
     @cached_property
     def code(self) -> NDArray[np.intc]:
-        """What the compiled core reads the layout from: see ``pattern_of`` there."""
+        """What the compiled core reads the layout from: see ``read_layout`` there."""
         second = self.results[1] + 1 if self.pair else 0
         numbers = [
             self.stages,

@@ -16,10 +16,9 @@ subroutine r64_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, fre
   use kinds_r64, only: wp
   use conditions_r64, only: order_conditions_t
   use minimum_norm, only: minimise_norm
-  use weights_r64, only: pattern_of
   implicit none
   integer, intent(in) :: order, l, n, m, k
-  integer, intent(in) :: layout(l)      ! see pattern_of
+  integer, intent(in) :: layout(l)      ! see read_layout
   real(wp), intent(in) :: x0(n)         ! packed weights
   integer, intent(in) :: trees(m)       ! none of them zero
   integer, intent(in) :: owner(m)       ! zero for the first result, see order_conditions_t
@@ -32,7 +31,7 @@ subroutine r64_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, fre
   integer, intent(out) :: iterations, evaluations, status
   type(order_conditions_t) :: conditions
 
-  call conditions%set_up(order, pattern_of(layout), trees, owner)
+  call conditions%set_up(order, layout, trees, owner)
   conditions%stop_flag => stop_flag(1)
   x = x0
   call minimise_norm(conditions, x, m, free, ftol, damping, max_iterations, accurate /= 0, f, &
