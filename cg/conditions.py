@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core_r64, _core_r128
 from .checks import check_integer
-from .layout import Layout, Rows, check_rows, rows_of
+from .layout import Layout, Rows, check_rows, rows_of, unknowns
 from .points import START, PointTree, tree_of_rows
 from .quad import decode, encode
 from .trees import MOST_NODES, forest
@@ -37,10 +37,15 @@ __all__ = [
     "condition_trees",
     "count",
     "count_classical",
+    "exact_residuals_of",
+    "exact_weights",
     "jacobian",
+    "jacobian_at",
     "pack",
     "residuals",
+    "residuals_at",
     "residuals_exact",
+    "residuals_of",
     "residuals_quad",
     "right_sides",
     "stage_weights",
@@ -48,6 +53,7 @@ __all__ = [
     "unknowns",
     "unpack",
     "weights",
+    "weights_at",
 ]
 
 HIGHEST_ORDER: int = int(_core_r64.highest_order())
@@ -129,11 +135,6 @@ def right_sides(order: int, independent: bool = False) -> tuple[Fraction, ...]:
     """Return ``1/γ(t)`` for the trees of `condition_trees`."""
     trees = forest(_check_order(order, None) + 1)
     return tuple(Fraction(1, trees.density[t - 1]) for t in condition_trees(order, independent))
-
-
-def unknowns(stages: int, rows: Rows = Rows.EXPLICIT) -> int:
-    """Return the number of entries of a tableau: s(s + 1)/2 for explicit ones."""
-    return Layout.tableau(stages, rows).size
 
 
 def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .checks import check_integer
 from .points import START, Point, PointTree, tree_of_rows
 
-__all__ = ["Layout", "Rows", "check_rows", "rows_of"]
+__all__ = ["Layout", "Rows", "check_rows", "rows_of", "unknowns"]
 
 T = TypeVar("T")
 
@@ -44,6 +44,13 @@ def check_rows(rows: Rows | str | int) -> Rows:
     if isinstance(rows, int | np.integer) and not isinstance(rows, bool) and rows in tuple(Rows):
         return Rows(rows)
     raise ValueError(f"rows must be one of {', '.join(names)}, got {rows!r}")
+
+
+def unknowns(stages: int, rows: Rows | str | int = Rows.EXPLICIT) -> int:
+    """Return the number of entries of a tableau: s(s + 1)/2 for explicit ones."""
+    s = check_integer("stages", stages, 1)
+    above = {Rows.EXPLICIT: s * (s - 1) // 2, Rows.DIAGONAL: s * (s + 1) // 2, Rows.FULL: s * s}
+    return above[check_rows(rows)] + s
 
 
 def rows_of(a: Sequence[Sequence[Any]] | NDArray[Any]) -> Rows:
@@ -258,7 +265,7 @@ class Layout:
         return code
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def _tableau(stages: int, rows: Rows, pair: bool) -> Layout:
     parents: list[int] = []
     columns: list[tuple[int, ...]] = []

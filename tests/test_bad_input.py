@@ -243,9 +243,9 @@ def test_catalogue_files(value, tmp_path):
         load(value)
     with pytest.raises(TypeError, match="path must be a path, got"):
         save(cg.methods["CG3"], value)
-    with pytest.raises(TypeError, match="method must be a Tableau, got"):
+    with pytest.raises(TypeError, match="method must be a Tableau or CommutatorFree"):
         dumps(value)
-    with pytest.raises(TypeError, match="method must be a Tableau, got"):
+    with pytest.raises(TypeError, match="method must be a Tableau or CommutatorFree"):
         save(value, tmp_path / "method.toml")
     assert not list(tmp_path.iterdir())
 
@@ -292,9 +292,9 @@ POINT = pack_method(CG3)
         ),
         (lambda: Goals(bound="x"), ValueError, "bound must be a finite number, not negative"),
         (lambda: Goals(abscissae=True), ValueError, "abscissae must be a finite number"),
-        (lambda: optimise(None, Goals()), TypeError, "point must be a Point, got None"),
+        (lambda: optimise(None, Goals()), TypeError, "candidate must be a Candidate, got None"),
         (lambda: optimise(POINT, 3), TypeError, "goals must be Goals, got 3"),
-        (lambda: fewer_exponentials(CG3), TypeError, "point must be a Point, got <Tableau"),
+        (lambda: fewer_exponentials(CG3), TypeError, "candidate must be a Candidate, got <Tableau"),
         (lambda: correct(POINT, [99]), ValueError, r"integers from 0 to 5, got \[99\]"),
         (lambda: correct(POINT, [1.5]), ValueError, r"frozen must be .*, got \[1\.5\]"),
         (

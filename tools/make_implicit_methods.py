@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from cg.catalogue import save
-from cg.construction import Goals, Point, optimise, principal_error
+from cg.construction import Candidate, Goals, optimise, principal_error
 from cg.layout import Rows
 from cg.random_search import random_start
 from cg.solve.minimum_norm import fit_conditions
@@ -66,7 +66,7 @@ def rational() -> Tableau:
         on_path(b, diagonal),
         b,
         name="DICG4b",
-        source="Self-adjoint, stages on the path of the step; a rational point of the conic that "
+        source="Self-adjoint, stages on the path of the step; a rational candidate of the conic that "
         "the conditions of order four leave for the diagonal",
     )
 
@@ -83,14 +83,16 @@ def l_stable() -> Tableau:
     system = ConditionSystem.tableau(order, stages, rows)
     ends = np.array([system.layout.row(stage)[-1] for stage in range(stages)])
     free = np.setdiff1d(np.arange(system.size), ends)
-    points = []
+    candidates = []
     for index in range(STARTS):
         guess = random_start(SEED, index, system.size, 1.0)
         guess[ends] = float(gamma)
         fit = fit_conditions(guess, system, free=free)
         if fit.f < 1e-25:
-            points.append(optimise(Point(system, fit.x), Goals(), frozen=ends, tolerance=1e-12))
-    best = min(points, key=principal_error)
+            candidates.append(
+                optimise(Candidate(system, fit.x), Goals(), frozen=ends, tolerance=1e-12)
+            )
+    best = min(candidates, key=principal_error)
     near = [Fraction(entry) for entry in best.x]
     for end in ends:
         near[end] = Fraction(round(Fraction(gamma) * 10**DIGITS), 10**DIGITS)

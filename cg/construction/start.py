@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..solve.system import ConditionSystem, Structure
+from .candidate import Candidate
 from .drop import held
-from .point import Point
 
-__all__ = ["Start", "default_start", "likely_structure", "random_point"]
+__all__ = ["Start", "default_start", "likely_structure", "random_candidate"]
 
 _HELD = (0.3, 0.8)  # range of what is held away from zero
 
@@ -83,14 +83,16 @@ def likely_structure(order: int, stages: int) -> Structure:
     return Structure.GENERAL
 
 
-def random_point(system: ConditionSystem, width: float, random: np.random.Generator) -> Point:
+def random_candidate(
+    system: ConditionSystem, width: float, random: np.random.Generator
+) -> Candidate:
     """Return a guess that satisfies what is linear in the system's structure."""
     x = random.uniform(-width, width, system.size)
     x[np.setdiff1d(np.arange(system.size), system.free)] = 0.0
     x[held(system)] = random.uniform(*_HELD)
     if system.structure is Structure.MIDDLE:
         _to_the_middle(x, system.stages)
-    return Point(system, x)
+    return Candidate(system, x)
 
 
 def _to_the_middle(x: NDArray[np.float64], stages: int) -> None:

@@ -1,4 +1,4 @@
-"""A point of the solution set: a packed tableau that satisfies a system of order conditions."""
+"""Packed coefficients on the solution set of a system of order conditions, or close to it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,15 @@ from ..solve.refine import refine
 from ..solve.system import ConditionSystem
 from ..tableau import Tableau
 
-__all__ = ["NotExactError", "Point", "correct", "pack_method", "solved", "sound", "to_tableau"]
+__all__ = [
+    "Candidate",
+    "NotExactError",
+    "correct",
+    "pack_method",
+    "refinable",
+    "solved",
+    "to_tableau",
+]
 
 SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby."""
@@ -32,7 +40,7 @@ class NotExactError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Point:
+class Candidate:
     """Packed coefficients on, or close to, the solution set of a system.
 
     Attributes
@@ -69,26 +77,26 @@ class Point:
         """Return the indices of the entries by which a stage (from 0) acts on others."""
         return self.system.layout.column(stage)
 
-    def without(self, stage: int) -> Point:
+    def without(self, stage: int) -> Candidate:
         """Drop a stage (from 0) whose column is zero."""
         layout, kept = self.system.layout.without(stage)
-        return Point(replace(self.system, layout=layout), self.x[kept])
+        return Candidate(replace(self.system, layout=layout), self.x[kept])
 
 
 def correct(
-    point: Point,
+    candidate: Candidate,
     frozen: Sequence[int] | NDArray[np.intp] = (),
     *,
     ftol: float = 1e-26,
     damping: float = 1e-6,
     max_iterations: int = 200,
     accurate: bool | None = None,
-) -> Point:
+) -> Candidate:
     """Move back to the solution set by small steps of least norm.
 
     Parameters
     ----------
-    point : Point
+    candidate : Candidate
         Close to the set.
     frozen : sequence of int, optional
         Entries that must keep their values.
@@ -97,13 +105,13 @@ def correct(
 
     Returns
     -------
-    Point
+    Candidate
         Where the solver ended, on the set or not; see `solved`.
     """
-    system = check_point(point).system
+    system = check_candidate(candidate).system
     free = movable(system, frozen)
     fit = fit_conditions(
-        point.x,
+        candidate.x,
         system,
         free=free,
         ftol=ftol,
@@ -111,14 +119,14 @@ def correct(
         max_iterations=max_iterations,
         accurate=system.order >= 7 if accurate is None else accurate,
     )
-    return Point(system, fit.x)
+    return Candidate(system, fit.x)
 
 
-def check_point(point: Any) -> Point:
-    """Return a point; TypeError if it is anything else."""
-    if not isinstance(point, Point):
-        raise TypeError(f"point must be a Point, got {point!r}")
-    return point
+def check_candidate(candidate: Any) -> Candidate:
+    """Return a candidate; TypeError if it is anything else."""
+    if not isinstance(candidate, Candidate):
+        raise TypeError(f"candidate must be a Candidate, got {candidate!r}")
+    return candidate
 
 
 def movable(system: ConditionSystem, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
@@ -138,23 +146,25 @@ def movable(system: ConditionSystem, frozen: Sequence[int] | NDArray[np.intp]) -
     return np.setdiff1d(system.free, array.astype(np.intp))
 
 
-def solved(point: Point) -> bool:
+def solved(candidate: Candidate) -> bool:
     """Tell whether the conditions hold to rounding in double."""
-    return point.f <= SOLVED * max(1.0, point.largest) ** 2
+    return candidate.f <= SOLVED * max(1.0, candidate.largest) ** 2
 
 
-def sound(point: Point) -> bool:
+def refinable(candidate: Candidate) -> bool:
     """Tell whether an exact solution is close by: whether refinement in real(16) gets there."""
     refined = refine(
-        quad.from_float(point.x),
-        point.system,
-        free=np.setdiff1d(point.system.free, np.flatnonzero(point.x == 0)),  # exact zeros stay
+        quad.from_float(candidate.x),
+        candidate.system,
+        free=np.setdiff1d(
+            candidate.system.free, np.flatnonzero(candidate.x == 0)
+        ),  # exact zeros stay
     )
-    return refined.largest_residual <= EXACT * max(1.0, point.largest)
+    return refined.largest_residual <= EXACT * max(1.0, candidate.largest)
 
 
-def pack_method(method: Tableau, order: int | None = None) -> Point:
-    """Return the point of a method; of a pair if it has second weights of order q - 1.
+def pack_method(method: Tableau, order: int | None = None) -> Candidate:
+    """Return the candidate of a method; of a pair if it has second weights of order q - 1.
 
     Parameters
     ----------
@@ -166,29 +176,29 @@ def pack_method(method: Tableau, order: int | None = None) -> Point:
         raise TypeError(f"method must be a Tableau, got {method!r}")
     order = method.order if order is None else order
     system = ConditionSystem(order, method.layout)
-    return Point(system, np.array([float(entry.value) for entry in method.coefficients]))
+    return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
 
 
 def to_tableau(
-    point: Point, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
+    candidate: Candidate, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
 ) -> Tableau:
-    """Refine a point in real(16) and make it a method.
+    """Refine a candidate in real(16) and make it a method.
 
-    Exact zeros of the point stay zero.
+    Exact zeros of the candidate stay zero.
 
     Raises
     ------
     NotExactError
         If the conditions don't hold to the floor of binary128 afterwards.
     """
-    system = check_point(point).system
-    free = np.setdiff1d(movable(system, frozen), np.flatnonzero(point.x == 0))
+    system = check_candidate(candidate).system
+    free = np.setdiff1d(movable(system, frozen), np.flatnonzero(candidate.x == 0))
     refined = refine(
-        quad.from_float(point.x),
+        quad.from_float(candidate.x),
         system,
         free=free,
     )
-    scale = max(1.0, point.largest)
+    scale = max(1.0, candidate.largest)
     if refined.largest_residual > EXACT * scale:
         raise NotExactError(
             f"largest residual {refined.largest_residual:.2e} after refinement, "
