@@ -105,8 +105,8 @@ class TestProofs:
     def test_ball_holds_what_extended_precision_finds(self):
         method = search(order=4, stages=5, starts=20)
         certificate = certify(method)
-        packed = Packed.of(method, False)
-        free = [k for k, n in enumerate(packed.shape.names()) if n not in certificate.fixed]
+        packed = Packed.of(method)
+        free = [k for k, n in enumerate(packed.layout.names) if n not in certificate.fixed]
         start = cg.quad.encode(
             [v + Fraction(k in free, 10**12) for k, v in enumerate(packed.values)]
         )
@@ -188,7 +188,7 @@ class TestFailures:
 
     def test_a_dependent_choice_of_free_coefficients(self):
         honest = certificate_of(methods["CG5a"])
-        names = Packed.of(methods["CG5a"], False).shape.names()
+        names = Packed.of(methods["CG5a"]).layout.names
         zeros = ("a_9,1", "b_2")
         fixed = zeros + tuple(n for n in names if n.startswith("b_") and n not in zeros)[:7]
         with pytest.raises(CertificationError, match="no zero is proved"):

@@ -8,7 +8,6 @@ from cg import quad
 from cg.certification.explain import augment
 from cg.certification.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
 from cg.certification.relations import kept_words
-from cg.certification.weights import Shape
 from cg.conditions import Rows
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
@@ -97,9 +96,9 @@ def test_equations_that_remain_through_order_seven(identities, weightless, kept)
 
 def test_an_identity_of_the_first_weights_says_nothing_of_the_second():
     # 54 conditions on b, 29 on the second weights, and two assumptions at 13 stages
-    shape, zeros = Shape(15, Rows.EXPLICIT, True), [{0, 1}, {1, 14}]
+    layout, zeros = Layout.tableau(15, Rows.EXPLICIT, True), [{0, 1}, {1, 14}]
     identities = (StageOrderTwo(1), OfFirstWeights(MiddleAbscissae()))
-    labels = [e.label for e in augment(shape, [6, 5], identities, zeros).equations]
+    labels = [e.label for e in augment(layout, [6, 5], identities, zeros).equations]
     assert len(labels) == 54 + 29 + 2 * 13
     assert sum(label.endswith("embedded") for label in labels) == 29
     assert [label for label in labels if label.startswith("middle")] == [

@@ -11,7 +11,6 @@ from flint import arb, arb_mat
 from ..checks import check_flag, check_integer
 from ..method import Method
 from ..quad import to_decimal
-from ..tableau import Tableau
 from .certificate import Certificate, CertificationError
 from .files import certificate_of
 from .krawczyk import krawczyk
@@ -35,12 +34,12 @@ MOST_DIGITS = 4000
 _GUARD_DIGITS = 15
 
 
-def refined_digits(method: Tableau, certificate: Certificate, digits: int) -> list[str]:
+def refined_digits(method: Method, certificate: Certificate, digits: int) -> list[str]:
     """Return the coefficients of the exact solution that a certificate proves.
 
     Parameters
     ----------
-    method : Tableau
+    method : Method
     certificate : Certificate
         It is proved once more, since all digits hang on it.
     digits : int
