@@ -183,7 +183,9 @@ def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.flo
     rows = narrowest if rows is None else check_rows(rows)
     if rows < narrowest:
         raise ValueError(f"a has nonzero entries outside the pattern {rows.name.lower()}")
-    return np.array(Layout.tableau(b_array.size, rows).packed([*a_array, b_array]))
+    return np.array(
+        Layout.tableau(b_array.size, rows).packed([*a_array.tolist(), b_array.tolist()])
+    )
 
 
 def unpack(

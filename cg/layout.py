@@ -208,7 +208,7 @@ class Layout:
         kept = [k for k in range(self.size) if k not in dropped]
         return Layout.tableau(self.stages - 1, self.rows, self.pair), kept
 
-    def cut(self, x: Sequence[T]) -> list[list[T]]:
+    def cut(self, x: Sequence[T] | NDArray[Any]) -> list[list[T]]:
         """Return the packed unknowns of a tableau row by row, as they are packed.
 
         Raises
@@ -222,7 +222,7 @@ class Layout:
             raise ValueError(f"x must have {self.size} entries, got {len(x)}")
         return [[x[k] for k in self.row(r)] for r in range(len(self.ends))]
 
-    def full_rows(self, x: Sequence[T]) -> list[list[T | int]]:
+    def full_rows(self, x: Sequence[T] | NDArray[Any]) -> list[list[T | int]]:
         """Return what `cut` does, each row filled up with zeros to the number of stages."""
         return [[*row, *[0] * (self.stages - len(row))] for row in self.cut(x)]
 

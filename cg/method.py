@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,11 +52,16 @@ class Method(ABC):
     source: str
     nominal_order: int | None
     nominal_residual: Coefficient | None
-    tree: PointTree
-    coefficients: tuple[Coefficient, ...]
-
     digits: ClassVar[Callable[..., Any]]
     """Set by `cg.certification`, which proves the digits."""
+
+    if TYPE_CHECKING:  # fields of one subclass, derived in the other
+
+        @property
+        def tree(self) -> PointTree: ...
+
+        @property
+        def coefficients(self) -> tuple[Coefficient, ...]: ...
 
     @property
     @abstractmethod

@@ -110,7 +110,9 @@ def compare(name: str, method: Tableau | None = None) -> tuple[Comparison, ...]:
         If the method has another number of stages than the paper's.
     """
     paper = printed()[name]
-    method = methods[name] if method is None else method
+    if method is None:
+        method = methods[name]
+        assert isinstance(method, Tableau)
     if method.stages != len(paper.b):
         raise ValueError(f"method must have {len(paper.b)} stages, got {method.stages}")
     a, b = method.exact

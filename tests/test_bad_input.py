@@ -282,7 +282,7 @@ POINT = pack_method(CG3)
         (lambda: compose([CG3], [np.nan]), ValueError, r"gammas\[0\]: expected a finite real"),
         (lambda: triple_jump(2.0), TypeError, r"order must be an integer, got 2\.0"),
         (lambda: triple_jump(2, 0), ValueError, "digits must be at least 1, got 0"),
-        (lambda: pack_method("CG3"), TypeError, "method must be a Tableau, got 'CG3'"),
+        (lambda: pack_method("CG3"), TypeError, "method must be a Method, got 'CG3'"),
         (lambda: pack_method(CG3, 2.5), TypeError, r"order must be an integer, got 2\.5"),
         (lambda: ConditionSystem.tableau(True, 3), TypeError, "order must be an integer, got True"),
         (
@@ -358,9 +358,9 @@ def test_systems_hold_plain_numbers():
         (
             lambda: prove(certificate_of(CG3), "CG3"),
             TypeError,
-            "method must be a Tableau, got 'CG3'",
+            "method must be a Method, got 'CG3'",
         ),
-        (lambda: certificate_of("CG3"), TypeError, "method must be a Tableau, got 'CG3'"),
+        (lambda: certificate_of("CG3"), TypeError, "method must be a Method, got 'CG3'"),
         (
             lambda: FreeRigidBody().reference([1], bits=1.5),
             ValueError,

@@ -353,7 +353,7 @@ def test_digits_that_are_no_integer(digits):
 
 @pytest.mark.parametrize("method", [None, 3, ["CG4a"]])
 def test_certify_what_is_no_method(method):
-    with pytest.raises(TypeError, match="method must be a name or a Tableau, got"):
+    with pytest.raises(TypeError, match="method must be a name or a Method, got"):
         certify(method)
 
 

@@ -35,7 +35,7 @@ from cg.solve.minimum_norm import fit_conditions
 
 
 def a_candidate(order, stages, *, embedded=False, seed=0, bound=3.0):
-    """A candidate of the solution set with moderate coefficients, from the first start to give one."""
+    """A solution with moderate coefficients, from the first start to give one."""
     system = ConditionSystem.tableau(order, stages, embedded=embedded)
     fixed = np.setdiff1d(np.arange(system.size), system.free)
     for start in range(200):

@@ -183,6 +183,8 @@ from cg.solve.minimum_norm import fit_conditions
 from cg.solve.system import ConditionSystem
 import numpy as np
 
+system = ConditionSystem.tableau(7, 27)
+
 def say(*_):
     print("one", flush=True)
 
@@ -192,7 +194,7 @@ try:
 except KeyboardInterrupt:
     print("interrupted", flush=True)
 """
-LONG_FIT = "fit_conditions(np.full(378, 0.1), ConditionSystem.tableau(7, 27), ftol=0, max_iterations=10**9)"
+LONG_FIT = "fit_conditions(np.full(378, 0.1), system, ftol=0, max_iterations=10**9)"
 
 
 def interrupted_after(call, begun):

@@ -8,7 +8,7 @@ from cg import quad
 from cg.certification.explain import augment
 from cg.certification.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
 from cg.certification.relations import kept_words
-from cg.conditions import Rows
+from cg.layout import Layout, Rows
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
 from cg.solve.system import ConditionSystem, Structure

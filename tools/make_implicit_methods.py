@@ -66,7 +66,7 @@ def rational() -> Tableau:
         on_path(b, diagonal),
         b,
         name="DICG4b",
-        source="Self-adjoint, stages on the path of the step; a rational candidate of the conic that "
+        source="Self-adjoint, stages on the path of the step; a rational point of the conic that "
         "the conditions of order four leave for the diagonal",
     )
 

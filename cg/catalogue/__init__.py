@@ -131,8 +131,8 @@ def dumps(method: Method) -> str:
     elif isinstance(method, CommutatorFree):
         lines.append("points = [")
         for point, weights in zip(method.points, method.point_coefficients, strict=True):
-            row = ", ".join(f"{stage} = {_quoted(w.text)}" for stage, w in weights.items())
-            lines.append(f"  {{parent = {point.parent}, weights = {{{row}}}}},")
+            texts = ", ".join(f"{stage} = {_quoted(w.text)}" for stage, w in weights.items())
+            lines.append(f"  {{parent = {point.parent}, weights = {{{texts}}}}},")
         lines += ["]", f"stage_points = {list(method.stage_points)}", f"result = {method.result}"]
         if method.embedded_result is not None:
             lines.append(f"embedded_result = {method.embedded_result}")
@@ -141,8 +141,8 @@ def dumps(method: Method) -> str:
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]
         lines.append(f"residual = {_quoted(method.nominal_residual.text)}")
-    texts = [f"name = {_quoted(method.name)}", f"source = {_quoted(method.source)}"]
-    return "\n".join([*texts, *lines]) + "\n"
+    head = [f"name = {_quoted(method.name)}", f"source = {_quoted(method.source)}"]
+    return "\n".join([*head, *lines]) + "\n"
 
 
 def _array(row: Sequence[Coefficient]) -> str:

@@ -325,8 +325,8 @@ class Weights:
             by_weight = arb_mat([columns[word][s::size] for word in words]).transpose()
             block = (by_weight * arb_mat([self._direct[word][s] for word in words])).entries()
             for c in range(count):
-                part = block[c * len(unknowns) : (c + 1) * len(unknowns)]
-                for k, y in zip(unknowns, part, strict=True):
+                slopes = block[c * len(unknowns) : (c + 1) * len(unknowns)]
+                for k, y in zip(unknowns, slopes, strict=True):
                     own[c][k] = own[c][k] + y
         return own
 
