@@ -483,8 +483,7 @@ def exact_weights(
     """
     trees = forest(order + 1)
     weights_of = [
-        {k: number(Fraction(weight)) for k, weight in point.weights.items()}
-        for point in tree.points
+        {k: number(weight) for k, weight in point.weights.items()} for point in tree.points
     ]
     used = {m for at in tree.stage_points for m in tree.path(at)}
     inner, last = sorted(used), tree.path(tree.result)

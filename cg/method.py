@@ -58,10 +58,12 @@ class Method(ABC):
     if TYPE_CHECKING:  # fields of one subclass, derived in the other
 
         @property
-        def tree(self) -> PointTree: ...
+        def tree(self) -> PointTree:
+            """The points of a step."""
 
         @property
-        def coefficients(self) -> tuple[Coefficient, ...]: ...
+        def coefficients(self) -> tuple[Coefficient, ...]:
+            """All coefficients with their text."""
 
     @property
     @abstractmethod

@@ -65,10 +65,11 @@ def describe(method: Method) -> dict[str, Any]:
     dict
         ``name``, ``source``, ``explicit``, ``order``, ``approximate`` (the order is nominal),
         ``embedded_order`` (null without a second result), ``stages``, ``exponentials``,
-        ``largest_coefficient`` on the way to stages and result, ``abscissae`` (smallest and largest),
-        ``principal_error`` and ``effort`` (see the report), ``largest_residual`` through the
-        order in rational arithmetic, ``rank`` of the Jacobian of the independent ``conditions``,
-        ``certificate``: null or its ``radius`` (decimal text) and ``identities``.
+        ``largest_coefficient`` on the way to stages and result, ``abscissae`` (smallest and
+        largest), ``principal_error`` and ``effort`` (see the report), ``largest_residual``
+        through the order in rational arithmetic, ``rank`` of the Jacobian of the independent
+        ``conditions``, ``certificate``: null or its ``radius`` (decimal text) and
+        ``identities``.
     """
     abscissae = [sum(row, Fraction(0)) for row in method.exact[0]]
     tree = method.tree

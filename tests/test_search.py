@@ -500,12 +500,15 @@ class TestRefine:
         ],
     )
     def test_bad_arguments(self, solver, changes, message):
-        arguments = {"x": np.full(6, 0.3), "stages": 3, "order": 3, **changes}
-        x = arguments.pop("x")
+        x = changes.get("x", np.full(6, 0.3))
         if solver == "refine":
             x = quad.from_float(x)
         with pytest.raises(ValueError, match=message):
-            {"refine": refine, "fit": fit_conditions}[solver](x, **arguments)
+            {"refine": refine, "fit": fit_conditions}[solver](
+                x,
+                ConditionSystem.tableau(changes.get("order", 3), changes.get("stages", 3)),
+                free=changes.get("free"),
+            )
 
     @pytest.mark.parametrize(
         "change",

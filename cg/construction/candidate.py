@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from .. import quad
+from ..method import Method
 from ..random_search import EXACT
 from ..solve.minimum_norm import fit_conditions
 from ..solve.polish import polish
@@ -163,17 +164,17 @@ def refinable(candidate: Candidate) -> bool:
     return refined.largest_residual <= EXACT * max(1.0, candidate.largest)
 
 
-def pack_method(method: Tableau, order: int | None = None) -> Candidate:
-    """Return the candidate of a method; of a pair if it has second weights of order q - 1.
+def pack_method(method: Method, order: int | None = None) -> Candidate:
+    """Return the candidate of a method; of a pair if it has a second result of order q - 1.
 
     Parameters
     ----------
-    method : Tableau
+    method : Method
     order : int, optional
         By default the method's own.
     """
-    if not isinstance(method, Tableau):
-        raise TypeError(f"method must be a Tableau, got {method!r}")
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
     order = method.order if order is None else order
     system = ConditionSystem(order, method.layout)
     return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
