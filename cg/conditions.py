@@ -12,7 +12,7 @@ and ``Φ`` itself has ``b`` in place of ``a_r``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
@@ -23,11 +23,10 @@ import numpy as np
 from flint import fmpq
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core_r64, _core_r128
+from . import _core_r64
 from .checks import check_integer
 from .layout import Layout, Rows, check_rows, rows_of, unknowns
 from .points import START, PointTree, tree_of_rows
-from .quad import decode, encode
 from .trees import MOST_NODES, forest
 
 __all__ = [
@@ -46,9 +45,7 @@ __all__ = [
     "residuals_at",
     "residuals_exact",
     "residuals_of",
-    "residuals_quad",
     "right_sides",
-    "stage_weights",
     "table_rows",
     "unknowns",
     "unpack",
@@ -194,30 +191,6 @@ def unpack(
     """Unpack what `pack` packed, into full rows of ``a`` and ``b``; zeros are ints."""
     *a, b = Layout.tableau(stages, rows).full_rows(x)
     return a, b
-
-
-def stage_weights(a: ArrayLike, order: int) -> NDArray[np.float64]:
-    """Return ``Φ_r(t)`` for all trees with at most `order` nodes.
-
-    Parameters
-    ----------
-    a : array_like, shape (s, s)
-    order : int
-
-    Returns
-    -------
-    ndarray, shape (s, trees)
-        Column k belongs to the tree with index k + 1.
-    """
-    order = _check_order(order)
-    size = len(a) if isinstance(a, Sized) else 0
-    a_array, b_array = _check_tableau(a, np.zeros(max(size, 1)))
-    layout, x = _packed(a_array, b_array)
-    trees = len(forest(order))
-    found: NDArray[np.float64] = _core_r64.stage_weights(
-        order, layout.code, layout.stages, x, trees
-    )
-    return np.ascontiguousarray(found)
 
 
 def weights(
@@ -372,25 +345,6 @@ def _tree_of(method: HasTree, embedded: bool) -> PointTree:
     return replace(tree, result=tree.embedded_result, embedded_result=None)
 
 
-def residuals_quad(
-    x: Sequence[Fraction],
-    stages: int,
-    order: int,
-    independent: bool = False,
-    rows: Rows = Rows.EXPLICIT,
-) -> list[Fraction]:
-    """Return the residuals as ``real(16)`` arithmetic gives them, for packed entries.
-
-    The entries are rounded to binary128 first; the result is exactly what was computed.
-    """
-    order = _check_order(order)
-    layout = Layout.tableau(stages, rows)
-    if len(x) != layout.size:
-        raise ValueError(f"x must have {layout.size} entries, got {len(x)}")
-    bits = _core_r128.residuals(order, layout.code, encode(x).T, _trees(order, independent))
-    return decode(bits.T)
-
-
 def residuals_exact(
     a: ExactRows, b: Sequence[Any], order: int, independent: bool = False
 ) -> tuple[Fraction, ...]:
@@ -446,12 +400,10 @@ def exact_residuals_of(
     """
     order = _check_order(order, None)
     tree = _tree_of(method, embedded)
-    trees = forest(order + 1)
-    wanted = condition_trees(order, independent)
-    found = exact_weights(tree, order, wanted, _flint)
+    found = exact_weights(tree, order, condition_trees(order, independent), _flint)
     return tuple(
-        Fraction(int(phi.p), int(phi.q)) - Fraction(1, trees.density[t - 1])
-        for phi, t in zip(found, wanted, strict=True)
+        Fraction(int(phi.p), int(phi.q)) - side
+        for phi, side in zip(found, right_sides(order, independent), strict=True)
     )
 
 

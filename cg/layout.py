@@ -128,11 +128,6 @@ class Layout:
         return sum(map(len, self.weights))
 
     @cached_property
-    def point_of(self) -> NDArray[np.intp]:
-        """The point of each unknown; shape (size,)."""
-        return np.repeat(np.arange(len(self.weights)), list(map(len, self.weights)))
-
-    @cached_property
     def stage_of(self) -> NDArray[np.intp]:
         """The stage (from 0) that each unknown is the weight of; shape (size,)."""
         return np.array([stage for weights in self.weights for stage in weights], dtype=np.intp)

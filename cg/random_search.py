@@ -31,7 +31,7 @@ from .conditions import (
 )
 from .layout import Layout
 from .parallel import as_finished, available_cores, stoppable
-from .search_records import Phase, SearchSettings, Start
+from .search_records import Phase, RandomStart, SearchSettings
 from .solve.minimum_norm import fit_conditions
 from .solve.polish import polish
 from .solve.refine import refine
@@ -41,9 +41,9 @@ from .tableau import Tableau
 __all__ = [
     "EXACT",
     "Phase",
+    "RandomStart",
     "SearchResult",
     "SearchSettings",
-    "Start",
     "random_start",
     "run_start",
     "search",
@@ -73,11 +73,11 @@ class SearchResult:
     Attributes
     ----------
     settings : SearchSettings
-    starts : tuple of Start
+    starts : tuple of RandomStart
     """
 
     settings: SearchSettings
-    starts: tuple[Start, ...]
+    starts: tuple[RandomStart, ...]
 
     @cached_property
     def methods(self) -> tuple[Tableau, ...]:
@@ -97,11 +97,11 @@ class SearchResult:
         return tuple(method for _, method in sorted(found, key=operator.itemgetter(0)))
 
     @property
-    def best(self) -> Start:
+    def best(self) -> RandomStart:
         """The start with the smallest residual, whether exact or not."""
         return min(self.starts, key=operator.attrgetter("largest_residual"))
 
-    def _tableau(self, start: Start) -> Tableau:
+    def _tableau(self, start: RandomStart) -> Tableau:
         settings = self.settings
         name = f"order {settings.order}, {settings.stages} stages, start {start.index}"
         source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
@@ -230,7 +230,7 @@ def search(
         Checkpoint.open(checkpoint, asdict(settings)) if checkpoint is not None else None
     )
     try:
-        records = map(Start.from_record, checkpoint_file.records if checkpoint_file else ())
+        records = map(RandomStart.from_record, checkpoint_file.records if checkpoint_file else ())
         done = {start.index: start for start in records}
         missing = [index for index in range(starts) if index not in done]
         with closing(as_finished(partial(run_start, settings), missing, workers)) as running:
@@ -246,7 +246,7 @@ def search(
     return SearchResult(settings, tuple(done[index] for index in range(starts)))
 
 
-def run_start(settings: SearchSettings, index: int) -> Start:
+def run_start(settings: SearchSettings, index: int) -> RandomStart:
     """Run one start alone: guess, solve in double, refine in real(16).
 
     Parameters
@@ -258,7 +258,7 @@ def run_start(settings: SearchSettings, index: int) -> Start:
 
     Returns
     -------
-    Start
+    RandomStart
     """
     size = unknowns(settings.stages, settings.rows)
     guess = random_start(settings.seed, index, size, settings.width)
@@ -275,7 +275,7 @@ def run_start(settings: SearchSettings, index: int) -> Start:
     if not np.isfinite(largest):
         largest = np.inf
     scale = max(1.0, float(np.abs(quad.to_float(bits)).max()))
-    return Start(index, double, refined, decimals, largest, largest <= EXACT * scale)
+    return RandomStart(index, double, refined, decimals, largest, largest <= EXACT * scale)
 
 
 def _run_lmdif(

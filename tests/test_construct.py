@@ -162,8 +162,8 @@ class TestMoving:
         totals = [sum(cg.conditions.unpack(way.x, 5)[1]) for way in _ways(candidate)]
         expected = []
         for stage in range(6):
-            heirs = (stage > 0) + (stage < 5)
-            expected += [1 - b[stage]] + [1.0] * heirs
+            receivers = (stage > 0) + (stage < 5)
+            expected += [1 - b[stage]] + [1.0] * receivers
         np.testing.assert_allclose(totals, expected, rtol=0, atol=1e-10)
 
     def test_stages_that_cannot_be_dropped(self):

@@ -245,25 +245,25 @@ class TestInterrupt:
         options = {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}
         call = f"cg.search(**{options}, workers=1, checkpoint={str(path)!r}, progress=say)"
         assert interrupted_after(call, after_one) == "interrupted"
-        kept = journalled(path)
+        kept = recorded(path)
         assert kept[0] == 0
         assert len(kept) < 3
         resumed = search(**options, checkpoint=path)
         assert resumed == search(**options)
-        assert sorted(journalled(path)) == [0, 1, 2]
+        assert sorted(recorded(path)) == [0, 1, 2]
 
     def test_a_construction_goes_on(self, tmp_path):
         path = tmp_path / "tries.jsonl"
         options = {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}
         call = f"cg.construct(**{options}, workers=1, checkpoint={str(path)!r}, progress=say)"
         assert interrupted_after(call, after_one) == "interrupted"
-        kept = journalled(path)
+        kept = recorded(path)
         assert kept[0] == 0
         assert len(kept) < 3
         resumed = construct(**options, checkpoint=path)
         assert resumed == construct(**options)
-        assert sorted(journalled(path)) == [0, 1, 2]
+        assert sorted(recorded(path)) == [0, 1, 2]
 
 
-def journalled(path):
+def recorded(path):
     return [json.loads(line)["index"] for line in path.read_text().splitlines()[1:]]

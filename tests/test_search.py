@@ -6,11 +6,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from quad_core import residuals_quad
 
 import cg
 from cg import conditions, quad
 from cg.catalogue import methods
 from cg.conditions import Rows, residuals_exact, unknowns, unpack
+from cg.layout import Layout
 from cg.random_search import EXACT, random_start, run_start, search
 from cg.solve.minimum_norm import MinimumNormStatus, fit_conditions
 from cg.solve.polish import polish
@@ -170,7 +172,7 @@ class TestMethods:
         exact = [Fraction(float(entry)) for entry in start.x]
         for entry, double in zip(map(Fraction, start.x), exact, strict=True):
             assert abs(entry - double) <= abs(double) * Fraction(1, 10**35)
-        residuals = cg.conditions.residuals_quad(exact, 5, 4)
+        residuals = residuals_quad(Layout.tableau(5), exact, 4)
         assert start.largest_residual == pytest.approx(float(max(map(abs, residuals))), rel=1e-15)
 
 

@@ -11,13 +11,13 @@ from ..solve.system import ConditionSystem, Structure
 from .candidate import Candidate
 from .drop import held
 
-__all__ = ["Start", "default_start", "likely_structure", "random_candidate"]
+__all__ = ["StartSettings", "default_start", "likely_structure", "random_candidate"]
 
 _HELD = (0.3, 0.8)  # range of what is held away from zero
 
 
 @dataclass(frozen=True)
-class Start:
+class StartSettings:
     """How to begin.
 
     Attributes
@@ -38,29 +38,29 @@ class Start:
 
 
 _GENERAL = {
-    1: Start(1, 1.0, 500, 1e-15),
-    2: Start(2, 1.0, 500, 1e-15),
-    3: Start(3, 1.0, 500, 1e-15),
-    4: Start(5, 1.0, 500, 1e-15),
-    5: Start(10, 0.5, 500, 1e-15),
-    6: Start(27, 0.5, 500, 1e-15),
-    7: Start(51, 0.3, 1000, 1e-15),
+    1: StartSettings(1, 1.0, 500, 1e-15),
+    2: StartSettings(2, 1.0, 500, 1e-15),
+    3: StartSettings(3, 1.0, 500, 1e-15),
+    4: StartSettings(5, 1.0, 500, 1e-15),
+    5: StartSettings(10, 0.5, 500, 1e-15),
+    6: StartSettings(27, 0.5, 500, 1e-15),
+    7: StartSettings(51, 0.3, 1000, 1e-15),
 }
 _STAGE_ORDER_TWO = {
-    4: Start(6, 1.0, 200, 1e-12),
-    5: Start(10, 0.5, 300, 1e-13),
-    6: Start(16, 0.3, 300, 1e-13),
-    7: Start(40, 0.3, 300, 1e-13),
+    4: StartSettings(6, 1.0, 200, 1e-12),
+    5: StartSettings(10, 0.5, 300, 1e-13),
+    6: StartSettings(16, 0.3, 300, 1e-13),
+    7: StartSettings(40, 0.3, 300, 1e-13),
 }
 _MIDDLE = {
-    4: Start(6, 1.0, 100, 1e-10),
-    5: Start(10, 0.6, 100, 1e-10),
-    6: Start(15, 0.5, 150, 1e-12),
-    7: Start(36, 0.3, 250, 1e-14),
+    4: StartSettings(6, 1.0, 100, 1e-10),
+    5: StartSettings(10, 0.6, 100, 1e-10),
+    6: StartSettings(15, 0.5, 150, 1e-12),
+    7: StartSettings(36, 0.3, 250, 1e-14),
 }
 
 
-def default_start(order: int, structure: Structure) -> Start:
+def default_start(order: int, structure: Structure) -> StartSettings:
     """Return what works; guesses from other orders where nothing was tried.
 
     Those are orders four, five and seven with ``STAGE_ORDER_TWO``, and order seven in
