@@ -12,6 +12,7 @@ from cg import quad
 from cg.conditions import unknowns
 from cg.random_search import EXACT, SearchSettings, random_start, run_start, search
 from cg.solve.refine import refine
+from cg.solve.system import ConditionSystem
 
 from .leastsq import OutOfTime, PaddedResidual, solve
 
@@ -91,7 +92,7 @@ def _scipy(order: int, stages: int, width: float, most: float) -> Callable[[int]
             return False
         if not f <= 1e-15:
             return False
-        refined = refine(quad.from_float(x), stages, order)
+        refined = refine(quad.from_float(x), ConditionSystem.tableau(order, stages))
         scale = max(1.0, float(np.abs(quad.to_float(refined.x)).max()))
         return refined.largest_residual <= EXACT * scale
 

@@ -13,7 +13,7 @@ from cg.conditions import condition_trees, pack, unknowns
 from cg.random_search import random_start
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
-from cg.solve.system import System
+from cg.solve.system import ConditionSystem
 
 from .leastsq import PaddedResidual
 from .record import Aim, Result, Row
@@ -27,7 +27,8 @@ _ITERATIONS = 25
 def run(quick: bool, figures: Path | None) -> Result:
     """Measure each kernel against NumPy and SciPy doing the same."""
     rounds = 3 if quick else 9
-    shape = ORDER, STAGES, 0
+    system = ConditionSystem.tableau(ORDER, STAGES)
+    shape = ORDER, system.layout.code
     x = random_start(1, 0, unknowns(STAGES), 0.3)
     trees = np.array(condition_trees(ORDER, independent=True), dtype=np.intc)
     reference = NumpyResidual(ORDER, STAGES)
@@ -50,7 +51,7 @@ def run(quick: bool, figures: Path | None) -> Result:
     iterations = {"leastsq": 1}
 
     def ours() -> None:
-        fit = fit_conditions(x, STAGES, ORDER, max_iterations=_ITERATIONS)
+        fit = fit_conditions(x, system, max_iterations=_ITERATIONS)
         assert fit.iterations == _ITERATIONS
 
     def scipys() -> None:
@@ -61,7 +62,6 @@ def run(quick: bool, figures: Path | None) -> Result:
 
     method = cg.methods["CG6c"]
     near = quad.from_float(pack(method.a, method.b))
-    system = System(ORDER, STAGES)
 
     def factored_again() -> float:
         point = near
@@ -84,7 +84,7 @@ def run(quick: bool, figures: Path | None) -> Result:
             "jacobian, differences": differences,
             "iteration": ours,
             "iteration, leastsq": scipys,
-            "refinement": lambda: refine(near, STAGES, ORDER),
+            "refinement": lambda: refine(near, system),
             "refinement, lstsq": factored_again,
         },
         rounds=rounds,

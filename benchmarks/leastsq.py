@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
 from cg import _core_r64
-from cg.conditions import Rows, table_rows, unknowns
+from cg.conditions import table_rows, unknowns
+from cg.layout import Layout
 
 __all__ = ["OutOfTime", "PaddedResidual", "solve"]
 
@@ -29,7 +30,7 @@ class PaddedResidual:
     """
 
     def __init__(self, order: int, stages: int) -> None:
-        self.shape = order, stages, int(Rows.EXPLICIT)
+        self.shape = order, Layout.tableau(stages).code
         rows = np.array(table_rows(order), dtype=np.intc)
         self.trees = np.pad(rows, (0, max(0, unknowns(stages) - len(rows))))
         self.trees_alone = rows[rows > 0]

@@ -1,12 +1,15 @@
-"""Runge–Kutta methods of Crouch–Grossman type: construct them, prove them, integrate with them."""
+"""Runge–Kutta methods on manifolds: construct them, prove them, integrate with them."""
 
 from __future__ import annotations
 
 from . import frames, problems
 from .catalogue import methods
 from .certification import Certificate, CertificationError, certify
+from .commutator_free import CommutatorFree
 from .construction import construct
 from .integration import ConvergenceError, integrate, solve_ivp
+from .method import Method
+from .points import MethodError
 from .random_search import search
 from .solve.lmdif import lmdif
 from .solve.system import Structure
@@ -15,7 +18,10 @@ from .tableau import Tableau, TableauError
 __all__ = [
     "Certificate",
     "CertificationError",
+    "CommutatorFree",
     "ConvergenceError",
+    "Method",
+    "MethodError",
     "Structure",
     "Tableau",
     "TableauError",

@@ -1,4 +1,4 @@
-"""Order conditions of Runge–Kutta methods of Crouch–Grossman type.
+"""Order conditions of Runge–Kutta methods on manifolds.
 
 A tableau has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q + 1 nodes,
 (2.4) of Jackiewicz, Marthinsen and Owren. The weights are, with the leftmost child on
@@ -12,20 +12,21 @@ and ``Φ`` itself has ``b`` in place of ``a_r``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Sized
-from enum import IntEnum
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from math import factorial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from flint import fmpq
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core_r64, _core_r128
+from . import _core_r64
 from .checks import check_integer
-from .quad import decode, encode
+from .layout import Layout, Rows, check_rows, rows_of, unknowns
+from .points import START, PointTree, tree_of_rows
 from .trees import MOST_NODES, forest
 
 __all__ = [
@@ -35,17 +36,21 @@ __all__ = [
     "condition_trees",
     "count",
     "count_classical",
+    "exact_residuals_of",
+    "exact_weights",
     "jacobian",
+    "jacobian_at",
     "pack",
     "residuals",
+    "residuals_at",
     "residuals_exact",
-    "residuals_quad",
+    "residuals_of",
     "right_sides",
-    "stage_weights",
     "table_rows",
     "unknowns",
     "unpack",
     "weights",
+    "weights_at",
 ]
 
 HIGHEST_ORDER: int = int(_core_r64.highest_order())
@@ -56,30 +61,12 @@ _MOST_TREES_ORDER = MOST_NODES - 1
 ExactRows = Sequence[Sequence[Any]]
 
 
-class Rows(IntEnum):
-    """Which entries of ``a`` a tableau may have; the numbers are those of the compiled core."""
+class HasTree(Protocol):
+    """A tree of points, or a method, which has one."""
 
-    EXPLICIT = 0
-    DIAGONAL = 1
-    FULL = 2
-
-
-def check_rows(rows: Rows | str | int) -> Rows:
-    """Return a pattern given by itself, its name or its number.
-
-    Raises
-    ------
-    ValueError
-        If it is none of these.
-    """
-    if isinstance(rows, Rows):
-        return rows
-    names = {pattern.name.lower(): pattern for pattern in Rows}
-    if isinstance(rows, str) and rows in names:
-        return names[rows]
-    if isinstance(rows, int | np.integer) and not isinstance(rows, bool) and rows in tuple(Rows):
-        return Rows(rows)
-    raise ValueError(f"rows must be one of {', '.join(names)}, got {rows!r}")
+    @property
+    def tree(self) -> PointTree:
+        """The points."""
 
 
 def _check_order(order: int, highest: int | None = HIGHEST_ORDER) -> int:
@@ -147,32 +134,6 @@ def right_sides(order: int, independent: bool = False) -> tuple[Fraction, ...]:
     return tuple(Fraction(1, trees.density[t - 1]) for t in condition_trees(order, independent))
 
 
-def unknowns(stages: int, rows: Rows = Rows.EXPLICIT) -> int:
-    """Return the number of entries of a tableau: s(s + 1)/2 for explicit ones."""
-    s = check_integer("stages", stages, 1)
-    above = {Rows.EXPLICIT: s * (s - 1) // 2, Rows.DIAGONAL: s * (s + 1) // 2, Rows.FULL: s * s}
-    return above[check_rows(rows)] + s
-
-
-def row_lengths(stages: int, rows: Rows) -> tuple[int, ...]:
-    """Return how many entries each row of ``a`` has, and ``b`` last."""
-    stages = check_integer("stages", stages, 1)
-    lengths = {
-        Rows.EXPLICIT: range(stages),
-        Rows.DIAGONAL: range(1, stages + 1),
-        Rows.FULL: (stages,) * stages,
-    }[check_rows(rows)]
-    return (*lengths, stages)
-
-
-def rows_of(a: Sequence[Sequence[Any]] | NDArray[Any]) -> Rows:
-    """Return the narrowest pattern that holds all nonzero entries of ``a``."""
-    reach = max(
-        (j - i for i, row in enumerate(a) for j, entry in enumerate(row) if entry != 0), default=-1
-    )
-    return Rows.EXPLICIT if reach < 0 else Rows.DIAGONAL if reach == 0 else Rows.FULL
-
-
 def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     checked = []
     for name, value in (("a", a), ("b", b)):
@@ -219,54 +180,25 @@ def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.flo
     rows = narrowest if rows is None else check_rows(rows)
     if rows < narrowest:
         raise ValueError(f"a has nonzero entries outside the pattern {rows.name.lower()}")
-    lengths = row_lengths(b_array.size, rows)
-    return np.concatenate([*(a_array[r, : lengths[r]] for r in range(b_array.size)), b_array])
+    return np.array(
+        Layout.tableau(b_array.size, rows).packed([*a_array.tolist(), b_array.tolist()])
+    )
 
 
 def unpack(
     x: Sequence[Any] | NDArray[Any], stages: int, rows: Rows = Rows.EXPLICIT
 ) -> tuple[list[list[Any]], list[Any]]:
     """Unpack what `pack` packed, into full rows of ``a`` and ``b``; zeros are ints."""
-    lengths = row_lengths(stages, rows)
-    if isinstance(x, str | bytes) or not isinstance(x, Sized):
-        raise ValueError(f"x must be a sequence of numbers, got {x!r}")
-    if len(x) != sum(lengths):
-        raise ValueError(f"x must have {sum(lengths)} entries, got {len(x)}")
-    cut, begin = [], 0
-    for length in lengths:
-        cut.append([*x[begin : begin + length], *[0] * (stages - length)])
-        begin += length
-    return cut[:-1], cut[-1]
-
-
-def stage_weights(a: ArrayLike, order: int) -> NDArray[np.float64]:
-    """Return ``Φ_r(t)`` for all trees with at most `order` nodes.
-
-    Parameters
-    ----------
-    a : array_like, shape (s, s)
-    order : int
-
-    Returns
-    -------
-    ndarray, shape (s, trees)
-        Column k belongs to the tree with index k + 1.
-    """
-    order = _check_order(order)
-    size = len(a) if isinstance(a, Sized) else 0
-    a_array, b_array = _check_tableau(a, np.zeros(max(size, 1)))
-    x = pack(a_array, b_array)
-    trees = len(forest(order))
-    rows = rows_of(a_array)
-    found: NDArray[np.float64] = _core_r64.stage_weights(order, b_array.size, rows, x, trees)
-    return np.ascontiguousarray(found)
+    *a, b = Layout.tableau(stages, rows).full_rows(x)
+    return a, b
 
 
 def weights(
     a: ArrayLike, b: ArrayLike, order: int, independent: bool = False
 ) -> NDArray[np.float64]:
     """Return ``Φ(t)`` for the trees of `condition_trees`; arguments as for `residuals`."""
-    return _call(_core_r64.weights, a, b, order, independent)
+    order = _check_order(order)
+    return weights_at(*_packed(*_check_tableau(a, b)), order, independent)
 
 
 def residuals(
@@ -293,7 +225,8 @@ def residuals(
     ValueError
         If a shape doesn't match, an entry isn't finite, or the order is out of range.
     """
-    return _call(_core_r64.residuals, a, b, order, independent)
+    order = _check_order(order)
+    return residuals_at(*_packed(*_check_tableau(a, b)), order, independent)
 
 
 def jacobian(
@@ -312,54 +245,110 @@ def jacobian(
     -------
     ndarray, shape (count(order, independent), unknowns(s, rows))
     """
-    return _call(_core_r64.jacobian, a, b, order, independent, rows)
-
-
-def _call(
-    routine: Any,
-    a: ArrayLike,
-    b: ArrayLike,
-    order: int,
-    independent: bool,
-    rows: Rows | None = None,
-) -> NDArray[np.float64]:
     order = _check_order(order)
-    a_array, b_array = _check_tableau(a, b)
-    rows = rows_of(a_array) if rows is None else check_rows(rows)
-    x = pack(a_array, b_array, rows)
-    trees = condition_trees(order, independent)
-    result: NDArray[np.float64] = routine(
-        order, b_array.size, rows, x, np.array(trees, dtype=np.intc)
+    return jacobian_at(*_packed(*_check_tableau(a, b), rows), order, independent)
+
+
+def _packed(
+    a: NDArray[np.float64], b: NDArray[np.float64], rows: Rows | None = None
+) -> tuple[Layout, NDArray[np.float64]]:
+    rows = rows_of(a) if rows is None else check_rows(rows)
+    return Layout.tableau(b.size, rows), pack(a, b, rows)
+
+
+def weights_at(
+    layout: Layout, x: NDArray[np.float64], order: int, independent: bool = False
+) -> NDArray[np.float64]:
+    """Return ``Φ(t)`` for the trees of `condition_trees`; arguments as for `residuals_at`."""
+    found: NDArray[np.float64] = _core_r64.weights(
+        order, layout.code, x, _trees(order, independent)
     )
-    return np.ascontiguousarray(result)
+    return found
 
 
-def residuals_quad(
-    x: Sequence[Fraction],
-    stages: int,
-    order: int,
-    independent: bool = False,
-    rows: Rows = Rows.EXPLICIT,
-) -> list[Fraction]:
-    """Return the residuals as ``real(16)`` arithmetic gives them, for packed entries.
+def residuals_at(
+    layout: Layout, x: NDArray[np.float64], order: int, independent: bool = False
+) -> NDArray[np.float64]:
+    """Return ``Φ(t) - 1/γ(t)`` of the result of a step, in double precision.
 
-    The entries are rounded to binary128 first; the result is exactly what was computed.
+    Parameters
+    ----------
+    layout : Layout
+    x : ndarray, shape (layout.size,)
+        Packed weights.
+    order : int
+        Between 1 and `HIGHEST_ORDER`.
+    independent : bool, optional
+        As for `residuals`.
+
+    Returns
+    -------
+    ndarray, shape (count(order, independent),)
+    """
+    trees = _trees(order, independent)
+    found: NDArray[np.float64] = _core_r64.residuals(order, layout.code, x, trees)
+    return found
+
+
+def jacobian_at(
+    layout: Layout, x: NDArray[np.float64], order: int, independent: bool = False
+) -> NDArray[np.float64]:
+    """Return the derivatives of `residuals_at` by the packed weights.
+
+    Returns
+    -------
+    ndarray, shape (count(order, independent), layout.size)
+    """
+    found = _core_r64.jacobian(order, layout.code, x, _trees(order, independent))
+    return np.ascontiguousarray(found)
+
+
+def _trees(order: int, independent: bool) -> NDArray[np.intc]:
+    return np.array(condition_trees(order, independent), dtype=np.intc)
+
+
+def residuals_of(
+    method: HasTree, order: int, independent: bool = False, *, embedded: bool = False
+) -> NDArray[np.float64]:
+    """Return ``Φ(t) - 1/γ(t)`` of a method, in double precision.
+
+    Parameters
+    ----------
+    method : Method or PointTree
+    order, independent
+        As for `residuals`.
+    embedded : bool, optional
+        Of the second result of a pair.
+
+    Returns
+    -------
+    ndarray, shape (count(order, independent),)
+
+    Raises
+    ------
+    ValueError
+        If the order is out of range, or there is no second result.
     """
     order = _check_order(order)
-    trees = condition_trees(order, independent)
-    if len(x) != unknowns(stages, rows):
-        raise ValueError(f"x must have {unknowns(stages, rows)} entries, got {len(x)}")
-    bits = _core_r128.residuals(order, stages, rows, encode(x).T, np.array(trees, dtype=np.intc))
-    return decode(bits.T)
+    tree = _tree_of(method, embedded)
+    layout = Layout.of_tree(tree)
+    x = [float(weight) for point in tree.points for weight in point.weights.values()]
+    return residuals_at(layout, np.array(x, dtype=np.float64), order, independent)
+
+
+def _tree_of(method: HasTree, embedded: bool) -> PointTree:
+    tree = method.tree
+    if not embedded:
+        return replace(tree, embedded_result=None)
+    if tree.embedded_result is None:
+        raise ValueError(f"embedded: {method!r} has no second result")
+    return replace(tree, result=tree.embedded_result, embedded_result=None)
 
 
 def residuals_exact(
     a: ExactRows, b: Sequence[Any], order: int, independent: bool = False
 ) -> tuple[Fraction, ...]:
-    """Return ``Φ(t) - 1/γ(t)`` in exact rational arithmetic.
-
-    This follows the definition word by word and shares no code with the compiled
-    core, whose oracle it is.
+    """Return ``Φ(t) - 1/γ(t)`` of a tableau in exact rational arithmetic.
 
     Parameters
     ----------
@@ -390,48 +379,122 @@ def residuals_exact(
     if stages == 0 or len(rows) != stages or any(len(row) != stages for row in rows):
         shape = (len(rows), sorted({len(row) for row in rows}))
         raise ValueError(f"a must have shape ({stages}, {stages}) to match b, got {shape}")
-    trees = forest(order + 1)
-    phi: list[list[fmpq]] = [[fmpq(1)] * stages]
-    for word in trees.children[1 : trees.with_nodes(order).stop - 1]:
-        phi.append([_word_weight(row, word, phi) for row in rows])
+    return exact_residuals_of(tree_of_rows(rows, weights_row), order, independent)
+
+
+def exact_residuals_of(
+    method: HasTree, order: int, independent: bool = False, *, embedded: bool = False
+) -> tuple[Fraction, ...]:
+    """Return ``Φ(t) - 1/γ(t)`` of a method in exact rational arithmetic.
+
+    Parameters
+    ----------
+    method, embedded
+        As for `residuals_of`.
+    order, independent
+        As for `residuals_exact`.
+
+    Returns
+    -------
+    tuple of Fraction
+    """
+    order = _check_order(order, None)
+    tree = _tree_of(method, embedded)
+    found = exact_weights(tree, order, condition_trees(order, independent), _flint)
     return tuple(
-        _fraction(_word_weight(weights_row, trees.children[t - 1], phi))
-        - Fraction(1, trees.density[t - 1])
-        for t in condition_trees(order, independent)
+        Fraction(int(phi.p), int(phi.q)) - side
+        for phi, side in zip(found, right_sides(order, independent), strict=True)
     )
 
 
-def _rationals(entries: Any, name: str) -> list[fmpq]:
+def exact_weights(
+    tree: PointTree, order: int, wanted: Sequence[int], number: Callable[[Fraction], Any]
+) -> list[Any]:
+    r"""Return ``Φ(t)`` of the result of a step, in any field of numbers.
+
+    This follows the definition word by word, for one point after the other, and shares no code
+    with the compiled core, whose oracle it is: with the letters
+    :math:`\ell_m(t) = \sum_k lpha_{m,k} \Phi_k(t)`,
+
+    .. math:: \chi_m(w) = \sum_{w = u v} \chi_{\mathrm{parent}(m)}(u)\,
+              \ell_m(v_1) \cdots \ell_m(v_n) / n!.
+
+    Parameters
+    ----------
+    tree : PointTree
+    order : int
+        At most so many nodes do the trees of stages have.
+    wanted : sequence of int
+        Indices of trees with at most one node more.
+    number : callable
+        Makes a number of a Fraction.
+
+    Returns
+    -------
+    list of numbers
+    """
+    trees = forest(order + 1)
+    weights_of = [
+        {k: number(weight) for k, weight in point.weights.items()} for point in tree.points
+    ]
+    used = {m for at in tree.stage_points for m in tree.path(at)}
+    inner, last = sorted(used), tree.path(tree.result)
+    letters: dict[int, list[Any]] = {}
+
+    def add_letter(t: int, phi: Sequence[Any]) -> None:
+        letters[t] = [
+            sum((weight * phi[k] for k, weight in row.items() if phi[k] != 0), start=zero)
+            for row in weights_of
+        ]
+
+    one = number(Fraction(1))
+    zero = one * 0
+    add_letter(1, [one] * len(tree.stage_points))
+    for t in range(2, trees.with_nodes(order).stop):
+        ends = _word_weights(tree, inner, trees.children[t - 1], letters, one)
+        add_letter(t, [ends[at] for at in tree.stage_points])
+    return [
+        _word_weights(tree, last, trees.children[t - 1], letters, one)[tree.result] for t in wanted
+    ]
+
+
+def _word_weights(
+    tree: PointTree,
+    points: Sequence[int],
+    word: Sequence[int],
+    letters: Mapping[int, Sequence[Any]],
+    one: Any,
+) -> dict[int, Any]:
+    """Return the character of each point on a word: sums over where its letters are taken."""
+    zero = one * 0
+    taken = {START: [one] + [zero] * len(word)}  # by the number of letters taken so far
+    for m in points:
+        before = taken[tree.points[m].parent]
+        after = before.copy()
+        for end in range(1, len(word) + 1):
+            product = one
+            for begin in range(end - 1, -1, -1):
+                product = product * letters[word[begin]][m]
+                if product == 0:
+                    break
+                after[end] = after[end] + before[begin] * product / factorial(end - begin)
+        taken[m] = after
+    return {m: row[-1] for m, row in taken.items()}
+
+
+def _rationals(entries: Any, name: str) -> list[Fraction]:
     if not isinstance(entries, Iterable) or isinstance(entries, str | bytes):
         raise ValueError(f"{name} must be a sequence of numbers, got {entries!r}")
     return [_rational(entry, name) for entry in entries]
 
 
-def _rational(entry: Any, name: str) -> fmpq:
+def _rational(entry: Any, name: str) -> Fraction:
     try:
-        value = Fraction(entry.item() if isinstance(entry, np.generic) else entry)
+        return Fraction(entry.item() if isinstance(entry, np.generic) else entry)
     except (TypeError, ValueError, OverflowError, ZeroDivisionError):
         raise ValueError(f"{name} must hold finite real numbers, got {entry!r}") from None
-    # flint's rationals are many times faster where digits are many
+
+
+def _flint(value: Fraction) -> fmpq:
+    # many times faster than Fractions where digits are many
     return fmpq(value.numerator, value.denominator)
-
-
-def _fraction(value: fmpq) -> Fraction:
-    return Fraction(int(value.p), int(value.q))
-
-
-def _word_weight(row: Sequence[fmpq], word: Sequence[int], phi: Sequence[Sequence[fmpq]]) -> fmpq:
-    """Sum over all ways to give the letters of a word to stages that don't decrease."""
-    one = phi[0][0]  # of whatever field the entries are in
-    taken = [one] + [one * 0] * len(word)  # taken[k]: first k letters have a stage
-    for stage, entry in enumerate(row):
-        if entry == 0:
-            continue
-        for end in range(len(word), 0, -1):
-            product = one
-            for begin in range(end - 1, -1, -1):
-                product *= entry * phi[word[begin] - 1][stage]
-                if product == 0:
-                    break
-                taken[end] += taken[begin] * product / factorial(end - begin)
-    return taken[-1]

@@ -1,16 +1,22 @@
-"""Trees of points: what an explicit method does on a manifold, flow by flow."""
+"""Trees of points: what a method does on a manifold, flow by flow."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
-__all__ = ["START", "Point", "PointTree", "tree_of_rows"]
+__all__ = ["START", "MethodError", "Point", "PointTree", "check_tree", "tree_of_rows"]
 
 START = -1
 """The index of the point that a step starts from."""
+
+
+class MethodError(ValueError):
+    """Points or coefficients don't make a method; the message names what is at fault."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +50,10 @@ class Point:
     def __hash__(self) -> int:
         return hash(self._key)
 
+    def __repr__(self) -> str:
+        weights = ", ".join(f"{stage}: {weight}" for stage, weight in self.weights.items())
+        return f"Point({self.parent}, {{{weights}}})"
+
     def __reduce__(self) -> tuple[type[Point], tuple[int, dict[int, Fraction]]]:
         return Point, (self.parent, dict(self.weights))
 
@@ -57,7 +67,7 @@ class PointTree:
     points : tuple of Point
         Parents come before their children.
     stage_points : tuple of int
-        The point that each stage is at; the first stage is at `START`.
+        The point that each stage is at; of explicit methods, the first stage is at `START`.
     result : int
         The point that the step leads to.
     embedded_result : int or None
@@ -69,6 +79,11 @@ class PointTree:
     result: int
     embedded_result: int | None = None
 
+    @property
+    def tree(self) -> PointTree:
+        """The tree itself: a method has one too."""
+        return self
+
     def path(self, point: int) -> tuple[int, ...]:
         """Return the points from the start to `point`, the start left out."""
         found: list[int] = []
@@ -76,6 +91,108 @@ class PointTree:
             found.append(point)
             point = self.points[point].parent
         return tuple(reversed(found))
+
+    def flat_row(self, point: int) -> tuple[Fraction, ...]:
+        """Return the sums of the weights on the path to a point, by stage: its flat tableau."""
+        row = [Fraction(0)] * len(self.stage_points)
+        for m in self.path(point):
+            for stage, weight in self.points[m].weights.items():
+                row[stage] += weight
+        return tuple(row)
+
+    def flows(self, ends: Iterable[int]) -> int:
+        """Return how many different flows lead to some points.
+
+        Points with the same parent and weights count once, and those that have no weights
+        only repeat their parents.
+        """
+        return len({self._merged[m] for end in ends for m in self.path(end)} - {START})
+
+    def same(self, one: int, other: int) -> bool:
+        """Tell whether the same flows lead to two points."""
+        return self._merged[one] == self._merged[other]
+
+    @cached_property
+    def _merged(self) -> dict[int, int]:
+        """By each point, the first one that is the same."""
+        first: dict[Point, int] = {}
+        merged = {START: START}
+        for m, point in enumerate(self.points):
+            parent = merged[point.parent]
+            same = Point(parent, point.weights)
+            merged[m] = first.setdefault(same, m) if point.weights else parent
+        return merged
+
+
+def check_tree(tree: PointTree) -> None:
+    """Refuse points that don't make an explicit method.
+
+    Raises
+    ------
+    MethodError
+        If a parent or a stage is no point, a parent comes after its child, the first stage
+        isn't at the initial point, a weight is on a stage that isn't evaluated by then, or no
+        stage influences a result.
+    """
+    _check_shape(tree)
+    _check_sequence(tree)
+    for label, end in (("result", tree.result), ("embedded_result", tree.embedded_result)):
+        if end is None:
+            continue
+        _check_index(label, end, len(tree.points))
+        if not any(tree.points[m].weights for m in tree.path(end)):
+            raise MethodError(f"{label} must depend on a stage: no weights lead to point {end}")
+
+
+def _check_shape(tree: PointTree) -> None:
+    points, stages = len(tree.points), len(tree.stage_points)
+    if stages == 0:
+        raise MethodError("stage_points must have at least one entry, got none")
+    for m, point in enumerate(tree.points):
+        _check_index(f"the parent of point {m}", point.parent, points)
+        if point.parent >= m:
+            raise MethodError(
+                f"the parent of point {m} must come before it, or there is a cycle, "
+                f"got {point.parent}"
+            )
+        for stage in point.weights:
+            if not _is_index(stage) or not 0 <= stage < stages:
+                raise MethodError(
+                    f"point {m} must have weights on stages 0 to {stages - 1}, got {stage!r}"
+                )
+    for stage, at in enumerate(tree.stage_points):
+        _check_index(f"the point of stage {stage}", at, points)
+    if tree.stage_points[0] != START:
+        raise MethodError(
+            f"the first stage must be at the initial point, {START}, got {tree.stage_points[0]}"
+        )
+
+
+def _check_sequence(tree: PointTree) -> None:
+    """Refuse weights on stages that aren't evaluated by then, point by point or stage by stage."""
+    for m, point in enumerate(tree.points):
+        for stage in point.weights:
+            if tree.stage_points[stage] >= m:
+                raise MethodError(
+                    f"point {m} has a weight on stage {stage}, which isn't evaluated by then: "
+                    f"it is at point {tree.stage_points[stage]}"
+                )
+    for stage, at in enumerate(tree.stage_points):
+        late = [k for m in tree.path(at) for k in tree.points[m].weights if k >= stage]
+        if late:
+            raise MethodError(
+                f"stage {stage} is at point {at}, which depends on stage {late[0]}: "
+                "that isn't evaluated by then"
+            )
+
+
+def _is_index(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _check_index(label: str, value: Any, points: int) -> None:
+    if not _is_index(value) or not START <= value < points:
+        raise MethodError(f"{label} must be a point from {START} to {points - 1}, got {value!r}")
 
 
 def tree_of_rows(
@@ -89,7 +206,9 @@ def tree_of_rows(
 
     Parameters
     ----------
-    a : s rows of s numbers, strictly lower
+    a : s rows of s numbers
+        Strictly lower for an explicit method. Otherwise points have weights on stages that
+        only equations determine.
     b, b_embedded : s numbers
     """
     index: dict[Point, int] = {}

@@ -29,20 +29,21 @@ from .conditions import (
     table_rows,
     unknowns,
 )
+from .layout import Layout
 from .parallel import as_finished, available_cores, stoppable
-from .search_records import Phase, SearchSettings, Start
+from .search_records import Phase, RandomStart, SearchSettings
 from .solve.minimum_norm import fit_conditions
 from .solve.polish import polish
 from .solve.refine import refine
-from .solve.system import System
+from .solve.system import ConditionSystem
 from .tableau import Tableau
 
 __all__ = [
     "EXACT",
     "Phase",
+    "RandomStart",
     "SearchResult",
     "SearchSettings",
-    "Start",
     "random_start",
     "run_start",
     "search",
@@ -72,11 +73,11 @@ class SearchResult:
     Attributes
     ----------
     settings : SearchSettings
-    starts : tuple of Start
+    starts : tuple of RandomStart
     """
 
     settings: SearchSettings
-    starts: tuple[Start, ...]
+    starts: tuple[RandomStart, ...]
 
     @cached_property
     def methods(self) -> tuple[Tableau, ...]:
@@ -96,17 +97,18 @@ class SearchResult:
         return tuple(method for _, method in sorted(found, key=operator.itemgetter(0)))
 
     @property
-    def best(self) -> Start:
+    def best(self) -> RandomStart:
         """The start with the smallest residual, whether exact or not."""
         return min(self.starts, key=operator.attrgetter("largest_residual"))
 
-    def _tableau(self, start: Start) -> Tableau:
+    def _tableau(self, start: RandomStart) -> Tableau:
         settings = self.settings
         name = f"order {settings.order}, {settings.stages} stages, start {start.index}"
         source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
         # the last places that real(16) leaves may not be right to the digits that are written
         polished = polish(
-            list(map(Fraction, start.x)), settings.stages, settings.order, rows=settings.rows
+            list(map(Fraction, start.x)),
+            ConditionSystem.tableau(settings.order, settings.stages, settings.rows),
         )
         return Tableau.from_packed(
             [entry if abs(entry) > _NOTHING else Fraction() for entry in polished.x],
@@ -228,7 +230,7 @@ def search(
         Checkpoint.open(checkpoint, asdict(settings)) if checkpoint is not None else None
     )
     try:
-        records = map(Start.from_record, checkpoint_file.records if checkpoint_file else ())
+        records = map(RandomStart.from_record, checkpoint_file.records if checkpoint_file else ())
         done = {start.index: start for start in records}
         missing = [index for index in range(starts) if index not in done]
         with closing(as_finished(partial(run_start, settings), missing, workers)) as running:
@@ -244,7 +246,7 @@ def search(
     return SearchResult(settings, tuple(done[index] for index in range(starts)))
 
 
-def run_start(settings: SearchSettings, index: int) -> Start:
+def run_start(settings: SearchSettings, index: int) -> RandomStart:
     """Run one start alone: guess, solve in double, refine in real(16).
 
     Parameters
@@ -256,7 +258,7 @@ def run_start(settings: SearchSettings, index: int) -> Start:
 
     Returns
     -------
-    Start
+    RandomStart
     """
     size = unknowns(settings.stages, settings.rows)
     guess = random_start(settings.seed, index, size, settings.width)
@@ -268,12 +270,12 @@ def run_start(settings: SearchSettings, index: int) -> Start:
     else:
         decimals = tuple(map(quad.to_decimal, quad.decode(bits)))
         bits = quad.encode(map(Fraction, decimals))
-    system = System(settings.order, settings.stages, settings.rows)
+    system = ConditionSystem.tableau(settings.order, settings.stages, settings.rows)
     largest = float(np.abs(system.residual_quad(bits)).max())
     if not np.isfinite(largest):
         largest = np.inf
     scale = max(1.0, float(np.abs(quad.to_float(bits)).max()))
-    return Start(index, double, refined, decimals, largest, largest <= EXACT * scale)
+    return RandomStart(index, double, refined, decimals, largest, largest <= EXACT * scale)
 
 
 def _run_lmdif(
@@ -282,7 +284,7 @@ def _run_lmdif(
     trees = np.array(table_rows(settings.order), dtype=np.intc)
     # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
-    shape = (settings.order, settings.stages, int(settings.rows))
+    shape = settings.order, Layout.tableau(settings.stages, settings.rows).code
     x, f, info, nfev = stoppable(
         lambda stop_flag: _core_r64.fit_lmdif(
             *shape, guess, trees, [1e-18], [1e-18], settings.maxfev, stop_flag
@@ -306,17 +308,16 @@ def _run_lmdif(
 def _run_minimum_norm(
     settings: SearchSettings, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quad.Quads]:
+    system = ConditionSystem.tableau(settings.order, settings.stages, settings.rows)
     fit = fit_conditions(
         guess,
-        settings.stages,
-        settings.order,
-        rows=settings.rows,
+        system,
         max_iterations=max(1, settings.maxfev // 2),
     )
     double, bits = Phase(_finite(fit.f), int(fit.status), fit.evaluations), quad.from_float(fit.x)
     if double.f > settings.refine_below:
         return double, None, bits
-    refined = refine(bits, settings.stages, settings.order, rows=settings.rows)
+    refined = refine(bits, system)
     count_all = count(settings.order)
     bound = count_all * refined.largest_residual**2
     return double, Phase(bound, int(fit.status), refined.iterations + 1), refined.x

@@ -8,7 +8,7 @@ from typing import Any
 
 from .conditions import Rows
 
-__all__ = ["Phase", "SearchSettings", "Start"]
+__all__ = ["Phase", "RandomStart", "SearchSettings"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Phase:
 
 
 @dataclass(frozen=True)
-class Start:
+class RandomStart:
     """One random start and what became of it.
 
     Attributes
@@ -63,7 +63,7 @@ class Start:
         return asdict(self)
 
     @classmethod
-    def from_record(cls, record: Mapping[str, Any]) -> Start:
+    def from_record(cls, record: Mapping[str, Any]) -> RandomStart:
         """Read what `record` wrote.
 
         Raises

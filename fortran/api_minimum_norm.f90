@@ -10,18 +10,18 @@ subroutine r64_set_lapack(addresses)
 end subroutine r64_set_lapack
 
 ! The caller has set the addresses of LAPACK.
-subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, owner, k, free, ftol, &
+subroutine r64_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, free, ftol, &
                                 damping, max_iterations, accurate, stop_flag, x, f, iterations, &
                                 evaluations, status)
   use kinds_r64, only: wp
   use conditions_r64, only: order_conditions_t
   use minimum_norm, only: minimise_norm
-  use weights_r64, only: make_pattern
   implicit none
-  integer, intent(in) :: order, stages, rows, n, m, k
-  real(wp), intent(in) :: x0(n)         ! packed tableau
+  integer, intent(in) :: order, l, n, m, k
+  integer, intent(in) :: layout(l)      ! see read_layout
+  real(wp), intent(in) :: x0(n)         ! packed weights
   integer, intent(in) :: trees(m)       ! none of them zero
-  integer, intent(in) :: owner(m)       ! zero for b, else a stage
+  integer, intent(in) :: owner(m)       ! zero for the first result, see order_conditions_t
   integer, intent(in) :: free(k)        ! indices of the unknowns that may move, from 1
   real(wp), intent(in) :: ftol, damping
   integer, intent(in) :: max_iterations
@@ -31,7 +31,7 @@ subroutine r64_fit_minimum_norm(order, stages, rows, n, x0, m, trees, owner, k, 
   integer, intent(out) :: iterations, evaluations, status
   type(order_conditions_t) :: conditions
 
-  call conditions%set_up(order, make_pattern(stages, rows), trees, owner)
+  call conditions%set_up(order, layout, trees, owner)
   conditions%stop_flag => stop_flag(1)
   x = x0
   call minimise_norm(conditions, x, m, free, ftol, damping, max_iterations, accurate /= 0, f, &

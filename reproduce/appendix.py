@@ -9,7 +9,8 @@ from fractions import Fraction
 from typing import Any
 
 from cg.catalogue import methods
-from cg.conditions import residuals_exact
+from cg.conditions import exact_residuals_of
+from cg.method import Method
 from cg.quad import to_decimal
 from cg.tableau import Tableau
 
@@ -74,9 +75,9 @@ def _agrees(row: Comparison, places: int, rounding: str) -> bool:
     return ours == Decimal(row.printed)
 
 
-def _residuals(method: Tableau, order: int) -> dict[str, float]:
-    every = residuals_exact(*method.exact, order)
-    independent = residuals_exact(*method.exact, order, independent=True)
+def _residuals(method: Method, order: int) -> dict[str, float]:
+    every = exact_residuals_of(method, order)
+    independent = exact_residuals_of(method, order, independent=True)
     total = sum((r * r for r in every), Fraction(0))
     return {
         "norm": float(total) ** 0.5,

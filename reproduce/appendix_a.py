@@ -110,10 +110,11 @@ def compare(name: str, method: Tableau | None = None) -> tuple[Comparison, ...]:
         If the method has another number of stages than the paper's.
     """
     paper = printed()[name]
-    method = methods[name] if method is None else method
-    if method.stages != len(paper.b):
-        raise ValueError(f"method must have {len(paper.b)} stages, got {method.stages}")
-    a, b = method.exact
+    compared = methods[name] if method is None else method
+    assert isinstance(compared, Tableau)
+    if compared.stages != len(paper.b):
+        raise ValueError(f"method must have {len(paper.b)} stages, got {compared.stages}")
+    a, b = compared.exact
     ours = [entry for i, row in enumerate(a) for entry in row[:i]] + [*b, *map(sum, a)]
     return tuple(
         Comparison(label, digits, Fraction(value))

@@ -11,8 +11,8 @@ import numpy as np
 from cg.catalogue import methods
 from cg.certification import certificate_of
 from cg.certification.files import certificate_names
-from cg.conditions import count, jacobian
-from cg.tableau import Tableau
+from cg.conditions import count, jacobian_at
+from cg.method import Method
 
 from .blocks import Block, Data, Table, Text, number, places
 from .coefficients import RANK_THRESHOLD
@@ -22,8 +22,8 @@ __all__ = ["compute", "describe", "markdown", "present", "table"]
 
 _EXPLANATION = (
     "Order: p(q) for a pair whose second weights have order q, ≈ where the conditions hold "
-    "approximately. Exponentials: flows a step, the "
-    "nonzero entries of a and b; an implicit method repeats those of its stages. Principal "
+    "approximately. Exponentials: flows a step, those that begin rows alike once; an implicit "
+    "method repeats those of its stages. Principal "
     "error: 2-norm of the residuals of order q + 1. Effort: exponentials times the q-th root of "
     "the principal error, by which methods of the same order compare at equal accuracy. "
     "Residual: the largest through the order, in rational arithmetic. Rank: that of the "
@@ -57,21 +57,23 @@ def _place(entry: Data) -> tuple[Any, ...]:
     )
 
 
-def describe(method: Tableau) -> dict[str, Any]:
+def describe(method: Method) -> dict[str, Any]:
     """Return the properties of a method of the catalogue.
 
     Returns
     -------
     dict
         ``name``, ``source``, ``explicit``, ``order``, ``approximate`` (the order is nominal),
-        ``embedded_order`` (null without second weights), ``stages``, ``exponentials``,
-        ``largest_coefficient`` of a and b, ``abscissae`` (smallest and largest),
-        ``principal_error`` and ``effort`` (see the report), ``largest_residual`` through the
-        order in rational arithmetic, ``rank`` of the Jacobian of the independent ``conditions``,
-        ``certificate``: null or its ``radius`` (decimal text) and ``identities``.
+        ``embedded_order`` (null without a second result), ``stages``, ``exponentials``,
+        ``largest_coefficient`` on the way to stages and result, ``abscissae`` (smallest and
+        largest), ``principal_error`` and ``effort`` (see the report), ``largest_residual``
+        through the order in rational arithmetic, ``rank`` of the Jacobian of the independent
+        ``conditions``, ``certificate``: null or its ``radius`` (decimal text) and
+        ``identities``.
     """
-    a, b = method.exact
-    abscissae = [sum(row, Fraction(0)) for row in a]
+    abscissae = [sum(row, Fraction(0)) for row in method.exact[0]]
+    tree = method.tree
+    used = {m for end in (*tree.stage_points, tree.result) for m in tree.path(end)}
     error = method.principal_error()
     return {
         "name": method.name,
@@ -82,7 +84,9 @@ def describe(method: Tableau) -> dict[str, Any]:
         "embedded_order": method.embedded_order,
         "stages": method.stages,
         "exponentials": method.exponentials,
-        "largest_coefficient": float(max(abs(entry) for row in (*a, b) for entry in row)),
+        "largest_coefficient": float(
+            max(abs(weight) for m in used for weight in tree.points[m].weights.values())
+        ),
         "abscissae": [float(min(abscissae)), float(max(abscissae))],
         "principal_error": error,
         "effort": method.exponentials * error ** (1 / method.order),
@@ -93,13 +97,14 @@ def describe(method: Tableau) -> dict[str, Any]:
     }
 
 
-def _rank(method: Tableau) -> int:
-    derivatives = jacobian(method.a, method.b, method.order, independent=True, rows=method.rows)
+def _rank(method: Method) -> int:
+    x = np.array([float(entry.value) for entry in method.coefficients])
+    derivatives = jacobian_at(method.layout, x, method.order, independent=True)
     singular = np.linalg.svd(derivatives, compute_uv=False)
     return int((singular > RANK_THRESHOLD * singular[0]).sum())
 
 
-def _certificate(method: Tableau) -> Data | None:
+def _certificate(method: Method) -> Data | None:
     if method.name not in certificate_names():
         return None
     found = certificate_of(method)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cg.catalogue import methods
-from cg.tableau import Tableau
+from cg.method import Method
 
 from . import top
 from .blocks import Block, Chart, Data, Table, Text, number, places
@@ -30,7 +30,7 @@ _NEAR = 0.1
 """How far from the order a slope between neighbours may be and still show it."""
 
 
-def select(catalogue: Mapping[str, Tableau] = methods) -> list[str]:
+def select(catalogue: Mapping[str, Method] = methods) -> list[str]:
     """Return the explicit methods of order six and more, by order."""
     chosen = [
         name

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cg.conditions import Rows, jacobian
+from cg.conditions import jacobian_at
+from cg.method import Method
 from cg.quad import to_decimal
 from cg.tableau import Tableau
 
@@ -83,9 +84,10 @@ def method_data(method: Tableau, order: int) -> dict[str, Any]:
     }
 
 
-def condition_number(method: Tableau, order: int) -> float | None:
+def condition_number(method: Method, order: int) -> float | None:
     """Return that of the Jacobian of the independent conditions; None if it hasn't full rank."""
-    derivatives = jacobian(method.a, method.b, order, independent=True, rows=Rows.EXPLICIT)
+    x = np.array([float(entry.value) for entry in method.coefficients])
+    derivatives = jacobian_at(method.layout, x, order, independent=True)
     singular = np.linalg.svd(derivatives, compute_uv=False)
     if singular[-1] <= RANK_THRESHOLD * singular[0]:
         return None

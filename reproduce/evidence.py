@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from cg.catalogue import methods
-from cg.conditions import Rows, count, jacobian, residuals_exact, unknowns, unpack
+from cg.conditions import Rows, count, exact_residuals_of, jacobian, unknowns, unpack
 from cg.convergence import final_errors, observed_order
 from cg.frames import Euclidean
 from cg.frames.base import Array
 from cg.integration import integrate
+from cg.method import Method
 from cg.problems import HeavyTop, StateDependentRotation
-from cg.tableau import Tableau
 from cg.trees import catalan, forest
 
 from .blocks import Data
@@ -94,7 +94,7 @@ def _singular_values(a: Any, b: Any, order: int, *, independent: bool) -> Array:
     return np.asarray(np.linalg.svd(derivatives, compute_uv=False), dtype=np.float64)
 
 
-def _method(method: Tableau) -> Data:
+def _method(method: Method) -> Data:
     return {
         "exact_order": method.exact_order,
         "largest_coefficient": float(max(np.abs(method.a).max(), np.abs(method.b).max())),
@@ -103,8 +103,8 @@ def _method(method: Tableau) -> Data:
     }
 
 
-def _approximate(method: Tableau) -> Data:
-    sizes = [abs(float(r)) for r in residuals_exact(*method.exact, method.order)]
+def _approximate(method: Method) -> Data:
+    sizes = [abs(float(r)) for r in exact_residuals_of(method, method.order)]
     square = math.sqrt(sum(size * size for size in sizes) / len(sizes))
     return {
         "worst": -math.log10(max(sizes)),
@@ -128,7 +128,7 @@ def _rotation_slopes() -> Data:
     return slopes
 
 
-def _flat(method: Tableau) -> float:
+def _flat(method: Method) -> float:
     """Return the largest difference from the classical method on three coupled equations."""
 
     def f(t: float, y: Sequence[float] | Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cg.random_search import SearchResult, Start, search
+from cg.random_search import RandomStart, SearchResult, search
 from cg.tableau import Tableau
 
 from . import fingerprint
@@ -148,7 +148,7 @@ def _largest(method: Tableau) -> float:
     return float(max(np.abs(method.a).max(), np.abs(method.b).max()))
 
 
-def _best(plan: Plan, start: Start) -> dict[str, Any]:
+def _best(plan: Plan, start: RandomStart) -> dict[str, Any]:
     method = Tableau.from_packed(start.x, plan.stages, name=f"start {start.index}")
     return {
         "start": start.index,

@@ -13,6 +13,7 @@ from strategies import rationals, tableaux
 import cg
 from cg import conditions
 from cg.catalogue import Catalogue, dumps, load, loads, methods, save
+from cg.points import MethodError
 from cg.tableau import Tableau, TableauError
 
 # order, stages, exponentials
@@ -27,8 +28,12 @@ KNOWN = {
     "CG6a": (6, 16, 136),
     "CG6f": (6, 13, 89),
     "CG6g": (6, 12, 76),
+    "CF3": (3, 3, 3),
+    "CF3b": (3, 3, 3),
+    "CF4": (4, 4, 5),
+    "CF4b": (4, 5, 5),
 }
-RATIONAL = ["LieEuler", "CG2", "CG3", "CG2(3)"]
+RATIONAL = ["LieEuler", "CG2", "CG3", "CG2(3)", "CF3", "CF3b", "CF4"]
 EXACT = [name for name in methods if not methods[name].approximate]
 
 ENTRY = 'name = "x"\nsource = "here"\na = [[], ["1/2"]]\nb = [0, 1.0]\n'
@@ -55,7 +60,7 @@ def test_source_is_given(name):
 @pytest.mark.parametrize("name", RATIONAL)
 def test_rational_methods_have_no_residual_at_all(name):
     method = methods[name]
-    residuals = conditions.residuals_exact(*method.exact, method.order)
+    residuals = conditions.exact_residuals_of(method, method.order)
     assert residuals == (Fraction(0),) * len(residuals)
 
 
@@ -64,7 +69,7 @@ def test_residuals_vanish_through_the_order_and_not_beyond(name):
     method = methods[name]
     order = method.exact_order
     assert order == method.order
-    residuals = conditions.residuals_exact(*method.exact, order + 1)
+    residuals = conditions.exact_residuals_of(method, order + 1)
     through = conditions.count(order)
     assert max(map(abs, residuals[:through])) < Fraction(1, 10**32)
     assert max(map(abs, residuals[through:])) > Fraction(1, 10**6)  # of CG7b 7e-6 is left
@@ -74,11 +79,10 @@ def test_residuals_vanish_through_the_order_and_not_beyond(name):
 @pytest.mark.parametrize("name", EXACT)
 def test_coefficients_are_written_with_all_digits(name):
     method = methods[name]
-    for row in (*method.entries, method.weights):
-        for entry in row:
-            short = entry.value.limit_denominator(300) == entry.value
-            digits = entry.text.lstrip("-0.").replace(".", "")
-            assert short or 33 <= len(digits) <= 36  # trailing zeros are dropped
+    for entry in method.coefficients:
+        short = entry.value.limit_denominator(300) == entry.value
+        digits = entry.text.lstrip("-0.").replace(".", "")
+        assert short or 33 <= len(digits) <= 36  # trailing zeros are dropped
 
 
 def test_the_pair():
@@ -122,7 +126,7 @@ class TestMapping:
         (tmp_path / "README").write_text("no method")
         mine = Catalogue(tmp_path)
         assert list(mine) == ["Mine"]
-        with pytest.raises(TableauError, match=r"Mine\.toml: the name inside is 'CG3'"):
+        with pytest.raises(MethodError, match=r"Mine\.toml: the name inside is 'CG3'"):
             mine["Mine"]
 
 

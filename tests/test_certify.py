@@ -25,7 +25,7 @@ from cg.certification.prove import Packed, box, precision
 from cg.conditions import Rows
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
-from cg.solve.system import System
+from cg.solve.system import ConditionSystem
 from cg.tableau import Tableau
 
 CERTIFIED = certificate_names()
@@ -105,12 +105,12 @@ class TestProofs:
     def test_ball_holds_what_extended_precision_finds(self):
         method = search(order=4, stages=5, starts=20)
         certificate = certify(method)
-        packed = Packed.of(method, False)
-        free = [k for k, n in enumerate(packed.shape.names()) if n not in certificate.fixed]
+        packed = Packed.of(method)
+        free = [k for k, n in enumerate(packed.layout.names) if n not in certificate.fixed]
         start = cg.quad.encode(
             [v + Fraction(k in free, 10**12) for k, v in enumerate(packed.values)]
         )
-        refined = cg.quad.decode(refine(start, 5, 4, free=free).x)
+        refined = cg.quad.decode(refine(start, ConditionSystem.tableau(4, 5), free=free).x)
         with precision(certificate.bits):
             for k, ball in enumerate(box(packed, certificate)):
                 found = arb(refined[k].numerator) / refined[k].denominator
@@ -119,17 +119,15 @@ class TestProofs:
 
 
 def pair_of_order_four():
-    system = System(4, 6, embedded=True)
+    system = ConditionSystem.tableau(4, 6, embedded=True)
     for seed in range(20):
         guess = np.zeros(system.size)
         guess[system.free] = np.random.default_rng(seed).uniform(-1, 1, len(system.free))
-        fit = fit_conditions(guess, 6, 4, embedded=True, ftol=1e-27)
+        fit = fit_conditions(guess, system, ftol=1e-27)
         if fit.f < 1e-24:
-            found = cg.quad.decode(refine(cg.quad.from_float(fit.x), 6, 4, embedded=True).x)
-            a, b = conditions.unpack([cg.quad.to_decimal(v) for v in found], 7)
-            return Tableau(
-                [row[:r] for r, row in enumerate(a[:6])], b[:6], name="pair", b_embedded=a[6][:6]
-            )
+            found = cg.quad.decode(refine(cg.quad.from_float(fit.x), system).x)
+            *a, b, second = system.layout.cut([cg.quad.to_decimal(v) for v in found])
+            return Tableau(a, b, name="pair", b_embedded=second)
     raise AssertionError("no pair found")
 
 
@@ -190,7 +188,7 @@ class TestFailures:
 
     def test_a_dependent_choice_of_free_coefficients(self):
         honest = certificate_of(methods["CG5a"])
-        names = Packed.of(methods["CG5a"], False).shape.names()
+        names = Packed.of(methods["CG5a"]).layout.names
         zeros = ("a_9,1", "b_2")
         fixed = zeros + tuple(n for n in names if n.startswith("b_") and n not in zeros)[:7]
         with pytest.raises(CertificationError, match="no zero is proved"):
@@ -355,7 +353,7 @@ def test_digits_that_are_no_integer(digits):
 
 @pytest.mark.parametrize("method", [None, 3, ["CG4a"]])
 def test_certify_what_is_no_method(method):
-    with pytest.raises(TypeError, match="method must be a name or a Tableau, got"):
+    with pytest.raises(TypeError, match="method must be a name or a Method, got"):
         certify(method)
 
 

@@ -16,18 +16,20 @@ from cg.certification.identities import MiddleAbscissae, StageOrderTwo
 from cg.certification.krawczyk import to_double
 from cg.certification.parametric import Columns, Letters, Path
 from cg.certification.prove import Packed, precision
-from cg.certification.systems import System as ExtendedSystem
-from cg.certification.systems import exact_residuals, order_system
-from cg.certification.weights import Quantity, Shape, Weights
-from cg.certification.words import condition_words, density, nodes, parse, shuffle, text
+from cg.certification.systems import EquationSystem, exact_residuals, order_system
+from cg.certification.weights import Quantity, Weights
+from cg.certification.words import condition_words, nodes, parse, reciprocal_density, shuffle, text
 from cg.conditions import Rows
+from cg.layout import Layout
 
 
 class TestWords:
     def test_counts_and_densities(self):
         assert [len(condition_words(q)) for q in range(1, 7)] == [1, 2, 5, 13, 38, 113]
         for q in (3, 5):
-            found = tuple(density(word) for word in condition_words(q, independent=False))
+            found = tuple(
+                reciprocal_density(word) for word in condition_words(q, independent=False)
+            )
             assert found == conditions.right_sides(q)
 
     def test_text(self):
@@ -39,8 +41,8 @@ class TestWords:
         words = condition_words(3, independent=False)
         for u in words:
             for v in words:
-                product = sum(n * density(w) for w, n in shuffle(u, v).items())
-                assert product == density(u) * density(v)
+                product = sum(n * reciprocal_density(w) for w, n in shuffle(u, v).items())
+                assert product == reciprocal_density(u) * reciprocal_density(v)
 
 
 class TestBalls:
@@ -49,65 +51,65 @@ class TestBalls:
     def test_rational_weights_agree_with_the_oracle(self, tableau):
         a, b = tableau
         rows = conditions.rows_of(a)
-        lengths = conditions.row_lengths(len(b), rows)
+        lengths = Layout.tableau(len(b), rows).lengths
         x = [v for row, n in zip([*a, b], lengths, strict=True) for v in row[:n]]
-        shape = Shape(len(b), rows)
-        found = exact_residuals(shape, x, condition_words(4), len(b))
+        layout = Layout.tableau(len(b), rows)
+        found = exact_residuals(layout, x, condition_words(4), len(b))
         assert tuple(found) == conditions.residuals_exact(a, b, 4, independent=True)
 
     @pytest.mark.parametrize("rows", Rows)
     def test_derivatives_agree_with_the_compiled_core(self, rows):
-        shape = Shape(4, rows)
-        x = np.random.default_rng(5).uniform(-1, 1, shape.unknowns)
-        found = to_double(order_system(shape, 5, None).linearise([arb(v) for v in x])[1])
+        layout = Layout.tableau(4, rows)
+        x = np.random.default_rng(5).uniform(-1, 1, layout.size)
+        found = to_double(order_system(layout, 5, None).linearise([arb(v) for v in x])[1])
         a, b = (np.array(part, float) for part in conditions.unpack(x, 4, rows))
         expected = conditions.jacobian(a, b, 5, independent=True, rows=rows)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 
     def test_balls_hold_the_weights_of_all_points_in_them(self):
         method = methods["CG5a"]
-        packed = Packed.of(method, False)
+        packed = Packed.of(method)
         quantities = [Quantity(method.stages, word) for word in condition_words(5)]
         with precision(100):
             wide = [v + arb(0, 1e-3) for v in packed.balls()]
-            outer = Weights(packed.shape, quantities).evaluate(wide)
+            outer = Weights(packed.layout, quantities).evaluate(wide)
             rng = np.random.default_rng(2)
             for _ in range(5):
                 steps = rng.uniform(-1e-3, 1e-3, 45).tolist()
                 inside = [v + d for v, d in zip(packed.balls(), steps, strict=True)]
-                found = Weights(packed.shape, quantities).evaluate(inside)
+                found = Weights(packed.layout, quantities).evaluate(inside)
                 assert all(o.contains(i) for o, i in zip(outer, found, strict=True))
 
     def test_parts_of_rows_and_marks(self):
         a, b = methods["CG3"].exact
-        shape = Shape(3, Rows.EXPLICIT)
+        layout = Layout.tableau(3, Rows.EXPLICIT)
         x = [*a[1][:1], *a[2][:2], *b]
-        found = exact_residuals(shape, x, [((1,),), (1, ())], 3)
+        found = exact_residuals(layout, x, [((1,),), (1, ())], 3)
         assert found == [b[2] * a[2][1], b[1] * (b[1] / 2 + b[2])]
         with precision(200):
-            balls = Packed.of(methods["CG3"], False).balls()
+            balls = Packed.of(methods["CG3"]).balls()
             quantities = [Quantity(3, ((),), 2), Quantity(3, ((), ()), 2), Quantity(2, ((),), 1)]
-            values = Weights(shape, quantities).evaluate(balls)
+            values = Weights(layout, quantities).evaluate(balls)
             part = b[0] + b[1]
             for value, exact in zip(values, [part, part**2 / 2, a[2][0]], strict=True):
                 assert abs(float(value) - float(exact)) < 1e-15
 
     def test_derivatives_of_parts_by_differences(self):
-        shape = Shape(4, Rows.EXPLICIT)
+        layout = Layout.tableau(4, Rows.EXPLICIT)
         quantities = [
             Quantity(4, ((), ((),)), 3),
             Quantity(4, ((2,), ())),
             Quantity(3, (((),), ())),
             Quantity(4, ((), 1)),
         ]
-        x = np.random.default_rng(8).uniform(-1, 1, shape.unknowns)
+        x = np.random.default_rng(8).uniform(-1, 1, layout.size)
         with precision(200):
-            weights = Weights(shape, quantities)
+            weights = Weights(layout, quantities)
             at = weights.evaluate([arb(v) for v in x])
             jac = to_double(weights.jacobian())
-            for k in range(shape.unknowns):
+            for k in range(layout.size):
                 step = [arb(v) + (arb(2) ** -60 if i == k else 0) for i, v in enumerate(x)]
-                moved = Weights(shape, quantities).evaluate(step)
+                moved = Weights(layout, quantities).evaluate(step)
                 slope = [float((m - v) * arb(2) ** 60) for m, v in zip(moved, at, strict=True)]
                 np.testing.assert_allclose(jac[:, k], slope, atol=1e-12)
 
@@ -115,10 +117,10 @@ class TestBalls:
 def exact_weights(a, b, words):
     """Return Φ(w) for words with marks, as Fractions."""
     rows = conditions.rows_of(a)
-    lengths = conditions.row_lengths(len(b), rows)
+    lengths = Layout.tableau(len(b), rows).lengths
     x = [v for row, n in zip([*a, b], lengths, strict=True) for v in row[:n]]
-    found = exact_residuals(Shape(len(b), rows), x, words, len(b))
-    return {w: value + density(w) for w, value in zip(words, found, strict=True)}
+    found = exact_residuals(Layout.tableau(len(b), rows), x, words, len(b))
+    return {w: value + reciprocal_density(w) for w, value in zip(words, found, strict=True)}
 
 
 def combined(relation, weights):
@@ -154,20 +156,20 @@ class TestIdentities:
         return [relation for word in plain for relation in identity.relations(word)]
 
     def check(self, identity, a, b, grades):
-        shape = Shape(len(b), conditions.rows_of(a))
+        layout = Layout.tableau(len(b), conditions.rows_of(a))
         for grade in grades:
             found = self.relations(identity, grade)
             assert found
             for relation in found:
                 weights = exact_weights(a, b, list(relation))
                 assert is_zero(combined(relation, weights))
-                densities = {word: density(word) for word in relation}
+                densities = {word: reciprocal_density(word) for word in relation}
                 assert is_zero(combined(relation, densities))
-        x = [v for row, n in zip([*a, b], shape.lengths, strict=True) for v in row[:n]]
+        x = [v for row, n in zip([*a, b], layout.lengths, strict=True) for v in row[:n]]
         x += identity.parameters
         zeros = [frozenset(k for k, weight in enumerate(b) if weight == 0)]
-        equations = identity.equations(shape, zeros, 0)
-        system = ExtendedSystem(shape, tuple(equations), len(identity.parameters))
+        equations = identity.equations(layout, zeros, 0)
+        system = EquationSystem(layout, tuple(equations), len(identity.parameters))
         with precision(200):
             balls = [arb(v.numerator) / v.denominator for v in x]
             values = system.residuals(balls)
@@ -202,9 +204,9 @@ class TestIdentities:
 
     def test_a_first_stage_with_a_weight_is_not_in_the_middle(self):
         # c_1 = 0: the equation there says b_1 = 0, which isn't left out
-        shape = Shape(2, Rows.EXPLICIT)
-        equations = MiddleAbscissae().equations(shape, [frozenset()], 0)
-        system = ExtendedSystem(shape, tuple(equations), 0)
+        layout = Layout.tableau(2, Rows.EXPLICIT)
+        equations = MiddleAbscissae().equations(layout, [frozenset()], 0)
+        system = EquationSystem(layout, tuple(equations), 0)
         values = system.residuals([arb(1) / 3, arb(1) / 4, arb(1) / 6])
         assert [abs(value) < 1e-10 for value in values] == [False, True]
 
@@ -217,7 +219,7 @@ class TestIdentities:
         for i in range(1, 4):
             weights = exact_weights(a, a[i], [*words, ((),) * 3])
             bush = weights[((),) * 3]
-            rows.append([weights[w] - 6 * density(w) * bush for w in words])
+            rows.append([weights[w] - 6 * reciprocal_density(w) * bush for w in words])
         matrix = fmpq_mat(3, 3, [fmpq(v.numerator, v.denominator) for r in rows for v in r[1:]])
         right = fmpq_mat(3, 1, [fmpq(r[0].numerator, r[0].denominator) for r in rows])
         betas = [Fraction(int(v.p), int(v.q)) for v in matrix.solve(right).entries()]
@@ -292,13 +294,13 @@ class TestIdentities:
 class TestComposition:
     def test_the_exact_flow_is_the_exponential_of_its_first_part(self):
         words = condition_words(5, independent=False)
-        exact = {(): Fraction(1), **{word: density(word) for word in words}}
+        exact = {(): Fraction(1), **{word: reciprocal_density(word) for word in words}}
         assert logarithm(exact, words) == {((),): 1}
 
     def test_midpoint_steps_have_odd_logarithms(self):
         words = condition_words(4, independent=False)
-        found = exact_residuals(Shape(1, Rows.DIAGONAL), [Fraction(1, 2), 1], words, 1)
-        step = {w: v + density(w) for w, v in zip(words, found, strict=True)}
+        found = exact_residuals(Layout.tableau(1, Rows.DIAGONAL), [Fraction(1, 2), 1], words, 1)
+        step = {w: v + reciprocal_density(w) for w, v in zip(words, found, strict=True)}
         assert {nodes(w) for w in logarithm({(): Fraction(1), **step}, words)} == {1, 3}
 
     def test_convolution_is_composition(self):

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from quad_core import residuals_quad
 from strategies import dyadics, rationals, tableaux
 
 from cg import _core_r64, _core_r128, conditions
 from cg.conditions import Rows
+from cg.layout import Layout
 from cg.tables import fortran_tables, main
 from cg.trees import OrderedTree, forest
 
@@ -189,9 +191,8 @@ class TestCompiledCore:
         assert np.all(np.abs(double - np.array(exact, **FLOATS)) <= 2.0**-48 * sizes)
 
         rows = conditions.rows_of(a)
-        lengths = conditions.row_lengths(len(b), rows)
-        packed = [x for row, m in zip([*a, b], lengths, strict=True) for x in row[:m]]
-        quad = conditions.residuals_quad(packed, len(b), order, independent, rows)
+        layout = Layout.tableau(len(b), rows)
+        quad = residuals_quad(layout, layout.packed([*a, b]), order, independent)
         for found, expected, size in zip(quad, exact, sizes, strict=True):
             assert abs(found - expected) <= Fraction(2) ** -108 * Fraction(size)
 
@@ -200,15 +201,10 @@ class TestCompiledCore:
     def test_wider_patterns_give_the_same(self, tableau, order):
         a, b = tableau
         found = [
-            conditions.residuals_quad(
-                [x for row, m in zip([*a, b], lengths, strict=True) for x in row[:m]],
-                len(b),
-                order,
-                rows=rows,
-            )
+            residuals_quad(layout, layout.packed([*a, b]), order)
             for rows in Rows
             if rows >= conditions.rows_of(a)
-            for lengths in [conditions.row_lengths(len(b), rows)]
+            for layout in [Layout.tableau(len(b), rows)]
         ]
         assert all(residuals == found[0] for residuals in found)
 
@@ -218,27 +214,13 @@ class TestCompiledCore:
         difference = conditions.weights(a, b, 4) - conditions.residuals(a, b, 4)
         np.testing.assert_allclose(difference, sides, atol=1e-15)
 
-    @given(tableaux(), st.integers(1, 5))
-    @settings(max_examples=30, deadline=None)
-    def test_weights_are_stage_weights_of_one_more_stage(self, tableau, order):
-        a, b = as_floats(*tableau)
-        stages = b.size
-        wider = np.zeros((stages + 1, stages + 1))
-        wider[:stages, :stages], wider[stages, :stages] = a, b
-        found = conditions.stage_weights(wider, order + 1)
-        assert found.shape == (stages + 1, len(forest(order + 1)))
-        assert np.all(found[:, 0] == 1)
-        np.testing.assert_allclose(
-            found[-1, 1:], conditions.weights(a, b, order), rtol=1e-13, atol=1e-13
-        )
-
     @given(tableaux(max_stages=3), st.data())
     @settings(max_examples=40, deadline=None)
     def test_jacobian_agrees_with_exact_derivatives(self, tableau, data):
         a, b = tableau
         order, stages = 5, len(b)
         rows = data.draw(st.sampled_from([r for r in Rows if r >= conditions.rows_of(a)]))
-        lengths = conditions.row_lengths(stages, rows)
+        lengths = Layout.tableau(stages, rows).lengths
         x = [e for row, m in zip([*a, b], lengths, strict=True) for e in row[:m]]
         v = data.draw(st.lists(dyadics, min_size=len(x), max_size=len(x)))
 
@@ -299,8 +281,6 @@ class TestPacking:
     def test_wrong_length(self):
         with pytest.raises(ValueError, match="x must have 3 entries, got 4"):
             conditions.unpack([0, 1, 2, 3], 2)
-        with pytest.raises(ValueError, match="x must have 3 entries, got 4"):
-            conditions.residuals_quad([Fraction(1)] * 4, 2, 1)
 
 
 COMPILED = [conditions.residuals, conditions.weights, conditions.jacobian]
@@ -341,11 +321,6 @@ class TestBadInput:
     def test_tableau(self, function, a, b, message):
         with pytest.raises(ValueError, match=re.escape(message)):
             function(a, b, 2)
-
-    @pytest.mark.parametrize("a", [0.0, [], [1.0], [[1.0, 2.0]], [[np.nan]], [[]]])
-    def test_stage_weights(self, a):
-        with pytest.raises(ValueError, match="must"):
-            conditions.stage_weights(a, 2)
 
     @pytest.mark.parametrize(
         "function",

@@ -9,11 +9,11 @@ import pytest
 import cg
 from cg.conditions import Rows, residuals, residuals_exact, unknowns
 from cg.construction import (
+    Candidate,
+    ConditionSystem,
     Goals,
     NotExactError,
-    Point,
     Structure,
-    System,
     compose,
     correct,
     drop_stage,
@@ -23,28 +23,28 @@ from cg.construction import (
     optimise,
     pack_method,
     principal_error,
+    refinable,
     solved,
-    sound,
     to_tableau,
     triple_jump,
     walk,
 )
 from cg.construction.drop import _ways, solve_start
-from cg.construction.start import random_point
+from cg.construction.start import random_candidate
 from cg.solve.minimum_norm import fit_conditions
 
 
-def a_point(order, stages, *, embedded=False, seed=0, bound=3.0):
-    """A point of the solution set with moderate coefficients, from the first start to give one."""
-    system = System(order, stages, embedded=embedded)
+def a_candidate(order, stages, *, embedded=False, seed=0, bound=3.0):
+    """A solution with moderate coefficients, from the first start to give one."""
+    system = ConditionSystem.tableau(order, stages, embedded=embedded)
     fixed = np.setdiff1d(np.arange(system.size), system.free)
     for start in range(200):
         guess = np.random.default_rng([seed, start]).uniform(-1, 1, system.size)
         guess[fixed] = 0
-        fit = fit_conditions(guess, stages, order, embedded=embedded, max_iterations=200)
-        point = Point(system, fit.x)
-        if solved(point) and point.largest < bound:
-            return point
+        fit = fit_conditions(guess, system, max_iterations=200)
+        candidate = Candidate(system, fit.x)
+        if solved(candidate) and candidate.largest < bound:
+            return candidate
     raise AssertionError("no start of 200 reached the solution set")
 
 
@@ -52,7 +52,7 @@ class TestSystem:
     @pytest.mark.parametrize("rows", list(Rows))
     @pytest.mark.parametrize("embedded", [False, True])
     def test_jacobian_is_the_derivative(self, rows, embedded):
-        system = System(4, 3, rows, embedded)
+        system = ConditionSystem.tableau(4, 3, rows, embedded)
         x = np.random.default_rng(5).uniform(-1, 1, system.size)
         jac, h = system.jacobian(x, independent=False), 1e-6
         for k in range(system.size):
@@ -63,22 +63,22 @@ class TestSystem:
 
     def test_second_weights_have_their_own_conditions(self):
         pair = cg.methods["CG2(3)"]
-        point = pack_method(pair)
-        assert point.system == System(3, 3, embedded=True)
-        assert np.abs(point.system.residual(point.x)).max() < 1e-15
-        worse = point.x.copy()
-        worse[point.system.free[-4]] += 0.1  # the last of the second weights
-        assert np.abs(point.system.residual(worse)).max() > 1e-3
+        candidate = pack_method(pair)
+        assert candidate.system == ConditionSystem.tableau(3, 3, embedded=True)
+        assert np.abs(candidate.system.residual(candidate.x)).max() < 1e-15
+        worse = candidate.x.copy()
+        worse[candidate.system.free[-4]] += 0.1  # the last of the second weights
+        assert np.abs(candidate.system.residual(worse)).max() > 1e-3
 
     def test_what_is_zero_by_definition_stays(self):
-        point = a_point(3, 3, embedded=True)
-        fixed = np.setdiff1d(np.arange(point.system.size), point.system.free)
-        assert fixed.size == 2
-        assert not point.x[fixed].any()
+        candidate = a_candidate(3, 3, embedded=True)
+        fixed = np.setdiff1d(np.arange(candidate.system.size), candidate.system.free)
+        assert [candidate.system.layout.names[k] for k in fixed] == ["b_embedded_3"]
+        assert not candidate.x[fixed].any()
 
     def test_a_pair_of_order_one_is_refused(self):
         with pytest.raises(ValueError, match="order must be at least 2"):
-            System(1, 2, embedded=True)
+            ConditionSystem.tableau(1, 2, embedded=True)
 
 
 class TestCompose:
@@ -126,139 +126,139 @@ class TestCompose:
 
 class TestMoving:
     def test_a_walk_ends_elsewhere_on_the_set(self):
-        point = a_point(4, 6)
-        moved = walk(point, np.random.default_rng(1), size=0.2)
+        candidate = a_candidate(4, 6)
+        moved = walk(candidate, np.random.default_rng(1), size=0.2)
         assert solved(moved)
-        assert np.linalg.norm(moved.x - point.x) > 0.02
+        assert np.linalg.norm(moved.x - candidate.x) > 0.02
 
     def test_elimination_leaves_a_method_with_a_stage_less(self):
         random = np.random.default_rng(3)
-        reached = list(eliminate(a_point(4, 8, seed=1), 6, random=random))
-        assert [point.system.stages for point in reached] == [7, 6]
-        assert all(solved(point) for point in reached)
+        reached = list(eliminate(a_candidate(4, 8, seed=1), 6, random=random))
+        assert [candidate.system.stages for candidate in reached] == [7, 6]
+        assert all(solved(candidate) for candidate in reached)
         method = to_tableau(reached[-1], name="six", source="test")
         assert (method.stages, method.order) == (6, 4)
 
     def test_a_stage_that_does_nothing_is_dropped_as_it_is(self):
-        point = a_point(3, 3)
+        candidate = a_candidate(3, 3)
         a, b = np.zeros((4, 4)), np.zeros(4)
         keep = np.array([0, 2, 3])
-        full_a, full_b = cg.conditions.unpack(point.x, 3)
+        full_a, full_b = cg.conditions.unpack(candidate.x, 3)
         a[np.ix_(keep, keep)] = full_a
         a[1, 0], b[keep] = 0.7, full_b
-        wider = Point(System(3, 4), cg.conditions.pack(a, b, Rows.EXPLICIT))
+        wider = Candidate(ConditionSystem.tableau(3, 4), cg.conditions.pack(a, b, Rows.EXPLICIT))
         smaller = eliminate_stage(wider, 1)
-        np.testing.assert_allclose(smaller.x, point.x, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(smaller.x, candidate.x, rtol=0, atol=1e-12)
 
     def test_a_dropped_stage_leaves_a_method(self):
-        smaller = drop_stage(a_point(4, 7, seed=1), np.random.default_rng(3))
+        smaller = drop_stage(a_candidate(4, 7, seed=1), np.random.default_rng(3))
         assert smaller.system.stages == 6
         assert solved(smaller)
-        assert sound(smaller)
+        assert refinable(smaller)
 
     def test_a_neighbour_inherits_the_column_of_a_dropped_stage(self):
-        point = a_point(4, 6)
-        _, b = cg.conditions.unpack(point.x, 6)
-        totals = [sum(cg.conditions.unpack(way.x, 5)[1]) for way in _ways(point)]
+        candidate = a_candidate(4, 6)
+        _, b = cg.conditions.unpack(candidate.x, 6)
+        totals = [sum(cg.conditions.unpack(way.x, 5)[1]) for way in _ways(candidate)]
         expected = []
         for stage in range(6):
-            heirs = (stage > 0) + (stage < 5)
-            expected += [1 - b[stage]] + [1.0] * heirs
+            receivers = (stage > 0) + (stage < 5)
+            expected += [1 - b[stage]] + [1.0] * receivers
         np.testing.assert_allclose(totals, expected, rtol=0, atol=1e-10)
 
     def test_stages_that_cannot_be_dropped(self):
         random = np.random.default_rng(0)
-        assert drop_stage(a_point(3, 3), random) is None
-        assert drop_stage(a_point(4, 7), random, accept=lambda point: False) is None
-        with pytest.raises(ValueError, match="point must be one method, got a pair"):
-            drop_stage(a_point(3, 3, embedded=True), random)
+        assert drop_stage(a_candidate(3, 3), random) is None
+        assert drop_stage(a_candidate(4, 7), random, accept=lambda candidate: False) is None
+        with pytest.raises(ValueError, match="candidate must be one method, got a pair"):
+            drop_stage(a_candidate(3, 3, embedded=True), random)
         with pytest.raises(ValueError, match="tries must be at least 1"):
-            drop_stage(a_point(4, 7), random, tries=0)
+            drop_stage(a_candidate(4, 7), random, tries=0)
 
     @pytest.mark.parametrize(("order", "kept"), [(4, False), (5, True)])
     def test_what_keeps_starts_away_from_false_zeros_is_held(self, order, kept):
-        guess = random_point(System(order, 9), 0.5, np.random.default_rng(2))
+        guess = random_candidate(ConditionSystem.tableau(order, 9), 0.5, np.random.default_rng(2))
         solved_to = solve_start(guess, 20, promising=1e9)
         assert bool(solved_to.x[0] == guess.x[0]) is kept
         assert not kept or 0.3 <= guess.x[0] <= 0.8
 
     def test_guesses_satisfy_what_is_linear_in_the_structure(self):
-        system = System(6, 13, structure=Structure.MIDDLE)
-        guess = random_point(system, 0.5, np.random.default_rng(2))
+        system = ConditionSystem.tableau(6, 13, structure=Structure.MIDDLE)
+        guess = random_candidate(system, 0.5, np.random.default_rng(2))
         assert np.abs(system.residual(guess.x)[-11:]).max() < 1e-14
 
     def test_a_near_miss_is_not_sound(self):
-        point = a_point(4, 6)
-        assert sound(point)
-        assert sound(Point(point.system, point.x + 1e-9))
+        candidate = a_candidate(4, 6)
+        assert refinable(candidate)
+        assert refinable(Candidate(candidate.system, candidate.x + 1e-9))
         # b = 0 is held, and the first condition with it
-        nothing = Point(System(1, 1), np.zeros(1))
-        assert not sound(nothing)
+        nothing = Candidate(ConditionSystem.tableau(1, 1), np.zeros(1))
+        assert not refinable(nothing)
 
     def test_a_dead_end_is_none(self):
         # two stages cannot have order three
-        assert eliminate_stage(a_point(3, 3), 1) is None
+        assert eliminate_stage(a_candidate(3, 3), 1) is None
 
     def test_frozen_entries_keep_their_values(self):
-        point = a_point(4, 6)
-        x = point.x.copy()
+        candidate = a_candidate(4, 6)
+        x = candidate.x.copy()
         x[[3, 7]] += 0.01
-        moved = correct(Point(point.system, x), [3, 7])
+        moved = correct(Candidate(candidate.system, x), [3, 7])
         assert solved(moved)
         assert (moved.x[[3, 7]] == x[[3, 7]]).all()
 
 
 class TestOptimise:
     def test_principal_error_gets_smaller_on_the_set(self):
-        point = a_point(4, 6)
-        better = optimise(point, Goals())
+        candidate = a_candidate(4, 6)
+        better = optimise(candidate, Goals())
         assert solved(better)
-        assert principal_error(better) < 0.8 * principal_error(point)
+        assert principal_error(better) < 0.8 * principal_error(candidate)
         method = to_tableau(better, name="better", source="test")
         assert method.order == 4
         assert method.principal_error() == pytest.approx(principal_error(better), rel=1e-6)
 
     def test_abscissae_are_drawn_into_the_unit_interval(self):
         for seed in range(20):
-            point = a_point(4, 6, seed=seed)
-            c = np.array(cg.conditions.unpack(point.x, 6)[0], dtype=float).sum(axis=1)
+            candidate = a_candidate(4, 6, seed=seed)
+            c = np.array(cg.conditions.unpack(candidate.x, 6)[0], dtype=float).sum(axis=1)
             if c.min() < -0.1 or c.max() > 1.1:
                 break
-        drawn = optimise(point, Goals(principal_error=0.01, abscissae=1.0), max_iterations=100)
+        drawn = optimise(candidate, Goals(principal_error=0.01, abscissae=1.0), max_iterations=100)
         after = np.array(cg.conditions.unpack(drawn.x, 6)[0], dtype=float).sum(axis=1)
         outside = [max(-v.min(), v.max() - 1) for v in (c, after)]
         assert outside[1] < 0.1 * outside[0]
 
     def test_coefficients_become_zero_and_the_order_stays(self):
-        point, zeros = fewer_exponentials(a_point(4, 6))
+        candidate, zeros = fewer_exponentials(a_candidate(4, 6))
         assert zeros.size > 2
-        assert not point.x[zeros].any()
-        method = to_tableau(point, name="sparse", source="test")
+        assert not candidate.x[zeros].any()
+        method = to_tableau(candidate, name="sparse", source="test")
         assert method.order == 4
         assert method.exponentials == unknowns(6) - zeros.size
 
     def test_points_off_the_set_are_refused(self):
-        with pytest.raises(ValueError, match="point must be on the solution set"):
-            optimise(Point(System(4, 5), np.ones(15)), Goals())
+        with pytest.raises(ValueError, match="candidate must be on the solution set"):
+            optimise(Candidate(ConditionSystem.tableau(4, 5), np.ones(15)), Goals())
 
     def test_bad_goals(self):
         with pytest.raises(ValueError, match="abscissae must be a finite number"):
             Goals(abscissae=-1)
         with pytest.raises(ValueError, match="at least one weight"):
-            optimise(a_point(3, 3), Goals(principal_error=0))
+            optimise(a_candidate(3, 3), Goals(principal_error=0))
 
 
 class TestToTableau:
     @pytest.mark.parametrize(("order", "stages"), [(2, 2), (3, 3), (4, 6)])
     def test_pairs_have_both_orders_and_differ(self, order, stages):
-        pair = to_tableau(a_point(order, stages, embedded=True), name="pair", source="test")
+        pair = to_tableau(a_candidate(order, stages, embedded=True), name="pair", source="test")
         assert (pair.order, pair.embedded_order) == (order, order - 1)
         assert pair.b_embedded[-1] == 0
         second = residuals(pair.a, pair.b_embedded, order)
         assert np.linalg.norm(second) > 1e-3
 
     def test_what_is_not_a_solution_is_never_a_method(self):
-        far = Point(System(4, 5), np.random.default_rng(0).uniform(-1, 1, 15))
+        far = Candidate(ConditionSystem.tableau(4, 5), np.random.default_rng(0).uniform(-1, 1, 15))
         with pytest.raises(NotExactError, match=r"largest residual .* after refinement"):
             to_tableau(far, name="no", source="test")
 

@@ -11,6 +11,7 @@ from cg import conditions
 from cg.catalogue import methods
 from cg.conditions import Rows, count, residuals, residuals_exact
 from cg.convergence import observed_order
+from cg.points import tree_of_rows
 from cg.problems import StateDependentRotation
 from cg.random_search import search
 from cg.tableau import Tableau
@@ -58,7 +59,9 @@ class Cubic:
     def __eq__(self, other):
         return self.parts == (other if isinstance(other, Cubic) else Cubic.of(other)).parts
 
-    __hash__ = None
+    def __hash__(self):
+        return hash(self.parts)
+
     __radd__, __rmul__ = __add__, __mul__
 
 
@@ -162,12 +165,11 @@ class TestCatalogue:
             [outer, inner / 2, Cubic.of(0)],
             [outer, inner, outer / 2],
         ]
-        trees = forest(5)
-        phi = [[Cubic.of(1)] * 3]
-        for word in trees.children[1 : trees.with_nodes(4).stop - 1]:
-            phi.append([conditions._word_weight(row, word, phi) for row in a])
-        for tree in conditions.condition_trees(4):
-            weight = conditions._word_weight(b, trees.children[tree - 1], phi)
+        trees, wanted = forest(5), conditions.condition_trees(4)
+        found = conditions.exact_weights(
+            tree_of_rows(a, b), 4, wanted, lambda v: v if isinstance(v, Cubic) else Cubic.of(v)
+        )
+        for tree, weight in zip(wanted, found, strict=True):
             assert weight == Fraction(1, trees.density[tree - 1])
         root = 2 ** (1 / 3)
         number = sum(float(part) * root**k for k, part in enumerate(outer.parts))
@@ -238,7 +240,7 @@ class TestSelfAdjoint:
 
     def test_elsewhere_it_has_twice_the_stages(self, problem):
         for name, method in methods.items():
-            if not method.approximate and method.order <= 5:
+            if isinstance(method, Tableau) and not method.approximate and method.order <= 5:
                 doubled = adjoint(*method.exact)
                 assert max(map(abs, residuals_exact(*doubled, method.order))) < 1e-32, name
         a, b = methods["CG5a"].a.tolist(), methods["CG5a"].b.tolist()

@@ -14,29 +14,31 @@ import pytest
 from cg import _core_r64, _core_r128, _minimum_norm, parallel, quad
 from cg.conditions import table_rows
 from cg.construction import construct
+from cg.layout import Layout
 from cg.parallel import Stopped, as_finished, stoppable
 from cg.random_search import search
 from cg.solve.minimum_norm import MinimumNormStatus, fit_conditions
 from cg.solve.refine import refine
 from cg.solve.status import Status
-from cg.solve.system import System
+from cg.solve.system import ConditionSystem
 
 FOREVER = 10**9  # iterations; no run of the tests waits for them
 ORDER, STAGES = 7, 36  # one iteration of the fast solver takes some 50 ms here
 TOO_FEW = 27  # no start of order 7 converges with so few stages, so that runs don't end either
+LAYOUT = Layout.tableau(TOO_FEW)
 PATIENCE = 60  # seconds after which a run that should have ended is taken to hang
 
 
 def guess(stages=STAGES):
-    return np.random.default_rng(1).uniform(-0.5, 0.5, System(ORDER, stages).size)
+    return np.random.default_rng(1).uniform(-0.5, 0.5, ConditionSystem.tableau(ORDER, stages).size)
 
 
 def fit_fast(stop_flag):
     x0 = guess(TOO_FEW)
-    trees, owner = System(ORDER, TOO_FEW).conditions(independent=True)
+    trees, owner = ConditionSystem.tableau(ORDER, TOO_FEW).conditions(independent=True)
     free = np.arange(1, x0.size + 1, dtype=np.intc)
     return _minimum_norm.fit_minimum_norm(
-        ORDER, TOO_FEW, 0, x0, trees, owner, free, 0.0, 1e-2, FOREVER, False, stop_flag
+        ORDER, LAYOUT.code, x0, trees, owner, free, 0.0, 1e-2, FOREVER, False, stop_flag
     )
 
 
@@ -44,9 +46,9 @@ def fit_lmdif(stop_flag, quadruple=False):
     x0 = guess(TOO_FEW)
     trees = np.array(table_rows(ORDER), dtype=np.intc)
     if not quadruple:
-        return _core_r64.fit_lmdif(ORDER, TOO_FEW, 0, x0, trees, [0], [0], FOREVER, stop_flag)
+        return _core_r64.fit_lmdif(ORDER, LAYOUT.code, x0, trees, [0], [0], FOREVER, stop_flag)
     bits, zero = quad.from_float(x0).T, quad.from_float([0.0]).T
-    return _core_r128.fit_lmdif(ORDER, TOO_FEW, 0, bits, trees, zero, zero, FOREVER, stop_flag)
+    return _core_r128.fit_lmdif(ORDER, LAYOUT.code, bits, trees, zero, zero, FOREVER, stop_flag)
 
 
 def fit_lmdif_quad(stop_flag):
@@ -136,7 +138,7 @@ class TestThreads:
 
         def work(_):
             parallel._worker.stop_flag[0] = 1
-            return refine(x, STAGES, ORDER)
+            return refine(x, ConditionSystem.tableau(ORDER, STAGES))
 
         with pytest.raises(Stopped):
             list(as_finished(work, range(1), 1))
@@ -145,7 +147,7 @@ class TestThreads:
         def work(index):
             for _ in as_finished(lambda inner: inner, range(3), 2):
                 pass
-            return fit_conditions(np.full(3, 0.4), 2, 2).status
+            return fit_conditions(np.full(3, 0.4), ConditionSystem.tableau(2, 2)).status
 
         assert list(as_finished(work, range(4), 2)) == [MinimumNormStatus.SOLVED] * 4
 
@@ -157,13 +159,14 @@ class TestThreads:
             stoppable(call)
 
     def test_in_any_thread_the_same(self):
-        x0 = np.random.default_rng(9).uniform(-0.5, 0.5, System(5, 9).size)
-        here = fit_conditions(x0, 9, 5)
+        system = ConditionSystem.tableau(5, 9)
+        x0 = np.random.default_rng(9).uniform(-0.5, 0.5, system.size)
+        here = fit_conditions(x0, system)
         assert here.status == MinimumNormStatus.SOLVED
-        detour = fit_conditions(x0, 9, 5, max_iterations=FOREVER)  # too many to stay here
-        thread, results = called_in_thread(lambda: fit_conditions(x0, 9, 5))
+        detour = fit_conditions(x0, system, max_iterations=FOREVER)  # too many to stay here
+        thread, results = called_in_thread(lambda: fit_conditions(x0, system))
         thread.join(PATIENCE)
-        (pooled,) = as_finished(lambda _: fit_conditions(x0, 9, 5), range(1), 1)
+        (pooled,) = as_finished(lambda _: fit_conditions(x0, system), range(1), 1)
         for other in (*results, pooled, detour):
             np.testing.assert_array_equal(other.x, here.x)
             assert (other.f, other.iterations) == (here.f, here.iterations)
@@ -177,8 +180,10 @@ SCRIPT = """
 import sys
 import cg
 from cg.solve.minimum_norm import fit_conditions
-from cg.solve.system import System
+from cg.solve.system import ConditionSystem
 import numpy as np
+
+system = ConditionSystem.tableau(7, 27)
 
 def say(*_):
     print("one", flush=True)
@@ -189,7 +194,7 @@ try:
 except KeyboardInterrupt:
     print("interrupted", flush=True)
 """
-LONG_FIT = "fit_conditions(np.full(378, 0.1), 27, 7, ftol=0, max_iterations=10**9)"
+LONG_FIT = "fit_conditions(np.full(378, 0.1), system, ftol=0, max_iterations=10**9)"
 
 
 def interrupted_after(call, begun):
@@ -240,25 +245,25 @@ class TestInterrupt:
         options = {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}
         call = f"cg.search(**{options}, workers=1, checkpoint={str(path)!r}, progress=say)"
         assert interrupted_after(call, after_one) == "interrupted"
-        kept = journalled(path)
+        kept = recorded(path)
         assert kept[0] == 0
         assert len(kept) < 3
         resumed = search(**options, checkpoint=path)
         assert resumed == search(**options)
-        assert sorted(journalled(path)) == [0, 1, 2]
+        assert sorted(recorded(path)) == [0, 1, 2]
 
     def test_a_construction_goes_on(self, tmp_path):
         path = tmp_path / "tries.jsonl"
         options = {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}
         call = f"cg.construct(**{options}, workers=1, checkpoint={str(path)!r}, progress=say)"
         assert interrupted_after(call, after_one) == "interrupted"
-        kept = journalled(path)
+        kept = recorded(path)
         assert kept[0] == 0
         assert len(kept) < 3
         resumed = construct(**options, checkpoint=path)
         assert resumed == construct(**options)
-        assert sorted(journalled(path)) == [0, 1, 2]
+        assert sorted(recorded(path)) == [0, 1, 2]
 
 
-def journalled(path):
+def recorded(path):
     return [json.loads(line)["index"] for line in path.read_text().splitlines()[1:]]

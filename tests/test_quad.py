@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cg import _core_r128
-from cg.conditions import Rows
+from cg.layout import Layout
 from cg.quad import decode, encode, from_float, to_decimal, to_float
 
 SMALLEST = Fraction(2) ** -16494
@@ -27,8 +27,8 @@ def quads(*bits):
 
 def through_fortran(bits):
     """Send b_1 to the compiled core, which gives Φ([τ]) = b_1 back."""
-    order, stages, tree = 1, 1, 2
-    found = _core_r128.weights(order, stages, Rows.EXPLICIT, bits.T, np.array([tree], np.intc))
+    order, tree = 1, 2
+    found = _core_r128.weights(order, Layout.tableau(1).code, bits.T, np.array([tree], np.intc))
     return np.ascontiguousarray(found.T)
 
 

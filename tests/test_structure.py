@@ -8,11 +8,10 @@ from cg import quad
 from cg.certification.explain import augment
 from cg.certification.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
 from cg.certification.relations import kept_words
-from cg.certification.weights import Shape
-from cg.conditions import Rows
+from cg.layout import Layout, Rows
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
-from cg.solve.system import Structure, System
+from cg.solve.system import ConditionSystem, Structure
 
 
 def random_x(system, seed=0):
@@ -25,7 +24,7 @@ def random_x(system, seed=0):
 class TestEquations:
     @pytest.mark.parametrize(("order", "embedded"), [(4, False), (6, False), (5, True)])
     def test_jacobian_is_the_derivative(self, structure, order, embedded):
-        system = System(order, 6, embedded=embedded, structure=structure)
+        system = ConditionSystem.tableau(order, 6, embedded=embedded, structure=structure)
         x, h = random_x(system), 1e-6
         jac = system.jacobian(x)
         for k in range(system.size):
@@ -35,7 +34,7 @@ class TestEquations:
             np.testing.assert_allclose(jac[:, k], slope, atol=1e-8)
 
     def test_real_16_agrees(self, structure):
-        system = System(5, 6, structure=structure)
+        system = ConditionSystem.tableau(5, 6, structure=structure)
         x = random_x(system)
         np.testing.assert_allclose(
             system.residual_quad(quad.from_float(x), independent=True),
@@ -44,7 +43,10 @@ class TestEquations:
         )
 
     def test_they_come_after_the_conditions(self, structure):
-        system, plain = System(5, 6, structure=structure), System(5, 6)
+        system, plain = (
+            ConditionSystem.tableau(5, 6, structure=structure),
+            ConditionSystem.tableau(5, 6),
+        )
         x = random_x(system)
         values, conditions = system.residual(x), plain.residual(x)
         np.testing.assert_array_equal(values[: conditions.size], conditions)
@@ -58,7 +60,9 @@ class TestEquations:
 
 
 def test_the_zeros_they_ask_for_are_not_free():
-    plain, one, two = (System(6, 7, structure=structure) for structure in Structure)
+    plain, one, two = (
+        ConditionSystem.tableau(6, 7, structure=structure) for structure in Structure
+    )
     weights = plain.size - 7
     assert plain.free.size == plain.size
     assert np.setdiff1d(plain.free, one.free).tolist() == [weights + 1]
@@ -76,7 +80,7 @@ def test_the_zeros_they_ask_for_are_not_free():
 )
 def test_bad_input(arguments, message):
     with pytest.raises(ValueError, match=message):
-        System(**{"order": 5, "stages": 6} | arguments)
+        ConditionSystem.tableau(**{"order": 5, "stages": 6} | arguments)
 
 
 @pytest.mark.parametrize(
@@ -92,9 +96,9 @@ def test_equations_that_remain_through_order_seven(identities, weightless, kept)
 
 def test_an_identity_of_the_first_weights_says_nothing_of_the_second():
     # 54 conditions on b, 29 on the second weights, and two assumptions at 13 stages
-    shape, zeros = Shape(15, Rows.EXPLICIT, True), [{0, 1}, {1, 14}]
+    layout, zeros = Layout.tableau(15, Rows.EXPLICIT, True), [{0, 1}, {1, 14}]
     identities = (StageOrderTwo(1), OfFirstWeights(MiddleAbscissae()))
-    labels = [e.label for e in augment(shape, [6, 5], identities, zeros).equations]
+    labels = [e.label for e in augment(layout, [6, 5], identities, zeros).equations]
     assert len(labels) == 54 + 29 + 2 * 13
     assert sum(label.endswith("embedded") for label in labels) == 29
     assert [label for label in labels if label.startswith("middle")] == [
@@ -104,33 +108,30 @@ def test_an_identity_of_the_first_weights_says_nothing_of_the_second():
 
 def test_rank_is_the_count_of_equations_that_remain():
     # eight stages at order five: 18 conditions and 12 assumptions for 34 unknowns
-    system = System(5, 10, structure=Structure.MIDDLE)
+    system = ConditionSystem.tableau(5, 10, structure=Structure.MIDDLE)
     rank = 1 + 0 + 1 + 4 + 12 + 2 * 8
     for seed in range(400):
         x = random_x(system, seed)
-        fit = fit_conditions(x, 10, 5, structure=Structure.MIDDLE, max_iterations=100)
+        fit = fit_conditions(x, system, max_iterations=100)
         if fit.f < 1e-26:
             break
     assert fit.f < 1e-26
     values = np.linalg.svd(system.jacobian(fit.x)[:, system.free], compute_uv=False)
     assert np.sum(values > 1e-9 * values[0]) == rank
-    refined = refine(quad.from_float(fit.x), 10, 5, structure=Structure.MIDDLE, free=system.free)
+    refined = refine(quad.from_float(fit.x), system)
     assert refined.largest_residual < 1e-32
 
 
 def test_accurate_steps_reach_zeros_that_normal_equations_miss():
     # singular values down to 2e-9 of the largest count
     method = cg.methods["CG7b"]
-    system = System(7, method.stages, structure=Structure.MIDDLE)
+    system = ConditionSystem.tableau(7, method.stages, structure=Structure.MIDDLE)
     x = np.asarray(cg.conditions.pack(method.a, method.b))
     x[system.free] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.free.size)
     plain, accurate = (
         fit_conditions(
             x,
-            method.stages,
-            7,
-            structure=Structure.MIDDLE,
-            free=system.free,
+            system,
             damping=1e-12,
             max_iterations=40,
             accurate=accurate,

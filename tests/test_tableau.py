@@ -14,6 +14,7 @@ from strategies import rationals, tableaux
 from cg import conditions
 from cg.coefficients import Coefficient
 from cg.conditions import Rows
+from cg.layout import Layout
 from cg.tableau import Tableau, TableauError
 
 MIDPOINT = Tableau([[], ["1/2"]], [0, 1], name="midpoint")
@@ -107,10 +108,15 @@ class TestDerived:
         assert method.order == 2
 
     @given(tableaux(rationals))
-    def test_exponentials_are_nonzero_entries(self, tableau):
+    def test_exponentials_are_the_first_parts_of_rows(self, tableau):
         method = Tableau(*tableau)
-        assert method.exponentials == np.count_nonzero(method.a) + np.count_nonzero(method.b)
         assert method.rows is conditions.rows_of(tableau[0])
+        rows = [[(j, w) for j, w in enumerate(row) if w] for row in (*method.exact[0], tableau[1])]
+        if method.explicit:
+            flows = len({tuple(row[:k]) for row in rows for k in range(1, len(row) + 1)})
+        else:
+            flows = sum(map(len, rows))
+        assert method.exponentials == method.pair_exponentials == flows
 
 
 class TestOrder:
@@ -303,7 +309,7 @@ class TestPacked:
     @given(tableaux(rationals))
     def test_round_trip(self, tableau):
         method = Tableau(*tableau)
-        lengths = conditions.row_lengths(method.stages, method.rows)
+        lengths = Layout.tableau(method.stages, method.rows).lengths
         rows = zip([*method.exact[0], method.exact[1]], lengths, strict=True)
         x = [entry for row, length in rows for entry in row[:length]]
         assert Tableau.from_packed(x, method.stages, method.rows) == method

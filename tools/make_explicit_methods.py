@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,23 +22,23 @@ from threadpoolctl import threadpool_limits
 
 from cg.catalogue import save
 from cg.certification import CertificationError, certify
-from cg.conditions import count, residuals, unpack
+from cg.conditions import count, residuals
 from cg.construction import (
+    Candidate,
+    ConditionSystem,
     Goals,
     NotExactError,
-    Point,
     Structure,
-    System,
     eliminate,
     fewer_exponentials,
     optimise,
     principal_error,
+    refinable,
     solved,
-    sound,
     to_tableau,
 )
 from cg.construction.drop import solve_start
-from cg.construction.start import default_start, random_point
+from cg.construction.start import default_start, random_candidate
 from cg.parallel import as_finished, available_cores
 from cg.random_search import random_start
 from cg.solve.minimum_norm import fit_conditions
@@ -59,7 +59,7 @@ class Recipe:
     Attributes
     ----------
     name : str
-    system : System
+    system : ConditionSystem
     starts, iterations : int
         Random guesses, and steps of the solver from each; with a structure, steps are as
         many as `cg.construct` takes.
@@ -69,7 +69,7 @@ class Recipe:
     """
 
     name: str
-    system: System
+    system: ConditionSystem
     starts: int
     iterations: int
     aim: str = "error"
@@ -88,99 +88,98 @@ class Recipe:
 
 
 RECIPES = (
-    Recipe("CG3(2)", System(3, 3, embedded=True), 100, 200),
-    Recipe("CG4b", System(4, 5), 1500, 60),
-    Recipe("CG4c", System(4, 5), 1500, 60, "flows"),
-    Recipe("CG4(3)", System(4, 6, embedded=True), 100, 200),
-    Recipe("CG4(3)b", System(4, 5, embedded=True), 400, 200),
-    Recipe("CG5b", System(5, 9), 2000, 250),
-    Recipe("CG5c", System(5, 9), 2000, 250, "flows"),
-    Recipe("CG5e", System(5, 9), 2000, 250, "effort"),
-    Recipe("CG5d", System(5, 8), 3000, 400),
-    Recipe("CG5(4)", System(5, 10, embedded=True), 500, 400),
-    Recipe("CG6f", System(6, 13, structure=Structure.MIDDLE), 150, 0),
-    Recipe("CG6g", System(6, 12, structure=Structure.MIDDLE), 150, 0),
+    Recipe("CG3(2)", ConditionSystem.tableau(3, 3, embedded=True), 100, 200),
+    Recipe("CG4b", ConditionSystem.tableau(4, 5), 1500, 60),
+    Recipe("CG4c", ConditionSystem.tableau(4, 5), 1500, 60, "flows"),
+    Recipe("CG4(3)", ConditionSystem.tableau(4, 6, embedded=True), 100, 200),
+    Recipe("CG4(3)b", ConditionSystem.tableau(4, 5, embedded=True), 400, 200),
+    Recipe("CG5b", ConditionSystem.tableau(5, 9), 2000, 250),
+    Recipe("CG5c", ConditionSystem.tableau(5, 9), 2000, 250, "flows"),
+    Recipe("CG5e", ConditionSystem.tableau(5, 9), 2000, 250, "effort"),
+    Recipe("CG5d", ConditionSystem.tableau(5, 8), 3000, 400),
+    Recipe("CG5(4)", ConditionSystem.tableau(5, 10, embedded=True), 500, 400),
+    Recipe("CG6f", ConditionSystem.tableau(6, 13, structure=Structure.MIDDLE), 150, 0),
+    Recipe("CG6g", ConditionSystem.tableau(6, 12, structure=Structure.MIDDLE), 150, 0),
 )
 
 
-def solutions(recipe: Recipe) -> list[Point]:
-    """Return the points of the solution set that random starts reach, by their number."""
+def solutions(recipe: Recipe) -> list[Candidate]:
+    """Return the candidates of the solution set that random starts reach, by their number."""
     system = recipe.system
     fixed = np.setdiff1d(np.arange(system.size), system.free)
 
-    def run(index: int) -> tuple[int, Point]:
+    def run(index: int) -> tuple[int, Candidate]:
         if system.structure:
             return index, _constructed(system, index)
         guess = random_start(SEED, index, system.size, 1.0)
         guess[fixed] = 0
         fit = fit_conditions(
             guess,
-            system.stages,
-            system.order,
-            embedded=system.embedded,
+            system,
             max_iterations=recipe.iterations,
         )
-        return index, Point(system, fit.x)
+        return index, Candidate(system, fit.x)
 
     found = dict(as_finished(run, range(recipe.starts), available_cores()))
-    points = [found[index] for index in range(recipe.starts)]
-    return [p for p in points if p.largest <= LARGEST and solved(p)]
+    candidates = [found[index] for index in range(recipe.starts)]
+    return [p for p in candidates if p.largest <= LARGEST and solved(p)]
 
 
-def _constructed(system: System, index: int) -> Point:
+def _constructed(system: ConditionSystem, index: int) -> Candidate:
     """Return where a start with easily enough stages ends after as many are dropped."""
     random = np.random.default_rng([SEED, index])
     start = default_start(system.order, system.structure)
-    wide = replace(system, stages=max(system.stages, start.stages))
-    guess = random_point(wide, start.width, random)
-    point = solve_start(guess, start.iterations, promising=start.promising)
-    if solved(point) and sound(point):
-        for smaller in eliminate(point, system.stages, random=random, restarts=1, accept=sound):
-            point = smaller
-    short = point.system.stages != system.stages
-    return Point(system, np.full(system.size, np.inf)) if short else point
+    stages = max(system.stages, start.stages)
+    wide = ConditionSystem.tableau(system.order, stages, structure=system.structure)
+    guess = random_candidate(wide, start.width, random)
+    candidate = solve_start(guess, start.iterations, promising=start.promising)
+    if solved(candidate) and refinable(candidate):
+        for smaller in eliminate(
+            candidate, system.stages, random=random, restarts=1, accept=refinable
+        ):
+            candidate = smaller
+    short = candidate.system.stages != system.stages
+    return Candidate(system, np.full(system.size, np.inf)) if short else candidate
 
 
-def candidates(recipe: Recipe) -> Iterator[Point]:
+def candidates(recipe: Recipe) -> Iterator[Candidate]:
     """Yield what becomes of the solutions, the best first."""
-    points = solutions(recipe)
-    print(f"{recipe.name}: {len(points)} of {recipe.starts} starts reach the solution set")
+    candidates = solutions(recipe)
+    print(f"{recipe.name}: {len(candidates)} of {recipe.starts} starts reach the solution set")
     if recipe.system.embedded:  # the tools along the set want all conditions independent
-        points = [p for p in points if p.rank == len(p.system.conditions(True)[0])]
-        moved = [optimise(p, PAIR, tolerance=1e-5) for p in points]
+        candidates = [p for p in candidates if p.rank == len(p.system.conditions(True)[0])]
+        moved = [optimise(p, PAIR, tolerance=1e-5) for p in candidates]
         moved = [p for p in moved if second_residual(p) >= CLEARLY]
     else:
         goals = STRUCTURED if recipe.system.structure else SINGLE
-        moved = [optimise(p, goals) for p in points]
+        moved = [optimise(p, goals) for p in candidates]
     if recipe.aim != "error":
         thinned = [fewer_exponentials(p, largest=3.0) for p in moved]
         moved = [optimise(p, SINGLE, frozen=zeros) for p, zeros in thinned if solved(p)]
     yield from sorted(moved, key=KEYS[recipe.aim])
 
 
-def merit(point: Point) -> float:
+def merit(candidate: Candidate) -> float:
     """Return the principal error, more where coefficients or abscissae are large."""
-    a, _ = unpack(point.x, point.system.packed_stages)
-    sums = np.sum(np.array(a)[: point.system.stages], axis=1)
+    system = candidate.system
+    sums = np.array([candidate.x[system.layout.row(k)].sum() for k in range(system.stages)])
     outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
-    return principal_error(point) * (1 + max(0.0, point.largest - 1.5) + 2 * outside)
+    return principal_error(candidate) * (1 + max(0.0, candidate.largest - 1.5) + 2 * outside)
 
 
-def second_residual(point: Point) -> float:
+def second_residual(candidate: Candidate) -> float:
     """Return the norm of the residuals of order q of a pair's second weights."""
-    order, stages = point.system.order, point.system.stages
-    a, _ = unpack(point.x, stages + 1)
-    wide = np.array(a)
-    found = residuals(wide[:stages, :stages], wide[stages, :stages], order)
-    return float(np.linalg.norm(found[count(order - 1) :]))
+    order = candidate.system.order
+    *a, _, second = candidate.system.layout.full_rows(candidate.x)
+    return float(np.linalg.norm(residuals(a, second, order)[count(order - 1) :]))
 
 
-def flows(point: Point) -> int:
+def flows(candidate: Candidate) -> int:
     """Return how many coefficients aren't zero."""
-    return int(np.count_nonzero(point.x))
+    return int(np.count_nonzero(candidate.x))
 
 
-KEYS: dict[str, Callable[[Point], Any]] = {
+KEYS: dict[str, Callable[[Candidate], Any]] = {
     "error": merit,
     "flows": lambda p: (flows(p), merit(p)),
     "effort": lambda p: flows(p) * merit(p) ** (1 / p.system.order),
@@ -189,9 +188,9 @@ KEYS: dict[str, Callable[[Point], Any]] = {
 
 def method(recipe: Recipe) -> Tableau:
     """Return the best candidate that is exact and has a certificate."""
-    for point in candidates(recipe):
+    for candidate in candidates(recipe):
         try:
-            found = to_tableau(point, name=recipe.name, source=recipe.source)
+            found = to_tableau(candidate, name=recipe.name, source=recipe.source)
             certify(found)
         except (NotExactError, CertificationError):
             continue

@@ -19,12 +19,12 @@ from pathlib import Path
 import numpy as np
 
 from cg.catalogue import save
-from cg.conditions import Rows, row_lengths, unknowns
-from cg.construction import Goals, Point, optimise, principal_error
+from cg.construction import Candidate, Goals, optimise, principal_error
+from cg.layout import Rows
 from cg.random_search import random_start
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.polish import polish
-from cg.solve.system import System
+from cg.solve.system import ConditionSystem
 from cg.tableau import Tableau
 
 DIGITS = 36
@@ -50,7 +50,9 @@ def midpoints(outer: Sequence[Fraction], order: int, **names: str) -> Tableau:
     offset = np.array(packed([Fraction()] * size), dtype=np.float64)
     unit = [[Fraction(i == j) for j in range(size)] for i in range(size)]
     directions = np.array([packed(u) for u in unit], dtype=np.float64).T - offset[:, None]
-    found = polish(packed(near), stages, order, rows=Rows.DIAGONAL, directions=directions)
+    found = polish(
+        packed(near), ConditionSystem.tableau(order, stages, Rows.DIAGONAL), directions=directions
+    )
     if found.largest_residual > Fraction(1, 10**43):
         raise RuntimeError(f"residuals are still {float(found.largest_residual):.1e}")
     return Tableau.from_packed(found.x, stages, Rows.DIAGONAL, digits=DIGITS, **names)
@@ -78,22 +80,23 @@ def l_stable() -> Tableau:
             value = gamma**3 - 3 * gamma**2 + Decimal("1.5") * gamma - 1 / Decimal(6)
             gamma -= value / (3 * gamma**2 - 6 * gamma + Decimal("1.5"))
     rows, stages, order = Rows.DIAGONAL, 3, 3
-    ends = np.cumsum(row_lengths(stages, rows)[:stages]) - 1
-    size = unknowns(stages, rows)
-    free = np.setdiff1d(np.arange(size), ends)
-    system = System(order, stages, rows)
-    points = []
+    system = ConditionSystem.tableau(order, stages, rows)
+    ends = np.array([system.layout.row(stage)[-1] for stage in range(stages)])
+    free = np.setdiff1d(np.arange(system.size), ends)
+    candidates = []
     for index in range(STARTS):
-        guess = random_start(SEED, index, size, 1.0)
+        guess = random_start(SEED, index, system.size, 1.0)
         guess[ends] = float(gamma)
-        fit = fit_conditions(guess, stages, order, rows=rows, free=free)
+        fit = fit_conditions(guess, system, free=free)
         if fit.f < 1e-25:
-            points.append(optimise(Point(system, fit.x), Goals(), frozen=ends, tolerance=1e-12))
-    best = min(points, key=principal_error)
+            candidates.append(
+                optimise(Candidate(system, fit.x), Goals(), frozen=ends, tolerance=1e-12)
+            )
+    best = min(candidates, key=principal_error)
     near = [Fraction(entry) for entry in best.x]
     for end in ends:
         near[end] = Fraction(round(Fraction(gamma) * 10**DIGITS), 10**DIGITS)
-    found = polish(near, stages, order, rows=rows, directions=np.eye(size)[:, free])
+    found = polish(near, system, directions=np.eye(system.size)[:, free])
     return Tableau.from_packed(
         found.x,
         stages,

@@ -1,10 +1,12 @@
 """The catalogue of methods: one TOML file each.
 
-A file has the keys ``name``, ``source``, ``a`` (rows, as `cg.Tableau` takes them), ``b``
-and, for pairs, ``b_embedded``. Coefficients are strings, so that all their digits are
-kept; bare TOML numbers are read digit by digit as well. A method that satisfies its order
-conditions only approximately has a table ``nominal`` with the ``order`` that is meant and
-the ``residual`` that no condition through it exceeds.
+The file of a tableau has the keys ``name``, ``source``, ``a`` (rows, as `cg.Tableau` takes
+them), ``b`` and, for pairs, ``b_embedded``. That of a commutator-free method has ``points`` in
+their place (tables with ``parent``, -1 for the initial point, and ``weights`` by stage, from 0),
+``stage_points``, ``result`` and, for pairs, ``embedded_result``. Coefficients are strings, so
+that all their digits are kept; bare TOML numbers are read digit by digit as well. A method that
+satisfies its order conditions only approximately has a table ``nominal`` with the ``order`` that
+is meant and the ``residual`` that no condition through it exceeds.
 """
 
 from __future__ import annotations
@@ -19,23 +21,29 @@ from pathlib import Path
 from typing import Any
 
 from ..coefficients import Coefficient
-from ..conditions import row_lengths
+from ..commutator_free import CommutatorFree
+from ..method import Method
+from ..points import MethodError
 from ..tableau import Tableau, TableauError
 
-__all__ = ["Catalogue", "dumps", "load", "loads", "methods", "save"]
+__all__ = ["Catalogue", "dumps", "load", "loads", "methods", "resolve_method", "save"]
 
 _REQUIRED = {"name", "source", "a", "b"}
 _OPTIONAL = {"b_embedded", "nominal"}
+_REQUIRED_OF_POINTS = {"name", "source", "points", "stage_points", "result"}
+_OPTIONAL_OF_POINTS = {"embedded_result", "nominal"}
+_POINT = {"parent", "weights"}
 _NOMINAL = {"order", "residual"}
 
 
-def loads(text: str) -> Tableau:
+def loads(text: str) -> Method:
     """Read a method from the text of a catalogue file.
 
     Raises
     ------
-    TableauError
-        If the text isn't TOML, a key is missing or unknown, or the tableau is wrong.
+    MethodError
+        If the text isn't TOML, a key is missing or unknown, or the method is wrong; of
+        tableaux a `TableauError`.
     """
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
@@ -43,7 +51,11 @@ def loads(text: str) -> Tableau:
         entry = tomllib.loads(text, parse_float=str)
     except tomllib.TOMLDecodeError as error:
         raise TableauError(f"not a TOML file: {error}") from None
-    _check_keys(entry, _REQUIRED, _OPTIONAL, "the entry")
+    points = "points" in entry
+    if points:
+        _check_keys(entry, _REQUIRED_OF_POINTS, _OPTIONAL_OF_POINTS, "the entry")
+    else:
+        _check_keys(entry, _REQUIRED, _OPTIONAL, "the entry")
     nominal: dict[str, Any] = {}
     if "nominal" in entry:
         table = entry.pop("nominal")
@@ -51,7 +63,24 @@ def loads(text: str) -> Tableau:
             raise TableauError(f"nominal must be a table, got {table!r}")
         _check_keys(table, _NOMINAL, set(), "nominal")
         nominal = {f"nominal_{key}": value for key, value in table.items()}
+    if points:
+        return CommutatorFree(_read_points(entry.pop("points")), **entry, **nominal)
     return Tableau(entry.pop("a"), entry.pop("b"), **entry, **nominal)
+
+
+def _read_points(tables: Any) -> list[Any]:
+    if not isinstance(tables, list):
+        raise MethodError(f"points must be an array of tables, got {tables!r}")
+    points = []
+    for m, table in enumerate(tables):
+        if not isinstance(table, dict) or not isinstance(table.get("weights", {}), dict):
+            raise MethodError(f"point {m} must be a table with one of weights, got {table!r}")
+        _check_keys(table, _POINT, set(), f"point {m}")
+        stages = table["weights"]
+        if wrong := [stage for stage in stages if not stage.isdecimal()]:
+            raise MethodError(f"weights of point {m} must be on stages, got one on {wrong[0]!r}")
+        points.append((table["parent"], {int(k): weight for k, weight in stages.items()}))
+    return points
 
 
 def _check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
@@ -61,14 +90,14 @@ def _check_keys(table: dict[str, Any], required: set[str], optional: set[str], w
         raise TableauError(f"{where} has unknown keys: {', '.join(unknown)}")
 
 
-def load(path: str | PathLike[str]) -> Tableau:
+def load(path: str | PathLike[str]) -> Method:
     """Read a method from a catalogue file.
 
     Raises
     ------
     TypeError
         If `path` isn't one.
-    TableauError
+    MethodError
         As for `loads`; the message names the file.
     OSError
         If the file can't be read.
@@ -82,30 +111,38 @@ def _path(path: str | PathLike[str]) -> Path:
     return Path(path)
 
 
-def _load(path: Traversable) -> Tableau:
+def _load(path: Traversable) -> Method:
     try:
         return loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
         raise TableauError(f"{path}: not UTF-8: {error}") from None
-    except TableauError as error:
-        raise TableauError(f"{path}: {error}") from None
+    except MethodError as error:
+        raise type(error)(f"{path}: {error}") from None
 
 
-def dumps(method: Tableau) -> str:
+def dumps(method: Method) -> str:
     """Write a method as the text of a catalogue file; `loads` gives an equal one back."""
-    if not isinstance(method, Tableau):
-        raise TypeError(f"method must be a Tableau, got {method!r}")
-    lengths = row_lengths(method.stages, method.rows)
-    lines = [f"name = {_quoted(method.name)}", f"source = {_quoted(method.source)}", "a = ["]
-    for row, length in zip(method.entries, lengths, strict=False):
-        lines.append(f"  {_array(row[:length])},")
-    lines += ["]", f"b = {_array(method.weights)}"]
-    if method.embedded_weights is not None:
-        lines.append(f"b_embedded = {_array(method.embedded_weights)}")
+    lines = []
+    if isinstance(method, Tableau):
+        rows = method.layout.cut(method.coefficients)
+        lines += ["a = [", *(f"  {_array(row)}," for row in rows[: method.stages]), "]"]
+        for label, row in zip(("b", "b_embedded"), rows[method.stages :], strict=False):
+            lines.append(f"{label} = {_array(row)}")
+    elif isinstance(method, CommutatorFree):
+        lines.append("points = [")
+        for point, weights in zip(method.points, method.point_coefficients, strict=True):
+            texts = ", ".join(f"{stage} = {_quoted(w.text)}" for stage, w in weights.items())
+            lines.append(f"  {{parent = {point.parent}, weights = {{{texts}}}}},")
+        lines += ["]", f"stage_points = {list(method.stage_points)}", f"result = {method.result}"]
+        if method.embedded_result is not None:
+            lines.append(f"embedded_result = {method.embedded_result}")
+    else:
+        raise TypeError(f"method must be a Tableau or CommutatorFree, got {method!r}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]
         lines.append(f"residual = {_quoted(method.nominal_residual.text)}")
-    return "\n".join(lines) + "\n"
+    head = [f"name = {_quoted(method.name)}", f"source = {_quoted(method.source)}"]
+    return "\n".join([*head, *lines]) + "\n"
 
 
 def _array(row: Sequence[Coefficient]) -> str:
@@ -117,14 +154,14 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def save(method: Tableau, path: str | PathLike[str]) -> None:
+def save(method: Method, path: str | PathLike[str]) -> None:
     """Write a method to a catalogue file."""
     text = dumps(method)
     _path(path).write_text(text, encoding="utf-8")
 
 
-class Catalogue(Mapping[str, Tableau]):
-    """An immutable mapping from names to tableaux; a file is read when first asked for.
+class Catalogue(Mapping[str, Method]):
+    """An immutable mapping from names to methods; a file is read when first asked for.
 
     Parameters
     ----------
@@ -138,9 +175,9 @@ class Catalogue(Mapping[str, Tableau]):
             for path in sorted(folder.iterdir(), key=lambda path: path.name)
             if path.name.endswith(".toml")
         }
-        self._loaded: dict[str, Tableau] = {}
+        self._loaded: dict[str, Method] = {}
 
-    def __getitem__(self, name: str) -> Tableau:
+    def __getitem__(self, name: str) -> Method:
         if not isinstance(name, Hashable):
             raise TypeError(f"the name of a method must be a str, got {name!r}")
         if name not in self._files:
@@ -149,7 +186,7 @@ class Catalogue(Mapping[str, Tableau]):
         if name not in self._loaded:
             method = _load(self._files[name])
             if method.name != name:
-                raise TableauError(f"{self._files[name]}: the name inside is {method.name!r}")
+                raise MethodError(f"{self._files[name]}: the name inside is {method.name!r}")
             self._loaded[name] = method
         return self._loaded[name]
 
@@ -162,9 +199,36 @@ class Catalogue(Mapping[str, Tableau]):
     def __len__(self) -> int:
         return len(self._files)
 
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self)
+
     def __repr__(self) -> str:
         return f"<Catalogue: {', '.join(self._files)}>"
 
 
 methods = Catalogue(files(__name__))
 """The methods that come with this package, by name."""
+
+
+def resolve_method(method: str | Method) -> Method:
+    """Return the method that `method` is or names.
+
+    Parameters
+    ----------
+    method
+        A method, or the name of one in the catalogue.
+
+    Raises
+    ------
+    ValueError
+        If no method of the catalogue has that name; the message lists those there are.
+    TypeError
+        If `method` is neither a name nor a method.
+    """
+    if isinstance(method, Method):
+        return method
+    if not isinstance(method, str):
+        raise TypeError(f"method must be a name or a Method, got {method!r}")
+    if method not in methods:
+        raise ValueError(f"method must be one of {', '.join(methods)}, got {method!r}")
+    return methods[method]

@@ -9,7 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..catalogue import load, methods
-from ..tableau import Tableau, TableauError
+from ..method import Method
+from ..points import MethodError
 from .certificate import CertificationError
 from .files import certificate_names, certificate_of, check_file
 from .prove import certify, check
@@ -45,7 +46,7 @@ def _run(items: Sequence[str], prove: Callable[[str], str]) -> int:
         begin = time.perf_counter()
         try:
             message = prove(item)
-        except (CertificationError, TableauError, OSError, KeyError) as error:
+        except (CertificationError, MethodError, OSError, KeyError) as error:
             failed += 1
             message = f"FAILED {item}: {error}"
         print(f"{message} [{time.perf_counter() - begin:.1f} s]", flush=True)
@@ -54,7 +55,7 @@ def _run(items: Sequence[str], prove: Callable[[str], str]) -> int:
 
 
 def _check(item: str, method_file: str | None) -> str:
-    method: Tableau | None = load(method_file) if method_file else None
+    method: Method | None = load(method_file) if method_file else None
     if Path(item).suffix == ".toml":
         return f"proved {check_file(item, method)}"
     certificate = certificate_of(methods[item])

@@ -20,11 +20,11 @@ from typing import ClassVar
 
 from flint import fmpq, fmpq_mat
 
-from ..conditions import Rows
+from ..layout import Layout, Rows
 from .relations import Relation
 from .systems import Equation, Term, exact_residuals
-from .weights import Quantity, Shape
-from .words import Word, condition_words, density, nodes, shuffle
+from .weights import Quantity
+from .words import Word, condition_words, nodes, reciprocal_density, shuffle
 
 __all__ = ["MidpointSteps", "convolve", "coproduct", "logarithm"]
 
@@ -83,9 +83,9 @@ def _graded(grade: int) -> list[Word]:
 def _generators(grade: int) -> list[Functional]:
     """Return m_1, …, m_grade, where those with even index should be empty."""
     words = condition_words(grade, independent=False)
-    shape = Shape(1, Rows.DIAGONAL)
-    found = exact_residuals(shape, [Fraction(1, 2), Fraction(1)], words, 1)
-    step = {w: value + density(w) for w, value in zip(words, found, strict=True)}
+    layout = Layout.tableau(1, Rows.DIAGONAL)
+    found = exact_residuals(layout, [Fraction(1, 2), Fraction(1)], words, 1)
+    step = {w: value + reciprocal_density(w) for w, value in zip(words, found, strict=True)}
     whole = logarithm({(): Fraction(1), **step}, words)
     return [{w: v for w, v in whole.items() if nodes(w) == k} for k in range(1, grade + 1)]
 
@@ -140,18 +140,18 @@ class MidpointSteps:
         return "symmetric midpoint steps"
 
     def equations(
-        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
     ) -> list[Equation]:
         """Return what makes a tableau a symmetric sequence of midpoint steps.
 
         Raises
         ------
         ValueError
-            If the shape isn't diagonally implicit, or a pair.
+            If the layout isn't diagonally implicit, or a pair.
         """
-        if shape.rows is not Rows.DIAGONAL or shape.pair:
+        if layout.rows is not Rows.DIAGONAL or layout.pair:
             raise ValueError("midpoint steps need a diagonally implicit tableau, no pair")
-        s = shape.stages
+        s = layout.stages
         found = []
         for i in range(s):
             for j in range(i + 1):

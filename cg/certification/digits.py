@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import Any
 
 from flint import arb, arb_mat
 
-from ..checks import check_integer
+from ..checks import check_flag, check_integer
+from ..method import Method
 from ..quad import to_decimal
-from ..tableau import Tableau
 from .certificate import Certificate, CertificationError
+from .files import certificate_of
 from .krawczyk import krawczyk
 from .prove import (
     Packed,
@@ -32,12 +34,12 @@ MOST_DIGITS = 4000
 _GUARD_DIGITS = 15
 
 
-def refined_digits(method: Tableau, certificate: Certificate, digits: int) -> list[str]:
+def refined_digits(method: Method, certificate: Certificate, digits: int) -> list[str]:
     """Return the coefficients of the exact solution that a certificate proves.
 
     Parameters
     ----------
-    method : Tableau
+    method : Method
     certificate : Certificate
         It is proved once more, since all digits hang on it.
     digits : int
@@ -82,6 +84,50 @@ def refined_digits(method: Tableau, certificate: Certificate, digits: int) -> li
                     texts[k] = text or ""
             return texts
     raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
+
+
+def digits(
+    self: Method, digits: int, *, certificate: Certificate | None = None, embedded: bool = False
+) -> Any:
+    """Return the coefficients of the exact method, to any number of digits.
+
+    Parameters
+    ----------
+    digits : int
+        Significant digits of the coefficients that the certificate doesn't hold fixed.
+    certificate : cg.Certificate, optional
+        By default the one of the catalogue; see `cg.certify`.
+    embedded : bool, optional
+        Of a tableau: return the second weights in place of b.
+
+    Returns
+    -------
+    a, b : list of s lists of s str, list of s str
+        For a tableau. All digits are right. Fixed coefficients are as they are stored.
+    weights : list of dict from int to str
+        For a commutator-free method: of each point, by stage.
+
+    Raises
+    ------
+    CertificationError
+        If there is no certificate, or it can't be proved.
+    TypeError
+        If an argument isn't of the type listed.
+    ValueError
+        If `digits` is out of range, or there are no second weights.
+    """
+    if check_flag("embedded", embedded) and not self.layout.pair:
+        raise ValueError(f"embedded: {self.name or 'the method'} has no second weights")
+    if certificate is None:
+        certificate = certificate_of(self)
+    found = refined_digits(self, certificate, digits)
+    if self.layout.rows is None:
+        return self.layout.point_weights(found)
+    rows = [[str(entry) for entry in row] for row in self.layout.full_rows(found)]
+    return rows[: self.stages], rows[self.stages + embedded]
+
+
+Method.digits = digits  # attached here, as what a method is knows nothing of proofs
 
 
 def _solve(packed: Packed, certificate: Certificate, free: list[int], places: int) -> list[arb]:

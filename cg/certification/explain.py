@@ -14,16 +14,16 @@ from flint import arb, arb_mat, fmpq
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ..conditions import Rows
+from ..layout import Layout, Rows
 from ..quad import to_decimal
 from .composition import MidpointSteps
 from .identities import MiddleAbscissae, OfFirstWeights, PathOrderTwo, StageOrderTwo
 from .krawczyk import to_double
 from .parametric import Columns, Letters, Path
 from .relations import Identity, kept_words
-from .systems import System, condition
-from .weights import Quantity, Shape, Weights
-from .words import Word, condition_words, density, nodes, text
+from .systems import EquationSystem, condition
+from .weights import Quantity, Weights
+from .words import Word, condition_words, nodes, reciprocal_density, text
 
 __all__ = ["augment", "find_identities", "name_of", "read_identity"]
 
@@ -68,40 +68,42 @@ def read_identity(name: str) -> Identity:
 
 
 def find_identities(
-    shape: Shape, y: Sequence[arb], zeros: Sequence[Collection[int]]
+    layout: Layout, y: Sequence[arb], zeros: Sequence[Collection[int]]
 ) -> Iterator[tuple[Identity, ...]]:
     """Yield the sets of identities that coefficients seem to satisfy, small ones first.
 
     Parameters
     ----------
-    shape : Shape
+    layout : Layout
     y : sequence of arb
         Packed coefficients.
     zeros : sequence of collections of int
         For each row of weights, the stages (from 0) where they are held at zero.
     """
+    if layout.rows is None:
+        return  # they are about rows of tableaux
     found: list[tuple[Identity, ...]] = []
-    for k in range(shape.stages):
+    for k in range(layout.stages):
         found += [(StageOrderTwo(k),)]
     found += [
         (MiddleAbscissae(),),
         (PathOrderTwo(),),
     ]
-    if shape.pair:
+    if layout.pair:
         found += [(OfFirstWeights(MiddleAbscissae()),), (OfFirstWeights(PathOrderTwo()),)]
     found += [
         (Path((Fraction(0),)),),
         (Columns((Fraction(0),)),),
     ]
-    if shape.rows is Rows.DIAGONAL and not shape.pair:
+    if layout.rows is Rows.DIAGONAL and not layout.pair:
         found.insert(0, (MidpointSteps(),))
-    letters = _dependent_letters(shape, y)
+    letters = _dependent_letters(layout, y)
     if letters:
         found.append(letters)
     fitted = [
         kept
         for group in found
-        if len(kept := [f for one in group if (f := _fit(one, shape, y, zeros))]) == len(group)
+        if len(kept := [f for one in group if (f := _fit(one, layout, y, zeros))]) == len(group)
     ]
     for size in range(1, len(fitted) + 1):
         for chosen in combinations(fitted, size):
@@ -109,18 +111,18 @@ def find_identities(
 
 
 def _fit(
-    identity: Identity, shape: Shape, y: Sequence[arb], zeros: Sequence[Collection[int]]
+    identity: Identity, layout: Layout, y: Sequence[arb], zeros: Sequence[Collection[int]]
 ) -> Identity | None:
     """Return the identity with fitting parameters; None if it isn't satisfied, or undetermined."""
     count = len(identity.parameters)
-    equations = identity.equations(shape, zeros, 0)
+    equations = identity.equations(layout, zeros, 0)
     if len(equations) <= count:
         return None
-    system = System(shape, tuple(equations), count)
+    system = EquationSystem(layout, tuple(equations), count)
     values, jacobian = system.linearise([*y, *[arb(0)] * count])
     found: list[arb] = []
     if count:
-        rows = [row[shape.unknowns :] for row in jacobian.tolist()]
+        rows = [row[layout.size :] for row in jacobian.tolist()]
         by_parameter = to_double(arb_mat(rows))
         factor, pivots = linalg.qr(by_parameter.T, mode="r", pivoting=True)
         diagonal = np.abs(np.diag(factor))
@@ -144,12 +146,12 @@ def _middle(value: arb) -> Fraction:
     return int(mantissa) * Fraction(2) ** int(exponent)
 
 
-def _dependent_letters(shape: Shape, y: Sequence[arb]) -> tuple[Letters, ...]:
+def _dependent_letters(layout: Layout, y: Sequence[arb]) -> tuple[Letters, ...]:
     """Return the relations between trees with three or four nodes, without parameters."""
     words = [
         w for w in condition_words(3, independent=False) if nodes(w) > 1 and w != ((),) * nodes(w)
     ]
-    vectors = _deviations(words, shape, y)
+    vectors = _deviations(words, layout, y)
     scale = np.maximum(np.abs(vectors).max(axis=0), 1e-300)
     _, values, right = linalg.svd(vectors / scale)
     values = np.pad(values, (0, len(words) - len(values)))
@@ -164,11 +166,11 @@ def _dependent_letters(shape: Shape, y: Sequence[arb]) -> tuple[Letters, ...]:
     return tuple(Letters(word, others, (Fraction(0),) * len(others)) for word in chosen)
 
 
-def _deviations(words: Sequence[Word], shape: Shape, y: Sequence[arb]) -> NDArray[np.float64]:
-    rows = [i for i in range(shape.stages) if shape.lengths[i]]
+def _deviations(words: Sequence[Word], layout: Layout, y: Sequence[arb]) -> NDArray[np.float64]:
+    rows = [i for i in range(layout.stages) if layout.lengths[i]]
     bushes = [((),) * nodes(word) for word in words]
     quantities = [Quantity(i, word) for i in rows for word in [*words, *bushes]]
-    found = iter(Weights(shape, quantities).evaluate(y[: shape.unknowns]))
+    found = iter(Weights(layout, quantities).evaluate(y[: layout.size]))
     matrix = []
     for _ in rows:
         weights = [next(found) for _ in words]
@@ -183,21 +185,21 @@ def _deviations(words: Sequence[Word], shape: Shape, y: Sequence[arb]) -> NDArra
 
 
 def _ratio(word: Word, bush: Word) -> Any:
-    ratio = density(word) / density(bush)
+    ratio = reciprocal_density(word) / reciprocal_density(bush)
     return fmpq(ratio.numerator, ratio.denominator)
 
 
 def augment(
-    shape: Shape,
+    layout: Layout,
     orders: Sequence[int],
     identities: Sequence[Identity],
     zeros: Sequence[Collection[int]],
-) -> System:
+) -> EquationSystem:
     """Return a system of which all order conditions follow by identities.
 
     Parameters
     ----------
-    shape : Shape
+    layout : Layout
     orders : sequence of int
         Of b, and of the second weights of a pair.
     identities : sequence of Identity
@@ -209,17 +211,19 @@ def augment(
     ArithmeticError
         If that the conditions follow couldn't be shown.
     ValueError
-        If an identity doesn't fit the shape.
+        If an identity doesn't fit the layout.
     """
+    if identities and layout.rows is None:
+        raise ValueError("identities are about tableaux")
     equations, count = [], 0
     for identity in identities:
-        equations += identity.equations(shape, zeros, count)
+        equations += identity.equations(layout, zeros, count)
         count += len(identity.parameters)
     for r, (order, held) in enumerate(zip(orders, zeros, strict=True)):
         known = [one for one in identities if not (r and isinstance(one, OfFirstWeights))]
         for grade in range(1, order + 1):
             for word in kept_words(grade, known, held):
-                equation = condition(word, shape.stages + r)
+                equation = condition(word, layout.stages + r)
                 label = f"{text(word)} embedded" if r else equation.label
                 equations.append(equation._replace(label=label))
-    return System(shape, tuple(equations), count)
+    return EquationSystem(layout, tuple(equations), count)

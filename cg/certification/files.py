@@ -7,7 +7,7 @@ from importlib.resources.abc import Traversable
 from os import PathLike
 
 from ..catalogue import methods
-from ..tableau import Tableau
+from ..method import Method
 from .certificate import Certificate, CertificationError
 from .prove import check
 
@@ -25,7 +25,7 @@ def certificate_names() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
-def certificate_of(method: Tableau) -> Certificate:
+def certificate_of(method: Method) -> Certificate:
     """Return the certificate of a method of the catalogue.
 
     Raises
@@ -33,8 +33,8 @@ def certificate_of(method: Tableau) -> Certificate:
     CertificationError
         If it has none, or if the method isn't the one that the catalogue has by its name.
     """
-    if not isinstance(method, Tableau):
-        raise TypeError(f"method must be a Tableau, got {method!r}")
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
     name = method.name
     if name not in methods or methods[name] != method:
         raise CertificationError(f"{name or 'the method'} isn't in the catalogue: see cg.certify")
@@ -44,13 +44,13 @@ def certificate_of(method: Tableau) -> Certificate:
     return Certificate.loads(path.read_text(encoding="utf-8"))
 
 
-def check_file(path: str | PathLike[str], method: Tableau | None = None) -> Certificate:
+def check_file(path: str | PathLike[str], method: Method | None = None) -> Certificate:
     """Prove what a certificate file says from scratch, and return it.
 
     Parameters
     ----------
     path : path
-    method : Tableau, optional
+    method : Method, optional
         By default the one of the catalogue that the certificate names.
 
     Raises

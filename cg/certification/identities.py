@@ -15,9 +15,10 @@ from itertools import product
 from math import factorial
 from typing import Any, ClassVar
 
+from ..layout import Layout
 from .relations import Identity, Relation, fill, places, without
 from .systems import Equation, Term
-from .weights import Quantity, Shape
+from .weights import Quantity
 from .words import Word, shuffle
 
 __all__ = ["MiddleAbscissae", "OfFirstWeights", "PathOrderTwo", "StageOrderTwo"]
@@ -34,7 +35,7 @@ class StageOrderTwo:
 
     So the letter ``[[τ]]`` may be replaced by ``[ττ]``, up to a letter that is zero
     except on stage e: a mark. Weights are linear in the values of each letter, and both
-    trees have the same number of nodes and the same density, so
+    trees have the same number of nodes and the same reciprocal_density, so
 
         residual(t with [[τ]]) = residual(t with [ττ]) + κ Φ(t with the mark),
         κ = Σ_j a_ej c_j - c_e²/2.
@@ -55,7 +56,7 @@ class StageOrderTwo:
         return f"C(2) except at stage {self.exception + 1}"
 
     def equations(
-        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
     ) -> list[Equation]:
         """Return ``Σ_j a_ij c_j - c_i²/2`` for all i but the exception.
 
@@ -64,12 +65,12 @@ class StageOrderTwo:
         ValueError
             If there is no such stage.
         """
-        if not self.exception < shape.stages:
+        if not self.exception < layout.stages:
             raise ValueError(f"there is no stage {self.exception + 1}")
         return [
             Equation(f"C(2) at stage {i + 1}", _difference(Quantity(i, _LINE), Quantity(i, _BUSH)))
-            for i in range(shape.stages)
-            if i != self.exception and shape.lengths[i]
+            for i in range(layout.stages)
+            if i != self.exception and layout.lengths[i]
         ]
 
     def relations(self, word: Word) -> Iterator[Relation]:
@@ -126,7 +127,7 @@ class PathOrderTwo:
         return "path of order two"
 
     def equations(
-        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
     ) -> list[Equation]:
         """Return ``Σ_{j<k} b_j (c_k - c_j) - c_k²/2`` where the weight isn't zero.
 
@@ -135,8 +136,8 @@ class PathOrderTwo:
         ``(c_k - 1)² = 0``, whose derivative is zero.
         """
         found = []
-        for r, held in enumerate(zeros, shape.stages):
-            active = [k for k in range(shape.stages) if k not in held]
+        for r, held in enumerate(zeros, layout.stages):
+            active = [k for k in range(layout.stages) if k not in held]
             for k in active[:-1]:
                 own = Quantity(k, _DOT)
                 terms = (
@@ -144,7 +145,7 @@ class PathOrderTwo:
                     Term(Fraction(-1), (Quantity(r, _LINE, k),)),
                     Term(Fraction(-1), (Quantity(k, _BUSH),)),
                 )
-                if shape.lengths[k]:
+                if layout.lengths[k]:
                     found.append(Equation(f"path at stage {k + 1}", terms))
             last = Quantity(active[-1], _DOT)
             term = Term(Fraction(1), (last,))
@@ -205,15 +206,15 @@ class MiddleAbscissae:
         return "middle abscissae"
 
     def equations(
-        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
     ) -> list[Equation]:
         """Return ``c_k - Σ_{j<k} b_j - b_k/2`` where the weight isn't zero."""
         found = []
-        for r, held in enumerate(zeros, shape.stages):
-            for k in range(shape.stages):
+        for r, held in enumerate(zeros, layout.stages):
+            for k in range(layout.stages):
                 if k in held:
                     continue
-                own = [Term(Fraction(1), (Quantity(k, _DOT),))] if shape.lengths[k] else []
+                own = [Term(Fraction(1), (Quantity(k, _DOT),))] if layout.lengths[k] else []
                 terms = (
                     *own,
                     Term(Fraction(-1), (Quantity(r, _DOT, k),)),
@@ -263,10 +264,10 @@ class OfFirstWeights:
         return f"{self.identity.heading} of b"
 
     def equations(
-        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
     ) -> list[Equation]:
         """Return the equations of the identity for ``b`` alone."""
-        return self.identity.equations(shape, zeros[:1], first)
+        return self.identity.equations(layout, zeros[:1], first)
 
     def relations(self, word: Word) -> Iterator[Relation]:
         """Yield the relations of the identity, which hold for residuals of ``b``."""

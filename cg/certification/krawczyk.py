@@ -20,16 +20,16 @@ from flint import arb, arb_mat
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .systems import System
+from .systems import EquationSystem
 
-__all__ = ["Attempt", "choose_free", "krawczyk", "numerical_rank", "to_double"]
+__all__ = ["KrawczykTest", "choose_free", "krawczyk", "numerical_rank", "to_double"]
 
 RANK_THRESHOLD = 1e-12
 """Singular values below this fraction of the largest count as zero."""
 
 
 @dataclass(frozen=True)
-class Attempt:
+class KrawczykTest:
     """What Krawczyk's test gave.
 
     Attributes
@@ -87,13 +87,13 @@ def choose_free(jacobian: NDArray[np.float64], candidates: Sequence[int]) -> lis
 
 
 def krawczyk(
-    system: System, y: Sequence[arb], free: Sequence[int], radius: arb | None = None
-) -> Attempt:
+    system: EquationSystem, y: Sequence[arb], free: Sequence[int], radius: arb | None = None
+) -> KrawczykTest:
     """Try to prove that a system has a zero near y.
 
     Parameters
     ----------
-    system : System
+    system : EquationSystem
         With m equations.
     y : sequence of arb
         All unknowns; those that aren't free are held.
@@ -104,13 +104,13 @@ def krawczyk(
 
     Returns
     -------
-    Attempt
+    KrawczykTest
         Not proved, with infinite ratio, if the derivatives aren't regular at y.
     """
     values, at_point = system.linearise(y)
     columns = list(free)
     inverse = _approximate_inverse(_take(at_point, columns))
-    infinite = Attempt(arb("inf") if radius is None else radius, *(3 * [float("inf")]))
+    infinite = KrawczykTest(arb("inf") if radius is None else radius, *(3 * [float("inf")]))
     if inverse is None:
         return infinite
     steps = [abs(entry).upper() for entry in (inverse * arb_mat([[v] for v in values])).entries()]
@@ -131,7 +131,7 @@ def krawczyk(
     images = [
         (step / radius.lower() + total).upper() for step, total in zip(steps, sums, strict=True)
     ]
-    return Attempt(radius, _up(_largest(images)), _up(correction), _up(_largest(sums)))
+    return KrawczykTest(radius, _up(_largest(images)), _up(correction), _up(_largest(sums)))
 
 
 def _largest(values: Sequence[arb]) -> arb:

@@ -14,10 +14,11 @@ from typing import Any
 
 from flint import arb, fmpq
 
+from ..layout import Layout
 from .relations import Relation, fill, places, without
 from .systems import Equation, Term
-from .weights import Quantity, Shape
-from .words import Word, density, nodes, parse, shuffle, text
+from .weights import Quantity
+from .words import Word, nodes, parse, reciprocal_density, shuffle, text
 
 __all__ = ["RELATION_RADIUS", "Columns", "Letters", "Path"]
 
@@ -68,13 +69,13 @@ class Path:
         return "path"
 
     def equations(
-        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
     ) -> list[Equation]:
         """Return the identity at all stages with weights; `first` is the index of μ."""
         found = []
-        for r, held in enumerate(zeros, shape.stages):
-            for k in range(shape.stages):
-                if k in held or not shape.lengths[k]:
+        for r, held in enumerate(zeros, layout.stages):
+            for k in range(layout.stages):
+                if k in held or not layout.lengths[k]:
                     continue
                 bush = (Quantity(k, _BUSH),)
                 terms = (
@@ -151,15 +152,15 @@ class Letters:
     @staticmethod
     def _parts(word: Word) -> tuple[tuple[Fraction, Word], tuple[Fraction, Word]]:
         bush = ((),) * nodes(word)
-        return (Fraction(1), word), (-density(word) / density(bush), bush)
+        return (Fraction(1), word), (-reciprocal_density(word) / reciprocal_density(bush), bush)
 
     def equations(
-        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
     ) -> list[Equation]:
         """Return the identity at all stages; `first` is the index of the first β."""
         found = []
-        for i in range(shape.stages):
-            if not shape.lengths[i]:
+        for i in range(layout.stages):
+            if not layout.lengths[i]:
                 continue
             terms = [Term(f, (Quantity(i, w),)) for f, w in self._parts(self.pivot)]
             for k, word in enumerate(self.others, first):
@@ -213,12 +214,12 @@ class Columns:
         return "columns"
 
     def equations(
-        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
     ) -> list[Equation]:
         """Return the identity at all stages; `first` is the index of α."""
         found = []
-        for r, _ in enumerate(zeros, shape.stages):
-            for j in range(shape.stages):
+        for r, _ in enumerate(zeros, layout.stages):
+            for j in range(layout.stages):
                 weight, behind = Quantity(r, (j,)), Quantity(r, ((), j))
                 terms = (
                     Term(Fraction(1), (Quantity(r, ((j,),)),)),

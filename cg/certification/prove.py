@@ -12,19 +12,21 @@ import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 from numpy.typing import NDArray
 
+from ..catalogue import resolve_method
 from ..checks import check_integer
 from ..coefficients import Coefficient
 from ..conditions import HIGHEST_ORDER
+from ..layout import Layout
+from ..method import TOLERANCE_FACTOR, Method
 from ..quad import to_decimal
-from ..tableau import TOLERANCE_FACTOR, Tableau
 from .certificate import Beyond, Certificate, CertificationError
 from .explain import augment, find_identities, name_of, read_identity
-from .krawczyk import Attempt, choose_free, krawczyk, numerical_rank, to_double
+from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
 from .parametric import RELATION_RADIUS
 from .relations import Identity
-from .systems import System, exact_residuals, order_system
-from .weights import Quantity, Shape, Weights
-from .words import Word, condition_words, density, nodes, parse, text
+from .systems import EquationSystem, exact_residuals, order_system
+from .weights import Quantity, Weights
+from .words import Word, condition_words, nodes, parse, reciprocal_density, text
 
 __all__ = [
     "Packed",
@@ -51,24 +53,18 @@ class Packed:
 
     Attributes
     ----------
-    shape : Shape
+    layout : Layout
     coefficients : tuple of Coefficient
         Row by row; second weights last.
     """
 
-    shape: Shape
+    layout: Layout
     coefficients: tuple[Coefficient, ...]
 
     @classmethod
-    def of(cls, method: Tableau, pair: bool) -> Packed:
-        """Pack a method, with or without its second weights."""
-        shape = Shape(method.stages, method.rows, pair)
-        rows = [*method.entries, method.weights]
-        if pair:
-            assert method.embedded_weights is not None
-            rows.append(method.embedded_weights)
-        packed = [c for row, n in zip(rows, shape.lengths, strict=True) for c in row[:n]]
-        return cls(shape, tuple(packed))
+    def of(cls, method: Method) -> Packed:
+        """Pack a method, with its second result if it is a pair."""
+        return cls(method.layout, method.coefficients)
 
     @property
     def values(self) -> list[Fraction]:
@@ -81,11 +77,9 @@ class Packed:
 
     def zeros(self) -> list[frozenset[int]]:
         """Return at which stages each row of weights is exactly zero."""
-        starts, stages = self.shape.starts, self.shape.stages
-        return [
-            frozenset(k for k in range(stages) if self.coefficients[begin + k].value == 0)
-            for begin in starts[stages:-1]
-        ]
+        held = [k for k, coefficient in enumerate(self.coefficients) if coefficient.value == 0]
+        rows = map(self.layout.row, range(self.layout.stages, len(self.layout.ends)))
+        return [frozenset(self.layout.stage_of[k].item() for k in held if k in row) for row in rows]
 
 
 @contextmanager
@@ -99,7 +93,7 @@ def precision(bits: int) -> Iterator[None]:
         ctx.prec = before
 
 
-def certify(method: Tableau | str, order: int | None = None) -> Certificate:
+def certify(method: Method | str, order: int | None = None) -> Certificate:
     """Prove the order of a method.
 
     Shows by Krawczyk's test in ball arithmetic that close to the stored coefficients there
@@ -108,7 +102,7 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
 
     Parameters
     ----------
-    method : Tableau or str
+    method : Method or str
         A name is looked up in the catalogue. Second weights of a pair are proved as well.
     order : int, optional
         By default the order of the method. It must be the order exactly.
@@ -120,7 +114,7 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
     Raises
     ------
     TypeError
-        If `method` is neither a name nor a tableau, or `order` isn't an integer.
+        If `method` is neither a name nor a method, or `order` isn't an integer.
     ValueError
         If no method has that name, or `order` is out of range.
     CertificationError
@@ -131,21 +125,14 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
     >>> certify("CG3").order
     3
     """
-    if isinstance(method, str):
-        from ..catalogue import methods
-
-        if method not in methods:
-            raise ValueError(f"method must be one of {', '.join(methods)}, got {method!r}")
-        method = methods[method]
-    if not isinstance(method, Tableau):
-        raise TypeError(f"method must be a name or a Tableau, got {method!r}")
+    method = resolve_method(method)
     order = method.order if order is None else check_integer("order", order, 1, HIGHEST_ORDER)
     if order < 1:
         raise CertificationError(
             f"{method.name or 'the method'}: the coefficients satisfy no order conditions"
         )
-    pair = method.embedded_weights is not None
-    packed = Packed.of(method, pair)
+    pair = method.layout.pair
+    packed = Packed.of(method)
     embedded_order = method.embedded_order if pair else None
     if pair and not embedded_order:
         raise CertificationError(
@@ -159,7 +146,7 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
         radius="0",
         bits=64 * math.ceil((math.log2(10) * digits + _GUARD_BITS) / 64),
         identities=(),
-        fixed=tuple(packed.shape.names()),
+        fixed=tuple(packed.layout.names),
         beyond=Beyond("[]", "0"),
         embedded_beyond=None,
     )
@@ -171,14 +158,14 @@ def certify(method: Tableau | str, order: int | None = None) -> Certificate:
         return _find_beyond(packed, draft)
 
 
-def check(certificate: Certificate, method: Tableau) -> None:
+def check(certificate: Certificate, method: Method) -> None:
     """Prove what a certificate says from scratch.
 
     Parameters
     ----------
     certificate : Certificate
         Nothing in it is believed.
-    method : Tableau
+    method : Method
 
     Raises
     ------
@@ -187,12 +174,12 @@ def check(certificate: Certificate, method: Tableau) -> None:
     """
     if not isinstance(certificate, Certificate):
         raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
-    if not isinstance(method, Tableau):
-        raise TypeError(f"method must be a Tableau, got {method!r}")
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
     packed = fitting(certificate, method)
     with precision(certificate.bits):
         if Fraction(certificate.radius) == 0:
-            if len(certificate.fixed) != packed.shape.unknowns:
+            if len(certificate.fixed) != packed.layout.size:
                 raise CertificationError("a radius of 0 needs all coefficients fixed")
             check_rational(packed, certificate)
         else:
@@ -200,13 +187,13 @@ def check(certificate: Certificate, method: Tableau) -> None:
         _check_beyond(packed, certificate)
 
 
-def fitting(certificate: Certificate, method: Tableau) -> Packed:
+def fitting(certificate: Certificate, method: Method) -> Packed:
     """Return the method as a certificate sees it; CertificationError if it isn't the one meant."""
     pair = certificate.embedded_order is not None
     faults = []
     if certificate.name != method.name:
         faults.append(f"it is for {certificate.name!r}, not for {method.name!r}")
-    if pair != (method.embedded_weights is not None):
+    if pair != method.layout.pair:
         faults.append("second weights must be proved, and those of pairs only")
     if certificate.order < 1 or (pair and not certificate.embedded_order):
         faults.append("orders must be at least 1")
@@ -214,7 +201,7 @@ def fitting(certificate: Certificate, method: Tableau) -> Packed:
         faults.append(f"bits must be between 53 and {_MOST_BITS}, got {certificate.bits}")
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
-    packed = Packed.of(method, pair)
+    packed = Packed.of(method)
     names = _names(packed, certificate)
     held = set(certificate.fixed)
     if len(held) != len(certificate.fixed) or not held.issubset(names):
@@ -225,15 +212,15 @@ def fitting(certificate: Certificate, method: Tableau) -> Packed:
     return packed
 
 
-def system_of(packed: Packed, certificate: Certificate) -> System:
+def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
     """Return the equations of a certificate."""
     if not certificate.identities:
-        return order_system(packed.shape, certificate.order, certificate.embedded_order)
+        return order_system(packed.layout, certificate.order, certificate.embedded_order)
     if Fraction(certificate.radius) >= Fraction(RELATION_RADIUS):
         raise CertificationError("the radius is too large for the relations of identities")
     try:
         identities = _identities(certificate)
-        return augment(packed.shape, _orders(certificate), identities, packed.zeros())
+        return augment(packed.layout, _orders(certificate), identities, packed.zeros())
     except (ValueError, ArithmeticError) as error:
         raise CertificationError(str(error)) from None
 
@@ -248,7 +235,7 @@ def _identities(certificate: Certificate) -> list[Identity]:
 def _names(packed: Packed, certificate: Certificate) -> list[str]:
     """Return the names of all unknowns: coefficients, and parameters of identities."""
     count = sum(len(identity.parameters) for identity in _identities(certificate))
-    return [*packed.shape.names(), *(f"parameter_{k}" for k in range(1, count + 1))]
+    return [*packed.layout.names, *(f"parameter_{k}" for k in range(1, count + 1))]
 
 
 def start(packed: Packed, certificate: Certificate) -> list[arb]:
@@ -279,7 +266,7 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
             equations=len(system.equations),
         )
     y = start(packed, certificate)
-    conditions = order_system(packed.shape, certificate.order, certificate.embedded_order)
+    conditions = order_system(packed.layout, certificate.order, certificate.embedded_order)
     values, jacobian = conditions.linearise(y)
     _check_places(packed, conditions, values, jacobian)
     attempt = krawczyk(system, y, free, arb(certificate.radius))
@@ -287,7 +274,7 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
         raise CertificationError(f"{certificate.name}: no zero is proved", **_quantities(attempt))
 
 
-def _quantities(attempt: Attempt) -> dict[str, float]:
+def _quantities(attempt: KrawczykTest) -> dict[str, float]:
     return {
         "radius": float(attempt.radius),
         "ratio": attempt.ratio,
@@ -296,7 +283,9 @@ def _quantities(attempt: Attempt) -> dict[str, float]:
     }
 
 
-def _check_places(packed: Packed, system: System, values: Sequence[arb], jacobian: arb_mat) -> None:
+def _check_places(
+    packed: Packed, system: EquationSystem, values: Sequence[arb], jacobian: arb_mat
+) -> None:
     """Refuse coefficients that are further off than their last places can explain.
 
     Otherwise a solution close to wrong coefficients would pass as theirs.
@@ -315,19 +304,19 @@ def _check_places(packed: Packed, system: System, values: Sequence[arb], jacobia
 
 def _find_zero(packed: Packed, draft: Certificate) -> Certificate:
     y = packed.balls()
-    system = order_system(packed.shape, draft.order, draft.embedded_order)
+    system = order_system(packed.layout, draft.order, draft.embedded_order)
     values, jacobian = system.linearise(y)
     _check_places(packed, system, values, jacobian)
     found = _try(packed, draft, system, to_double(jacobian))
     if isinstance(found, Certificate):
         return found
     tried = []
-    for identities in find_identities(packed.shape, y, packed.zeros()):
+    for identities in find_identities(packed.layout, y, packed.zeros()):
         names = tuple(map(name_of, identities))
         tried.append(" and ".join(identity.heading for identity in identities))
         extended = replace(draft, identities=names)
         try:
-            augmented = augment(packed.shape, _orders(draft), identities, packed.zeros())
+            augmented = augment(packed.layout, _orders(draft), identities, packed.zeros())
         except ArithmeticError:
             continue
         jacobian = augmented.linearise(start(packed, extended))[1]
@@ -341,12 +330,12 @@ def _find_zero(packed: Packed, draft: Certificate) -> Certificate:
 
 
 def _try(
-    packed: Packed, draft: Certificate, system: System, jacobian: NDArray[np.float64]
+    packed: Packed, draft: Certificate, system: EquationSystem, jacobian: NDArray[np.float64]
 ) -> Certificate | dict[str, float]:
     """Return the certificate with the zero proved, or the quantities that tell why not."""
     names = _names(packed, draft)
     size = len(system.equations)
-    parameters = list(range(packed.shape.unknowns, system.unknowns))
+    parameters = list(range(packed.layout.size, system.unknowns))
     rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     found: dict[str, float] = {}
@@ -368,10 +357,10 @@ def _try(
 
 def check_rational(packed: Packed, certificate: Certificate) -> None:
     """Prove that no condition has a residual; CertificationError, which names it, if one has."""
-    for r, order in enumerate(_orders(certificate), packed.shape.stages):
+    for r, order in enumerate(_orders(certificate), packed.layout.stages):
         words = condition_words(order)
         for word, residual in zip(
-            words, exact_residuals(packed.shape, packed.values, words, r), strict=True
+            words, exact_residuals(packed.layout, packed.values, words, r), strict=True
         ):
             if residual != 0:
                 raise CertificationError(
@@ -393,7 +382,7 @@ def _find_beyond(packed: Packed, draft: Certificate) -> Certificate:
     found: list[Beyond] = []
     for r, order in enumerate(_orders(draft)):
         words = [w for w in condition_words(order + 1) if nodes(w) == order + 1]
-        bounds = _bounds(packed, draft, words, packed.shape.stages + r)
+        bounds = _bounds(packed, draft, words, packed.layout.stages + r)
         best = max(range(len(words)), key=lambda k: bounds[k])
         if bounds[best] < _LEAST_BOUND:
             raise CertificationError(
@@ -418,7 +407,7 @@ def _check_beyond(packed: Packed, certificate: Certificate) -> None:
             raise CertificationError(
                 f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
             )
-        bound = _bounds(packed, certificate, [word], packed.shape.stages + r)[0]
+        bound = _bounds(packed, certificate, [word], packed.layout.stages + r)[0]
         if not bound >= Fraction(claim.bound) >= _LEAST_BOUND:
             raise CertificationError(
                 f"{certificate.name}: the condition of {claim.tree} isn't violated by as much as "
@@ -431,10 +420,10 @@ def _bounds(
     packed: Packed, certificate: Certificate, words: Sequence[Word], row: int
 ) -> list[Fraction]:
     """Return lower bounds of the residuals' magnitudes in the box."""
-    weights = Weights(packed.shape, [Quantity(row, word) for word in words])
+    weights = Weights(packed.layout, [Quantity(row, word) for word in words])
     bounds = []
     for value, word in zip(weights.evaluate(box(packed, certificate)), words, strict=True):
-        target = density(word)
+        target = reciprocal_density(word)
         lower = (value - arb(fmpq(target.numerator, target.denominator))).abs_lower()
         mantissa, exponent = lower.man_exp()
         bounds.append(int(mantissa) * Fraction(2) ** int(exponent))

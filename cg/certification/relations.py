@@ -20,8 +20,8 @@ import numpy as np
 from flint import arb, arb_mat
 from numpy.typing import NDArray
 
+from ..layout import Layout
 from .systems import Equation
-from .weights import Shape
 from .words import Word, condition_words, nodes, shuffle
 
 __all__ = ["HOLE", "Identity", "Relation", "fill", "kept_words", "places", "without"]
@@ -44,7 +44,7 @@ class Identity(Protocol):
         """Approximations of unknown coefficients of its own."""
 
     def equations(
-        self, shape: Shape, zeros: Sequence[Collection[int]], first: int
+        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
     ) -> list[Equation]:
         """Return what is to be proved of the coefficients.
 

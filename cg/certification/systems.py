@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 from flint import arb, arb_mat, fmpq
 
-from .weights import Quantity, Shape, Weights
-from .words import Word, condition_words, density, text
+from ..layout import Layout
+from .weights import Quantity, Weights
+from .words import Word, condition_words, reciprocal_density, text
 
-__all__ = ["Equation", "System", "Term", "condition", "exact_residuals", "order_system"]
+__all__ = ["Equation", "EquationSystem", "Term", "condition", "exact_residuals", "order_system"]
 
 
 class Term(NamedTuple):
@@ -44,29 +45,29 @@ class Equation(NamedTuple):
 def condition(word: Word, row: int) -> Equation:
     """Return ``Φ(t) - 1/γ(t)`` for the tree with these children, along a row of weights."""
     term = Term(Fraction(1), (Quantity(row, word),))
-    return Equation(text(word), (term,), -density(word))
+    return Equation(text(word), (term,), -reciprocal_density(word))
 
 
 @dataclass(frozen=True)
-class System:
+class EquationSystem:
     """Equations in the entries of a tableau, and in parameters of their own.
 
     Attributes
     ----------
-    shape : Shape
+    layout : Layout
     equations : tuple of Equation
     parameters : int
         Number of further unknowns, after the entries of the tableau.
     """
 
-    shape: Shape
+    layout: Layout
     equations: tuple[Equation, ...]
     parameters: int = 0
 
     @property
     def unknowns(self) -> int:
         """Number of unknowns."""
-        return self.shape.unknowns + self.parameters
+        return self.layout.size + self.parameters
 
     @cached_property
     def _position(self) -> dict[Quantity, int]:
@@ -85,7 +86,7 @@ class System:
         """Return the residuals and their derivatives by all unknowns."""
         values, weights, found = self._evaluate(z)
         by_entry = weights.jacobian().tolist()
-        size, rest = self.shape.unknowns, list(z[self.shape.unknowns :])
+        size, rest = self.layout.size, list(z[self.layout.size :])
         rows = []
         for equation in self.equations:
             row = [arb(0)] * self.unknowns
@@ -105,9 +106,9 @@ class System:
         return values, arb_mat(rows)
 
     def _evaluate(self, z: Sequence[arb]) -> tuple[list[arb], Weights, list[arb]]:
-        weights = Weights(self.shape, list(self._position))
-        found = weights.evaluate(z[: self.shape.unknowns])
-        rest = list(z[self.shape.unknowns :])
+        weights = Weights(self.layout, list(self._position))
+        found = weights.evaluate(z[: self.layout.size])
+        rest = list(z[self.layout.size :])
         values = []
         for equation in self.equations:
             total = _ball(equation.constant)
@@ -120,26 +121,26 @@ class System:
         return values, weights, found
 
 
-def order_system(shape: Shape, order: int, embedded_order: int | None) -> System:
+def order_system(layout: Layout, order: int, embedded_order: int | None) -> EquationSystem:
     """Return the independent order conditions, of both rows of weights for a pair."""
-    equations = [condition(word, shape.stages) for word in condition_words(order)]
+    equations = [condition(word, layout.stages) for word in condition_words(order)]
     if embedded_order:
         embedded = condition_words(embedded_order)
         equations += [
-            condition(word, shape.stages + 1)._replace(label=f"{text(word)} embedded")
+            condition(word, layout.stages + 1)._replace(label=f"{text(word)} embedded")
             for word in embedded
         ]
-    return System(shape, tuple(equations))
+    return EquationSystem(layout, tuple(equations))
 
 
 def exact_residuals(
-    shape: Shape, x: Sequence[Fraction], words: Sequence[Word], row: int
+    layout: Layout, x: Sequence[Fraction], words: Sequence[Word], row: int
 ) -> list[Fraction]:
     """Return ``Φ(t) - 1/γ(t)`` in rational arithmetic, for packed rational entries."""
-    weights = Weights(shape, [Quantity(row, word) for word in words])
+    weights = Weights(layout, [Quantity(row, word) for word in words])
     found = weights.evaluate([fmpq(entry.numerator, entry.denominator) for entry in x])
     return [
-        Fraction(int(value.p), int(value.q)) - density(word)
+        Fraction(int(value.p), int(value.q)) - reciprocal_density(word)
         for value, word in zip(found, words, strict=True)
     ]
 

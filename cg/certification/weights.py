@@ -1,25 +1,24 @@
-"""Weights of words along the rows of a tableau, and their derivatives, in ball arithmetic.
+"""Weights of words at the points of a method, and their derivatives, in ball arithmetic.
 
 The same recursions as in the compiled core, on numbers of python-flint: balls (``arb``)
-for proofs, rationals (``fmpq``) for exact weights without derivatives. A row acts on
-words as the ordered product of the exponentials of its entries, so that a word is cut in
-all ways into parts for earlier stages, for one stage, and for later ones.
+for proofs, rationals (``fmpq``) for exact weights without derivatives. The flow to a point
+acts on words as an exponential after what acted at its parent, so that a word is cut in
+all ways into a part for what is before, and one for the flow.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from math import comb
 from typing import Any, NamedTuple
 
-from flint import arb, arb_mat
+from flint import arb_mat
 
-from ..conditions import Rows, row_lengths
+from ..layout import Layout
+from ..points import START
 from .words import Letter, Word, closure, nodes
 
-__all__ = ["Quantity", "Shape", "Weights"]
+__all__ = ["Quantity", "Weights"]
 
 Vector = list[Any]
 
@@ -27,15 +26,15 @@ _CHUNK = 128  # quantities that are derived at a time: bounds the memory
 
 
 class Quantity(NamedTuple):
-    """The weight of a word along a row.
+    """The weight of a word at the end of a row.
 
     Attributes
     ----------
     row : int
-        From 0: the rows of a, then b, then the embedded weights.
+        From 0: the stages, then the result, then the second result.
     word : Word
     stop : int or None
-        Only the first so many entries of the row count; None for all.
+        Only the first so many points on the way count; None for all.
     """
 
     row: int
@@ -43,148 +42,71 @@ class Quantity(NamedTuple):
     stop: int | None = None
 
 
-@dataclass(frozen=True)
-class Shape:
-    """Which unknowns a tableau has, packed row by row.
+class _Segment(NamedTuple):
+    """Points that follow each other, of which only the last has stages or several children."""
 
-    Attributes
-    ----------
-    stages : int
-    rows : Rows
-    pair : bool
-        Whether there is a second row of weights, last.
-    """
-
-    stages: int
-    rows: Rows
-    pair: bool = False
-
-    @property
-    def lengths(self) -> tuple[int, ...]:
-        """Entries of each row."""
-        lengths = row_lengths(self.stages, self.rows)
-        return (*lengths, self.stages) if self.pair else lengths
-
-    @property
-    def starts(self) -> tuple[int, ...]:
-        """Index of the first unknown of each row, and their number last."""
-        starts = [0]
-        for length in self.lengths:
-            starts.append(starts[-1] + length)
-        return tuple(starts)
-
-    @property
-    def unknowns(self) -> int:
-        """Number of unknowns."""
-        return self.starts[-1]
-
-    def names(self) -> list[str]:
-        """Return the names of the unknowns: ``a_3,1``, ``b_2``, ``b_embedded_2``."""
-        labels = [f"a_{r}," for r in range(1, self.stages + 1)] + ["b_", "b_embedded_"]
-        return [
-            f"{labels[r]}{j}" for r, length in enumerate(self.lengths) for j in range(1, length + 1)
-        ]
+    points: list[int]
+    origin: int  # the segment at whose end it begins, -1 for the start
 
 
-class _Row:
-    """One row: exponentials and products of the stages to the left, for each word."""
-
-    def __init__(self, entries: Vector, one: Any) -> None:
-        self.entries = entries
-        self.one = one
-        self.exponential: dict[Word, Vector] = {(): [one] * len(entries)}
-        self.left: dict[Word, Vector] = {(): [one] * len(entries)}
-        self.total: dict[Word, Any] = {(): one}
-        self.letters: dict[Letter, Vector] = {}
-
-    def add(self, word: Word, letter: Sequence[Any]) -> None:
-        """Compute a word whose proper factors are known; `letter` are the Φ_j of its first."""
-        first = word[0]
-        if first not in self.letters:
-            pairs = zip(self.entries, letter, strict=False)
-            self.letters[first] = [entry * phi for entry, phi in pairs]
-        count = len(word)
-        rest = self.exponential[word[1:]]
-        e = [x * y / count for x, y in zip(rest, self.letters[first], strict=True)]
-        self.exponential[word] = e
-        change = self._cut(word, e, self.left, self.exponential)
-        left, total = [], self.one * 0
-        for part in change:
-            left.append(total)
-            total = total + part
-        self.left[word], self.total[word] = left, total
-
-    def right(self, words: Iterable[Word], stop: int) -> dict[Word, Vector]:
-        """Return the products of the stages to the right, of the first `stop` ones."""
-        found: dict[Word, Vector] = {(): [self.one] * stop}
-        for word in words:
-            change = self._cut(word, self.exponential[word], self.exponential, found)
-            right, total = [], self.one * 0
-            for k in range(stop - 1, -1, -1):
-                right.append(total)
-                total = total + change[k]
-            found[word] = right[::-1]
-        return found
-
-    def up_to(self, word: Word, stop: int | None) -> Any:
-        """Return the weight of a word along the first `stop` entries."""
-        if stop is None or stop >= len(self.entries):
-            return self.total[word]
-        return self.left[word][stop]
-
-    @staticmethod
-    def _cut(word: Word, e: Vector, heads: dict[Word, Vector], tails: dict[Word, Vector]) -> Vector:
-        change = e
-        for cut in range(1, len(word)):
-            parts = zip(change, heads[word[:cut]], tails[word[cut:]], strict=False)
-            change = [c + h * t for c, h, t in parts]
-        return change
-
-    def slot(self, word: Word, m: int, right: dict[Word, Vector]) -> Vector:
-        """Return the derivatives of the weight by ``entry_j Φ_j`` of the letter at place m."""
-        stop = len(right[()])
-        z: Vector | None = None
-        for p in range(m + 1):
-            earlier = _product(self.left[word[: m - p]], self.exponential[word[m - p : m]], stop)
-            for q in range(len(word) - m):
-                tail = m + 1 + q
-                later = _product(self.exponential[word[m + 1 : tail]], right[word[tail:]], stop)
-                share = (p + q + 1) * comb(p + q, p)  # (p + q + 1)! / (p! q!)
-                if z is None:
-                    z = [a * b / share for a, b in zip(earlier, later, strict=True)]
-                else:
-                    z = [c + a * b / share for c, a, b in zip(z, earlier, later, strict=True)]
-        assert z is not None
-        return z
-
-
-def _product(u: Vector, v: Vector, stop: int) -> Vector:
-    return [x * y for x, y in zip(u[:stop], v[:stop], strict=True)]
+def _segments(layout: Layout) -> list[_Segment]:
+    """Return the segments on the paths to the stages, parents first."""
+    inner = sorted({m for at in layout.stage_points for m in layout.path(at)})
+    children = [m for m in inner if layout.parents[m] != START]
+    branches = [layout.parents[m] for m in children]
+    ends = {*layout.stage_points, *(p for p in branches if branches.count(p) > 1)}
+    found: list[_Segment] = []
+    belongs = {START: START}
+    for m in inner:
+        parent = layout.parents[m]
+        if parent == START or parent in ends:
+            belongs[m] = len(found)
+            found.append(_Segment([m], belongs[parent]))
+        else:
+            belongs[m] = belongs[parent]
+            found[belongs[m]].points.append(m)
+    return found
 
 
 class Weights:
-    """Weights of words along the rows of a tableau.
+    """Weights of words at points of a method.
 
     Parameters
     ----------
-    shape : Shape
+    layout : Layout
     quantities : sequence of Quantity
         What to evaluate.
     """
 
-    def __init__(self, shape: Shape, quantities: Sequence[Quantity]) -> None:
-        self.shape = shape
+    def __init__(self, layout: Layout, quantities: Sequence[Quantity]) -> None:
+        self.layout = layout
         self.quantities = list(quantities)
-        stages = shape.stages
+        self._paths = [self._path(quantity) for quantity in self.quantities]
         letters: set[Word] = set()
-        wanted: dict[int, set[Word]] = {}
-        for row, word, _ in self.quantities:
-            wanted.setdefault(row, set()).add(word)
+        words: set[Word] = set()
+        for (row, word, _), path in zip(self.quantities, self._paths, strict=True):
             letters.update(t for t in word if not isinstance(t, int) and t)
-        inner = letters.union(*(words for row, words in wanted.items() if row < stages))
-        self._stage_words = closure(inner)
-        self._stage_trees = self._letters_of(self._stage_words, letters)
-        self._outer = {row: list(closure(words)) for row, words in wanted.items() if row >= stages}
+            if row < layout.stages or not path:
+                words.add(word)
+        self._segments = _segments(layout)
+        self._stage_words = closure(letters | words)
+        self._letters = self._letters_of(self._stage_words, letters)
+        # by word, the points where it is needed
+        everywhere = [m for segment in self._segments for m in segment.points]
+        needed = {word: set(everywhere) for word in self._stage_words}
+        self._outer: dict[int, list[Word]] = {}
+        wanted: dict[int, set[Word]] = {}
+        for quantity, path in zip(self.quantities, self._paths, strict=True):
+            if path:
+                wanted.setdefault(path[-1], set()).add(quantity.word)
+        for end, own in wanted.items():
+            self._outer[end] = closure(own)
+            for word in self._outer[end]:
+                needed.setdefault(word, set()).update(layout.path(end))
+        self._needed = {word: sorted(needed[word]) for word in sorted(needed, key=nodes)}
+
+    def _path(self, quantity: Quantity) -> list[int]:
+        return self.layout.path(self.layout.ends[quantity.row])[: quantity.stop]
 
     @staticmethod
     def _letters_of(words: Iterable[Word], letters: set[Word]) -> list[Word]:
@@ -194,126 +116,228 @@ class Weights:
         return sorted(found, key=nodes)
 
     def evaluate(self, x: Sequence[Any]) -> Vector:
-        """Return the weights at packed entries, all ``arb`` or all ``fmpq``."""
-        shape, starts = self.shape, self.shape.starts
-        one = x[0] * 0 + 1
-        self._one = one
-        self._rows = [_Row(list(x[begin:end]), one) for begin, end in itertools.pairwise(starts)]
-        self._phi: dict[Letter, Vector] = {(): [one] * shape.stages}
-        for word in self._stage_words:
-            letter = self._letter(word[0])
-            for row in self._rows[: shape.stages]:
-                row.add(word, letter)
-            self._phi[word] = [row.total[word] for row in self._rows[: shape.stages]]
-        for r, words in self._outer.items():
-            for word in words:
-                if word not in self._rows[r].total:
-                    self._rows[r].add(word, self._letter(word[0]))
-        return [self._rows[row].up_to(word, stop) for row, word, stop in self.quantities]
+        """Return the weights at packed unknowns, all ``arb`` or all ``fmpq``."""
+        layout = self.layout
+        points = len(layout.parents)
+        self._x = list(x)
+        self._one = one = x[0] * 0 + 1
+        self._zero = zero = one * 0
+        self._phi: dict[Letter, Vector] = {(): [one] * layout.stages}
+        self._letter: dict[Letter, Vector] = {}
+        # by word: of the flow alone, at the parent, and at the point; the start is last
+        self._flow: dict[Word, Vector] = {(): [one] * points}
+        self._left: dict[Word, Vector] = {(): [one] * points}
+        self._chi: dict[Word, Vector] = {(): [one] * (points + 1)}
+        stage_words = set(self._stage_words)
+        for word, where in self._needed.items():
+            self._add(word, where)
+            if word in stage_words:
+                chi = self._chi[word]
+                self._phi[word] = [chi[at] for at in layout.stage_points]
+        return [
+            self._chi[quantity.word][path[-1]] if path else (zero if quantity.word else one)
+            for quantity, path in zip(self.quantities, self._paths, strict=True)
+        ]
 
-    def _letter(self, letter: Letter) -> Vector:
+    def _add(self, word: Word, where: Sequence[int]) -> None:
+        """Compute a word whose proper factors are known, at some points with their parents."""
+        count, points = len(word), len(self.layout.parents)
+        rest, letter = self._flow[word[1:]], self._letter_at_points(word[0])
+        flow: Vector = [None] * points
+        left: Vector = [None] * points
+        chi: Vector = [None] * points + [self._zero]
+        cuts = [(self._left[word[:cut]], self._flow[word[cut:]]) for cut in range(1, count)]
+        parents = self.layout.parents
+        for m in where:
+            change = flow[m] = rest[m] * letter[m] / count
+            for head, tail in cuts:
+                change = change + head[m] * tail[m]
+            left[m] = chi[parents[m]]
+            chi[m] = left[m] + change
+        self._flow[word], self._left[word], self._chi[word] = flow, left, chi
+
+    def _values(self, letter: Letter) -> Vector:
+        """Return what a letter is at the stages."""
         if isinstance(letter, int) and letter not in self._phi:
-            zero = self._one * 0
             self._phi[letter] = [
-                self._one if j == letter else zero for j in range(self.shape.stages)
+                self._one if j == letter else self._zero for j in range(self.layout.stages)
             ]
         return self._phi[letter]
 
+    def _letter_at_points(self, letter: Letter) -> Vector:
+        """Return the combinations of a letter's values that the flows to points have."""
+        if letter not in self._letter:
+            phi, layout = self._values(letter), self.layout
+            found: Vector = []
+            for begin, stages in zip(layout.starts, layout.weights, strict=False):
+                terms = [self._x[k] * phi[stage] for k, stage in enumerate(stages, begin)]
+                found.append(sum(terms[1:], start=terms[0]) if terms else self._zero)
+            self._letter[letter] = found
+        return self._letter[letter]
+
+    def _right(
+        self, words: Iterable[Word], path: Sequence[int]
+    ) -> tuple[dict[Word, Vector], dict[Word, Any]]:
+        """Return the products of the flows after each point of a path, and of all of them."""
+        found: dict[Word, Vector] = {(): [self._one] * len(path)}
+        whole: dict[Word, Any] = {(): self._one}
+        for word in words:
+            flow = self._flow[word]
+            cuts = [(self._flow[word[:cut]], found[word[cut:]]) for cut in range(1, len(word))]
+            right, total = [], self._zero
+            for i in range(len(path) - 1, -1, -1):
+                m = path[i]
+                right.append(total)
+                total = total + flow[m]
+                for head, tail in cuts:
+                    total = total + head[m] * tail[i]
+            found[word], whole[word] = right[::-1], total
+        return found, whole
+
+    def _slot(self, word: Word, m: int, path: Sequence[int], right: dict[Word, Vector]) -> Vector:
+        """Return the derivatives of the weight by the letters of points at place m."""
+        z: Vector | None = None
+        for p in range(m + 1):
+            left, flow = self._left[word[: m - p]], self._flow[word[m - p : m]]
+            earlier = [left[i] * flow[i] for i in path]
+            for q in range(len(word) - m):
+                tail = m + 1 + q
+                after, beyond = self._flow[word[m + 1 : tail]], right[word[tail:]]
+                later = [after[i] * b for i, b in zip(path, beyond, strict=True)]
+                share = (p + q + 1) * comb(p + q, p)  # (p + q + 1)! / (p! q!)
+                if z is None:
+                    z = [a * b / share for a, b in zip(earlier, later, strict=True)]
+                else:
+                    z = [c + a * b / share for c, a, b in zip(z, earlier, later, strict=True)]
+        assert z is not None
+        return z
+
     def jacobian(self) -> arb_mat:
         """Return the derivatives of the quantities, after `evaluate` on balls.
+
+        Adjoints of weights at the ends of segments are carried from words with many nodes
+        to those with few.
 
         Returns
         -------
         arb_mat, shape (quantities, unknowns)
         """
-        stages = self.shape.stages
-        rows = self._rows[:stages]
-        rights = [row.right(self._stage_words, len(row.entries)) for row in rows]
-        # per tree: derivatives by the weights of its letters, and by the entries themselves
-        self._inner: dict[Word, list[tuple[Letter, arb_mat]]] = {}
+        layout, segments = self.layout, self._segments
+        end_of = {segment.points[-1]: s for s, segment in enumerate(segments)}
+        # by stage: the segment at whose end it is
+        self._segment_of = [end_of.get(at, START) for at in layout.stage_points]
+        self._branched = any(segment.origin != START for segment in segments)
+        self._steps: dict[Word, list[tuple[Word, arb_mat]]] = {}
         self._direct: dict[Word, list[Vector]] = {}
-        for tree in self._stage_trees:
-            slots = [
-                [row.slot(tree, m, right) for row, right in zip(rows, rights, strict=True)]
-                for m in range(len(tree))
-            ]
-            phis = [self._letter(letter) for letter in tree]
-            self._direct[tree] = [
-                _combine(phis, [slot[r] for slot in slots]) for r in range(stages)
-            ]
-            self._inner[tree] = [
-                (letter, self._square(slot))
-                for letter, slot in zip(tree, slots, strict=True)
-                if letter != () and not isinstance(letter, int)
-            ]
+        found = [self._right(self._stage_words, segment.points) for segment in segments]
+        self._wholes = [whole for _, whole in found]
+        # words before others matter only where segments begin at others
+        words = self._stage_words if self._branched else self._letters
+        self._swept = sorted(words, key=nodes)
+        for word in self._swept:
+            self._add_steps(word, [right for right, _ in found])
         blocks: list[Vector] = []
         for begin in range(0, len(self.quantities), _CHUNK):
-            blocks += self._derive(self.quantities[begin : begin + _CHUNK])
+            blocks += self._derive(range(len(self.quantities))[begin : begin + _CHUNK])
         return arb_mat(blocks)
 
-    def _square(self, slot: list[Vector]) -> arb_mat:
-        stages = self.shape.stages
-        zero = arb(0)
-        entries: Vector = []
-        for row, z in zip(self._rows, slot, strict=False):
-            entries += [x * y for x, y in zip(row.entries, z, strict=True)]
-            entries += [zero] * (stages - len(z))
-        return arb_mat(stages, stages, entries)
+    def _add_steps(self, word: Word, rights: Sequence[dict[Word, Vector]]) -> None:
+        """Find where the adjoint of a word goes: to weights, to letters, and to first parts."""
+        segments, size = self._segments, len(self._segments)
+        direct = [[self._zero] * len(self._unknowns(segment.points)) for segment in segments]
+        steps: list[tuple[Word, arb_mat]] = []
+        for m, letter in enumerate(word):
+            phi = self._values(letter)
+            table = [[self._zero] * size for _ in segments]
+            for s, (segment, right) in enumerate(zip(segments, rights, strict=True)):
+                z = self._slot(word, m, segment.points, right)
+                i = 0
+                for point, y in zip(segment.points, z, strict=True):
+                    for k, stage in self._point_unknowns(point):
+                        direct[s][i] = direct[s][i] + y * phi[stage]
+                        i += 1
+                        at = self._segment_of[stage]
+                        if at != START:
+                            table[s][at] = table[s][at] + y * self._x[k]
+            if letter != () and not isinstance(letter, int):
+                steps.append((letter, arb_mat(table) if size else arb_mat(0, 0)))
+        if self._branched:
+            for cut in range(1, len(word)):
+                table = [[self._zero] * size for _ in segments]
+                for s, segment in enumerate(segments):
+                    if segment.origin != START:
+                        table[s][segment.origin] = self._wholes[s][word[cut:]]
+                steps.append((word[:cut], arb_mat(table)))
+        self._direct[word], self._steps[word] = direct, steps
 
-    def _derive(self, quantities: list[Quantity]) -> list[Vector]:
-        count, stages, starts = len(quantities), self.shape.stages, self.shape.starts
-        zero = arb(0)
-        own = [[zero] * self.shape.unknowns for _ in range(count)]
+    def _point_unknowns(self, point: int) -> Iterable[tuple[int, int]]:
+        """Return the unknowns of a point, each with its stage."""
+        return enumerate(self.layout.weights[point], self.layout.starts[point])
+
+    def _unknowns(self, points: Sequence[int]) -> list[int]:
+        return [k for point in points for k, _ in self._point_unknowns(point)]
+
+    def _derive(self, chosen: Sequence[int]) -> list[Vector]:
+        count, size = len(chosen), len(self._segments)
+        own = [[self._zero] * self.layout.size for _ in range(count)]
         seeds: dict[Word, dict[int, Vector]] = {}
-        rights: dict[tuple[int, int], dict[Word, Vector]] = {}
-        for c, (r, word, stop) in enumerate(quantities):
-            row = self._rows[r]
-            length = len(row.entries) if stop is None else min(stop, len(row.entries))
-            if (r, length) not in rights:
-                words = self._outer.get(r, self._stage_words)
-                rights[r, length] = row.right(words, length)
+        rights: dict[int, dict[Word, Vector]] = {}
+        for c, index in enumerate(chosen):
+            word, path = self.quantities[index].word, self._paths[index]
+            if not path:
+                continue
+            if path[-1] not in rights:
+                rights[path[-1]] = self._right(self._outer[path[-1]], path)[0]
             for m, letter in enumerate(word):
-                z = row.slot(word, m, rights[r, length])
-                for j, (y, phi) in enumerate(zip(z, self._letter(letter), strict=False), starts[r]):
-                    own[c][j] = own[c][j] + y * phi
-                if letter != () and not isinstance(letter, int):
-                    seed = seeds.setdefault(letter, {}).setdefault(c, [zero] * stages)
-                    for j, (y, x) in enumerate(zip(z, row.entries, strict=False)):
-                        seed[j] = seed[j] + y * x
+                z, phi = self._slot(word, m, path, rights[path[-1]]), self._values(letter)
+                inner = letter != () and not isinstance(letter, int)
+                for point, y in zip(path, z, strict=True):
+                    for k, stage in self._point_unknowns(point):
+                        own[c][k] = own[c][k] + y * phi[stage]
+                        at = self._segment_of[stage]
+                        if inner and at != START:
+                            seed = seeds.setdefault(letter, {}).setdefault(c, [self._zero] * size)
+                            seed[at] = seed[at] + y * self._x[k]
         return self._sweep(own, seeds)
 
     def _sweep(self, own: list[Vector], seeds: dict[Word, dict[int, Vector]]) -> list[Vector]:
-        """Carry derivatives by the weights of trees down to trees with fewer nodes."""
-        count, stages = len(own), self.shape.stages
-        empty = [arb(0)] * stages
+        """Carry derivatives by the weights of words down to words with fewer nodes."""
+        count, size = len(own), len(self._segments)
+        empty = [self._zero] * size
         adjoints: dict[Word, arb_mat] = {
-            tree: arb_mat([found.get(c, empty) for c in range(count)])
-            for tree, found in seeds.items()
+            word: arb_mat([found.get(c, empty) for c in range(count)])
+            for word, found in seeds.items()
         }
         columns: dict[Word, Vector] = {}
-        for tree in reversed(self._stage_trees):
-            if tree not in adjoints:
+        for word in reversed(self._swept):
+            if word not in adjoints:
                 continue
-            adjoint = adjoints.pop(tree)
-            columns[tree] = adjoint.entries()
-            for letter, square in self._inner[tree]:
-                change = adjoint * square
-                adjoints[letter] = adjoints[letter] + change if letter in adjoints else change
-        trees = list(columns)
-        for r in range(stages):
-            begin, end = self.shape.starts[r : r + 2]
-            if begin == end or not trees:
-                continue
-            by_weight = arb_mat([columns[tree][r::stages] for tree in trees]).transpose()
-            block = (by_weight * arb_mat([self._direct[tree][r] for tree in trees])).entries()
+            adjoint = self._to_origins(adjoints.pop(word))
+            columns[word] = adjoint.entries()
+            for part, step in self._steps[word]:
+                change = adjoint * step
+                adjoints[part] = adjoints[part] + change if part in adjoints else change
+        words = list(columns)
+        for s, segment in enumerate(self._segments):
+            if not words:
+                break
+            unknowns = self._unknowns(segment.points)
+            by_weight = arb_mat([columns[word][s::size] for word in words]).transpose()
+            block = (by_weight * arb_mat([self._direct[word][s] for word in words])).entries()
             for c in range(count):
-                part = block[c * (end - begin) : (c + 1) * (end - begin)]
-                own[c][begin:end] = [x + y for x, y in zip(own[c][begin:end], part, strict=True)]
+                slopes = block[c * len(unknowns) : (c + 1) * len(unknowns)]
+                for k, y in zip(unknowns, slopes, strict=True):
+                    own[c][k] = own[c][k] + y
         return own
 
-
-def _combine(phis: list[Vector], slots: list[Vector]) -> Vector:
-    total = [phi * z for phi, z in zip(phis[0], slots[0], strict=False)]
-    for letter, slot in zip(phis[1:], slots[1:], strict=True):
-        total = [t + phi * z for t, phi, z in zip(total, letter, slot, strict=False)]
-    return total
+    def _to_origins(self, adjoint: arb_mat) -> arb_mat:
+        """Add to each segment what depends on it through the segments that begin at its end."""
+        if not self._branched:
+            return adjoint
+        rows = adjoint.tolist()
+        for s in range(len(self._segments) - 1, -1, -1):
+            origin = self._segments[s].origin
+            if origin != START:
+                for row in rows:
+                    row[origin] = row[origin] + row[s]
+        return arb_mat(rows)

@@ -16,7 +16,16 @@ from typing import Any
 from ..conditions import condition_trees
 from ..trees import OrderedTree, forest
 
-__all__ = ["Letter", "Word", "closure", "condition_words", "density", "nodes", "shuffle", "text"]
+__all__ = [
+    "Letter",
+    "Word",
+    "closure",
+    "condition_words",
+    "nodes",
+    "reciprocal_density",
+    "shuffle",
+    "text",
+]
 
 Letter = Any  # a Word or a mark
 Word = tuple[Letter, ...]
@@ -31,14 +40,14 @@ def nodes(word: Word) -> int:
 
 
 @cache
-def density(word: Word) -> Fraction:
+def reciprocal_density(word: Word) -> Fraction:
     """Return ``1/γ`` of the tree with these children; zero if there is a mark in it."""
     product, before = Fraction(1), 0
     for letter in word:
         if isinstance(letter, int):
             return Fraction(0)
         before += 1 + nodes(letter)
-        product *= density(letter) / before
+        product *= reciprocal_density(letter) / before
     return product
 
 

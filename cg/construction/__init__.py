@@ -1,21 +1,21 @@
 """Tools on the set of methods of an order: construct, compose, eliminate, optimise."""
 
-from ..solve.system import Structure, System
+from ..solve.system import ConditionSystem, Structure
+from .candidate import Candidate, NotExactError, correct, pack_method, refinable, solved, to_tableau
 from .compose import compose, triple_jump
 from .construct import Attempt, Construction, construct
 from .drop import drop_stage
 from .eliminate import eliminate, eliminate_stage, walk
 from .optimise import Goals, fewer_exponentials, optimise, principal_error
-from .point import NotExactError, Point, correct, pack_method, solved, sound, to_tableau
 
 __all__ = [
     "Attempt",
+    "Candidate",
+    "ConditionSystem",
     "Construction",
     "Goals",
     "NotExactError",
-    "Point",
     "Structure",
-    "System",
     "compose",
     "construct",
     "correct",
@@ -26,8 +26,8 @@ __all__ = [
     "optimise",
     "pack_method",
     "principal_error",
+    "refinable",
     "solved",
-    "sound",
     "to_tableau",
     "triple_jump",
     "walk",

@@ -22,12 +22,12 @@ from ..checks import (
 )
 from ..conditions import HIGHEST_ORDER, count
 from ..parallel import as_finished, available_cores
-from ..solve.system import Structure, System
+from ..solve.system import ConditionSystem, Structure
 from ..tableau import Tableau
+from .candidate import Candidate, NotExactError, refinable, solved, to_tableau
 from .drop import solve_start
 from .eliminate import eliminate
-from .point import NotExactError, Point, solved, sound, to_tableau
-from .start import default_start, likely_structure, random_point
+from .start import default_start, likely_structure, random_candidate
 
 __all__ = ["Attempt", "Construction", "ConstructionSettings", "construct", "run_attempt"]
 
@@ -157,7 +157,7 @@ def construct(
     restarts : int, optional
         Walks along the solution set where elimination gets stuck.
     full_rank : bool, optional
-        Accept only points at which all conditions are independent, which is what a
+        Accept only candidates at which all conditions are independent, which is what a
         certificate without further identities needs.
     structure : Structure, optional
         Simplifying assumptions to look for methods with. By default those of
@@ -259,40 +259,40 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
     random = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
     spread = max(0, settings.first_stages - settings.stages)
     stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
-    system = System(settings.order, stages, structure=settings.structure)
-    guess = random_point(system, settings.width, random)
-    point = solve_start(guess, settings.iterations, promising=settings.promising)
-    if not _acceptable(settings, point):
-        return _attempt(settings, index, point)
+    system = ConditionSystem.tableau(settings.order, stages, structure=settings.structure)
+    guess = random_candidate(system, settings.width, random)
+    candidate = solve_start(guess, settings.iterations, promising=settings.promising)
+    if not _acceptable(settings, candidate):
+        return _attempt(settings, index, candidate)
     for smaller in eliminate(
-        point,
+        candidate,
         settings.stages,
         random=random,
         largest=settings.largest,
         restarts=settings.restarts,
         accept=partial(_acceptable, settings),
     ):
-        point = smaller
-    return _attempt(settings, index, point)
+        candidate = smaller
+    return _attempt(settings, index, candidate)
 
 
-def _acceptable(settings: ConstructionSettings, point: Point) -> bool:
-    if not solved(point) or point.largest > settings.largest or not sound(point):
+def _acceptable(settings: ConstructionSettings, candidate: Candidate) -> bool:
+    if not solved(candidate) or candidate.largest > settings.largest or not refinable(candidate):
         return False
-    return not settings.full_rank or point.rank == count(settings.order, independent=True)
+    return not settings.full_rank or candidate.rank == count(settings.order, independent=True)
 
 
-def _attempt(settings: ConstructionSettings, index: int, point: Point) -> Attempt:
-    good = _acceptable(settings, point)
-    return Attempt(index, point.system.stages, good, point.f, tuple(point.x.tolist()))
+def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -> Attempt:
+    good = _acceptable(settings, candidate)
+    return Attempt(index, candidate.system.stages, good, candidate.f, tuple(candidate.x.tolist()))
 
 
 def _refined(settings: ConstructionSettings, attempt: Attempt) -> Tableau | None:
-    system = System(settings.order, attempt.stages, structure=settings.structure)
-    point = Point(system, _array(attempt.x))
+    system = ConditionSystem.tableau(settings.order, attempt.stages, structure=settings.structure)
+    candidate = Candidate(system, _array(attempt.x))
     try:
         return to_tableau(
-            point,
+            candidate,
             name=f"order {settings.order}, {settings.stages} stages, try {attempt.index}",
             source=f"construct, seed {settings.seed}, try {attempt.index}",
         )
@@ -324,7 +324,7 @@ def _settings(
     full_rank = check_flag("full_rank", full_rank)
     if structure is None:
         structure = Structure.GENERAL if full_rank else likely_structure(order, stages)
-    system = System(order, stages, structure=structure)
+    system = ConditionSystem.tableau(order, stages, structure=structure)
     if full_rank and system.structure:
         raise ValueError(f"structure must be GENERAL with full_rank, got {system.structure.name}")
     if not check_flag("force", force) and system.free.size < system.equations:

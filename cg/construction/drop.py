@@ -1,4 +1,4 @@
-"""Fewer stages at one blow: leave a stage out, then solve again from what remains."""
+"""Fewer stages in one step: leave a stage out, then solve again from what remains."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_integer, check_real
-from ..solve.system import Structure, System
-from .point import Point, check_point, correct, solved
+from ..solve.system import ConditionSystem, Structure
+from .candidate import Candidate, check_candidate, correct, solved
 
 __all__ = ["drop_stage", "held", "solve_start"]
 
 _SPREAD = 0.6  # of the order in which stages are tried, in logarithms of f
 
 
-def held(system: System) -> list[int]:
-    """Return the entries to hold while solving from afar.
+def held(system: ConditionSystem) -> list[int]:
+    """Return the entries to hold while solving from starts that are no solutions.
 
     Close to a_21 = 0 lurks what looks like solutions: with c_2 = ε, c_3 ~ ε^(1/2),
     c_4 ~ ε^(1/4) and so on, C(2) holds at all stages as ε tends to zero, and the solver
@@ -27,25 +27,25 @@ def held(system: System) -> list[int]:
     return [0] if system.order >= 5 and system.stages > 1 else []
 
 
-def solve_start(point: Point, iterations: int, *, promising: float) -> Point:
-    """Solve from afar: as many iterations again if f is at most `promising` after the first."""
-    frozen = held(point.system)
+def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> Candidate:
+    """Solve from a random start, once more if f is at most `promising` after the first run."""
+    frozen = held(candidate.system)
     options: dict[str, Any] = {"ftol": 1e-27, "max_iterations": iterations}
-    first = correct(point, frozen, damping=1e-2, accurate=False, **options)
+    first = correct(candidate, frozen, damping=1e-2, accurate=False, **options)
     if not 1e-26 < first.f <= promising:
         return first
     return correct(first, frozen, damping=1e-15, accurate=True, **options)
 
 
 def drop_stage(
-    point: Point,
+    candidate: Candidate,
     random: np.random.Generator,
     *,
     largest: float = 4.0,
     tries: int = 16,
     iterations: int = 200,
-    accept: Callable[[Point], bool] = solved,
-) -> Point | None:
+    accept: Callable[[Candidate], bool] = solved,
+) -> Candidate | None:
     """Leave a stage out and solve again.
 
     Its column goes to a neighbour or is dropped. What is closest to the smaller solution
@@ -53,7 +53,7 @@ def drop_stage(
 
     Parameters
     ----------
-    point : Point
+    candidate : Candidate
         On the solution set; not a pair.
     random : numpy.random.Generator
         Source of the order of tries.
@@ -64,11 +64,11 @@ def drop_stage(
     iterations : int, optional
         Bound on the solver's steps in each, and once more where they lead far down.
     accept : callable, optional
-        A further test that the smaller point has to pass.
+        A further test that the smaller candidate has to pass.
 
     Returns
     -------
-    Point or None
+    Candidate or None
         With one stage less, on its own solution set; None if all tries failed.
 
     Raises
@@ -76,13 +76,13 @@ def drop_stage(
     ValueError, TypeError
         If an argument is out of its range.
     """
-    check_point(point)
-    if point.system.embedded:
-        raise ValueError("point must be one method, got a pair")
+    check_candidate(candidate)
+    if candidate.system.embedded:
+        raise ValueError("candidate must be one method, got a pair")
     tries = check_integer("tries", tries, 1)
     iterations = check_integer("iterations", iterations, 1)
     largest = check_real("largest", largest, positive=True)
-    ways = list(_ways(point))
+    ways = list(_ways(candidate))
     if not ways:
         return None
     closeness = np.log([max(way.f, 1e-300) for way in ways])
@@ -94,32 +94,31 @@ def drop_stage(
     return None
 
 
-def _ways(point: Point) -> Iterator[Point]:
+def _ways(candidate: Candidate) -> Iterator[Candidate]:
     """Yield what is left without each stage, its column given to none, the one before or after."""
-    system = point.system
+    system = candidate.system
     first = 0 if system.structure is Structure.GENERAL else 2  # stages 1 and 2 are special
     for stage in range(first, system.stages):
         if system.stages - 1 < first + 1:
             return
-        column = point.column(stage)
-        for heir in (None, stage - 1, stage + 1):
-            x = point.x.copy()
-            if heir is not None:
-                if not first <= heir < system.stages:
+        column = candidate.column(stage)
+        for receiver in (None, stage - 1, stage + 1):
+            x = candidate.x.copy()
+            if receiver is not None:
+                if not first <= receiver < system.stages:
                     continue
-                _inherit(point, x, stage, heir)
+                _inherit(candidate, x, stage, receiver)
             x[column] = 0.0
-            smaller = Point(system, x).without(stage)
+            smaller = Candidate(system, x).without(stage)
             kept = np.zeros(smaller.system.size)
             kept[smaller.system.free] = smaller.x[smaller.system.free]
-            yield Point(smaller.system, kept)
+            yield Candidate(smaller.system, kept)
 
 
-def _inherit(point: Point, x: NDArray[np.float64], stage: int, heir: int) -> None:
-    """Add the column of a stage to that of its heir, in the rows that have both."""
-    begin = 0
-    for row in range(point.system.stages + 1):
-        # explicit rows: as many entries as stages before
-        if row > max(stage, heir):
-            x[begin + heir] += point.x[begin + stage]
-        begin += row
+def _inherit(candidate: Candidate, x: NDArray[np.float64], stage: int, receiver: int) -> None:
+    """Add the column of a stage to that of its receiver, in the rows that have both."""
+    layout = candidate.system.layout
+    for r in range(len(layout.ends)):
+        row = layout.row(r)
+        if len(row) > max(stage, receiver):
+            x[row[receiver]] += candidate.x[row[stage]]

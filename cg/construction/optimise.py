@@ -16,8 +16,8 @@ from scipy import linalg
 
 from .. import _core_r64
 from ..checks import check_integer, check_real
-from ..conditions import condition_trees, count, row_lengths
-from .point import RANK_TOLERANCE, Point, check_point, correct, movable, solved
+from ..conditions import condition_trees, count
+from .candidate import RANK_TOLERANCE, Candidate, check_candidate, correct, movable, solved
 
 __all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
 
@@ -53,26 +53,26 @@ class Goals:
             object.__setattr__(self, name, check_real(name, getattr(self, name)))
 
 
-def principal_error(point: Point) -> float:
+def principal_error(candidate: Candidate) -> float:
     """Return the norm of all residuals of order q + 1 of the (first) weights."""
-    values, _ = _next_order(point, derivative=False)
+    values, _ = _next_order(candidate, derivative=False)
     return float(np.linalg.norm(values))
 
 
 def optimise(
-    point: Point,
+    candidate: Candidate,
     goals: Goals,
     *,
     frozen: Sequence[int] | NDArray[np.intp] = (),
     max_iterations: int = 60,
     tolerance: float = 1e-4,
     progress: Callable[[int, float], None] | None = None,
-) -> Point:
+) -> Candidate:
     """Minimise a weighted sum of squares along the solution set.
 
     Parameters
     ----------
-    point : Point
+    candidate : Candidate
         On the solution set.
     goals : Goals
     frozen : sequence of int, optional
@@ -85,7 +85,7 @@ def optimise(
 
     Returns
     -------
-    Point
+    Candidate
         On the solution set, its objective no larger than at the start.
 
     Raises
@@ -93,23 +93,27 @@ def optimise(
     TypeError
         If an argument isn't of the type listed.
     ValueError
-        If the point isn't on the solution set, or another argument is out of its range.
+        If the candidate isn't on the solution set, or another argument is out of its range.
     """
-    check_point(point)
+    check_candidate(candidate)
     if not isinstance(goals, Goals):
         raise TypeError(f"goals must be Goals, got {goals!r}")
     max_iterations = check_integer("max_iterations", max_iterations, 0)
     tolerance = check_real("tolerance", tolerance)
     if progress is not None and not callable(progress):
         raise TypeError(f"progress must be callable, got {progress!r}")
-    if not solved(point):
-        raise ValueError(f"point must be on the solution set, its sum of squares is {point.f:.2e}")
-    free = movable(point.system, frozen)
-    values, jac = _objective(point, goals)
+    if not solved(candidate):
+        raise ValueError(
+            f"candidate must be on the solution set, its sum of squares is {candidate.f:.2e}"
+        )
+    free = movable(candidate.system, frozen)
+    values, jac = _objective(candidate, goals)
     size, damping = float(values @ values), 1e-2
     history = [size]
     for iteration in range(max_iterations):
-        tangent = linalg.null_space(point.system.jacobian(point.x)[:, free], rcond=RANK_TOLERANCE)
+        tangent = linalg.null_space(
+            candidate.system.jacobian(candidate.x)[:, free], rcond=RANK_TOLERANCE
+        )
         if tangent.shape[1] == 0:
             break
         along = jac[:, free] @ tangent
@@ -118,9 +122,9 @@ def optimise(
         moved = None
         while damping < 1e8:
             step = linalg.solve(gram + damping * scale * np.eye(len(gram)), -slope, assume_a="pos")
-            x = point.x.copy()
+            x = candidate.x.copy()
             x[free] += tangent @ step
-            trial = correct(Point(point.system, x), frozen, max_iterations=40)
+            trial = correct(Candidate(candidate.system, x), frozen, max_iterations=40)
             trial_values, trial_jac = _objective(trial, goals)
             trial_size = float(trial_values @ trial_values)
             if solved(trial) and trial_size < size:
@@ -129,24 +133,24 @@ def optimise(
             damping *= 5
         if moved is None:
             break
-        point, values, jac, size = moved, trial_values, trial_jac, trial_size
+        candidate, values, jac, size = moved, trial_values, trial_jac, trial_size
         damping = max(damping / 5, 1e-12)
         history.append(size)
         if progress:
             progress(iteration, size)
         if len(history) > 5 and history[-6] - size <= tolerance * size:
             break
-    return point
+    return candidate
 
 
 def fewer_exponentials(
-    point: Point, *, largest: float = 4.0, patience: int = 10
-) -> tuple[Point, NDArray[np.intp]]:
+    candidate: Candidate, *, largest: float = 4.0, patience: int = 10
+) -> tuple[Candidate, NDArray[np.intp]]:
     """Drive coefficients to exact zeros, smallest magnitudes first.
 
     Parameters
     ----------
-    point : Point
+    candidate : Candidate
         On the solution set.
     largest : float, optional
         Bound on the magnitude of coefficients.
@@ -155,29 +159,29 @@ def fewer_exponentials(
 
     Returns
     -------
-    point : Point
+    candidate : Candidate
         With zeros.
     zeros : ndarray of int
         Where they are.
     """
-    check_point(point)
+    check_candidate(candidate)
     largest = check_real("largest", largest)
     patience = check_integer("patience", patience, 0)
-    zeros = np.setdiff1d(np.arange(point.system.size), point.system.free)
+    zeros = np.setdiff1d(np.arange(candidate.system.size), candidate.system.free)
     refused: set[int] = set()
     failures = 0
     while failures < patience:
-        candidates = [k for k in point.system.free if k not in refused and point.x[k] != 0]
+        candidates = [k for k in candidate.system.free if k not in refused and candidate.x[k] != 0]
         if not candidates:
             break
-        entry = min(candidates, key=lambda k: abs(point.x[k]))
+        entry = min(candidates, key=lambda k: abs(candidate.x[k]))
         frozen = np.append(zeros, entry)
-        trial: Point | None = point
+        trial: Candidate | None = candidate
         for fraction in (0.6, 0.3, 0.1, 0.0):
             assert trial is not None
             x = trial.x.copy()
-            x[entry] = fraction * point.x[entry]
-            trial = correct(Point(point.system, x), frozen, ftol=_ZEROS_FTOL)
+            x[entry] = fraction * candidate.x[entry]
+            trial = correct(Candidate(candidate.system, x), frozen, ftol=_ZEROS_FTOL)
             if trial.f > 100 * _ZEROS_FTOL or trial.largest > largest:
                 trial = None
                 break
@@ -185,16 +189,16 @@ def fewer_exponentials(
             refused.add(entry)
             failures += 1
         else:
-            point, zeros, failures = trial, frozen, 0
-    return point, np.sort(zeros)
+            candidate, zeros, failures = trial, frozen, 0
+    return candidate, np.sort(zeros)
 
 
-def _objective(point: Point, goals: Goals) -> Terms:
+def _objective(candidate: Candidate, goals: Goals) -> Terms:
     parts: list[Terms] = []
     if goals.principal_error:
-        values, jac = _next_order(point, derivative=True)
+        values, jac = _next_order(candidate, derivative=True)
         parts.append((goals.principal_error * values, goals.principal_error * jac))
-    x = point.x
+    x = candidate.x
     if goals.coefficients:
         slope = 3 * np.abs(x) ** 2
         parts.append(
@@ -205,7 +209,7 @@ def _objective(point: Point, goals: Goals) -> Terms:
         sign = np.where(beyond > 0, np.sign(x), 0.0)
         parts.append((goals.bound_weight * beyond, goals.bound_weight * np.diag(sign)))
     if goals.abscissae:
-        sums = _row_sums(point)
+        sums = _row_sums(candidate)
         c = sums @ x
         beyond = np.maximum(c - 1, 0) + np.minimum(c, 0)
         parts.append((goals.abscissae * beyond, goals.abscissae * sums * (beyond != 0)[:, None]))
@@ -214,23 +218,20 @@ def _objective(point: Point, goals: Goals) -> Terms:
     return np.concatenate([v for v, _ in parts]), np.concatenate([j for _, j in parts])
 
 
-def _row_sums(point: Point) -> NDArray[np.float64]:
-    system = point.system
-    lengths = row_lengths(system.packed_stages, system.rows)[: system.stages]
+def _row_sums(candidate: Candidate) -> NDArray[np.float64]:
+    system = candidate.system
     sums = np.zeros((system.stages, system.size))
-    begin = 0
-    for row, length in enumerate(lengths):
-        sums[row, begin : begin + length] = 1
-        begin += length
+    for stage in range(system.stages):
+        sums[stage, system.layout.row(stage)] = 1
     return sums
 
 
-def _next_order(point: Point, derivative: bool) -> Terms:
-    system = point.system
+def _next_order(candidate: Candidate, derivative: bool) -> Terms:
+    system = candidate.system
     order = system.order + 1
     trees = np.array(condition_trees(order)[count(system.order) :], dtype=np.intc)
-    shape = (order, system.packed_stages, int(system.rows))
-    values: NDArray[np.float64] = _core_r64.residuals(*shape, point.x, trees)
+    shape = (order, system.layout.code)
+    values: NDArray[np.float64] = _core_r64.residuals(*shape, candidate.x, trees)
     if not derivative:
         return values, np.empty((0, system.size))
-    return values, _core_r64.jacobian(*shape, point.x, trees)
+    return values, _core_r64.jacobian(*shape, candidate.x, trees)

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solve.system import Structure, System
+from ..solve.system import ConditionSystem, Structure
+from .candidate import Candidate
 from .drop import held
-from .point import Point
 
-__all__ = ["Start", "default_start", "likely_structure", "random_point"]
+__all__ = ["StartSettings", "default_start", "likely_structure", "random_candidate"]
 
 _HELD = (0.3, 0.8)  # range of what is held away from zero
 
 
 @dataclass(frozen=True)
-class Start:
+class StartSettings:
     """How to begin.
 
     Attributes
@@ -38,29 +38,29 @@ class Start:
 
 
 _GENERAL = {
-    1: Start(1, 1.0, 500, 1e-15),
-    2: Start(2, 1.0, 500, 1e-15),
-    3: Start(3, 1.0, 500, 1e-15),
-    4: Start(5, 1.0, 500, 1e-15),
-    5: Start(10, 0.5, 500, 1e-15),
-    6: Start(27, 0.5, 500, 1e-15),
-    7: Start(51, 0.3, 1000, 1e-15),
+    1: StartSettings(1, 1.0, 500, 1e-15),
+    2: StartSettings(2, 1.0, 500, 1e-15),
+    3: StartSettings(3, 1.0, 500, 1e-15),
+    4: StartSettings(5, 1.0, 500, 1e-15),
+    5: StartSettings(10, 0.5, 500, 1e-15),
+    6: StartSettings(27, 0.5, 500, 1e-15),
+    7: StartSettings(51, 0.3, 1000, 1e-15),
 }
 _STAGE_ORDER_TWO = {
-    4: Start(6, 1.0, 200, 1e-12),
-    5: Start(10, 0.5, 300, 1e-13),
-    6: Start(16, 0.3, 300, 1e-13),
-    7: Start(40, 0.3, 300, 1e-13),
+    4: StartSettings(6, 1.0, 200, 1e-12),
+    5: StartSettings(10, 0.5, 300, 1e-13),
+    6: StartSettings(16, 0.3, 300, 1e-13),
+    7: StartSettings(40, 0.3, 300, 1e-13),
 }
 _MIDDLE = {
-    4: Start(6, 1.0, 100, 1e-10),
-    5: Start(10, 0.6, 100, 1e-10),
-    6: Start(15, 0.5, 150, 1e-12),
-    7: Start(36, 0.3, 250, 1e-14),
+    4: StartSettings(6, 1.0, 100, 1e-10),
+    5: StartSettings(10, 0.6, 100, 1e-10),
+    6: StartSettings(15, 0.5, 150, 1e-12),
+    7: StartSettings(36, 0.3, 250, 1e-14),
 }
 
 
-def default_start(order: int, structure: Structure) -> Start:
+def default_start(order: int, structure: Structure) -> StartSettings:
     """Return what works; guesses from other orders where nothing was tried.
 
     Those are orders four, five and seven with ``STAGE_ORDER_TWO``, and order seven in
@@ -75,22 +75,24 @@ def likely_structure(order: int, stages: int) -> Structure:
     General methods up to order five if there are as many unknowns as conditions, else
     those of structure ``MIDDLE`` if they have enough.
     """
-    general = System(order, stages)
+    general = ConditionSystem.tableau(order, stages)
     if (order >= 4 and stages >= 3) and (order >= 6 or general.free.size < general.equations):
-        middle = System(order, stages, structure=Structure.MIDDLE)
+        middle = ConditionSystem.tableau(order, stages, structure=Structure.MIDDLE)
         if middle.free.size >= middle.equations:
             return Structure.MIDDLE
     return Structure.GENERAL
 
 
-def random_point(system: System, width: float, random: np.random.Generator) -> Point:
+def random_candidate(
+    system: ConditionSystem, width: float, random: np.random.Generator
+) -> Candidate:
     """Return a guess that satisfies what is linear in the system's structure."""
     x = random.uniform(-width, width, system.size)
     x[np.setdiff1d(np.arange(system.size), system.free)] = 0.0
     x[held(system)] = random.uniform(*_HELD)
     if system.structure is Structure.MIDDLE:
         _to_the_middle(x, system.stages)
-    return Point(system, x)
+    return Candidate(system, x)
 
 
 def _to_the_middle(x: NDArray[np.float64], stages: int) -> None:

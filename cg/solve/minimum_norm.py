@@ -18,9 +18,8 @@ from scipy.linalg import cython_blas, cython_lapack
 from cg import _minimum_norm
 
 from ..checks import check_flag, check_integer
-from ..conditions import Rows
 from ..parallel import stoppable
-from .system import Structure, System
+from .system import ConditionSystem
 
 __all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
 
@@ -44,7 +43,7 @@ class MinimumNormFit:
     Attributes
     ----------
     x : ndarray, shape (n,)
-        Packed tableau.
+        Packed weights.
     f : float
         Sum of squared residuals of the independent conditions.
     iterations, evaluations : int
@@ -61,12 +60,8 @@ class MinimumNormFit:
 
 def fit_conditions(
     x0: ArrayLike,
-    stages: int,
-    order: int,
+    system: ConditionSystem,
     *,
-    rows: Rows = Rows.EXPLICIT,
-    embedded: bool = False,
-    structure: Structure = Structure.GENERAL,
     free: Sequence[int] | NDArray[np.intp] | None = None,
     ftol: float = 1e-27,
     damping: float = 1e-2,
@@ -81,14 +76,10 @@ def fit_conditions(
     Parameters
     ----------
     x0 : array_like, shape (n,)
-        Packed tableau to start from (`cg.conditions.pack`).
-    stages, order : int
-    rows : Rows, optional
-    embedded : bool, optional
-        Solve for an embedded pair, packed as `cg.solve.system.System` says.
-    structure : Structure, optional
-        Simplifying assumptions that are solved for together with the conditions; `x0` must
-        have the zeros that they ask for.
+        Packed weights to start from, as ``system.layout`` says; zeros that the system asks
+        for must be there.
+    system : ConditionSystem
+        Simplifying assumptions of its structure are solved for together with the conditions.
     free : sequence of int, optional
         Indices (from 0) of the unknowns that may move; by default all that aren't zero
         by definition.
@@ -109,10 +100,9 @@ def fit_conditions(
     Raises
     ------
     ValueError
-        If `x0` doesn't fit the stages or isn't finite, `free` has a wrong index, or a number
+        If `x0` doesn't fit the system or isn't finite, `free` has a wrong index, or a number
         is out of its range.
     """
-    system = System(order, stages, rows, embedded, structure)
     size = system.size
     x = np.array(x0, dtype=np.float64)
     if x.shape != (size,) or not np.isfinite(x).all():
@@ -126,7 +116,7 @@ def fit_conditions(
     accurate = check_flag("accurate", accurate)
     trees, owner = system.conditions(independent=True)
     moving = (indices + 1).astype(np.intc)
-    shape = (order, system.packed_stages, rows)
+    shape = (system.order, system.layout.code)
     most = max_iterations * trees.size**2 * moving.size  # for the Gram matrices
     found, f, iterations, evaluations, status = stoppable(
         lambda stop_flag: _minimum_norm.fit_minimum_norm(

@@ -9,15 +9,15 @@ digits.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from ..conditions import Rows, residuals_exact, unpack
-from .system import System
+from ..conditions import exact_residuals_of
+from .system import ConditionSystem, Structure
 
 __all__ = ["Polished", "polish"]
 
@@ -31,7 +31,7 @@ class Polished:
     Attributes
     ----------
     x : tuple of Fraction, length n
-        Packed tableau.
+        Packed weights.
     largest_residual : Fraction
         Over the independent conditions, exact.
     rank : int
@@ -48,26 +48,21 @@ class Polished:
 
 def polish(
     x: Sequence[Fraction],
-    stages: int,
-    order: int,
+    system: ConditionSystem,
     *,
-    rows: Rows = Rows.EXPLICIT,
-    embedded: bool = False,
     directions: ArrayLike | None = None,
     rcond: float = 1e-10,
     below: Fraction = Fraction(1, 10**44),
     max_iterations: int = 20,
 ) -> Polished:
-    """Correct a packed tableau until its exact residuals are small.
+    """Correct packed weights until its exact residuals are small.
 
     Parameters
     ----------
     x : sequence of n rationals
         Close to a zero.
-    stages, order : int
-    rows : Rows, optional
-    embedded : bool, optional
-        Polish an embedded pair, packed as `cg.solve.system.System` says.
+    system : ConditionSystem
+        Its structure is left aside: the order conditions alone decide.
     directions : array_like, shape (n, k), optional
         Corrections are combinations of its columns: columns of the identity leave the other
         entries alone, and any linear relation between entries can be kept up. By default
@@ -89,9 +84,9 @@ def polish(
         If x or `directions` don't fit the number of unknowns.
     """
     best = tuple(map(Fraction, x))
-    system = System(order, stages, rows, embedded)
     if len(best) != system.size:
         raise ValueError(f"x must have {system.size} entries, got {len(best)}")
+    system = replace(system, structure=Structure.GENERAL)
     jac = system.jacobian(np.array([float(entry) for entry in best]))
     span = _directions(
         np.eye(len(best))[:, system.free] if directions is None else directions, len(best)
@@ -118,13 +113,11 @@ def polish(
     return Polished(best, size, rank, iterations)
 
 
-def _residuals(x: Sequence[Fraction], system: System) -> tuple[Fraction, ...]:
-    a, b = unpack(x, system.packed_stages, system.rows)
-    stages = system.stages
-    matrix = [row[:stages] for row in a[:stages]]
-    residuals = residuals_exact(matrix, b[:stages], system.order, independent=True)
+def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction, ...]:
+    tree = system.layout.tree(x)
+    residuals = exact_residuals_of(tree, system.order, independent=True)
     if system.embedded:
-        residuals += residuals_exact(matrix, a[stages][:stages], system.order - 1, independent=True)
+        residuals += exact_residuals_of(tree, system.order - 1, independent=True, embedded=True)
     return residuals
 
 

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from .. import _core_r128, quad
-from ..conditions import Rows
 from ..parallel import raise_if_stopped
-from .system import Structure, System
+from .system import ConditionSystem
 
 __all__ = ["Refined", "refine"]
 
@@ -29,7 +28,7 @@ class Refined:
     Attributes
     ----------
     x : ndarray of int8, shape (n, 16)
-        Packed tableau in binary128, see `cg.quad`.
+        Packed weights in binary128, see `cg.quad`.
     largest_residual : float
         Over all order conditions, dependent ones included, computed in real(16).
     rank : int
@@ -46,28 +45,20 @@ class Refined:
 
 def refine(
     x: quad.Quads,
-    stages: int,
-    order: int,
+    system: ConditionSystem,
     *,
-    rows: Rows = Rows.EXPLICIT,
-    embedded: bool = False,
-    structure: Structure = Structure.GENERAL,
     free: Sequence[int] | NDArray[np.intp] | None = None,
     rcond: float = 1e-10,
     max_iterations: int = 40,
 ) -> Refined:
-    """Correct a packed tableau until its residuals stop getting smaller.
+    """Correct packed weights until its residuals stop getting smaller.
 
     Parameters
     ----------
     x : ndarray of int8, shape (n, 16)
         From `cg.quad.encode` or `cg.quad.from_float`, close to a zero.
-    stages, order : int
-    rows : Rows, optional
-    embedded : bool, optional
-        Refine an embedded pair, packed as `cg.solve.system.System` says.
-    structure : Structure, optional
-        Simplifying assumptions to be kept up.
+    system : ConditionSystem
+        Simplifying assumptions of its structure are kept up.
     free : sequence of int, optional
         Indices of the entries that may change; by default all that aren't zero by definition.
     rcond : float, optional
@@ -82,9 +73,8 @@ def refine(
     Raises
     ------
     ValueError
-        If `x` doesn't fit the stages or isn't finite, or `free` has a wrong index.
+        If `x` doesn't fit the system or isn't finite, or `free` has a wrong index.
     """
-    system = System(order, stages, rows, embedded, structure)
     if x.shape != (system.size, 16):
         raise ValueError(f"x must have shape ({system.size}, 16), got {x.shape}")
     start = quad.to_float(x)

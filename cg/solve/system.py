@@ -1,4 +1,4 @@
-"""A system of order conditions: which conditions, on which entries of a tableau."""
+"""A system of order conditions: which conditions, on which weights of a method."""
 
 from __future__ import annotations
 
@@ -12,17 +12,11 @@ from numpy.typing import NDArray
 
 from .. import _core_r64, _core_r128, quad
 from ..checks import check_integer
-from ..conditions import (
-    HIGHEST_ORDER,
-    Rows,
-    check_rows,
-    condition_trees,
-    row_lengths,
-    unknowns,
-)
+from ..conditions import HIGHEST_ORDER, condition_trees
+from ..layout import Layout, Rows
 from ..trees import OrderedTree, forest
 
-__all__ = ["Structure", "System"]
+__all__ = ["ConditionSystem", "Structure"]
 
 _STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
 _REMAINING = {
@@ -30,6 +24,7 @@ _REMAINING = {
     2: (1, 0, 1, 4, 12, 36, 112),
 }
 """Conditions on 1, 2, ... nodes that don't follow from a structure and smaller ones."""
+_SECOND_RESULT = -1  # who owns its conditions, as stages own theirs; numbers of the compiled core
 _MIDDLE = -1  # what the compiled core takes for c_k = sum_{j<k} b_j + b_k/2 instead of a tree
 
 
@@ -52,30 +47,21 @@ class Structure(IntEnum):
 
 
 @dataclass(frozen=True)
-class System:
+class ConditionSystem:
     """The conditions of an order for a method, or for an embedded pair.
-
-    A pair of orders q and q - 1 is packed as a tableau with one stage more, whose row
-    holds the second weights and which the first weights don't use: the conditions on
-    the second weights are then conditions on the weights of that stage.
 
     Parameters
     ----------
     order : int
-        Order q of the method.
-    stages : int
-        Stages of the method, the additional one of a pair not counted.
-    rows : Rows, optional
-    embedded : bool, optional
-        Whether second weights, of order q - 1 and without the last stage, belong to it.
+        Order q of the method. Second results of pairs have order q - 1.
+    layout : Layout
+        The unknowns.
     structure : Structure, optional
-        Simplifying assumptions that belong to it, on explicit methods of order 4 or more.
+        Simplifying assumptions that belong to it, on explicit tableaux of order 4 or more.
     """
 
     order: int
-    stages: int
-    rows: Rows = Rows.EXPLICIT
-    embedded: bool = False
+    layout: Layout
     structure: Structure = Structure.GENERAL
 
     def __post_init__(self) -> None:
@@ -84,8 +70,8 @@ class System:
         if order > HIGHEST_ORDER:
             raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
         object.__setattr__(self, "order", order)
-        object.__setattr__(self, "stages", check_integer("stages", self.stages, 1))
-        object.__setattr__(self, "rows", check_rows(self.rows))
+        if not isinstance(self.layout, Layout):
+            raise TypeError(f"layout must be a Layout, got {self.layout!r}")
         if self.embedded and self.order < 2:
             raise ValueError(f"order must be at least 2 for an embedded pair, got {self.order}")
         try:
@@ -96,36 +82,53 @@ class System:
         object.__setattr__(self, "structure", structure)
         if structure and (self.rows is not Rows.EXPLICIT or order < 4):
             raise ValueError(
-                f"structure = {structure.name} is for explicit methods of order 4 or more, "
+                f"structure = {structure.name} is for explicit tableaux of order 4 or more, "
                 f"got order {order}, rows {self.rows!r}"
             )
         if structure and self.stages < 3:
             raise ValueError(f"stages must be at least 3 with a structure, got {self.stages}")
 
-    @property
-    def packed_stages(self) -> int:
-        """Stages of the packed tableau."""
-        return self.stages + self.embedded
+    @classmethod
+    def tableau(
+        cls,
+        order: int,
+        stages: int,
+        rows: Rows | str | int = Rows.EXPLICIT,
+        embedded: bool = False,
+        structure: Structure = Structure.GENERAL,
+    ) -> ConditionSystem:
+        """Return the conditions on a Crouch–Grossman tableau."""
+        return cls(order, Layout.tableau(stages, rows, embedded), structure)
 
-    @cached_property
+    @property
+    def stages(self) -> int:
+        """Stages of the method."""
+        return self.layout.stages
+
+    @property
+    def rows(self) -> Rows | None:
+        """The pattern of a tableau; None of other methods."""
+        return self.layout.rows
+
+    @property
+    def embedded(self) -> bool:
+        """Whether a second result, of order q - 1, belongs to it."""
+        return self.layout.pair
+
+    @property
     def size(self) -> int:
         """Number of packed entries."""
-        return unknowns(self.packed_stages, self.rows)
+        return self.layout.size
 
     @cached_property
     def free(self) -> NDArray[np.intp]:
         """Indices of the entries that aren't zero by definition."""
-        fixed: list[int] = []
-        if self.embedded:
-            begin = sum(row_lengths(self.packed_stages, self.rows)[: self.stages])
-            # row of the second weights: from its last-stage weight on; and b's last entry
-            fixed = [*range(begin + self.stages - 1, self.size - self.packed_stages), self.size - 1]
-        weights = self.size - self.packed_stages
-        second = weights - self.packed_stages + 1  # of the row of the second weights
+        fixed = list(self.layout.held)
+        weights = [self.layout.row(self.stages + r) for r in range(len(self.layout.results))]
         if self.structure >= Structure.STAGE_ORDER_TWO:
-            fixed += [weights + 1, second + 1] if self.embedded else [weights + 1]
+            fixed += [row[1] for row in weights]
         if self.structure >= Structure.MIDDLE:
-            fixed.append(weights)
+            fixed.append(weights[0][0])
         return np.setdiff1d(np.arange(self.size), fixed)
 
     @property
@@ -160,13 +163,14 @@ class System:
         return indices
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        """Return trees, and the stage that a condition is on (0 for ``b``), both (m,).
+        """Return trees, and what each condition is on, both (m,).
 
-        A negative stage stands for a simplifying assumption at it.
+        That is 0 for the result, -1 for the second one, and a stage, from 1, for a simplifying
+        assumption at it.
         """
         trees = condition_trees(self.order, independent)
         second = condition_trees(self.order - 1, independent) if self.embedded else ()
-        owner = [0] * len(trees) + [self.packed_stages] * len(second)
+        owner = [0] * len(trees) + [_SECOND_RESULT] * len(second)
         trees = (*trees, *second)
         for level, equation in (
             (Structure.STAGE_ORDER_TWO, _STAGE_ORDER_TWO),
@@ -174,7 +178,7 @@ class System:
         ):
             if self.structure >= level:
                 trees += (equation,) * (self.stages - 2)
-                owner += [-stage for stage in range(3, self.stages + 1)]
+                owner += range(3, self.stages + 1)
         return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
 
     def residual(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
@@ -196,5 +200,5 @@ class System:
         return quad.to_float(np.ascontiguousarray(found.T))
 
     @property
-    def _shape(self) -> tuple[int, int, int]:
-        return self.order, self.packed_stages, int(self.rows)
+    def _shape(self) -> tuple[int, NDArray[np.intc]]:
+        return self.order, self.layout.code

@@ -1,9 +1,9 @@
-"""A point of the solution set: a packed tableau that satisfies a system of order conditions."""
+"""Packed coefficients on the solution set of a system of order conditions, or close to it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,15 +11,23 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from .. import quad
-from ..conditions import Rows, pack, row_lengths
+from ..method import Method
 from ..random_search import EXACT
 from ..solve.minimum_norm import fit_conditions
 from ..solve.polish import polish
 from ..solve.refine import refine
-from ..solve.system import System
+from ..solve.system import ConditionSystem
 from ..tableau import Tableau
 
-__all__ = ["NotExactError", "Point", "correct", "pack_method", "solved", "sound", "to_tableau"]
+__all__ = [
+    "Candidate",
+    "NotExactError",
+    "correct",
+    "pack_method",
+    "refinable",
+    "solved",
+    "to_tableau",
+]
 
 SOLVED = 1e-23
 """Sum of squared residuals in double below which refinement finds an exact solution nearby."""
@@ -33,16 +41,16 @@ class NotExactError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Point:
+class Candidate:
     """Packed coefficients on, or close to, the solution set of a system.
 
     Attributes
     ----------
-    system : System
+    system : ConditionSystem
     x : ndarray, shape (system.size,)
     """
 
-    system: System
+    system: ConditionSystem
     x: NDArray[np.float64]
 
     @property
@@ -68,49 +76,28 @@ class Point:
 
     def column(self, stage: int) -> NDArray[np.intp]:
         """Return the indices of the entries by which a stage (from 0) acts on others."""
-        lengths = row_lengths(self.system.packed_stages, self.system.rows)
-        starts = np.concatenate([[0], np.cumsum(lengths)])
-        return np.array(
-            [
-                starts[row] + stage
-                for row, length in enumerate(lengths)
-                if row != stage and stage < length
-            ],
-            dtype=np.intp,
-        )
+        return self.system.layout.column(stage)
 
-    def without(self, stage: int) -> Point:
+    def without(self, stage: int) -> Candidate:
         """Drop a stage (from 0) whose column is zero."""
-        lengths = row_lengths(self.system.packed_stages, self.system.rows)
-        kept, begin = [], 0
-        for row, length in enumerate(lengths):
-            if row != stage:
-                kept += [begin + column for column in range(length) if column != stage]
-            begin += length
-        smaller = System(
-            self.system.order,
-            self.system.stages - 1,
-            self.system.rows,
-            self.system.embedded,
-            self.system.structure,
-        )
-        return Point(smaller, self.x[kept])
+        layout, kept = self.system.layout.without(stage)
+        return Candidate(replace(self.system, layout=layout), self.x[kept])
 
 
 def correct(
-    point: Point,
+    candidate: Candidate,
     frozen: Sequence[int] | NDArray[np.intp] = (),
     *,
     ftol: float = 1e-26,
     damping: float = 1e-6,
     max_iterations: int = 200,
     accurate: bool | None = None,
-) -> Point:
+) -> Candidate:
     """Move back to the solution set by small steps of least norm.
 
     Parameters
     ----------
-    point : Point
+    candidate : Candidate
         Close to the set.
     frozen : sequence of int, optional
         Entries that must keep their values.
@@ -119,35 +106,31 @@ def correct(
 
     Returns
     -------
-    Point
+    Candidate
         Where the solver ended, on the set or not; see `solved`.
     """
-    system = check_point(point).system
+    system = check_candidate(candidate).system
     free = movable(system, frozen)
     fit = fit_conditions(
-        point.x,
-        system.stages,
-        system.order,
-        rows=system.rows,
-        embedded=system.embedded,
-        structure=system.structure,
+        candidate.x,
+        system,
         free=free,
         ftol=ftol,
         damping=damping,
         max_iterations=max_iterations,
         accurate=system.order >= 7 if accurate is None else accurate,
     )
-    return Point(system, fit.x)
+    return Candidate(system, fit.x)
 
 
-def check_point(point: Any) -> Point:
-    """Return a point; TypeError if it is anything else."""
-    if not isinstance(point, Point):
-        raise TypeError(f"point must be a Point, got {point!r}")
-    return point
+def check_candidate(candidate: Any) -> Candidate:
+    """Return a candidate; TypeError if it is anything else."""
+    if not isinstance(candidate, Candidate):
+        raise TypeError(f"candidate must be a Candidate, got {candidate!r}")
+    return candidate
 
 
-def movable(system: System, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+def movable(system: ConditionSystem, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the entries of a system that may change if those in `frozen` mustn't.
 
     Raises
@@ -164,72 +147,59 @@ def movable(system: System, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray
     return np.setdiff1d(system.free, array.astype(np.intp))
 
 
-def solved(point: Point) -> bool:
+def solved(candidate: Candidate) -> bool:
     """Tell whether the conditions hold to rounding in double."""
-    return point.f <= SOLVED * max(1.0, point.largest) ** 2
+    return candidate.f <= SOLVED * max(1.0, candidate.largest) ** 2
 
 
-def sound(point: Point) -> bool:
+def refinable(candidate: Candidate) -> bool:
     """Tell whether an exact solution is close by: whether refinement in real(16) gets there."""
     refined = refine(
-        quad.from_float(point.x),
-        point.system.stages,
-        point.system.order,
-        rows=point.system.rows,
-        embedded=point.system.embedded,
-        structure=point.system.structure,
-        free=np.setdiff1d(point.system.free, np.flatnonzero(point.x == 0)),  # exact zeros stay
+        quad.from_float(candidate.x),
+        candidate.system,
+        free=np.setdiff1d(
+            candidate.system.free, np.flatnonzero(candidate.x == 0)
+        ),  # exact zeros stay
     )
-    return refined.largest_residual <= EXACT * max(1.0, point.largest)
+    return refined.largest_residual <= EXACT * max(1.0, candidate.largest)
 
 
-def pack_method(method: Tableau, order: int | None = None) -> Point:
-    """Return the point of a method; of a pair if it has second weights of order q - 1.
+def pack_method(method: Method, order: int | None = None) -> Candidate:
+    """Return the candidate of a method; of a pair if it has a second result of order q - 1.
 
     Parameters
     ----------
-    method : Tableau
+    method : Method
     order : int, optional
         By default the method's own.
     """
-    if not isinstance(method, Tableau):
-        raise TypeError(f"method must be a Tableau, got {method!r}")
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
     order = method.order if order is None else order
-    if method.b_embedded is None:
-        system = System(order, method.stages, method.rows)
-        return Point(system, pack(method.a, method.b))
-    stages = method.stages
-    rows = method.rows
-    wide = np.zeros((stages + 1, stages + 1))
-    wide[:stages, :stages] = method.a
-    wide[stages, :stages] = method.b_embedded
-    return Point(System(order, stages, rows, True), pack(wide, [*method.b, 0.0], rows))
+    system = ConditionSystem(order, method.layout)
+    return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
 
 
 def to_tableau(
-    point: Point, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
+    candidate: Candidate, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
 ) -> Tableau:
-    """Refine a point in real(16) and make it a method.
+    """Refine a candidate in real(16) and make it a method.
 
-    Exact zeros of the point stay zero.
+    Exact zeros of the candidate stay zero.
 
     Raises
     ------
     NotExactError
         If the conditions don't hold to the floor of binary128 afterwards.
     """
-    system = check_point(point).system
-    free = np.setdiff1d(movable(system, frozen), np.flatnonzero(point.x == 0))
+    system = check_candidate(candidate).system
+    free = np.setdiff1d(movable(system, frozen), np.flatnonzero(candidate.x == 0))
     refined = refine(
-        quad.from_float(point.x),
-        system.stages,
-        system.order,
-        rows=system.rows,
-        embedded=system.embedded,
-        structure=system.structure,
+        quad.from_float(candidate.x),
+        system,
         free=free,
     )
-    scale = max(1.0, point.largest)
+    scale = max(1.0, candidate.largest)
     if refined.largest_residual > EXACT * scale:
         raise NotExactError(
             f"largest residual {refined.largest_residual:.2e} after refinement, "
@@ -237,26 +207,14 @@ def to_tableau(
         )
     polished = polish(
         quad.decode(refined.x),
-        system.stages,
-        system.order,
-        rows=system.rows,
-        embedded=system.embedded,
+        system,
         directions=np.eye(system.size)[:, free],
     )
     return _unpack([quad.to_decimal(entry) for entry in polished.x], system, name, source)
 
 
-def _unpack(decimals: list[str], system: System, name: str, source: str) -> Tableau:
-    lengths = row_lengths(system.packed_stages, system.rows)
-    cut, begin = [], 0
-    for length in lengths:
-        cut.append(decimals[begin : begin + length])
-        begin += length
-    second = None
-    if system.embedded:
-        second = cut[system.stages][: system.stages]
-        second += ["0"] * (system.stages - len(second))
+def _unpack(decimals: list[str], system: ConditionSystem, name: str, source: str) -> Tableau:
+    rows = system.layout.full_rows(decimals)
     stages = system.stages
-    a = [row[: stages if system.rows is Rows.FULL else None] for row in cut[:stages]]
-    b = cut[-1][:stages]
-    return Tableau(a, b, name=name, source=source, b_embedded=second)
+    second = rows[stages + 1] if system.embedded else None
+    return Tableau(rows[:stages], rows[stages], name=name, source=source, b_embedded=second)

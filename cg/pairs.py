@@ -1,0 +1,80 @@
+"""Warnings about methods whose steps, or whose error estimates, are worth little."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from .conditions import HIGHEST_ORDER, residuals_of
+from .method import Method
+
+__all__ = ["check_order", "check_pair"]
+
+LEAST_DIFFERENCE = 1e-6
+"""Of elementary weights of both results, through the order of the estimate: less says nothing."""
+
+
+def check_order(method: Method, *, stacklevel: int = 2) -> None:
+    """Warn of a method that has order 0.
+
+    Parameters
+    ----------
+    method : Method
+    stacklevel : int, optional
+        As for `warnings.warn`, for the caller of this function.
+
+    Warns
+    -----
+    UserWarning
+        If the steps don't converge, since the weights of the result don't add up to one.
+    """
+    if method.order == 0:
+        warnings.warn(
+            f"{_name(method)} has order 0: its solutions don't converge", stacklevel=stacklevel + 1
+        )
+
+
+def check_pair(method: Method, *, stacklevel: int = 2) -> None:
+    """Warn of a pair whose results don't tell the error of a step.
+
+    Parameters
+    ----------
+    method : Method
+        A pair.
+    stacklevel : int, optional
+        As for `warnings.warn`, for the caller of this function.
+
+    Warns
+    -----
+    UserWarning
+        If one of the orders is 0, both are the same, or both results nearly coincide.
+
+    Raises
+    ------
+    ValueError
+        If the method is no pair.
+    """
+    order, second = method.order, method.embedded_order
+    if second is None:
+        raise ValueError(f"method must be a pair, got {method!r}")
+    check_order(method, stacklevel=stacklevel + 1)
+    if second == 0:
+        message = "its second result has order 0, so that the error estimate stays large"
+    elif second == order:
+        message = (
+            f"both its results have order {order}, so that the error estimate may miss the error"
+        )
+    else:
+        message = ""
+    trees = min(order, second) + 1
+    if trees <= HIGHEST_ORDER:
+        results = [residuals_of(method, trees, embedded=embedded) for embedded in (False, True)]
+        if np.abs(np.subtract(*results)).max() < LEAST_DIFFERENCE:
+            message = "its results nearly coincide, so that the error estimate is next to nothing"
+    if message:
+        warnings.warn(f"{_name(method)}: {message}", stacklevel=stacklevel + 1)
+
+
+def _name(method: Method) -> str:
+    return method.name or "the method"

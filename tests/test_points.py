@@ -1,0 +1,578 @@
+"""Methods as trees of points: what they are made of, and their order conditions, by all ways."""
+
+import math
+import pickle
+import warnings
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from flint import arb, fmpq
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from quad_core import residuals_quad
+from strategies import dyadics, point_trees, rationals, tableaux
+
+import cg
+from cg import CommutatorFree, MethodError, Tableau, conditions
+from cg.catalogue import dumps, loads, methods, resolve_method
+from cg.certification import certify
+from cg.certification.krawczyk import to_double
+from cg.certification.systems import exact_residuals, order_system
+from cg.certification.weights import Quantity, Weights
+from cg.certification.words import condition_words
+from cg.construction import Structure
+from cg.layout import Layout, Rows
+from cg.pairs import check_order, check_pair
+from cg.points import START, Point, PointTree, tree_of_rows
+from cg.quad import decode
+from cg.solve.minimum_norm import fit_conditions
+from cg.solve.polish import polish
+from cg.solve.refine import refine
+from cg.solve.system import ConditionSystem
+from cg.trees import forest
+
+CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
+
+
+def values(tree):
+    return [weight for point in tree.points for weight in point.weights.values()]
+
+
+def floats(tree):
+    return np.array(values(tree), dtype=np.float64)
+
+
+def by_definition(tree, t):
+    """Φ(t) of the result: sums over all ways to give the children to points, in their order."""
+    trees = forest(6)
+
+    def at(point, t):
+        total = Fraction(0)
+        path, word = tree.path(point), trees.children[t - 1]
+        for chosen in nondecreasing(len(word), len(path)):
+            product = Fraction(1)
+            for child, k in zip(word, chosen, strict=True):
+                weights = tree.points[path[k]].weights.items()
+                product *= sum(
+                    (w * at(tree.stage_points[s], child) for s, w in weights), Fraction(0)
+                )
+            runs = [chosen.count(k) for k in set(chosen)]
+            total += product / math.prod(map(math.factorial, runs))
+        return total
+
+    return at(tree.result, t)
+
+
+def nondecreasing(length, choices, least=0):
+    if length == 0:
+        yield ()
+        return
+    for k in range(least, choices):
+        for rest in nondecreasing(length - 1, choices, k):
+            yield (k, *rest)
+
+
+class TestResiduals:
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(dyadics, most_points=4))
+    def test_the_oracle_is_the_definition(self, tree):
+        found = conditions.exact_residuals_of(tree, 3)
+        trees = forest(4)
+        expected = [
+            by_definition(tree, t) - Fraction(1, trees.density[t - 1])
+            for t in conditions.condition_trees(3)
+        ]
+        assert list(found) == expected
+
+    @settings(deadline=None, max_examples=60)
+    @given(point_trees(), st.integers(1, 6), st.booleans())
+    def test_compiled_against_exact(self, tree, order, independent):
+        exact = conditions.exact_residuals_of(tree, order, independent)
+        found = conditions.residuals_of(tree, order, independent)
+        layout, x = Layout.of_tree(tree), floats(tree)
+        sizes = 1 + conditions.weights_at(layout, np.abs(x), order, independent)
+        np.testing.assert_allclose(found, np.array(exact, float), rtol=0, atol=1e-14 * sizes.max())
+        quad = residuals_quad(layout, values(tree), order, independent)
+        for one, other in zip(quad, exact, strict=True):
+            assert abs(one - other) < Fraction(1, 10**32) * Fraction(sizes.max())
+
+    @settings(deadline=None, max_examples=40)
+    @given(tableaux(rationals))
+    def test_tableaux_are_their_points(self, tableau):
+        a, b = tableau
+        tree = tree_of_rows(a, b)
+        assert conditions.exact_residuals_of(tree, 4) == conditions.residuals_exact(a, b, 4)
+        packed = conditions.residuals(a, b, 4)
+        sizes = 1 + conditions.weights(np.abs(np.array(a, float)), np.abs(np.array(b, float)), 4)
+        np.testing.assert_allclose(
+            conditions.residuals_of(tree, 4), packed, rtol=0, atol=1e-14 * sizes.max()
+        )
+
+    @settings(deadline=None, max_examples=40)
+    @given(point_trees(), st.integers(2, 5))
+    def test_derivatives_are_exact_differences(self, tree, order):
+        layout, x = Layout.of_tree(tree), floats(tree)
+        jacobian = conditions.jacobian_at(layout, x, order, independent=True)
+        step = Fraction(1, 2**40)  # the differences are exact, so that what they miss is step²
+        for k in range(layout.size):
+            ahead, behind = values(tree), values(tree)
+            ahead[k] += step
+            behind[k] -= step
+            pairs = zip(
+                conditions.exact_residuals_of(moved(tree, ahead), order, True),
+                conditions.exact_residuals_of(moved(tree, behind), order, True),
+                strict=True,
+            )
+            slopes = [float((one - other) / (2 * step)) for one, other in pairs]
+            scale = 1 + np.abs(jacobian).max()
+            np.testing.assert_allclose(jacobian[:, k], slopes, rtol=0, atol=1e-11 * scale)
+
+    def test_a_tree_without_weights_has_none(self):
+        tree = PointTree((), (START,), START)
+        assert set(conditions.exact_residuals_of(tree, 2)) == {-1, Fraction(-1, 2)}
+        np.testing.assert_array_equal(conditions.residuals_of(tree, 2), [-1, -0.5, -0.5])
+
+    def test_the_second_result(self):
+        tree = CommutatorFree(CF3, [-1, 0, 1], embedded_result=1).tree
+        second = PointTree(tree.points, tree.stage_points, 1)
+        for order in (1, 3):
+            assert conditions.exact_residuals_of(
+                tree, order, embedded=True
+            ) == conditions.exact_residuals_of(second, order)
+            np.testing.assert_array_equal(
+                conditions.residuals_of(tree, order, embedded=True),
+                conditions.residuals_of(second, order),
+            )
+        with pytest.raises(ValueError, match="has no second result"):
+            conditions.residuals_of(second, 1, embedded=True)
+
+
+def moved(tree, weights):
+    return Layout.of_tree(tree).tree(weights)
+
+
+class TestBalls:
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(), st.integers(1, 4))
+    def test_rationals_agree_with_the_oracle(self, tree, order):
+        layout = Layout.of_tree(tree)
+        found = exact_residuals(layout, values(tree), condition_words(order), layout.stages)
+        assert tuple(found) == conditions.exact_residuals_of(tree, order, independent=True)
+
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(), st.integers(1, 5))
+    def test_derivatives_agree_with_the_compiled_core(self, tree, order):
+        layout, x = Layout.of_tree(tree), floats(tree)
+        found = to_double(order_system(layout, order, None).linearise([arb(v) for v in x])[1])
+        expected = conditions.jacobian_at(layout, x, order, independent=True)
+        scale = 1 + np.abs(expected).max()
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * scale)
+
+    @settings(deadline=None, max_examples=20)
+    @given(point_trees(), st.integers(0, 2**32 - 1))
+    def test_they_hold_what_is_inside(self, tree, seed):
+        layout = Layout.of_tree(tree)
+        words = condition_words(4)
+        quantities = [Quantity(layout.stages, word) for word in words]
+        outer = Weights(layout, quantities).evaluate([arb(float(v), 1e-3) for v in values(tree)])
+        steps = np.random.default_rng(seed).integers(-1000, 1001, layout.size)
+        inside = [v + Fraction(int(s), 10**6) for v, s in zip(values(tree), steps, strict=True)]
+        exact = exact_residuals(layout, inside, words, layout.stages)
+        middle = exact_residuals(layout, values(tree), words, layout.stages)
+        weights = Weights(layout, quantities).evaluate([_flint(v) for v in values(tree)])
+        for ball, value, there, here in zip(outer, exact, middle, weights, strict=True):
+            assert ball.contains(here + _flint(value - there))
+
+    def test_derivatives_of_weights_at_stages(self):
+        tree = methods["CF4b"].tree
+        layout, x = methods["CF4b"].layout, floats(tree)
+        quantities = [Quantity(k, ((), ((),))) for k in range(layout.stages)]
+        quantities += [Quantity(4, ((), ()), 2), Quantity(5, ((),), 3), Quantity(5, ((1,), ()))]
+        weights = Weights(layout, quantities)
+        at = [float(v) for v in weights.evaluate([arb(v) for v in x])]
+        jacobian = to_double(weights.jacobian())
+        for k in range(layout.size):
+            ahead = [arb(v) + (1e-7 if j == k else 0) for j, v in enumerate(x)]
+            slopes = np.array([float(v) for v in Weights(layout, quantities).evaluate(ahead)]) - at
+            np.testing.assert_allclose(jacobian[:, k], slopes / 1e-7, rtol=0, atol=1e-6)
+
+
+def _flint(value):
+    return fmpq(value.numerator, value.denominator)
+
+
+class TestMethods:
+    def test_attributes(self):
+        method = methods["CF4"]
+        assert [point.parent for point in method.points] == [-1, -1, 0, -1, 3]
+        assert method.points[2].weights == {0: Fraction(-1, 2), 2: 1}
+        assert method.stage_points == (-1, 0, 1, 2)
+        assert (method.result, method.embedded_result, method.embedded_order) == (4, None, None)
+        assert (method.stages, method.exponentials, method.pair_exponentials) == (4, 5, 5)
+        assert (method.order, method.exact_order, method.approximate) == (4, 4, False)
+        assert method.explicit
+        assert method.largest_residual() == 0
+        assert method.largest_residual(5) > 1e-3
+        assert method.principal_error() > 1e-3
+        assert repr(method) == "<CommutatorFree CF4: 4 stages, explicit>"
+
+    def test_the_flat_tableau(self):
+        a, b = methods["CF4"].exact
+        half = Fraction(1, 2)
+        assert a == ((0,) * 4, (half, 0, 0, 0), (0, half, 0, 0), (0, 0, 1, 0))
+        assert b == (Fraction(1, 6), Fraction(1, 3), Fraction(1, 3), Fraction(1, 6))
+        np.testing.assert_array_equal(methods["CF4"].c, [0, 0.5, 0.5, 1])
+        np.testing.assert_array_equal(methods["CF4"].a, np.array(a, float))
+        # two registers of lattice gauge theory: as a chain
+        np.testing.assert_allclose(methods["CF3b"].c, [0, 1 / 4, 2 / 3], rtol=1e-15)
+        np.testing.assert_allclose(methods["CF3b"].b, [1 / 4, 0, 3 / 4], rtol=0)
+
+    def test_flat_tableaux_are_not_the_methods(self):
+        # what holds where flows commute says nothing of manifolds
+        a, b = methods["CF4"].exact
+        assert Tableau(a, b).order == 2 < methods["CF4"].order
+
+    def test_one_weight_a_point_is_a_tableau(self):
+        for name in ("CG4a", "CG6g", "CG7b"):
+            tableau = methods[name]
+            same = CommutatorFree(tableau.points, tableau.stage_points, tableau.result)
+            assert same.exact == tableau.exact
+            assert same.exponentials == tableau.exponentials
+            np.testing.assert_array_equal(same.c, tableau.c)
+            found = conditions.residuals_of(same, 4)
+            np.testing.assert_allclose(found, 0, atol=1e-14)
+
+    def test_first_flows_are_shared(self):
+        # rows (x), (x, y), (x, y) and b = (x, y, z): three flows, and one for b's second weights
+        a = [[], ["1/3"], ["1/3", "1/4"], ["1/3", "1/4", 0]]
+        method = Tableau(a, ["1/3", "1/4", "1/5", 0], b_embedded=["1/3", "1/2", 0, 0])
+        assert len(method.points) == 4
+        assert method.stage_points == (-1, 0, 1, 1)
+        assert (method.result, method.embedded_result) == (2, 3)
+        assert (method.exponentials, method.pair_exponentials) == (3, 4)
+
+    def test_points_that_repeat_others_are_no_flows(self):
+        once = CommutatorFree(CF3, [-1, 0, 1])
+        points = [CF3[0], (0, {0: "0"}), CF3[1], (-1, {0: "1/3"}), (3, {0: "-1/12", 2: "3/4"})]
+        again = CommutatorFree(points, [-1, 1, 2])
+        assert (once.exponentials, again.exponentials) == (3, 3)
+        assert again.order == 3
+
+    def test_unused_points_are_no_flows(self):
+        method = CommutatorFree([*CF3, (2, {0: 1})], [-1, 0, 1], result=2)
+        assert method.exponentials == method.pair_exponentials == 3
+
+    def test_pairs(self):
+        points = [*CF3, (-1, {0: "1/4", 2: "3/4"})]
+        pair = CommutatorFree(points, [-1, 0, 1], 2, embedded_result=3, name="mine")
+        assert (pair.order, pair.embedded_order) == (3, 2)
+        assert (pair.exponentials, pair.pair_exponentials) == (3, 4)
+        assert pair.exact_embedded == (Fraction(1, 4), 0, Fraction(3, 4))
+        np.testing.assert_array_equal(pair.b_embedded, [0.25, 0, 0.75])
+        assert repr(pair) == "<CommutatorFree mine: 3 stages, explicit, a pair>"
+        assert pair.embedded.exact[1] == pair.exact_embedded
+        certificate = certify(pair)
+        assert (certificate.order, certificate.embedded_order) == (3, 2)
+        assert loads(dumps(pair)) == pair
+
+    def test_equality_and_copies(self):
+        one, other = CommutatorFree(CF3, [-1, 0, 1]), CommutatorFree(CF3, (-1, 0, 1), name="x")
+        assert one == other
+        assert hash(one) == hash(other)
+        assert one != CommutatorFree(CF3[:2], [-1, 0])
+        assert one != methods["CG3"]
+        assert one.c is one.c
+        copy = pickle.loads(pickle.dumps(one))
+        assert copy == one
+        assert copy.point_coefficients == one.point_coefficients
+        with pytest.raises(ValueError, match="read-only"):
+            copy.c[0] = 1
+        with pytest.raises(AttributeError):
+            one.name = "other"
+
+    def test_digits(self):
+        texts = methods["CF4b"].digits(50)
+        point = methods["CF4b"].points[1]
+        for stage, weight in point.weights.items():
+            assert len(texts[1][stage].lstrip("-0.")) >= 49
+            assert abs(Fraction(texts[1][stage]) - weight) < Fraction(1, 10**34)
+        assert methods["CF3"].digits(50) == [
+            {0: "1/3"}, {1: "2/3"}, {0: "-1/12", 2: "3/4"}
+        ]  # fmt: skip
+        with pytest.raises(ValueError, match="CF4b has no second weights"):
+            methods["CF4b"].digits(50, embedded=True)
+
+    def test_implicit_tableaux_have_no_points(self):
+        with pytest.raises(AttributeError, match="is implicit"):
+            methods["DICG4"].points  # noqa: B018
+        assert methods["DICG4"].exponentials == methods["DICG4"].pair_exponentials == 9
+
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(rationals))
+    def test_files_hold_all(self, tree):
+        points = [(point.parent, point.weights) for point in tree.points]
+        method = CommutatorFree(points, tree.stage_points, tree.result, name="x", source="y")
+        found = loads(dumps(method))
+        assert found == method
+        assert found.coefficients == method.coefficients
+
+    def test_names_are_looked_up_in_one_place(self):
+        assert resolve_method("CF4") is methods["CF4"]
+        assert resolve_method(methods["CF4"]) is methods["CF4"]
+        with pytest.raises(ValueError, match=r"method must be one of .*CF4, .*got 'CF9'"):
+            resolve_method("CF9")
+        with pytest.raises(TypeError, match="method must be a name or a Method, got 4"):
+            resolve_method(4)
+        assert "CF4" in methods._ipython_key_completions_()
+
+
+class TestBadInput:
+    @pytest.mark.parametrize(
+        ("points", "stages", "options", "message"),
+        [
+            (
+                [(0, {0: 1})],
+                [-1],
+                {},
+                "the parent of point 0 must come before it, or",
+            ),
+            ([(1, {0: 1}), (-1, {0: 1})], [-1], {}, "the parent of point 0 must come before it"),
+            (
+                [(-2, {0: 1})],
+                [-1],
+                {},
+                "the parent of point 0 must be a point from -1 to 0,",
+            ),
+            ([(5, {0: 1})], [-1], {}, "the parent of point 0 must be a point from -1 to 0,"),
+            (
+                [("x", {0: 1})],
+                [-1],
+                {},
+                "the parent of point 0 must be a point from -1 to 0,",
+            ),
+            (
+                [(-1, {0: 1})],
+                [-1, 4],
+                {},
+                "the point of stage 1 must be a point from -1 to 0",
+            ),
+            ([(-1, {0: 1})], [0], {}, "the first stage must be at the initial point, -1, got 0"),
+            ([(-1, {0: 1})], [], {}, "stage_points must have at least one entry"),
+            ([(-1, {0: 1})], 3, {}, "stage_points must be a sequence, got 3"),
+            ([(-1, {1: 1})], [-1], {}, "point 0 must have weights on stages 0 to 0, got 1"),
+            ([(-1, {-1: 1})], [-1], {}, "point 0 must have weights on stages 0 to 0, got -1"),
+            (
+                [(-1, {1: 1})],
+                [-1, 0],
+                {},
+                "point 0 has a weight on stage 1, which isn't",
+            ),
+            (
+                [(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})],
+                [-1, 1, 0],
+                {},
+                "stage 1 is at point 1, which depends on stage 2: that isn't evaluated by then",
+            ),
+            ([(-1, {0: 0})], [-1], {}, "result must depend on a stage: no weights lead to point 0"),
+            ([(-1, {0: 1})], [-1], {"result": -1}, "result must depend on a stage"),
+            ([(-1, {0: 1})], [-1], {"result": 1}, "result must be a point from -1 to 0, got 1"),
+            (
+                [(-1, {0: 1})],
+                [-1],
+                {"result": True},
+                "result must be a point from -1 to 0",
+            ),
+            (
+                [(-1, {0: 1})],
+                [-1],
+                {"embedded_result": 0},
+                "embedded_result must differ",
+            ),
+            (
+                [(-1, {0: 1})],
+                [-1],
+                {"embedded_result": -1},
+                "embedded_result must depend on a stage",
+            ),
+            (
+                [(-1, {0: 1}), (-1, {0: 1})],
+                [-1],
+                {"embedded_result": 0},
+                "embedded_result must differ",
+            ),
+            ([(-1, {0: "x"})], [-1], {}, "weight of point 0 on stage 0: expected a finite real"),
+            ([(-1, {0: "1e999"})], [-1], {}, "weight of point 0 on stage 0: 1e999 is beyond"),
+            (
+                [-1],
+                [-1],
+                {},
+                "point 0 must be a parent and a mapping from stages",
+            ),
+            ([(-1, [1])], [-1], {}, "point 0 must be a parent and a mapping"),
+            ([], [-1], {}, "points must have at least one entry, got none"),
+            ({}, [-1], {}, "points must be a sequence, got {}"),
+            ([(-1, {0: 1})], [-1], {"name": 5}, "name must be a str, got 5"),
+            (
+                [(-1, {0: 1})],
+                [-1],
+                {"nominal_order": 2, "nominal_residual": "0.1"},
+                "nominal_order 2 is not borne out",
+            ),
+        ],
+    )
+    def test_it_is_named(self, points, stages, options, message):
+        with pytest.raises(MethodError, match=f"^{message}"):
+            CommutatorFree(points, stages, **options)
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ("parent = -1, ", "", "point 0 lacks parent"),
+            ("0 = ", "x = ", "weights of point 0 must be on stages, got one on 'x'"),
+            ("result = 0", "", "the entry lacks result"),
+            ("result = 0", "result = 0\nb = [1]", "the entry has unknown keys: b"),
+            ("{parent", "5, {parent", "point 0 must be a table with one of weights, got 5"),
+            ('{0 = "1"}', "4", "point 0 must be a table with one of weights"),
+        ],
+    )
+    def test_files(self, old, new, message):
+        text = (
+            'name = "x"\nsource = "y"\npoints = [\n  {parent = -1, weights = {0 = "1"}},\n]\n'
+            "stage_points = [-1]\nresult = 0\n"
+        )
+        assert loads(text).order == 1
+        with pytest.raises(MethodError, match=message):
+            loads(text.replace(old, new, 1))
+
+    def test_tables_of_points_only(self):
+        with pytest.raises(MethodError, match="points must be an array of tables, got 3"):
+            loads('name = "x"\nsource = "y"\npoints = 3\nstage_points = [-1]\nresult = 0\n')
+
+
+class TestLayout:
+    def test_names(self):
+        assert methods["CF3"].layout.names == ["w_1,1", "w_2,2", "w_3,1", "w_3,3"]
+        assert Layout.tableau(2, pair=True).names == [
+            "a_2,1", "b_1", "b_2", "b_embedded_1", "b_embedded_2"
+        ]  # fmt: skip
+        assert Layout.tableau(1, Rows.DIAGONAL).names == ["a_1,1", "b_1"]
+
+    @pytest.mark.parametrize("rows", Rows)
+    @pytest.mark.parametrize("pair", [False, True])
+    def test_rows_of_tableaux(self, rows, pair):
+        layout = Layout.tableau(4, rows, pair)
+        x = list(range(layout.size))
+        assert layout.packed(layout.cut(x)) == x
+        assert layout.packed(layout.full_rows(x)) == x
+        assert layout.size == conditions.unknowns(4, rows) + 4 * pair
+        assert layout.held == ([layout.size - 1] if pair else [])
+        for stage in range(4):
+            names = [layout.names[k] for k in layout.column(stage)]
+            assert all(name.endswith((f",{stage + 1}", f"_{stage + 1}")) for name in names)
+            assert not any(name.startswith(f"a_{stage + 1},") for name in names)
+            smaller, kept = layout.without(stage)
+            assert len(kept) == smaller.size
+
+    def test_a_tree_comes_back(self):
+        for name in ("CF4", "CF4b", "CG4(3)b", "CG4a"):
+            method = methods[name]
+            x = [coefficient.value for coefficient in method.coefficients]
+            assert method.layout.tree(x) == method.tree
+
+
+class TestSolvers:
+    """They take any layout."""
+
+    # the points of CF4 with weights wherever there can be some
+    LAYOUT = Layout(
+        parents=(-1, -1, 0, -1, 3),
+        weights=((0,), (0, 1), (0, 1, 2), (0, 1, 2, 3), (0, 1, 2, 3)),
+        stage_points=(-1, 0, 1, 2),
+        results=(4,),
+    )
+
+    def test_a_search_ends_at_an_exact_method(self):
+        system = ConditionSystem(4, self.LAYOUT)
+        for seed in range(60):
+            x0 = np.random.default_rng(seed).uniform(-1, 1, system.size)
+            fit = fit_conditions(x0, system, max_iterations=300)
+            if fit.f < 1e-26 and np.abs(fit.x).max() < 5:
+                break
+        assert fit.f < 1e-26
+        refined = refine(cg.quad.from_float(fit.x), system)
+        assert refined.largest_residual < 1e-31
+        polished = polish(decode(refined.x), system)
+        assert polished.largest_residual < Fraction(1, 10**44)
+        points = zip(
+            system.layout.parents,
+            system.layout.point_weights([cg.quad.to_decimal(v) for v in polished.x]),
+            strict=True,
+        )
+        method = CommutatorFree(points, system.layout.stage_points, name="found")
+        assert (method.order, method.stages, method.exponentials) == (4, 4, 5)
+        assert certify(method).order == 4
+
+    def test_structures_are_for_tableaux(self):
+        with pytest.raises(ValueError, match="is for explicit tableaux"):
+            ConditionSystem(4, self.LAYOUT, Structure.MIDDLE)
+        with pytest.raises(TypeError, match="layout must be a Layout, got 3"):
+            ConditionSystem(4, 3)
+
+
+class TestWarnings:
+    def test_dormand_prince_is_no_pair_on_manifolds(self):
+        a = [
+            [],
+            ["1/5"],
+            ["3/40", "9/40"],
+            ["44/45", "-56/15", "32/9"],
+            ["19372/6561", "-25360/2187", "64448/6561", "-212/729"],
+            ["9017/3168", "-355/33", "46732/5247", "49/176", "-5103/18656"],
+            ["35/384", 0, "500/1113", "125/192", "-2187/6784", "11/84"],
+        ]
+        b = [*a[-1], 0]
+        second = [
+            "5179/57600", 0, "7571/16695", "393/640", "-92097/339200", "187/2100", "1/40"
+        ]  # fmt: skip
+        pair = Tableau(a, b, b_embedded=second, name="DP")
+        assert (pair.order, pair.embedded_order) == (2, 2)
+        with pytest.warns(UserWarning, match="DP: both its results have order 2"):
+            check_pair(pair)
+
+    def test_results_that_nearly_coincide(self):
+        a, b = methods["CG3"].exact
+        nearly = [b[0] + Fraction(1, 10**8), b[1] - Fraction(1, 10**8), b[2]]
+        pair = Tableau(a, b, b_embedded=nearly, name="almost")
+        with pytest.warns(UserWarning, match="almost: its results nearly coincide"):
+            check_pair(pair)
+
+    def test_order_zero(self):
+        with pytest.warns(UserWarning, match="half has order 0: its solutions don't converge"):
+            check_order(Tableau([[]], ["1/2"], name="half"))
+        pair = Tableau([[], ["1/2"]], [0, 1], b_embedded=["1/2", 0])
+        with pytest.warns(UserWarning, match="the method: its second result has order 0"):
+            check_pair(pair)
+
+    @pytest.mark.parametrize(
+        "name", [name for name, method in methods.items() if method.embedded_order is not None]
+    )
+    def test_pairs_of_the_catalogue_are_good(self, name):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            check_pair(methods[name])
+
+    def test_what_is_no_pair(self):
+        with pytest.raises(ValueError, match="method must be a pair, got <Tableau CG3"):
+            check_pair(methods["CG3"])
+
+
+def test_points_are_values():
+    one = Point(-1, {1: Fraction(1, 2), 0: Fraction(0)})
+    assert one == Point(-1, {1: Fraction(1, 2)})
+    assert hash(one) == hash(Point(-1, {1: Fraction(1, 2)}))
+    assert one != Point(0, one.weights)
+    assert pickle.loads(pickle.dumps(one)) == one
+    assert repr(one) == "Point(-1, {1: 1/2})"
+    with pytest.raises(TypeError):
+        one.weights[0] = 1
