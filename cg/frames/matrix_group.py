@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from cg.checks import memory
 from cg.frames.base import (
+    MEMBERSHIP_TOLERANCE,
     Array,
     Convention,
     Frame,
@@ -30,6 +31,10 @@ from cg.frames.matrix_functions import (
     random_unitary,
     real_logarithm,
 )
+
+# Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,
+# and is large relative to it. It turns a point by no more than this in a unit of time.
+_ALGEBRA_ROUNDING = 1e-12
 
 
 class MatrixGroup(Frame):
@@ -88,7 +93,7 @@ class MatrixGroup(Frame):
     def structure_constants(self) -> Array:
         r"""The numbers in :math:`[B_i, B_j] = \sum_k c_{ijk} B_k`, shape ``(dim, dim, dim)``."""
         products = self.basis[:, None] @ self.basis[None, :]
-        constants = self.coefficients(products - products.swapaxes(0, 1))
+        constants = self._algebra_projection(products - products.swapaxes(0, 1))
         constants.flags.writeable = False
         return constants
 
@@ -99,9 +104,39 @@ class MatrixGroup(Frame):
     def coefficients(self, matrix: ArrayLike) -> Array:
         """Return ``v`` of elements ``algebra(v)`` of the Lie algebra, shape ``(..., dim)``.
 
-        Of other matrices it takes the orthogonal projection onto the algebra.
+        Parameters
+        ----------
+        matrix
+            Shape ``(..., size, size)``.
+
+        Raises
+        ------
+        ValueError
+            If a matrix isn't in the algebra: if an entry is off by more than 1e-8 of the largest
+            one, and by more than 1e-12.
         """
         matrices = self._points(matrix, "matrix")
+        v = self._algebra_projection(matrices)
+        off = matrices - combine(v, self.basis)
+        # One dot product settles what f returns at nearly every stage.
+        if not np.vdot(off, off).real <= _ALGEBRA_ROUNDING**2:
+            self._check_distance(np.abs(off), np.abs(matrices))
+        return v
+
+    def _check_distance(self, off: Array, sizes: Array) -> None:
+        """Raise ValueError if matrices are too far from the algebra for their size."""
+        distance, size = off.max(axis=(-2, -1)), sizes.max(axis=(-2, -1))
+        # NaN passes, for the caller to judge.
+        wrong = distance > np.maximum(MEMBERSHIP_TOLERANCE * size, _ALGEBRA_ROUNDING)
+        if wrong.any():
+            relative = float((distance[wrong] / size[wrong]).max())
+            raise ValueError(
+                f"matrix must be in the Lie algebra of {self!r}: its distance from it is "
+                f"{relative:.3g} of its largest entry, more than {MEMBERSHIP_TOLERANCE:g}"
+            )
+
+    def _algebra_projection(self, matrices: Points) -> Array:
+        """Return the coefficients of the orthogonal projections of matrices onto the algebra."""
         flat = matrices.reshape(*matrices.shape[:-2], -1)
         return np.asarray((flat @ self._dual.conj().T).real)
 
@@ -116,7 +151,7 @@ class MatrixGroup(Frame):
 
     def logarithm(self, x: ArrayLike) -> Array:
         """Return the smallest ``v`` with ``exponential(v) == x``, NaN where there is none."""
-        return self.coefficients(real_logarithm(self._points(x, "x")))
+        return self._algebra_projection(real_logarithm(self._points(x, "x")))
 
     def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
         r"""Return the blocks of the exponential of :math:`\Omega(v)` bordered by columns.

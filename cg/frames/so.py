@@ -96,7 +96,7 @@ class SO(QuadraticGroup, SizedMatrixGroup):
             return np.asarray(np.arctan2(skew, np.trace(rotation, axis1=-2, axis2=-1))[..., None])
         if self.n == 3:
             return rotation_logarithm(rotation)
-        return self.coefficients(rotation_matrix_logarithm(rotation))
+        return self._algebra_projection(rotation_matrix_logarithm(rotation))
 
     def _blocks(self) -> Blocks | None:
         if self.n != 3:

@@ -90,7 +90,7 @@ class Sphere(HomogeneousSpace):
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         start, end = np.broadcast_arrays(start, end)
         wedge = end[..., :, None] * start[..., None, :]
-        turn = self.group.coefficients(wedge - wedge.mT)
+        turn = self.group._algebra_projection(wedge - wedge.mT)
         # The coefficients have the norm of sin(angle).
         sine, cosine = np.linalg.norm(turn, axis=-1), np.vecdot(start, end)
         angle = np.arctan2(sine, cosine)

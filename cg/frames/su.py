@@ -82,7 +82,9 @@ class SU(U):
     def logarithm(self, x: ArrayLike) -> Array:
         r"""Return coefficients whose eigenvalues' angles add up to zero."""
         if self.n > 2:
-            return self.coefficients(special_unitary_logarithm(self._points(x, "x")))
+            return self._algebra_projection(special_unitary_logarithm(self._points(x, "x")))
         scalar = 0.5 * np.trace(self._points(x, "x"), axis1=-2, axis2=-1).real
         # The basis is half the quaternion units.
-        return quaternion_logarithm(0.5 * self.coefficients(x), np.asarray(scalar))
+        return quaternion_logarithm(
+            0.5 * self._algebra_projection(self._points(x, "x")), np.asarray(scalar)
+        )

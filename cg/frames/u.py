@@ -62,7 +62,7 @@ class U(QuadraticGroup, SizedMatrixGroup):
 
     def logarithm(self, x: ArrayLike) -> Array:
         r"""Return coefficients with eigenvalues' angles in :math:`(-\pi, \pi]`."""
-        return self.coefficients(unitary_logarithm(self._points(x, "x")))
+        return self._algebra_projection(unitary_logarithm(self._points(x, "x")))
 
 
 def gell_mann(n: int) -> Points:
