@@ -62,13 +62,14 @@ def determinant_correction(y: Points) -> Points:
     singular values, which would overflow.
     """
     left, singular, right = np.linalg.svd(y)
-    sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    # Where rounding decides upon the sign the change is no longer than that rounding.
+    sign = np.where(np.linalg.det(y) < 0.0, -1.0, 1.0)
     smallest = singular[..., -1:]
     # The cofactors are products of all singular values but one: here in units of the largest.
     cofactors = smallest / singular
     cofactors[..., -1] = 1.0
     excess = smallest - sign[..., None] / singular[..., :-1].prod(axis=-1, keepdims=True)
-    change = -excess * cofactors / (cofactors * cofactors).sum(axis=-1, keepdims=True)
+    change = (-excess / np.vecdot(cofactors, cofactors)[..., None]) * cofactors
     return np.asarray((left * change[..., None, :]) @ right)
 
 
@@ -85,6 +86,37 @@ def symplectic_correction(y: Points, form: Array) -> Points:
     defect = kept - right @ form @ right.mT
     length = np.hypot(rows, columns)
     return np.asarray(form.T @ left @ (-rows / length * (defect / length)) @ right)
+
+
+def shortest_step(y: Points, correction: Callable[[Points], Points]) -> Points:
+    r"""Return matrices after one Newton step, the shortest, towards a group that isn't compact.
+
+    On such a group the solutions may grow, and how a step is measured matters.  A matrix of size
+    :math:`g` is known up to :math:`\epsilon g`, and what must vanish on the group, such as
+    :math:`\det y - 1`, only up to :math:`\epsilon g` times its derivative.  The shortest step
+    divides by that derivative: it is :math:`\epsilon g` long, rounding like that of the flow
+    itself, and leaves a large solution its digits.  A step within the group's geometry, that to
+    a multiple of y or that of `newton_schulz` with the group's own involution, is y times a
+    matrix of size :math:`\epsilon g^2`: at :math:`g = 10^8` it leaves no digit.
+    """
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        try:
+            restored = y + correction(y)
+            if np.isfinite(restored.sum()):
+                return np.asarray(restored)
+        except np.linalg.LinAlgError:  # some matrix isn't finite
+            pass
+        finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
+        restored = y + correction(np.where(finite, y, np.eye(y.shape[-1])))
+    known = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
+    return np.where(finite & known, restored, y)
+
+
+def relative_length(y: Points, correction: Callable[[Points], Points]) -> Array:
+    """Return the 2-norms of corrections relative to those of the points, shape ``(...)``."""
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        length = np.linalg.matrix_norm(correction(y), ord=2)
+        return np.asarray(length / np.linalg.matrix_norm(y, ord=2))
 
 
 def corrected(y: Points, correction: Callable[[Points], Points]) -> Points:

@@ -218,17 +218,13 @@ class MatrixGroup(Frame):
         return self.restore(self.exponential(0.5 * self.random_vector(rng, size)))
 
 
-class QuadraticGroup(MatrixGroup):
-    r"""A group :math:`\{x : x^* x = I\}` for an involution :math:`x \mapsto x^*`.
-
-    The involution reverses products, so that ``restore`` can take the step of `newton_schulz`.
-    Here it is the conjugate transpose, and points are uniform in Haar measure.
-    """
+class UnitaryMatrixGroup(MatrixGroup):
+    """A group of unitary or orthogonal matrices, whose inverses are their adjoints."""
 
     _special: ClassVar[bool] = False
 
     def inverse(self, x: ArrayLike) -> Points:
-        """Return the images under the involution, which on the group are the inverses."""
+        """Return the conjugate transposes, which on the group are the inverses."""
         return np.asarray(self._points(x, "x").mT.conj())
 
     def restore(self, y: Points) -> Points:

@@ -133,11 +133,20 @@ class Semidirect(MatrixGroup):
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the group's error and the constant rows', shape ``(...)``."""
+        linear, off = self._errors(y)
+        return np.asarray(np.maximum(self.group.membership_error(linear), off))
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the larger of the group's relative error and the rows', shape ``(...)``."""
+        linear, off = self._errors(y)
+        return np.asarray(np.maximum(self.group.relative_error(linear), off))
+
+    def _errors(self, y: ArrayLike) -> tuple[Array, Array]:
+        """Return the linear parts of points and the errors of their constant rows."""
         point = self._points(y)
         n = self.group.size
         rows = point[..., n:, :] - np.eye(self.size)[n:]
-        off = np.abs(rows).max(axis=(-2, -1))
-        return np.asarray(np.maximum(self.group.membership_error(point[..., :n, :n]), off))
+        return point[..., :n, :n], np.abs(rows).max(axis=(-2, -1))
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the root of the group's distance and the columns', squared and added."""

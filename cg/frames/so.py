@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Array, Convention, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
 from cg.frames.matrix_functions import rotation_matrix_logarithm
-from cg.frames.matrix_group import QuadraticGroup, SizedMatrixGroup
+from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class SO(QuadraticGroup, SizedMatrixGroup):
+class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     r"""Rotations of :math:`R^n`: orthogonal matrices of determinant 1.
 
     The coefficients are entries of the skew matrix :math:`\Omega`: one for each pair

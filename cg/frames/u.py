@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points
 from cg.frames.matrix_functions import unitary_logarithm
-from cg.frames.matrix_group import QuadraticGroup, SizedMatrixGroup
+from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
 
 
 @dataclass(frozen=True, repr=False)
-class U(QuadraticGroup, SizedMatrixGroup):
+class U(UnitaryMatrixGroup, SizedMatrixGroup):
     r"""Unitary complex matrices.
 
     The generators are :math:`B_k = -\tfrac{i}{2} \lambda_k` with Hermitian :math:`\lambda_k`,
