@@ -6,6 +6,7 @@ import pkgutil
 
 import numpy as np
 import pytest
+import scipy.linalg
 from frame_examples import CIRCLE, ELLIPSE, HEISENBERG
 
 import cg.frames
@@ -30,7 +31,7 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
-from cg.frames.matrix_functions import expm, real_logarithm
+from cg.frames.matrix_functions import real_log1p
 from cg.frames.u import gell_mann
 
 GROUPS = [SO(4), U(2), SU(2), SU(3), GL(2), SL(3), Sp(4), SE3(), Semidirect(SL(2), 2)]
@@ -105,7 +106,7 @@ def test_logarithms_that_do_not_exist_are_nan():
 def test_real_logarithm_undoes_the_exponential(size):
     matrix = np.random.default_rng(31).standard_normal((4, 4))
     matrix *= size / np.linalg.norm(matrix)
-    found = real_logarithm(expm(matrix)[None])[0]
+    found = real_log1p(scipy.linalg.expm(matrix)[None] - np.eye(4))[0]
     # The exponential itself is only known to a rounding.
     np.testing.assert_allclose(found, matrix, rtol=0, atol=2e-15)
 

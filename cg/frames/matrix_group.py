@@ -29,7 +29,7 @@ from cg.frames.matrix_functions import (
     nearest_unitary,
     newton_schulz,
     random_unitary,
-    real_logarithm,
+    real_log1p,
 )
 
 # Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,
@@ -147,11 +147,19 @@ class MatrixGroup(Frame):
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., size, size)``."""
-        return expm(self.algebra(v))
+        vector = self._vectors(v)
+        return expm(self.algebra(vector), vector)
 
     def logarithm(self, x: ArrayLike) -> Array:
-        """Return the smallest ``v`` with ``exponential(v) == x``, NaN where there is none."""
-        return self._algebra_projection(real_logarithm(self._points(x, "x")))
+        """Return the smallest ``v`` with ``exponential(v) == x``, NaN where there is none.
+
+        Near the identity it has the relative accuracy of the difference from it.
+        """
+        return self._log1p(self._points(x, "x") - np.eye(self.size))
+
+    def _log1p(self, away: Points) -> Array:
+        """Return the logarithm of the identity plus ``away``, shape ``(..., size, size)``."""
+        return self._algebra_projection(real_log1p(away))
 
     def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
         r"""Return the blocks of the exponential of :math:`\Omega(v)` bordered by columns.
@@ -170,13 +178,14 @@ class MatrixGroup(Frame):
         moved : ndarray
             :math:`\int_0^1 e^{s\Omega} ds\, U`, shape ``(..., size, k)``.
         """
-        generator = self.algebra(v)
+        vector = self._vectors(v)
+        generator = self.algebra(vector)
         n, k = columns.shape[-2:]
         lead = np.broadcast_shapes(generator.shape[:-2], columns.shape[:-2])
         bordered = np.zeros((*lead, n + k, n + k), dtype=self.dtype)
         bordered[..., :n, :n] = generator
         bordered[..., :n, n:] = columns
-        exponential = expm(bordered)
+        exponential = expm(bordered, vector)
         return exponential[..., :n, :n], exponential[..., :n, n:]
 
     def inverse(self, x: ArrayLike) -> Points:
@@ -210,8 +219,10 @@ class MatrixGroup(Frame):
         """Return the logarithm of the quotient of ``y1`` and ``y0``, NaN where it has none."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         inverse = self.inverse(start)
+        # Of the quotient less the identity this keeps the digits that points nearby have.
+        difference = end - start
         body = self.convention == "body"
-        return self.logarithm(inverse @ end if body else end @ inverse)
+        return self._log1p(inverse @ difference if body else difference @ inverse)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return exponentials of normal coefficients of deviation 1/2."""
