@@ -6,6 +6,7 @@ import pkgutil
 
 import numpy as np
 import pytest
+import scipy.linalg
 from frame_examples import CIRCLE, ELLIPSE, HEISENBERG
 
 import cg.frames
@@ -30,7 +31,7 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
-from cg.frames.matrix_functions import expm, real_logarithm
+from cg.frames.matrix_functions import real_log1p
 from cg.frames.u import gell_mann
 
 GROUPS = [SO(4), U(2), SU(2), SU(3), GL(2), SL(3), Sp(4), SE3(), Semidirect(SL(2), 2)]
@@ -105,7 +106,7 @@ def test_logarithms_that_do_not_exist_are_nan():
 def test_real_logarithm_undoes_the_exponential(size):
     matrix = np.random.default_rng(31).standard_normal((4, 4))
     matrix *= size / np.linalg.norm(matrix)
-    found = real_logarithm(expm(matrix)[None])[0]
+    found = real_log1p(scipy.linalg.expm(matrix)[None] - np.eye(4))[0]
     # The exponential itself is only known to a rounding.
     np.testing.assert_allclose(found, matrix, rtol=0, atol=2e-15)
 
@@ -303,3 +304,58 @@ def test_check_point_of_complex_frames():
         U(2).check_point("phase", name="start")
     with pytest.raises(ValueError, match=r"its distance from the manifold is 0\.765"):
         SU(2).check_point(1j**0.5 * np.eye(2))
+
+
+ALGEBRAS = [SO3(), SO(2), *GROUPS[:4], SU(2, "body"), *GROUPS[5:], U(1)]
+
+
+@pytest.mark.parametrize("group", ALGEBRAS, ids=repr)
+@pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
+def test_matrices_outside_the_algebra_have_no_coefficients(group, size):
+    rng = np.random.default_rng(38)
+    v = size * rng.standard_normal((2, 3, group.dim))
+    inside = group.algebra(v)
+    np.testing.assert_allclose(group.coefficients(inside), v, rtol=0, atol=1e-14 * size)
+    rounded = inside * (1.0 + 1e-11 * rng.standard_normal(inside.shape))
+    np.testing.assert_allclose(group.coefficients(rounded), v, rtol=0, atol=1e-9 * size)
+    if size < 1.0:
+        return
+    off = inside.copy()
+    off[1, 2] += 1e-6 * size * rng.standard_normal(group.point_shape)
+    message = r"matrix must be in the Lie algebra of .*: its distance from it is .*e-0[678] of its"
+    with pytest.raises(ValueError, match=message):
+        group.coefficients(off)
+    np.testing.assert_allclose(group.coefficients(off[0]), v[0], rtol=0, atol=1e-14 * size)
+
+
+@pytest.mark.parametrize(
+    ("group", "matrix"),
+    [
+        (SU(2), [[0.0, 1.0], [1.0, 0.0]]),  # a Hamiltonian, without -1j
+        (U(3), np.diag([1.0, 2.0, 3.0])),
+        (SU(3), 1j * np.eye(3)),
+        (SO(4), np.ones((4, 4))),
+        (SO3(), np.eye(3)),
+        (SL(2), np.eye(2)),
+        (Sp(2), np.eye(2)),
+        (SE3(), np.eye(4)),
+    ],
+    ids=lambda value: repr(value) if hasattr(value, "dim") else "",
+)
+def test_what_is_no_element_of_the_algebra(group, matrix):
+    with pytest.raises(ValueError, match=r"matrix must be in the Lie algebra of .* its distance"):
+        group.coefficients(matrix)
+
+
+def test_rounding_of_terms_that_cancel_is_no_mistake():
+    """Of an equation at rest only that is left."""
+    group = SO(3)
+    rounding = 1e-15 * np.random.default_rng(39).standard_normal((3, 3))
+    assert np.abs(group.coefficients(rounding)).max() < 1e-14
+    np.testing.assert_array_equal(group.coefficients(np.zeros((3, 3))), np.zeros(3))
+    assert np.isnan(group.coefficients(np.full((3, 3), np.nan))).all()
+
+
+def test_coefficients_of_any_matrix_on_gl():
+    matrix = np.random.default_rng(40).standard_normal((2, 2))
+    np.testing.assert_allclose(GL(2).coefficients(matrix), matrix.ravel(), rtol=1e-15)

@@ -1,6 +1,6 @@
 """Rigid frames: manifolds with vector fields whose flows are known."""
 
-from cg.frames.base import Frame
+from cg.frames.base import FlowOverflowError, Frame
 from cg.frames.coadjoint import CoadjointOrbit
 from cg.frames.euclidean import Euclidean
 from cg.frames.field_frame import FieldFrame
@@ -33,6 +33,7 @@ __all__ = [
     "CoadjointOrbit",
     "Euclidean",
     "FieldFrame",
+    "FlowOverflowError",
     "Frame",
     "HomogeneousSpace",
     "IsospectralOrbit",

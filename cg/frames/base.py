@@ -30,10 +30,17 @@ _RANK_TOLERANCE = 1e-12
 # slow Newton's take over; points that these don't find are not nearby.
 _MOST_CORRECTIONS = 20
 _SLOW = 0.1
+_FAR = 1e6
+# Of the points: some twenty roundings
+_REACHED = 5e-15
 # Of the points; below it slowness is no reason to go on.
 _ROUNDING = 1e-12
 _DIFFERENCE = 1e-8
 _DIFFERENCE_RANK_TOLERANCE = 1e-5
+
+
+class FlowOverflowError(OverflowError):
+    """Coefficients are so large that double precision has no digits of their flow."""
 
 
 class Frame(ABC):
@@ -105,6 +112,9 @@ class Frame(ABC):
         ------
         ValueError
             If the trailing axes of ``v`` or ``y`` don't match ``dim`` and ``point_shape``.
+        FlowOverflowError
+            If ``v`` is so large that double precision has no digits of its flow.  On compact
+            groups there is no such limit.
         """
 
     @abstractmethod
@@ -222,9 +232,13 @@ class Frame(ABC):
         known = self.exp_coordinates(start, end)
         if known is None:
             return self._corrected_coordinates(start, end)
-        missing = ~np.isfinite(known).all(axis=-1)
-        if missing.any():
-            known[missing] = self._corrected_coordinates(start[missing], end[missing])
+        # A logarithm may not exist, or, of points that are large and close, have few digits.
+        axes = tuple(range(known.ndim - 1, end.ndim))
+        off = np.abs(end - self.flow(np.nan_to_num(known), start)).max(axis=axes)
+        good = off <= _REACHED * np.abs(end).max(axis=axes)
+        bad = ~(good & np.isfinite(known).all(axis=-1))
+        if bad.any():
+            known[bad] = self._corrected_coordinates(start[bad], end[bad])
         return known
 
     def _corrected_coordinates(self, start: Points, end: Points) -> Array:
@@ -242,6 +256,9 @@ class Frame(ABC):
             if not len(active):
                 break
             tried = self._correct(v[active], start[active], reached, end[active], exact)
+            # What is further than any point nearby can be stays where it is, and ends here.
+            far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
+            tried[far] = v[active[far]]
             moved = self.flow(tried, start[active])
             size = _lengths(end[active] - moved)
             better = size < 0.5 * left

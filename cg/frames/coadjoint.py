@@ -129,7 +129,7 @@ class CoadjointOrbit(Frame):
         if self._turn:
             moved = rotate(self._turn * vector, column)
         else:
-            moved = expm(combine(vector, self._fields)) @ column
+            moved = expm(combine(vector, self._fields), vector) @ column
         return self.restore(moved[..., 0])
 
     @cached_property

@@ -142,7 +142,7 @@ class IsospectralOrbit(HomogeneousSpace):
         turned = vectors.mT.conj() @ tangent @ vectors
         rotation = np.divide(turned, gaps, out=np.zeros_like(turned), where=gaps != 0.0)
         omega = vectors @ rotation @ vectors.mT.conj()
-        return self.group.coefficients(0.5 * (omega - omega.mT.conj()))
+        return self.group._algebra_projection(0.5 * (omega - omega.mT.conj()))
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the skew part's norm and the eigenvalues' error, shape ``(...)``.

@@ -132,4 +132,4 @@ class MatrixFrame(UserFrame):
             If the trailing axes have other lengths.
         """
         vector, point = self._arguments(v, y)
-        return self.restore(self._apply(expm(combine(vector, self._matrices)), point))
+        return self.restore(self._apply(expm(combine(vector, self._matrices), vector), point))

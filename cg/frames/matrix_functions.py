@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import wraps
 
 import numpy as np
 import scipy.linalg
 
-from cg.frames.base import Array, Points
+from cg.frames.base import Array, FlowOverflowError, Points
+
+LARGEST_EXPONENT = 2.0**32
+"""The largest norm of a matrix whose exponential is computed.
+
+Whatever the algorithm, an exponential has an error of the matrix's norm times the rounding unit,
+times a factor of up to 60 for those of the tests.  Restoring squares how far that is from the
+manifold: at this norm to 5e-9, beyond it would soon be further than a point may be.
+"""
+
+# Of unitary exponentials: repeated squaring loses digits that eigenvalues don't.
+_LARGEST_SQUARED = 1e3
 
 # Within this 1-norm of the identity z below has norm 1/7, and the terms left out are 1e-18.
 _NEAR = 0.25
@@ -18,10 +28,98 @@ _ROUNDING = 1e-15
 _ARTANH = [1.0 / (2 * k + 1) for k in range(11)]
 
 
-def expm(matrix: Points) -> Points:
-    """Return the exponentials of stacked square matrices; what overflows is not finite."""
+def expm(matrix: Points, v: Array) -> Points:
+    """Return the exponentials of stacked square matrices; what overflows is not finite.
+
+    Parameters
+    ----------
+    matrix
+        Shape ``(..., n, n)``.
+    v
+        The coefficients whose matrices they are, for the message.
+
+    Raises
+    ------
+    FlowOverflowError
+        If a matrix is too large for its exponential to have any correct digits to speak of.
+    """
+    # One dot product settles it but for what is enormous, or not finite.
+    if not np.vdot(matrix, matrix).real <= LARGEST_EXPONENT**2:
+        norms = np.linalg.matrix_norm(matrix)
+        largest = float(np.max(norms, where=np.isfinite(norms), initial=0.0))
+        if largest > LARGEST_EXPONENT:
+            lengths = np.linalg.norm(v, axis=-1)
+            longest = float(np.max(lengths, where=np.isfinite(lengths), initial=0.0))
+            raise FlowOverflowError(
+                f"the flow of v with |v| = {longest:.3g} can't be computed in double precision: "
+                f"the matrix in its exponential has norm {largest:.3g}, more than "
+                f"{LARGEST_EXPONENT:.3g}"
+            )
+    return _expm(matrix)
+
+
+def _expm(matrix: Points) -> Points:
+    """Return exponentials, right to a few roundings times the norm of the matrices."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(scipy.linalg.expm(matrix))
+        # Up to a norm of 1 SciPy's is. At 3 it has lost two digits and at 10 four, so that larger
+        # matrices are halved until they are small, and their exponentials squared as often.
+        if np.vdot(matrix, matrix).real <= 1.0:
+            return np.asarray(scipy.linalg.expm(matrix))
+        norms = np.linalg.matrix_norm(matrix)
+        known = np.where(np.isfinite(norms) & (norms > 1.0), norms, 1.0)
+        halvings = np.ceil(np.log2(known)).astype(int)
+        scaled = matrix * np.ldexp(1.0, -halvings)[..., None, None]
+        result = np.asarray(scipy.linalg.expm(scaled))
+        for done in range(int(halvings.max(initial=0))):
+            rest = halvings > done
+            result[rest] = result[rest] @ result[rest]
+        return result
+
+
+def unitary_exponential(matrix: Points, *, special: bool = False) -> Points:
+    r"""Return the exponentials of stacked skew-Hermitian matrices of any size.
+
+    Those of large ones are :math:`V e^{\Theta} V^*` with the orthonormal vectors of a Schur form,
+    whose blocks are turned by angles that are reduced one by one: unitary to rounding, and where
+    ``special`` of determinant 1.
+    """
+    if np.vdot(matrix, matrix).real <= _LARGEST_SQUARED**2:
+        return _expm(matrix)
+    norms = np.linalg.matrix_norm(matrix)
+    large = np.isfinite(norms) & (norms > _LARGEST_SQUARED)
+    result = _expm(np.where(large[..., None, None], 0.0, matrix))
+    for index in map(tuple, np.argwhere(large)):
+        omega = matrix[index]
+        result[index] = _turned(omega, special) if np.iscomplexobj(omega) else _rotated(omega)
+    return result
+
+
+def _turned(omega: Points, special: bool) -> Points:
+    """Return the exponential of one skew-Hermitian matrix."""
+    angles, vectors = np.linalg.eigh(-1j * omega)
+    phases = np.exp(1j * angles)
+    if special:
+        # The angles add up to zero no better than the largest of them is rounded.
+        phases *= np.exp(-1j * np.angle(phases.prod()) / len(phases))
+    return np.asarray((vectors * phases) @ vectors.conj().T)
+
+
+def _rotated(omega: Points) -> Points:
+    """Return the exponential of one skew matrix."""
+    form, axes = scipy.linalg.schur(omega, output="real")
+    rotation = np.eye(len(form))
+    j = 0
+    while j + 1 < len(form):
+        angle = 0.5 * (form[j + 1, j] - form[j, j + 1])
+        if form[j + 1, j] == 0.0:
+            j += 1
+            continue
+        rotation[j : j + 2, j : j + 2] = [
+            [np.cos(angle), -np.sin(angle)],
+            [np.sin(angle), np.cos(angle)],
+        ]
+        j += 2
+    return np.asarray(axes @ rotation @ axes.T)
 
 
 def combine(v: Array, basis: Points) -> Points:
@@ -62,13 +160,14 @@ def determinant_correction(y: Points) -> Points:
     singular values, which would overflow.
     """
     left, singular, right = np.linalg.svd(y)
-    sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    # Where rounding decides upon the sign the change is no longer than that rounding.
+    sign = np.where(np.linalg.det(y) < 0.0, -1.0, 1.0)
     smallest = singular[..., -1:]
     # The cofactors are products of all singular values but one: here in units of the largest.
     cofactors = smallest / singular
     cofactors[..., -1] = 1.0
     excess = smallest - sign[..., None] / singular[..., :-1].prod(axis=-1, keepdims=True)
-    change = -excess * cofactors / (cofactors * cofactors).sum(axis=-1, keepdims=True)
+    change = (-excess / np.vecdot(cofactors, cofactors)[..., None]) * cofactors
     return np.asarray((left * change[..., None, :]) @ right)
 
 
@@ -85,6 +184,37 @@ def symplectic_correction(y: Points, form: Array) -> Points:
     defect = kept - right @ form @ right.mT
     length = np.hypot(rows, columns)
     return np.asarray(form.T @ left @ (-rows / length * (defect / length)) @ right)
+
+
+def shortest_step(y: Points, correction: Callable[[Points], Points]) -> Points:
+    r"""Return matrices after one Newton step, the shortest, towards a group that isn't compact.
+
+    On such a group the solutions may grow, and how a step is measured matters.  A matrix of size
+    :math:`g` is known up to :math:`\epsilon g`, and what must vanish on the group, such as
+    :math:`\det y - 1`, only up to :math:`\epsilon g` times its derivative.  The shortest step
+    divides by that derivative: it is :math:`\epsilon g` long, rounding like that of the flow
+    itself, and leaves a large solution its digits.  A step within the group's geometry, that to
+    a multiple of y or that of `newton_schulz` with the group's own involution, is y times a
+    matrix of size :math:`\epsilon g^2`: at :math:`g = 10^8` it leaves no digit.
+    """
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        try:
+            restored = y + correction(y)
+            if np.isfinite(restored.sum()):
+                return np.asarray(restored)
+        except np.linalg.LinAlgError:  # some matrix isn't finite
+            pass
+        finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
+        restored = y + correction(np.where(finite, y, np.eye(y.shape[-1])))
+    known = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
+    return np.where(finite & known, restored, y)
+
+
+def relative_length(y: Points, correction: Callable[[Points], Points]) -> Array:
+    """Return the 2-norms of corrections relative to those of the points, shape ``(...)``."""
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        length = np.linalg.matrix_norm(correction(y), ord=2)
+        return np.asarray(length / np.linalg.matrix_norm(y, ord=2))
 
 
 def corrected(y: Points, correction: Callable[[Points], Points]) -> Points:
@@ -167,60 +297,79 @@ def random_unitary(
     return np.asarray(q * (diagonal / np.abs(diagonal))[..., None, :])
 
 
-def _stacked(logarithm: Callable[[Points], Points]) -> Callable[[Points], Points]:
-    """Return the function for stacks; its value is NaN where an entry isn't finite."""
+def _log1p(away: Points, far: Callable[[Points], Points]) -> Points:
+    r"""Return logarithms of :math:`I + d`, near the identity with the relative accuracy of d.
 
-    @wraps(logarithm)
-    def stacked(x: Points) -> Points:
-        result = np.full_like(x, np.nan)
-        for index in np.ndindex(x.shape[:-2]):
-            if np.isfinite(x[index]).all():
-                result[index] = logarithm(x[index])
-        return result
+    With :math:`z = d\,(2 I + d)^{-1}` it is :math:`2(z + \tfrac13 z^3 + \tfrac15 z^5 + \dots)`
+    [1]_.  This is summed near the identity.
 
-    return stacked
+    Parameters
+    ----------
+    away
+        The differences d from the identity, shape ``(..., n, n)``.
+    far
+        Gives the logarithm of one matrix further away, from the matrix.
 
-
-def real_logarithm(x: Points) -> Points:
-    r"""Return the principal logarithms of real matrices, NaN where they are not real.
-
-    With :math:`z = (x - I)(x + I)^{-1}` it is :math:`2(z + \tfrac13 z^3 + \tfrac15 z^5 + \dots)`
-    [1]_.  This is summed near the identity, where it is a hundred times as fast as
-    ``scipy.linalg.logm``, and keeps the relative accuracy of :math:`x - I`.
+    Returns
+    -------
+    ndarray
+        NaN where an entry isn't finite.
 
     References
     ----------
     .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008, section 11.3.
     """
-    identity = np.eye(x.shape[-1])
-    away = x - identity
+    identity = np.eye(away.shape[-1])
     near = np.asarray(np.linalg.matrix_norm(away, ord=1) <= _NEAR)
-    safe = np.where(near[..., None, None], away, 0.0)
-    z = np.linalg.solve(safe + 2.0 * identity, safe)
-    square = z @ z
-    series = _ARTANH[-1] * identity
-    for coefficient in _ARTANH[-2::-1]:
-        series = coefficient * identity + square @ series
-    result = 2.0 * (z @ series)
-    result[~near] = _far_logarithm(x[~near])
-    return np.asarray(result)
+    result = np.empty_like(away)
+    if near.any():
+        small = away[near]
+        z = np.linalg.solve(small + 2.0 * identity, small)
+        square = z @ z
+        series = _ARTANH[-1] * identity
+        for coefficient in _ARTANH[-2::-1]:
+            series = coefficient * identity + square @ series
+        result[near] = 2.0 * (z @ series)
+    for index in map(tuple, np.argwhere(~near)):
+        finite = np.isfinite(away[index]).all()
+        result[index] = far(identity + away[index]) if finite else np.nan
+    return result
 
 
-@_stacked
-def _far_logarithm(x: Points) -> Points:
+def real_log1p(away: Points) -> Points:
+    """Return the principal logarithms of real matrices, NaN where they are not real.
+
+    Parameters
+    ----------
+    away
+        The matrices less the identity, shape ``(..., n, n)``.
+    """
+    return _log1p(away, _real_logarithm)
+
+
+def _real_logarithm(x: Points) -> Points:
     if np.linalg.cond(x) * np.finfo(np.float64).eps > 1.0:
         return np.full_like(x, np.nan)
     logarithm = scipy.linalg.logm(x)
     return np.full_like(x, np.nan) if np.iscomplexobj(logarithm) else np.asarray(logarithm)
 
 
-@_stacked
-def rotation_matrix_logarithm(x: Points) -> Points:
-    r"""Return skew logarithms of orthogonal matrices of determinant 1, angles at most :math:`\pi`.
+def rotation_log1p(away: Points) -> Points:
+    r"""Return logarithms of orthogonal matrices of determinant 1, angles at most :math:`\pi`.
 
-    The real Schur form of such a matrix is block diagonal: rotations of planes, ones, and an even
-    number of minus ones, taken two by two as planes turned by :math:`\pi`.
+    They are skew up to rounding.
+
+    Parameters
+    ----------
+    away
+        The matrices less the identity, shape ``(..., n, n)``.
     """
+    return _log1p(away, _rotation_logarithm)
+
+
+def _rotation_logarithm(x: Points) -> Points:
+    # The real Schur form of such a matrix is block diagonal: rotations of planes, ones, and an
+    # even number of minus ones, taken two by two as planes turned by half a turn.
     form, axes = scipy.linalg.schur(x, output="real")
     n = len(form)
     logarithm = np.zeros_like(form)
@@ -242,6 +391,20 @@ def rotation_matrix_logarithm(x: Points) -> Points:
     return np.asarray(axes @ logarithm @ axes.T)
 
 
+def unitary_log1p(away: Points, *, special: bool) -> Points:
+    r"""Return logarithms of unitary matrices, skew-Hermitian up to rounding.
+
+    Parameters
+    ----------
+    away
+        The matrices less the identity, shape ``(..., n, n)``.
+    special
+        Whether the determinants are 1 and the logarithms are to be traceless.  Else the angles
+        are in :math:`(-\pi, \pi]`.
+    """
+    return _log1p(away, _special_unitary_logarithm if special else _unitary_logarithm)
+
+
 def _unitary_angles(x: Points) -> tuple[Array, Points]:
     """Return the eigenvalues' arguments and the eigenvectors of one unitary matrix."""
     # The Schur form of a normal matrix is diagonal, and its vectors are orthonormal always.
@@ -249,21 +412,15 @@ def _unitary_angles(x: Points) -> tuple[Array, Points]:
     return np.angle(np.diagonal(form)), vectors
 
 
-@_stacked
-def unitary_logarithm(x: Points) -> Points:
-    r"""Return skew-Hermitian logarithms of unitary matrices, angles in :math:`(-\pi, \pi]`."""
+def _unitary_logarithm(x: Points) -> Points:
     angles, vectors = _unitary_angles(x)
     return np.asarray((vectors * (1j * angles)) @ vectors.conj().T)
 
 
-@_stacked
-def special_unitary_logarithm(x: Points) -> Points:
-    r"""Return traceless skew-Hermitian logarithms of unitary matrices of determinant 1.
-
-    The arguments of the eigenvalues add up to a multiple of :math:`2\pi`; that many of the
-    largest (or smallest) are moved by a turn, so that the sum becomes zero.
-    """
+def _special_unitary_logarithm(x: Points) -> Points:
     angles, vectors = _unitary_angles(x)
+    # They add up to a multiple of a turn; that many of the largest (or smallest) are moved by a
+    # turn, so that the sum becomes zero.
     turns = round(float(angles.sum()) / (2.0 * np.pi))
     order = np.argsort(-np.sign(turns) * angles)
     angles[order[: abs(turns)]] -= np.sign(turns) * 2.0 * np.pi

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from cg.checks import memory
 from cg.frames.base import (
+    MEMBERSHIP_TOLERANCE,
     Array,
     Convention,
     Frame,
@@ -28,8 +29,12 @@ from cg.frames.matrix_functions import (
     nearest_unitary,
     newton_schulz,
     random_unitary,
-    real_logarithm,
+    real_log1p,
 )
+
+# Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,
+# and is large relative to it. It turns a point by no more than this in a unit of time.
+_ALGEBRA_ROUNDING = 1e-12
 
 
 class MatrixGroup(Frame):
@@ -88,7 +93,7 @@ class MatrixGroup(Frame):
     def structure_constants(self) -> Array:
         r"""The numbers in :math:`[B_i, B_j] = \sum_k c_{ijk} B_k`, shape ``(dim, dim, dim)``."""
         products = self.basis[:, None] @ self.basis[None, :]
-        constants = self.coefficients(products - products.swapaxes(0, 1))
+        constants = self._algebra_projection(products - products.swapaxes(0, 1))
         constants.flags.writeable = False
         return constants
 
@@ -99,9 +104,39 @@ class MatrixGroup(Frame):
     def coefficients(self, matrix: ArrayLike) -> Array:
         """Return ``v`` of elements ``algebra(v)`` of the Lie algebra, shape ``(..., dim)``.
 
-        Of other matrices it takes the orthogonal projection onto the algebra.
+        Parameters
+        ----------
+        matrix
+            Shape ``(..., size, size)``.
+
+        Raises
+        ------
+        ValueError
+            If a matrix isn't in the algebra: if an entry is off by more than 1e-8 of the largest
+            one, and by more than 1e-12.
         """
         matrices = self._points(matrix, "matrix")
+        v = self._algebra_projection(matrices)
+        off = matrices - combine(v, self.basis)
+        # One dot product settles what f returns at nearly every stage.
+        if not np.vdot(off, off).real <= _ALGEBRA_ROUNDING**2:
+            self._check_distance(np.abs(off), np.abs(matrices))
+        return v
+
+    def _check_distance(self, off: Array, sizes: Array) -> None:
+        """Raise ValueError if matrices are too far from the algebra for their size."""
+        distance, size = off.max(axis=(-2, -1)), sizes.max(axis=(-2, -1))
+        # NaN passes, for the caller to judge.
+        wrong = distance > np.maximum(MEMBERSHIP_TOLERANCE * size, _ALGEBRA_ROUNDING)
+        if wrong.any():
+            relative = float((distance[wrong] / size[wrong]).max())
+            raise ValueError(
+                f"matrix must be in the Lie algebra of {self!r}: its distance from it is "
+                f"{relative:.3g} of its largest entry, more than {MEMBERSHIP_TOLERANCE:g}"
+            )
+
+    def _algebra_projection(self, matrices: Points) -> Array:
+        """Return the coefficients of the orthogonal projections of matrices onto the algebra."""
         flat = matrices.reshape(*matrices.shape[:-2], -1)
         return np.asarray((flat @ self._dual.conj().T).real)
 
@@ -112,11 +147,19 @@ class MatrixGroup(Frame):
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., size, size)``."""
-        return expm(self.algebra(v))
+        vector = self._vectors(v)
+        return expm(self.algebra(vector), vector)
 
     def logarithm(self, x: ArrayLike) -> Array:
-        """Return the smallest ``v`` with ``exponential(v) == x``, NaN where there is none."""
-        return self.coefficients(real_logarithm(self._points(x, "x")))
+        """Return the smallest ``v`` with ``exponential(v) == x``, NaN where there is none.
+
+        Near the identity it has the relative accuracy of the difference from it.
+        """
+        return self._log1p(self._points(x, "x") - np.eye(self.size))
+
+    def _log1p(self, away: Points) -> Array:
+        """Return the logarithm of the identity plus ``away``, shape ``(..., size, size)``."""
+        return self._algebra_projection(real_log1p(away))
 
     def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
         r"""Return the blocks of the exponential of :math:`\Omega(v)` bordered by columns.
@@ -135,13 +178,14 @@ class MatrixGroup(Frame):
         moved : ndarray
             :math:`\int_0^1 e^{s\Omega} ds\, U`, shape ``(..., size, k)``.
         """
-        generator = self.algebra(v)
+        vector = self._vectors(v)
+        generator = self.algebra(vector)
         n, k = columns.shape[-2:]
         lead = np.broadcast_shapes(generator.shape[:-2], columns.shape[:-2])
         bordered = np.zeros((*lead, n + k, n + k), dtype=self.dtype)
         bordered[..., :n, :n] = generator
         bordered[..., :n, n:] = columns
-        exponential = expm(bordered)
+        exponential = expm(bordered, vector)
         return exponential[..., :n, :n], exponential[..., :n, n:]
 
     def inverse(self, x: ArrayLike) -> Points:
@@ -175,25 +219,23 @@ class MatrixGroup(Frame):
         """Return the logarithm of the quotient of ``y1`` and ``y0``, NaN where it has none."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         inverse = self.inverse(start)
+        # Of the quotient less the identity this keeps the digits that points nearby have.
+        difference = end - start
         body = self.convention == "body"
-        return self.logarithm(inverse @ end if body else end @ inverse)
+        return self._log1p(inverse @ difference if body else difference @ inverse)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return exponentials of normal coefficients of deviation 1/2."""
         return self.restore(self.exponential(0.5 * self.random_vector(rng, size)))
 
 
-class QuadraticGroup(MatrixGroup):
-    r"""A group :math:`\{x : x^* x = I\}` for an involution :math:`x \mapsto x^*`.
-
-    The involution reverses products, so that ``restore`` can take the step of `newton_schulz`.
-    Here it is the conjugate transpose, and points are uniform in Haar measure.
-    """
+class UnitaryMatrixGroup(MatrixGroup):
+    """A group of unitary or orthogonal matrices, whose inverses are their adjoints."""
 
     _special: ClassVar[bool] = False
 
     def inverse(self, x: ArrayLike) -> Points:
-        """Return the images under the involution, which on the group are the inverses."""
+        """Return the conjugate transposes, which on the group are the inverses."""
         return np.asarray(self._points(x, "x").mT.conj())
 
     def restore(self, y: Points) -> Points:

@@ -117,7 +117,9 @@ class UnitQuaternion(Frame):
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         generators = 2.0 * _generators(self.convention, self.scalar_first)
         directions = (generators @ start[..., None, :, None])[..., 0]
-        return quaternion_logarithm(np.vecdot(directions, end[..., None, :]), np.vecdot(start, end))
+        # The directions are normal to the start, so that its part of the end can be left out.
+        difference = (end - start)[..., None, :]
+        return quaternion_logarithm(np.vecdot(directions, difference), np.vecdot(start, end))
 
     def _blocks(self) -> Blocks | None:
         options = axes_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)

@@ -172,27 +172,32 @@ def quaternion_logarithm(vector: Array, scalar: Array) -> Array:
     return logarithm
 
 
-def rotation_logarithm(rotation: Array) -> Array:
+def rotation_logarithm(away: Array) -> Array:
     r"""Return the rotation vectors of rotation matrices, of length at most :math:`\pi`.
 
     It goes through the quaternion, whose component of largest modulus is found first [1]_; thus
     it is as accurate near half a turn as near the identity.
+
+    Parameters
+    ----------
+    away
+        The matrices less the identity, shape ``(..., 3, 3)``.
 
     References
     ----------
     .. [1] S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance Control 1 (1978),
        223-224.
     """
-    trace = np.trace(rotation, axis1=-2, axis2=-1)
-    diagonal = np.diagonal(rotation, axis1=-2, axis2=-1)
-    axial = 2.0 * vee(rotation)
+    trace = np.trace(away, axis1=-2, axis2=-1)
+    diagonal = np.diagonal(away, axis1=-2, axis2=-1)
+    axial = 2.0 * vee(away)
     # Four times the outer product of the quaternion (vector, scalar) with itself.
-    outer = np.empty((*rotation.shape[:-2], 4, 4))
-    outer[..., :3, :3] = rotation + rotation.mT
+    outer = np.empty((*away.shape[:-2], 4, 4))
+    outer[..., :3, :3] = away + away.mT
     for i in range(3):
-        outer[..., i, i] = 1.0 - trace + 2.0 * diagonal[..., i]
+        outer[..., i, i] = 2.0 * diagonal[..., i] - trace
     outer[..., :3, 3] = outer[..., 3, :3] = axial
-    outer[..., 3, 3] = 1.0 + trace
+    outer[..., 3, 3] = 4.0 + trace
     largest = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(outer, largest[..., None, None], axis=-1)[..., 0]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)

@@ -104,15 +104,13 @@ class Semidirect(MatrixGroup):
         stacked = vector[..., split:].reshape(*vector.shape[:-1], self.copies, self.group.size)
         return self._assemble(*self.group.affine_exponential(vector[..., :split], stacked.mT))
 
-    def logarithm(self, x: ArrayLike) -> Array:
-        """Return coefficients from the group's logarithm, NaN where it has none."""
-        point = self._points(x, "x")
+    def _log1p(self, away: Points) -> Array:
         n = self.group.size
-        vector = self.group.logarithm(point[..., :n, :n])
+        vector = self.group._log1p(away[..., :n, :n])
         finite = np.isfinite(vector).all(axis=-1, keepdims=True)
         _, average = self.group.affine_exponential(np.where(finite, vector, 0.0), np.eye(n))
-        columns = np.linalg.solve(average, point[..., :n, n:])
-        flat = columns.mT.reshape(*point.shape[:-2], -1)
+        columns = np.linalg.solve(average, away[..., :n, n:])
+        flat = columns.mT.reshape(*away.shape[:-2], -1)
         return np.concatenate([vector, np.where(finite, flat, np.nan)], axis=-1)
 
     def inverse(self, x: ArrayLike) -> Points:
@@ -133,11 +131,20 @@ class Semidirect(MatrixGroup):
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the larger of the group's error and the constant rows', shape ``(...)``."""
+        linear, off = self._errors(y)
+        return np.asarray(np.maximum(self.group.membership_error(linear), off))
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the larger of the group's relative error and the rows', shape ``(...)``."""
+        linear, off = self._errors(y)
+        return np.asarray(np.maximum(self.group.relative_error(linear), off))
+
+    def _errors(self, y: ArrayLike) -> tuple[Array, Array]:
+        """Return the linear parts of points and the errors of their constant rows."""
         point = self._points(y)
         n = self.group.size
         rows = point[..., n:, :] - np.eye(self.size)[n:]
-        off = np.abs(rows).max(axis=(-2, -1))
-        return np.asarray(np.maximum(self.group.membership_error(point[..., :n, :n]), off))
+        return point[..., :n, :n], np.abs(rows).max(axis=(-2, -1))
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the root of the group's distance and the columns', squared and added."""

@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points
-from cg.frames.matrix_functions import corrected, determinant_correction, determinant_step
+from cg.frames.matrix_functions import (
+    corrected,
+    determinant_correction,
+    relative_length,
+    shortest_step,
+)
 from cg.frames.matrix_group import SizedMatrixGroup
 
 
@@ -34,8 +39,8 @@ class SL(SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  After each flow the determinant's rounding error
-    is divided out.  Rounding grows with the condition of a matrix, as everywhere.
+    The exponential is ``scipy.linalg.expm``.  Each flow ends with the shortest step towards
+    determinant 1, which is no longer than rounding of the matrix, however large that is.
 
     Examples
     --------
@@ -59,8 +64,8 @@ class SL(SizedMatrixGroup):
         return basis
 
     def restore(self, y: Points) -> Points:
-        """Return ``y`` after a Newton step towards determinant 1."""
-        return determinant_step(y)
+        """Return ``y`` after the shortest Newton step towards determinant 1."""
+        return shortest_step(y, determinant_correction)
 
     def _project(self, y: Points) -> Points:
         # Nearest in the Frobenius norm, to the second order of the distance.
@@ -73,3 +78,10 @@ class SL(SizedMatrixGroup):
         :math:`y = x (I + \delta)` for a point :math:`x`.
         """
         return np.asarray(np.abs(np.linalg.det(self._points(y)) - 1.0) / self.n)
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the length of the shortest step to the group, relative to that of ``y``.
+
+        Of large matrices the determinant is rounding, however well they are known.
+        """
+        return relative_length(self._points(y), determinant_correction)

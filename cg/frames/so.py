@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Convention, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
-from cg.frames.matrix_functions import rotation_matrix_logarithm
-from cg.frames.matrix_group import QuadraticGroup, SizedMatrixGroup
+from cg.frames.matrix_functions import rotation_log1p, unitary_exponential
+from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class SO(QuadraticGroup, SizedMatrixGroup):
+class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     r"""Rotations of :math:`R^n`: orthogonal matrices of determinant 1.
 
     The coefficients are entries of the skew matrix :math:`\Omega`: one for each pair
@@ -41,9 +41,9 @@ class SO(QuadraticGroup, SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is a closed form for n = 2 and 3 and ``scipy.linalg.expm`` beyond.  Every
-    pair of points has `exp_coordinates`, from the real Schur form.  Each flow ends with a step
-    towards the group that removes rounding errors [1]_.
+    The exponential is a closed form for n = 2 and 3 and ``scipy.linalg.expm`` beyond, for large
+    angles a sum over eigenvalues.  Every pair of points has `exp_coordinates`, from the real
+    Schur form.  Each flow ends with a step towards the group that removes rounding errors [1]_.
 
     References
     ----------
@@ -86,17 +86,17 @@ class SO(QuadraticGroup, SizedMatrixGroup):
             return np.stack(rows, axis=-2)
         if self.n == 3:
             return rotate(self._vectors(v), np.eye(3))
-        return super().exponential(v)
+        return unitary_exponential(self.algebra(v))
 
-    def logarithm(self, x: ArrayLike) -> Array:
-        r"""Return coefficients with angles at most :math:`\pi`, shape ``(..., dim)``."""
-        rotation = self._points(x, "x")
+    def _log1p(self, away: Points) -> Array:
+        # Angles are at most pi.
         if self.n == 2:
-            skew = rotation[..., 1, 0] - rotation[..., 0, 1]
-            return np.asarray(np.arctan2(skew, np.trace(rotation, axis1=-2, axis2=-1))[..., None])
+            sine = away[..., 1, 0] - away[..., 0, 1]
+            cosine = 2.0 + np.trace(away, axis1=-2, axis2=-1)
+            return np.asarray(np.arctan2(sine, cosine)[..., None])
         if self.n == 3:
-            return rotation_logarithm(rotation)
-        return self.coefficients(rotation_matrix_logarithm(rotation))
+            return rotation_logarithm(away)
+        return self._algebra_projection(rotation_log1p(away))
 
     def _blocks(self) -> Blocks | None:
         if self.n != 3:

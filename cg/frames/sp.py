@@ -9,13 +9,18 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points, Size
-from cg.frames.matrix_functions import corrected, symplectic_correction
-from cg.frames.matrix_group import MatrixGroup, QuadraticGroup, SizedMatrixGroup
+from cg.frames.base import Array, Points
+from cg.frames.matrix_functions import (
+    corrected,
+    relative_length,
+    shortest_step,
+    symplectic_correction,
+)
+from cg.frames.matrix_group import SizedMatrixGroup
 
 
 @dataclass(frozen=True, repr=False)
-class Sp(QuadraticGroup, SizedMatrixGroup):
+class Sp(SizedMatrixGroup):
     r"""Real symplectic matrices: :math:`y^T J y = J`, :math:`J = \binom{\;0\;\;I}{-I\;0}`.
 
     Their Lie algebra holds the matrices :math:`\Omega = J S` with symmetric :math:`S`, linear
@@ -36,9 +41,8 @@ class Sp(QuadraticGroup, SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  With :math:`y^* = -J y^T J`, which on the group is
-    the inverse, each flow ends with the same step :math:`\tfrac32 y - \tfrac12 y y^* y` as on
-    the orthogonal groups.  Rounding grows with the condition of a matrix, as everywhere.
+    The exponential is ``scipy.linalg.expm``.  Each flow ends with the shortest step towards the
+    group, which is no longer than rounding of the matrix, however large that is.
 
     Examples
     --------
@@ -80,7 +84,14 @@ class Sp(QuadraticGroup, SizedMatrixGroup):
 
     def _project(self, y: Points) -> Points:
         # Nearest in the Frobenius norm, to the second order of the distance.
-        return corrected(y, lambda x: symplectic_correction(x, self._form))
+        return corrected(y, self._correction)
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after the shortest Newton step towards the group."""
+        return shortest_step(y, self._correction)
+
+    def _correction(self, y: Points) -> Points:
+        return symplectic_correction(y, self._form)
 
     def membership_error(self, y: ArrayLike) -> Array:
         r"""Return :math:`\tfrac12 \|y^* y - I\|_2`, shape ``(...)``.
@@ -92,6 +103,9 @@ class Sp(QuadraticGroup, SizedMatrixGroup):
         residual = self.inverse(point) @ point - np.eye(self.n)
         return np.asarray(0.5 * np.linalg.matrix_norm(residual, ord=2))
 
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
-        """Return exponentials of normal coefficients of deviation 1/2."""
-        return MatrixGroup.random_point(self, rng, size)
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the length of the shortest step to the group, relative to that of ``y``.
+
+        Of large matrices the residual is rounding, however well they are known.
+        """
+        return relative_length(self._points(y), self._correction)

@@ -89,8 +89,9 @@ class Sphere(HomogeneousSpace):
         """Return the shortest rotation that takes ``y0`` to ``y1``, NaN if they are opposite."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         start, end = np.broadcast_arrays(start, end)
-        wedge = end[..., :, None] * start[..., None, :]
-        turn = self.group.coefficients(wedge - wedge.mT)
+        # A multiple of the start added to the end changes nothing.
+        wedge = (end - start)[..., :, None] * start[..., None, :]
+        turn = self.group._algebra_projection(wedge - wedge.mT)
         # The coefficients have the norm of sin(angle).
         sine, cosine = np.linalg.norm(turn, axis=-1), np.vecdot(start, end)
         angle = np.arctan2(sine, cosine)

@@ -87,7 +87,7 @@ class Stiefel(HomogeneousSpace):
         along = 0.5 * (mixed - mixed.mT)
         across = tangent - y @ mixed
         left = (across + 0.5 * (y @ along)) @ y.mT
-        return self.group.coefficients(left - left.mT)
+        return self.group._algebra_projection(left - left.mT)
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the 2-norm distance to the nearest orthonormal columns, shape ``(...)``."""

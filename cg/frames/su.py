@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
-from cg.frames.matrix_functions import determinant_step, special_unitary_logarithm
+from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
 from cg.frames.u import U, gell_mann
 
@@ -79,10 +79,9 @@ class SU(U):
             return None
         return ((BlockKind.SU2, 3, axes_option(self.convention)),)
 
-    def logarithm(self, x: ArrayLike) -> Array:
-        r"""Return coefficients whose eigenvalues' angles add up to zero."""
+    def _log1p(self, away: Points) -> Array:
         if self.n > 2:
-            return self.coefficients(special_unitary_logarithm(self._points(x, "x")))
-        scalar = 0.5 * np.trace(self._points(x, "x"), axis1=-2, axis2=-1).real
+            return super()._log1p(away)
+        scalar = 1.0 + 0.5 * np.trace(away, axis1=-2, axis2=-1).real
         # The basis is half the quaternion units.
-        return quaternion_logarithm(0.5 * self.coefficients(x), np.asarray(scalar))
+        return quaternion_logarithm(0.5 * self._algebra_projection(away), np.asarray(scalar))

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Points
-from cg.frames.matrix_functions import unitary_logarithm
-from cg.frames.matrix_group import QuadraticGroup, SizedMatrixGroup
+from cg.frames.matrix_functions import unitary_exponential, unitary_log1p
+from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
 
 
 @dataclass(frozen=True, repr=False)
-class U(QuadraticGroup, SizedMatrixGroup):
+class U(UnitaryMatrixGroup, SizedMatrixGroup):
     r"""Unitary complex matrices.
 
     The generators are :math:`B_k = -\tfrac{i}{2} \lambda_k` with Hermitian :math:`\lambda_k`,
@@ -36,8 +36,9 @@ class U(QuadraticGroup, SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  Every pair of points has `exp_coordinates`.  Each
-    flow ends with a step towards the group that removes rounding errors.
+    The exponential is ``scipy.linalg.expm``, for large angles a sum over eigenvalues.  Every
+    pair of points has `exp_coordinates`.  Each flow ends with a step towards the group that
+    removes rounding errors.
 
     Examples
     --------
@@ -60,9 +61,13 @@ class U(QuadraticGroup, SizedMatrixGroup):
         phase = np.sqrt(2.0 / self.n) * np.eye(self.n)
         return -0.5j * np.concatenate([gell_mann(self.n), phase[None]])
 
-    def logarithm(self, x: ArrayLike) -> Array:
-        r"""Return coefficients with eigenvalues' angles in :math:`(-\pi, \pi]`."""
-        return self.coefficients(unitary_logarithm(self._points(x, "x")))
+    def exponential(self, v: ArrayLike) -> Points:
+        r"""Return :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
+        return unitary_exponential(self.algebra(v), special=self._special)
+
+    def _log1p(self, away: Points) -> Array:
+        # Angles of the eigenvalues are in (-pi, pi], and in SU add up to zero.
+        return self._algebra_projection(unitary_log1p(away, special=self._special))
 
 
 def gell_mann(n: int) -> Points:
