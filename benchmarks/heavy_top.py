@@ -27,6 +27,7 @@ def run(quick: bool, figures: Path | None) -> Result:
     rounds = 3 if quick else 11
     top = HeavyTop()
     method = cg.methods["CG4a"]
+    assert isinstance(method, cg.Tableau)
     with tempfile.TemporaryDirectory() as folder:
         compiled = CompiledTop(top, Path(folder))
 

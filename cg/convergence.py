@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cg.frames.base import Array, Frame
 from cg.integration.fixed import integrate
 from cg.integration.python_rhs import Coefficients
-from cg.tableau import Tableau
+from cg.method import Method
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def final_errors(
     exact: ArrayLike,
     *,
     frame: Frame,
-    method: str | Tableau,
+    method: str | Method,
     h: Sequence[float],
 ) -> Array:
     """Return the errors at the end of fixed-step integrations.

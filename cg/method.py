@@ -191,7 +191,7 @@ class Method(ABC):
         (`Coefficient.unit`). Nothing is allowed for rational coefficients.
         """
         orders = range(1, conditions.HIGHEST_ORDER + 1)
-        return next((q - 1 for q in orders if not self._satisfies(q)), orders[-1])
+        return next((q - 1 for q in orders if not self.satisfies(q)), orders[-1])
 
     @property
     def embedded_order(self) -> int | None:
@@ -227,7 +227,11 @@ class Method(ABC):
         lower = conditions.count(order) if order else 0
         return float(np.linalg.norm(residuals[lower:]))
 
-    def _satisfies(self, order: int) -> bool:
+    def satisfies(self, order: int) -> bool:
+        """Tell whether the conditions through an order hold, as far as the stored places can tell.
+
+        The tolerance is that of `exact_order`.
+        """
         tolerance = self._tolerance(order)
         if not np.isfinite(tolerance).all():
             return False

@@ -15,7 +15,7 @@ from cg.integration.stepper import AdaptiveSchedule
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 
-PAIRS = {name: m for name, m in cg.methods.items() if m.embedded_weights is not None}
+PAIRS = {name: m for name, m in cg.methods.items() if m.exact_embedded is not None}
 PROBLEM = StateDependentRotation()
 FRAMES = [
     SO3(),

@@ -27,8 +27,10 @@ def solve(f=spin, t_span=(0.0, 1.0), y0=None, **changes):
     return integrate(f, t_span, np.eye(3) if y0 is None else y0, **arguments)
 
 
-def exponentials(tableau):
-    a, b = tableau.exact
+def exponentials(method):
+    if not isinstance(method, Tableau):
+        return len(method.points)
+    a, b = method.exact
     return sum(x != 0 for row in a for x in row) + sum(x != 0 for x in b)
 
 
@@ -246,7 +248,7 @@ def never(t, y):
         ({"frame": SO3}, TypeError, "frame must be a Frame"),
         ({"frame": "SO3"}, TypeError, "frame must be a Frame"),
         ({"method": "CG99"}, ValueError, "method must be one of .*CG3.*, got 'CG99'"),
-        ({"method": 3}, TypeError, "method must be a name or a Tableau, got 3"),
+        ({"method": 3}, TypeError, "method must be a name or a Method, got 3"),
         ({"method": IMPLICIT, "stage_solver": "guess"}, ValueError, "stage_solver must be .newton"),
         ({"h": 0.0}, ValueError, "h must be positive and finite, got 0.0"),
         ({"h": -0.1}, ValueError, "h must be positive and finite, got -0.1"),

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.catalogue import methods
+from cg.catalogue import resolve_method
 from cg.checks import memory
 from cg.frames.base import Array, Frame, Points, real_array
 from cg.frames.product import Product
-from cg.tableau import Tableau
+from cg.method import Method
 
 DEFAULT_MAX_STEPS = 10**6
 """The number of adaptive steps, rejected ones included, after which it is given up."""
@@ -159,7 +159,7 @@ def check_memory(h: object, steps: int, needed: int) -> None:
         )
 
 
-def check_problem(f: object, frame: object, method: str | Tableau) -> Tableau:
+def check_problem(f: object, frame: object, method: str | Method) -> Method:
     """Return the tableau after checking what every integration begins with.
 
     Raises
@@ -207,34 +207,6 @@ def check_points(frame: Frame, y0: ArrayLike) -> Points:
     worst = np.unravel_index(np.argmax(errors), batch)
     frame.check_point(points[worst], name=f"y0[{', '.join(map(str, worst))}]")
     return points
-
-
-def resolve_method(method: str | Tableau) -> Tableau:
-    """Return the tableau that ``method`` is or names.
-
-    Parameters
-    ----------
-    method
-        A tableau, or the name of one in the catalogue.
-
-    Returns
-    -------
-    Tableau
-
-    Raises
-    ------
-    ValueError
-        If no method of the catalogue has that name; the message lists those there are.
-    TypeError
-        If ``method`` is neither a name nor a tableau.
-    """
-    if isinstance(method, Tableau):
-        return method
-    if not isinstance(method, str):
-        raise TypeError(f"method must be a name or a Tableau, got {method!r}")
-    if method not in methods:
-        raise ValueError(f"method must be one of {', '.join(methods)}, got {method!r}")
-    return methods[method]
 
 
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:

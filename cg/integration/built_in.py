@@ -12,16 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg import quad
+from cg.catalogue import resolve_method
 from cg.checks import memory
 from cg.frames.base import Array, Frame
-from cg.integration.arguments import check_count, resolve_method
+from cg.integration.arguments import check_count
 from cg.integration.blocks import describe_blocks
 from cg.integration.paths import paths_of
 from cg.integration.step_budget import StepBudget
+from cg.method import Method
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
 from cg.shared_numbers import Stop
-from cg.tableau import Tableau
 
 Kind = Literal["real64", "real128"]
 
@@ -66,7 +67,7 @@ class CompiledTrajectory:
 def integrate_heavy_top(
     problem: HeavyTop,
     *,
-    method: str | Tableau,
+    method: str | Method,
     h: Fraction | float | str,
     steps: int,
     kind: Kind = "real64",
@@ -115,7 +116,7 @@ def integrate_heavy_top(
 def integrate_affine(
     problem: AffineField,
     *,
-    method: str | Tableau,
+    method: str | Method,
     h: Fraction | float | str,
     steps: int,
     kind: Kind = "real64",
@@ -150,7 +151,7 @@ def _integrate(
     prepare: Callable[[Any, _Convert], _Call],
     y0: Sequence[Fraction],
     frame: Frame,
-    method: str | Tableau,
+    method: str | Method,
     h: Fraction | float | str,
     steps: int,
     kind: Kind,

@@ -26,8 +26,8 @@ from cg.integration.stepper import (
     error_exponent,
 )
 from cg.integration.time_grid import TimeGrid
+from cg.method import Method
 from cg.shared_numbers import Stop
-from cg.tableau import Tableau
 
 __all__ = ["CompiledStepper"]
 
@@ -69,7 +69,7 @@ class CompiledStepper(Stepper):
         self,
         rhs: CompiledRhs | PythonRhs,
         frame: Frame,
-        method: Tableau,
+        method: Method,
         batch: tuple[int, ...],
         points: Points,
         schedule: TimeGrid | AdaptiveSchedule,

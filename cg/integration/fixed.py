@@ -18,7 +18,8 @@ from cg.integration.python_rhs import Coefficients
 from cg.integration.recorder import Recorder
 from cg.integration.results import Trajectory
 from cg.integration.time_grid import make_grid
-from cg.tableau import Tableau
+from cg.method import Method
+from cg.pairs import check_order
 
 __all__ = ["integrate"]
 
@@ -29,7 +30,7 @@ def integrate(
     y0: ArrayLike,
     *,
     frame: Frame,
-    method: str | Tableau,
+    method: str | Method,
     h: float,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
     save_every: int = 1,
@@ -124,6 +125,7 @@ def integrate(
     array([0., 1., 0.])
     """
     problem = make_problem(f, frame, method, y0, parameters=parameters, stage_solver=stage_solver)
+    check_order(problem.method)
     save_every = check_count(save_every, "save_every")
     workers = check_count(workers, "workers")
     if workers != 1 and not (isinstance(problem.rhs, CompiledRhs) and problem.in_compiled_code):

@@ -50,7 +50,7 @@ from cg.frames.base import Array, Frame, Points
 from cg.integration.flows import difference_of, flows_of
 from cg.integration.paths import paths_of
 from cg.integration.stepper import Block, Stepper, advances_by_embedded
-from cg.tableau import Tableau
+from cg.method import Method
 
 __all__ = ["Interpolant", "extra_evaluations", "interpolate", "nodes_of"]
 
@@ -94,13 +94,13 @@ def nodes_of(count: int) -> NodeSet:
     return NodeSet(nodes, integral / integral(1.0))
 
 
-def node_count(method: Tableau) -> int:
+def node_count(method: Method) -> int:
     """Return how many nodes make the interpolant as accurate as the steps of a method."""
     order = method.embedded_order if advances_by_embedded(method) else method.order
     return max(2, (order or 0) - 1)
 
 
-def extra_evaluations(method: Tableau) -> int:
+def extra_evaluations(method: Method) -> int:
     """Return how many evaluations of ``f`` an interpolant takes, besides those at both ends."""
     return sum(range(1, node_count(method) - 1))
 
@@ -114,7 +114,7 @@ class ResultFlows:
         Explicit or implicit.
     """
 
-    def __init__(self, method: Tableau) -> None:
+    def __init__(self, method: Method) -> None:
         if method.explicit:
             paths = paths_of(method)
             flows = [dict(flow) for flow in paths.result_flows]

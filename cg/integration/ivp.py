@@ -33,7 +33,8 @@ from cg.integration.recorder import Recorder
 from cg.integration.results import Solution
 from cg.integration.stepper import AdaptiveSchedule, Stepper
 from cg.integration.time_grid import TimeGrid, make_grid
-from cg.tableau import Tableau
+from cg.method import Method
+from cg.pairs import check_order, check_pair
 
 __all__ = ["DEFAULT_METHOD", "solve_ivp"]
 
@@ -50,7 +51,7 @@ def solve_ivp(
     y0: ArrayLike,
     *,
     frame: Frame,
-    method: str | Tableau = DEFAULT_METHOD,
+    method: str | Method = DEFAULT_METHOD,
     h: float | None = None,
     rtol: float | None = None,
     atol: ArrayLike | None = None,
@@ -177,6 +178,7 @@ def solve_ivp(
     schedule: TimeGrid | AdaptiveSchedule
     if h is not None:
         check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
+        check_order(problem.method)
         schedule = make_grid((start, stop), h)
         if float(h) > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
@@ -189,6 +191,7 @@ def solve_ivp(
                 f"method must be a pair unless h gives the step size, got {method!r}, which has "
                 "no embedded weights"
             )
+        check_pair(problem.method)
         norm = ErrorNorm(frame, problem.points, check_rtol(rtol), check_atol(atol))
         first = None if first_step is None else check_step(first_step, "first_step")
         if first is not None and first > abs(stop - start):

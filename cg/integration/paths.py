@@ -10,8 +10,8 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.method import Method
 from cg.points import START
-from cg.tableau import Tableau
 
 __all__ = ["Flow", "MethodPaths", "Path", "paths_of"]
 
@@ -101,7 +101,7 @@ class MethodPaths:
         return np.array(numbers, dtype=np.intc)
 
 
-def paths_of(method: Tableau) -> MethodPaths:
+def paths_of(method: Method) -> MethodPaths:
     """Return the paths of an explicit method."""
     result, embedded = method.result, method.embedded_result
     if embedded is not None and (method.embedded_order or 0) > method.order:
@@ -118,7 +118,7 @@ def paths_of(method: Tableau) -> MethodPaths:
 
 
 class _Builder:
-    def __init__(self, method: Tableau) -> None:
+    def __init__(self, method: Method) -> None:
         self.points = method.points
         ends = {*method.stage_points, method.result}
         if method.embedded_result is not None:
@@ -155,7 +155,7 @@ def _starts(parts: Sequence[Sequence[object]]) -> list[int]:
     return starts
 
 
-def _abscissae(method: Tableau) -> tuple[Fraction, ...]:
+def _abscissae(method: Method) -> tuple[Fraction, ...]:
     at = {START: Fraction(0)}
     for i, point in enumerate(method.points):
         at[i] = at[point.parent] + sum(point.weights.values(), Fraction(0))

@@ -26,7 +26,7 @@ from cg.integration.python_stepper import PythonStepper
 from cg.integration.step import Step
 from cg.integration.stepper import AdaptiveSchedule, Stepper
 from cg.integration.time_grid import TimeGrid, stored_count
-from cg.tableau import Tableau
+from cg.method import Method
 
 __all__ = ["Problem", "make_problem"]
 
@@ -53,7 +53,7 @@ class Problem:
 
     rhs: CompiledRhs | PythonRhs
     frame: Frame
-    method: Tableau
+    method: Method
     points: Points
     args: tuple[Any, ...]
     stage_solver: str
@@ -132,7 +132,7 @@ class Problem:
 def make_problem(
     f: Any,
     frame: Frame,
-    method: str | Tableau,
+    method: str | Method,
     y0: ArrayLike,
     *,
     args: Any = None,

@@ -7,7 +7,7 @@ from typing import Any
 
 from cg.frames.base import Array, Points
 from cg.integration.dense import DenseOutput
-from cg.tableau import Tableau
+from cg.method import Method
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Trajectory:
     y: Points
     nfev: int
     nexp: int
-    method: Tableau
+    method: Method
     h: float
     failures: dict[tuple[int, ...], str] = field(default_factory=dict)
 
@@ -106,7 +106,7 @@ class Solution:
     status: int
     message: str
     success: bool
-    method: Tableau
+    method: Method
     failures: dict[tuple[int, ...], str] = field(default_factory=dict)
 
     def __repr__(self) -> str:

@@ -11,6 +11,7 @@ from cg.integration.implicit import DEFAULT_STAGE_SOLVER, Row, StageSolver, chec
 from cg.integration.paths import paths_of
 from cg.integration.python_rhs import Coefficients, PythonRhs
 from cg.integration.stepper import Counts, advances_by_embedded
+from cg.method import Method
 from cg.tableau import Tableau
 
 __all__ = ["Step"]
@@ -56,7 +57,7 @@ class Step:
         self,
         f: Coefficients | PythonRhs,
         frame: Frame,
-        method: Tableau,
+        method: Method,
         *,
         batch: tuple[int, ...] = (),
         stage_solver: str = DEFAULT_STAGE_SOLVER,
@@ -71,10 +72,10 @@ class Step:
         self.counts = Counts()
         self._known: tuple[float, Points, Array] | None = None
         self.solvers: list[StageSolver] | None = None
-        if method.explicit:
-            self._prepare_paths()
+        if isinstance(method, Tableau) and not method.explicit:
+            self._prepare_rows(method, stage_solver)
         else:
-            self._prepare_rows(stage_solver)
+            self._prepare_paths()
 
     def _prepare_paths(self) -> None:
         paths = paths_of(self.method)
@@ -86,8 +87,7 @@ class Step:
             rows = [[float(dict(flow).get(k, 0)) for k in stages] for flow in path.flows]
             self.paths.append((path.origin, stages, np.array(rows)))
 
-    def _prepare_rows(self, stage_solver: str) -> None:
-        method = self.method
+    def _prepare_rows(self, method: Tableau, stage_solver: str) -> None:
         self.rows = [_nonzero(row) for row in method.a]
         weights = [_nonzero(row) for row in (method.b, method.b_embedded) if row is not None]
         if advances_by_embedded(method):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from cg.frames.base import Array, Frame, Points
 from cg.integration.error_norm import ErrorNorm
-from cg.tableau import Tableau
+from cg.method import Method
 
 __all__ = ["AdaptiveSchedule", "Block", "Stepper", "advances_by_embedded", "error_exponent"]
 
@@ -110,7 +110,7 @@ class Stepper(ABC):
     """
 
     frame: Frame
-    method: Tableau
+    method: Method
     batch: tuple[int, ...]
     counts: Counts = field(default_factory=Counts, init=False)
     trouble: str = field(default="", init=False)
@@ -133,13 +133,13 @@ class Stepper(ABC):
         """Take no more steps of one member of an ensemble, if it moves on its own."""
 
 
-def advances_by_embedded(method: Tableau) -> bool:
+def advances_by_embedded(method: Method) -> bool:
     """Tell whether the second result of a pair is of higher order, and makes the steps."""
     embedded = method.embedded_order
     return embedded is not None and embedded > method.order
 
 
-def error_exponent(method: Tableau) -> float:
+def error_exponent(method: Method) -> float:
     """Return the power of an error that a step is proportional to, by the order of a pair."""
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)
