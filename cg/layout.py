@@ -145,9 +145,7 @@ class Layout:
     @property
     def _tableau_rows(self) -> Rows:
         if self.rows is None:
-            raise ValueError(
-                "layout must be that of a tableau, got one of points"
-            )
+            raise ValueError("layout must be that of a tableau, got one of points")
         return self.rows
 
     def path(self, point: int) -> list[int]:

@@ -287,6 +287,14 @@ class TestMethods:
         assert (certificate.order, certificate.embedded_order) == (3, 2)
         assert loads(dumps(pair)) == pair
 
+    def test_indices_of_numpy(self):
+        points = [
+            (np.int64(parent), {np.int8(k): w for k, w in row.items()}) for parent, row in CF3
+        ]
+        method = CommutatorFree(points, np.array([-1, 0, 1]), np.intp(2))
+        assert method == methods["CF3"]
+        assert loads(dumps(CommutatorFree(points, np.array([-1, 0, 1]), name="x"))) == method
+
     def test_equality_and_copies(self):
         one, other = CommutatorFree(CF3, [-1, 0, 1]), CommutatorFree(CF3, (-1, 0, 1), name="x")
         assert one == other
