@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import frames, problems
+from . import conditions, frames, problems
 from .catalogue import methods
 from .certification import Certificate, CertificationError, certify
 from .commutator_free import CommutatorFree
@@ -26,6 +26,7 @@ __all__ = [
     "Tableau",
     "TableauError",
     "certify",
+    "conditions",
     "construct",
     "frames",
     "integrate",

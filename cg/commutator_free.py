@@ -7,6 +7,8 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from .coefficients import Coefficient
 from .layout import Layout
 from .method import Method, read_coefficient, read_texts
@@ -87,9 +89,9 @@ class CommutatorFree(Method):
             raise MethodError("points must have at least one entry, got none")
         tree = PointTree(
             tuple(Point(parent, {k: w.value for k, w in row.items()}) for parent, row in read),
-            tuple(_listed(stage_points, "stage_points")),
-            len(read) - 1 if result is None else result,
-            embedded_result,
+            tuple(map(_plain, _listed(stage_points, "stage_points"))),
+            len(read) - 1 if result is None else _plain(result),
+            _plain(embedded_result),
         )
         check_tree(tree)
         if tree.embedded_result is not None and tree.same(tree.result, tree.embedded_result):
@@ -149,6 +151,11 @@ def _listed(value: Any, label: str) -> list[Any]:
         raise MethodError(f"{label} must be a sequence, got {value!r}") from None
 
 
+def _plain(index: Any) -> Any:
+    """Return an integer of NumPy as Python's; what is none is refused later."""
+    return int(index) if isinstance(index, np.integer) else index
+
+
 def _read_point(point: Any, m: int) -> tuple[int, dict[int, Coefficient]]:
     if isinstance(point, Point):
         point = point.parent, point.weights
@@ -160,7 +167,7 @@ def _read_point(point: Any, m: int) -> tuple[int, dict[int, Coefficient]]:
         raise MethodError(
             f"point {m} must be a parent and a mapping from stages to weights, got {point!r}"
         ) from None
-    return parent, {
-        stage: read_coefficient(weight, f"weight of point {m} on stage {stage}")
+    return _plain(parent), {
+        _plain(stage): read_coefficient(weight, f"weight of point {m} on stage {stage}")
         for stage, weight in weights.items()
     }

@@ -1,10 +1,16 @@
 """Order conditions of Runge–Kutta methods on manifolds.
 
-A tableau has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q + 1 nodes,
-(2.4) of Jackiewicz, Marthinsen and Owren. The weights are, with the leftmost child on
-the smallest stage::
+A method has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q + 1 nodes, (2.4) of
+Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg.points`): the flow to point m
+starts from its parent and has weights α_mk on the fields of stages k, and Φ is the weight at the
+result. At each point weights are a character χ of words of trees, with the leftmost child on the
+flow that comes first::
 
-    Φ_r(τ) = 1
+    χ_m(w) = Σ_{w = u v} χ_parent(m)(u) ℓ_m(v_1) … ℓ_m(v_n) / n!,    n the length of v
+    ℓ_m(t) = Σ_k α_mk Φ_k(t),    Φ_k(t) = χ(children of t) at the point of stage k
+
+In a Crouch–Grossman tableau each row is a chain of points with one weight each, so that::
+
     Φ_r([t_1 … t_μ]) = Σ_{i_1 ≤ … ≤ i_μ} Π_j a_{r,i_j} Φ_{i_j}(t_j) / Π (runs of equal i)!
 
 and ``Φ`` itself has ``b`` in place of ``a_r``.

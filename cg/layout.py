@@ -142,6 +142,12 @@ class Layout:
         """The points of the stages, then of the results: what each row of a tableau leads to."""
         return *self.stage_points, *self.results
 
+    @property
+    def _tableau_rows(self) -> Rows:
+        if self.rows is None:
+            raise ValueError("layout must be that of a tableau, got one of points")
+        return self.rows
+
     def path(self, point: int) -> list[int]:
         """Return the points from the start to `point`, the start left out."""
         found: list[int] = []
@@ -197,20 +203,27 @@ class Layout:
         return np.setdiff1d(np.flatnonzero(self.stage_of == stage), own)
 
     def without(self, stage: int) -> tuple[Layout, list[int]]:
-        """Return the layout of a tableau without a stage (from 0), and the unknowns it keeps."""
-        assert self.rows is not None
-        dropped = {*self.row(stage), *np.flatnonzero(self.stage_of == stage).tolist()}
-        kept = [k for k in range(self.size) if k not in dropped]
-        return Layout.tableau(self.stages - 1, self.rows, self.pair), kept
-
-    def cut(self, x: Sequence[T] | NDArray[Any]) -> list[list[T]]:
-        """Return the packed unknowns of a tableau row by row, as they are packed.
+        """Return the layout of a tableau without a stage (from 0), and the unknowns it keeps.
 
         Raises
         ------
         ValueError
-            If x isn't a sequence of `size` numbers.
+            If the layout isn't that of a tableau.
         """
+        rows = self._tableau_rows
+        dropped = {*self.row(stage), *np.flatnonzero(self.stage_of == stage).tolist()}
+        kept = [k for k in range(self.size) if k not in dropped]
+        return Layout.tableau(self.stages - 1, rows, self.pair), kept
+
+    def cut(self, x: Sequence[T] | NDArray[Any]) -> list[list[T]]:
+        """Return the packed unknowns of a tableau row by row.
+
+        Raises
+        ------
+        ValueError
+            If x isn't a sequence of `size` numbers, or the layout isn't that of a tableau.
+        """
+        _ = self._tableau_rows
         if isinstance(x, str | bytes) or not isinstance(x, Sized):
             raise ValueError(f"x must be a sequence of numbers, got {x!r}")
         if len(x) != self.size:
@@ -223,7 +236,7 @@ class Layout:
 
     def packed(self, rows: Sequence[Sequence[T]]) -> list[T]:
         """Return the unknowns of a tableau: the rows of ``a``, ``b`` and second weights, cut."""
-        lengths = _row_lengths(self.stages, check_rows(self.rows or Rows.EXPLICIT), self.pair)
+        lengths = _row_lengths(self.stages, self._tableau_rows, self.pair)
         return [entry for row, length in zip(rows, lengths, strict=True) for entry in row[:length]]
 
     def point_weights(self, x: Sequence[T]) -> list[dict[int, T]]:

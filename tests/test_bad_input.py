@@ -17,7 +17,7 @@ from cg.construction import (
     fewer_exponentials,
     optimise,
     pack_method,
-    to_tableau,
+    to_method,
     triple_jump,
 )
 from cg.layout import Layout
@@ -298,7 +298,7 @@ POINT = pack_method(CG3)
         (lambda: correct(POINT, [99]), ValueError, r"integers from 0 to 5, got \[99\]"),
         (lambda: correct(POINT, [1.5]), ValueError, r"frozen must be .*, got \[1\.5\]"),
         (
-            lambda: to_tableau(POINT, name="", source="", frozen=3),
+            lambda: to_method(POINT, name="", source="", frozen=3),
             ValueError,
             "frozen must be a sequence of integers from 0 to 5, got 3",
         ),

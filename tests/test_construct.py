@@ -25,7 +25,7 @@ from cg.construction import (
     principal_error,
     refinable,
     solved,
-    to_tableau,
+    to_method,
     triple_jump,
     walk,
 )
@@ -136,7 +136,7 @@ class TestMoving:
         reached = list(eliminate(a_candidate(4, 8, seed=1), 6, random=random))
         assert [candidate.system.stages for candidate in reached] == [7, 6]
         assert all(solved(candidate) for candidate in reached)
-        method = to_tableau(reached[-1], name="six", source="test")
+        method = to_method(reached[-1], name="six", source="test")
         assert (method.stages, method.order) == (6, 4)
 
     def test_a_stage_that_does_nothing_is_dropped_as_it_is(self):
@@ -214,7 +214,7 @@ class TestOptimise:
         better = optimise(candidate, Goals())
         assert solved(better)
         assert principal_error(better) < 0.8 * principal_error(candidate)
-        method = to_tableau(better, name="better", source="test")
+        method = to_method(better, name="better", source="test")
         assert method.order == 4
         assert method.principal_error() == pytest.approx(principal_error(better), rel=1e-6)
 
@@ -233,7 +233,7 @@ class TestOptimise:
         candidate, zeros = fewer_exponentials(a_candidate(4, 6))
         assert zeros.size > 2
         assert not candidate.x[zeros].any()
-        method = to_tableau(candidate, name="sparse", source="test")
+        method = to_method(candidate, name="sparse", source="test")
         assert method.order == 4
         assert method.exponentials == unknowns(6) - zeros.size
 
@@ -251,7 +251,7 @@ class TestOptimise:
 class TestToTableau:
     @pytest.mark.parametrize(("order", "stages"), [(2, 2), (3, 3), (4, 6)])
     def test_pairs_have_both_orders_and_differ(self, order, stages):
-        pair = to_tableau(a_candidate(order, stages, embedded=True), name="pair", source="test")
+        pair = to_method(a_candidate(order, stages, embedded=True), name="pair", source="test")
         assert (pair.order, pair.embedded_order) == (order, order - 1)
         assert pair.b_embedded[-1] == 0
         second = residuals(pair.a, pair.b_embedded, order)
@@ -260,7 +260,7 @@ class TestToTableau:
     def test_what_is_not_a_solution_is_never_a_method(self):
         far = Candidate(ConditionSystem.tableau(4, 5), np.random.default_rng(0).uniform(-1, 1, 15))
         with pytest.raises(NotExactError, match=r"largest residual .* after refinement"):
-            to_tableau(far, name="no", source="test")
+            to_method(far, name="no", source="test")
 
 
 class TestConstruct:

@@ -3,6 +3,7 @@
 import math
 import pickle
 import warnings
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -21,11 +22,21 @@ from cg.certification.krawczyk import to_double
 from cg.certification.systems import exact_residuals, order_system
 from cg.certification.weights import Quantity, Weights
 from cg.certification.words import condition_words
-from cg.construction import Structure
+from cg.construction import (
+    Candidate,
+    Goals,
+    Structure,
+    optimise,
+    pack_method,
+    principal_error,
+    solved,
+    to_method,
+)
+from cg.construction.drop import solve_start
 from cg.layout import Layout, Rows
 from cg.pairs import check_order, check_pair
 from cg.points import START, Point, PointTree, tree_of_rows
-from cg.quad import decode
+from cg.quad import decode, encode
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.polish import polish
 from cg.solve.refine import refine
@@ -276,6 +287,14 @@ class TestMethods:
         assert (certificate.order, certificate.embedded_order) == (3, 2)
         assert loads(dumps(pair)) == pair
 
+    def test_indices_of_numpy(self):
+        points = [
+            (np.int64(parent), {np.int8(k): w for k, w in row.items()}) for parent, row in CF3
+        ]
+        method = CommutatorFree(points, np.array([-1, 0, 1]), np.intp(2))
+        assert method == methods["CF3"]
+        assert loads(dumps(CommutatorFree(points, np.array([-1, 0, 1]), name="x"))) == method
+
     def test_equality_and_copies(self):
         one, other = CommutatorFree(CF3, [-1, 0, 1]), CommutatorFree(CF3, (-1, 0, 1), name="x")
         assert one == other
@@ -512,6 +531,61 @@ class TestSolvers:
         method = CommutatorFree(points, system.layout.stage_points, name="found")
         assert (method.order, method.stages, method.exponentials) == (4, 4, 5)
         assert certify(method).order == 4
+
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(), st.data())
+    def test_both_results_of_a_pair(self, tree, data):
+        second = data.draw(st.integers(0, len(tree.points) - 1))
+        tree = replace(tree, embedded_result=second)
+        system = ConditionSystem(4, Layout.of_tree(tree))
+        exact = [
+            *conditions.exact_residuals_of(tree, 4, True),
+            *conditions.exact_residuals_of(tree, 3, True, embedded=True),
+        ]
+        scale = 1 + max(map(abs, exact))
+        found = system.residual(floats(tree))
+        np.testing.assert_allclose(found, np.array(exact, float), rtol=0, atol=1e-13 * scale)
+        found = cg.quad.to_float(encode(exact))
+        bits = system.residual_quad(encode(values(tree)), independent=True)
+        np.testing.assert_allclose(bits, found, rtol=0, atol=1e-14 * float(scale))
+        jacobian, steps = system.jacobian(floats(tree)), np.eye(system.size) * 1e-6
+        for column, step in zip(jacobian.T, steps, strict=True):
+            ahead, behind = (
+                system.residual(floats(tree) + step),
+                system.residual(floats(tree) - step),
+            )
+            slopes = (ahead - behind) / 2e-6
+            bound = 1e-7 * (1 + np.abs(jacobian).max()) * float(scale)
+            np.testing.assert_allclose(column, slopes, rtol=0, atol=bound)
+
+    def test_candidates_become_methods(self):
+        system = ConditionSystem(4, self.LAYOUT)
+        starts = (np.random.default_rng(k).uniform(-1, 1, system.size) for k in range(60))
+        ends = (solve_start(Candidate(system, x0), 300, promising=1e-10) for x0 in starts)
+        found = next(end for end in ends if solved(end) and end.largest < 5)
+        method = to_method(found, name="x", source="y")
+        assert isinstance(method, CommutatorFree)
+        assert method.order == 4
+        packed = pack_method(method)
+        assert packed.system == system
+        np.testing.assert_allclose(packed.x, found.x, rtol=0, atol=1e-12)
+        assert principal_error(packed) == pytest.approx(method.principal_error(), rel=1e-10)
+        better = optimise(packed, Goals(), max_iterations=5)
+        assert principal_error(better) < principal_error(packed)
+
+    def test_what_is_for_tableaux_says_so(self):
+        for call in (
+            lambda: self.LAYOUT.without(1),
+            lambda: self.LAYOUT.cut([0] * self.LAYOUT.size),
+            lambda: self.LAYOUT.packed([]),
+        ):
+            with pytest.raises(ValueError, match="layout must be that of a tableau"):
+                call()
+
+    def test_layouts_that_are_no_methods(self):
+        broken = replace(self.LAYOUT, parents=(-1, -1, 2, -1, 3))
+        with pytest.raises(MethodError, match="the parent of point 2 must come before it"):
+            ConditionSystem(4, broken)
 
     def test_structures_are_for_tableaux(self):
         with pytest.raises(ValueError, match="is for explicit tableaux"):

@@ -35,7 +35,7 @@ from cg.construction import (
     principal_error,
     refinable,
     solved,
-    to_tableau,
+    to_method,
 )
 from cg.construction.drop import solve_start
 from cg.construction.start import default_start, random_candidate
@@ -190,7 +190,7 @@ def method(recipe: Recipe) -> Tableau:
     """Return the best candidate that is exact and has a certificate."""
     for candidate in candidates(recipe):
         try:
-            found = to_tableau(candidate, name=recipe.name, source=recipe.source)
+            found = to_method(candidate, name=recipe.name, source=recipe.source)
             certify(found)
         except (NotExactError, CertificationError):
             continue

@@ -1,7 +1,7 @@
 """Tools on the set of methods of an order: construct, compose, eliminate, optimise."""
 
 from ..solve.system import ConditionSystem, Structure
-from .candidate import Candidate, NotExactError, correct, pack_method, refinable, solved, to_tableau
+from .candidate import Candidate, NotExactError, correct, pack_method, refinable, solved, to_method
 from .compose import compose, triple_jump
 from .construct import Attempt, Construction, construct
 from .drop import drop_stage
@@ -28,7 +28,7 @@ __all__ = [
     "principal_error",
     "refinable",
     "solved",
-    "to_tableau",
+    "to_method",
     "triple_jump",
     "walk",
 ]

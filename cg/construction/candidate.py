@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from .. import quad
+from ..commutator_free import CommutatorFree
+from ..layout import Layout
 from ..method import Method
 from ..random_search import EXACT
 from ..solve.minimum_norm import fit_conditions
@@ -26,7 +28,7 @@ __all__ = [
     "pack_method",
     "refinable",
     "solved",
-    "to_tableau",
+    "to_method",
 ]
 
 SOLVED = 1e-23
@@ -180,9 +182,9 @@ def pack_method(method: Method, order: int | None = None) -> Candidate:
     return Candidate(system, np.array([float(entry.value) for entry in method.coefficients]))
 
 
-def to_tableau(
+def to_method(
     candidate: Candidate, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
-) -> Tableau:
+) -> Method:
     """Refine a candidate in real(16) and make it a method.
 
     Exact zeros of the candidate stay zero.
@@ -210,11 +212,22 @@ def to_tableau(
         system,
         directions=np.eye(system.size)[:, free],
     )
-    return _unpack([quad.to_decimal(entry) for entry in polished.x], system, name, source)
+    decimals = [quad.to_decimal(entry) for entry in polished.x]
+    return _method(system.layout, decimals, name, source)
 
 
-def _unpack(decimals: list[str], system: ConditionSystem, name: str, source: str) -> Tableau:
-    rows = system.layout.full_rows(decimals)
-    stages = system.stages
-    second = rows[stages + 1] if system.embedded else None
-    return Tableau(rows[:stages], rows[stages], name=name, source=source, b_embedded=second)
+def _method(layout: Layout, texts: Sequence[str], name: str, source: str) -> Method:
+    if layout.rows is None:
+        points = zip(layout.parents, layout.point_weights(texts), strict=True)
+        return CommutatorFree(
+            points,
+            layout.stage_points,
+            layout.results[0],
+            embedded_result=layout.results[1] if layout.pair else None,
+            name=name,
+            source=source,
+        )
+    rows = layout.full_rows(texts)
+    second = rows[-1] if layout.pair else None
+    a, b = rows[: layout.stages], rows[layout.stages]
+    return Tableau(a, b, name=name, source=source, b_embedded=second)

@@ -21,10 +21,10 @@ from ..checks import (
     check_real,
 )
 from ..conditions import HIGHEST_ORDER, count
+from ..method import Method
 from ..parallel import as_finished, available_cores
 from ..solve.system import ConditionSystem, Structure
-from ..tableau import Tableau
-from .candidate import Candidate, NotExactError, refinable, solved, to_tableau
+from .candidate import Candidate, NotExactError, refinable, solved, to_method
 from .drop import solve_start
 from .eliminate import eliminate
 from .start import default_start, likely_structure, random_candidate
@@ -100,7 +100,7 @@ class Construction:
     Attributes
     ----------
     settings : ConstructionSettings
-    method : Tableau or None
+    method : Method or None
         The exact method, refined in real(16); None if the tries ran out.
     best : Attempt
         The attempt that the method is from, else the one that came furthest: not a
@@ -110,7 +110,7 @@ class Construction:
     """
 
     settings: ConstructionSettings
-    method: Tableau | None
+    method: Method | None
     best: Attempt
     tries: int
 
@@ -287,11 +287,11 @@ def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -
     return Attempt(index, candidate.system.stages, good, candidate.f, tuple(candidate.x.tolist()))
 
 
-def _refined(settings: ConstructionSettings, attempt: Attempt) -> Tableau | None:
+def _refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
     system = ConditionSystem.tableau(settings.order, attempt.stages, structure=settings.structure)
     candidate = Candidate(system, _array(attempt.x))
     try:
-        return to_tableau(
+        return to_method(
             candidate,
             name=f"order {settings.order}, {settings.stages} stages, try {attempt.index}",
             source=f"construct, seed {settings.seed}, try {attempt.index}",

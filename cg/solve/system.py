@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +15,7 @@ from .. import _core_r64, _core_r128, quad
 from ..checks import check_integer
 from ..conditions import HIGHEST_ORDER, condition_trees
 from ..layout import Layout, Rows
+from ..points import check_tree
 from ..trees import OrderedTree, forest
 
 __all__ = ["ConditionSystem", "Structure"]
@@ -58,6 +60,13 @@ class ConditionSystem:
         The unknowns.
     structure : Structure, optional
         Simplifying assumptions that belong to it, on explicit tableaux of order 4 or more.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is none of these, or out of its range.
+    MethodError
+        If the layout isn't that of a method: see `cg.points.check_tree`.
     """
 
     order: int
@@ -72,6 +81,8 @@ class ConditionSystem:
         object.__setattr__(self, "order", order)
         if not isinstance(self.layout, Layout):
             raise TypeError(f"layout must be a Layout, got {self.layout!r}")
+        if self.rows is None:
+            check_tree(self.layout.tree([Fraction(1)] * self.size))
         if self.embedded and self.order < 2:
             raise ValueError(f"order must be at least 2 for an embedded pair, got {self.order}")
         try:
