@@ -7,7 +7,7 @@ from .catalogue import methods
 from .certification import Certificate, CertificationError, certify
 from .commutator_free import CommutatorFree
 from .construction import construct
-from .integration import ConvergenceError, integrate, solve_ivp
+from .integration import ConvergenceError, DenseOutput, Solution, Trajectory, integrate, solve_ivp
 from .method import Method
 from .points import MethodError
 from .random_search import search
@@ -20,11 +20,14 @@ __all__ = [
     "CertificationError",
     "CommutatorFree",
     "ConvergenceError",
+    "DenseOutput",
     "Method",
     "MethodError",
+    "Solution",
     "Structure",
     "Tableau",
     "TableauError",
+    "Trajectory",
     "certify",
     "conditions",
     "construct",
@@ -37,3 +40,8 @@ __all__ = [
     "solve_ivp",
 ]
 __version__ = "0.1.0"
+
+
+def __dir__() -> list[str]:
+    """Return the public names alone, for completion."""
+    return [*__all__, "__version__"]

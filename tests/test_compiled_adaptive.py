@@ -54,7 +54,9 @@ def test_the_steps_are_those_of_the_python_loop(name, tolerance, span, affine):
     np.testing.assert_allclose(plain.t, fast.t, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("method", [n for n, m in cg.methods.items() if m.explicit and m.exact_embedded])
+@pytest.mark.parametrize(
+    "method", [n for n, m in cg.methods.items() if m.explicit and m.exact_embedded]
+)
 def test_every_explicit_pair_takes_the_same_steps(method, affine):
     problem = PROBLEMS["SE3 body"]
     f, _keep = affine(problem)

@@ -215,3 +215,17 @@ def test_subclasses_are_not_compiled(kind):
 
 def test_subclasses_of_products_are_not_compiled():
     assert type("Child", (Product,), {})(SO3()).compiled_blocks() is None
+
+
+@every_frame
+def test_logarithms_are_kept_however_far_they_lead(frame):
+    rng = np.random.default_rng(79)
+    y0, y1 = frame.random_point(rng, (20,)), frame.random_point(rng, (20,))
+    known = frame.exp_coordinates(y0, y1)
+    if known is None:
+        return
+    found = frame.nearby_coordinates(y0, y1)
+    has = np.isfinite(known).all(axis=-1)
+    assert np.isfinite(found[has]).all()
+    off, before = (largest(frame.flow(v[has], y0[has]) - y1[has], frame) for v in (found, known))
+    assert (off <= np.maximum(before, 5e-15 * largest(y1[has], frame))).all()

@@ -7,12 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import cg
 from cg import conditions
 from cg.catalogue import methods
 from cg.conditions import Rows, count, residuals, residuals_exact
 from cg.convergence import observed_order
+from cg.frames import SO3, Euclidean, Product
 from cg.points import tree_of_rows
-from cg.problems import StateDependentRotation
+from cg.problems import Spacecraft, StateDependentRotation
 from cg.random_search import search
 from cg.tableau import Tableau
 from cg.trees import forest
@@ -21,6 +23,7 @@ from cg.trees import forest
 KNOWN = {
     "ImplicitMidpoint": (2, 1, 2),
     "DICG3": (3, 3, 9),
+    "DICG3(2)": (3, 4, 14),
     "DICG4": (4, 3, 9),
     "DICG4b": (4, 5, 20),
     "DICG6": (6, 7, 35),
@@ -251,6 +254,109 @@ class TestSelfAdjoint:
         undo = Tableau(*adjoint(*method.exact))
         back = step(equation.frame, equation.f, undo, 0.25, there, -0.05)
         assert equation.frame.distance(back, equation.y0) < 1e-14
+
+
+def stability(a, b, z):
+    """The factor of y' = z y in a step of size 1 in flat space."""
+    stages = len(b)
+    return 1 + z * np.array(b) @ np.linalg.solve(np.eye(stages) - z * np.array(a), np.ones(stages))
+
+
+PULLED = Product(SO3(), Euclidean(3))
+
+
+def pulled(damping):
+    """An attitude driven by velocities that are pulled to cos t, and its solution at time 1."""
+
+    def f(t, y):
+        return np.concatenate([[0.3, 0.1 * np.sin(t), y[9]], -damping * (y[9:] - np.cos(t))])
+
+    start = np.array([2.0, 1.0, 0.0])
+
+    def velocities(t):
+        square = damping**2 + 1.0
+        slow = (damping**2 * np.cos(t) + damping * np.sin(t)) / square
+        return slow + (start - damping**2 / square) * np.exp(-damping * t)
+
+    def turning(t, y):
+        return np.array([0.3, 0.1 * np.sin(t), velocities(t)[0]])
+
+    exact = cg.solve_ivp(
+        turning, (0, 1), np.eye(3), frame=SO3(), method="CG5(4)", first_step=1e-3 / damping,
+        rtol=1e-11, atol=1e-11,
+    )  # fmt: skip
+    return f, PULLED.join(np.eye(3), start), PULLED.join(exact.y[-1], velocities(1.0))
+
+
+class TestDampedPair:
+    def test_the_conditions_hold_in_rational_arithmetic(self):
+        pair = methods["DICG3(2)"]
+        assert (pair.order, pair.embedded_order) == (3, 2)
+        assert set(residuals_exact(*pair.exact, 3)) == {Fraction()}
+        assert set(residuals_exact(pair.exact[0], pair.exact_embedded, 2)) == {Fraction()}
+        assert pair.embedded.principal_error() > 0.02
+        assert np.abs(pair.b - pair.b_embedded).min() > 0.03
+
+    def test_it_is_stiffly_accurate_with_one_diagonal_entry(self):
+        a, b = methods["DICG3(2)"].exact
+        assert a[-1] == b
+        assert {a[i][i] for i in range(4)} == {Fraction(1, 4)}
+
+    def test_both_weights_are_l_stable(self):
+        pair = methods["DICG3(2)"]
+        a, b = pair.exact
+        ones = [Fraction(1)] * 4  # a x = 1 by forward substitution
+        x = []
+        for i in range(4):
+            x.append((ones[i] - sum((a[i][j] * x[j] for j in range(i)), Fraction())) / a[i][i])
+        for weights in (b, pair.exact_embedded):
+            assert 1 - sum(w * entry for w, entry in zip(weights, x, strict=True)) == 0
+        for weights in (pair.b, pair.b_embedded):
+            axis = [abs(stability(pair.a, weights, 1j * y)) for y in np.logspace(-3, 5, 2000)]
+            assert max(axis) <= 1.0 + 1e-14
+            assert abs(stability(pair.a, weights, -1e6)) < 1e-4
+        for name in SELF_ADJOINT:
+            method = methods[name]
+            assert abs(stability(method.a, method.b, -1e9)) == pytest.approx(1.0, abs=1e-6)
+
+    def test_the_second_weights_have_order_two_on_so3(self, problem):
+        pair = methods["DICG3(2)"]
+        second = Tableau(pair.entries, pair.embedded_weights)
+        assert slope(problem, second, STEPS[2]).order == pytest.approx(2.0, abs=0.15)
+
+    @pytest.mark.parametrize("damping", [1e2, 1e4, 1e6])
+    @pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+    def test_it_damps_within_the_tolerance(self, damping, tolerance):
+        f, y0, exact = pulled(damping)
+        found = cg.solve_ivp(
+            f, (0, 1), y0, frame=PULLED, method="DICG3(2)", rtol=tolerance, atol=tolerance
+        )
+        assert PULLED.distance(found.y[-1], exact) < tolerance
+        # An explicit method takes more than damping / 5 of them.
+        assert len(found.t) < 200
+
+    def test_large_steps_damp_too_but_not_those_of_self_adjoint_methods(self):
+        f, y0, exact = pulled(1e4)
+        errors = {
+            name: float(
+                PULLED.distance(
+                    cg.integrate(f, (0, 1), y0, frame=PULLED, method=name, h=0.05).y[-1], exact
+                )
+            )
+            for name in ("DICG3(2)", "DICG3", *SELF_ADJOINT)
+        }
+        assert errors["DICG3(2)"] < 5e-6
+        assert errors["DICG3"] < 1e-3
+        assert min(errors[name] for name in SELF_ADJOINT) > 0.2
+
+    def test_a_spacecraft_with_strong_damping(self):
+        """Velocities of attitude and body that are tied to each other."""
+        craft = Spacecraft(stiffness=1.0, damping=1e4)
+        options = {"frame": craft.frame, "method": "DICG3(2)"}
+        fine = cg.solve_ivp(craft.f, (0, 2), craft.y0, rtol=1e-7, atol=1e-7, **options)
+        coarse = cg.solve_ivp(craft.f, (0, 2), craft.y0, rtol=1e-4, atol=1e-4, **options)
+        assert craft.frame.distance(coarse.y[-1], fine.y[-1]) < 1e-4
+        assert len(coarse.t) < 200
 
 
 class TestFewStages:

@@ -3,7 +3,8 @@
 The methods of order four and six are self-adjoint: stages lie on the path of the step,
 row r of a is (b_1, ..., b_{r-1}, a_rr), and both b and the offsets a_rr - b_r/2 are
 symmetric, the latter with a change of sign. docs/implicit.md derives them. DICG3 is the
-best of a random search for one diagonal entry throughout.
+best of a random search for one diagonal entry throughout, DICG3(2) a rational pair of
+that kind.
 
     python tools/make_implicit_methods.py [FOLDER]
 """
@@ -108,6 +109,35 @@ def l_stable() -> Tableau:
     )
 
 
+def damped_pair() -> Tableau:
+    """Return DICG3(2).
+
+    It is stiffly accurate with the diagonal entry 1/4, which makes it L-stable. With the
+    abscissae 1/4, x, y and 1 the conditions but one give b; the last one is a curve in (x, y),
+    and (11/20, 7/15) a rational point of it with small denominators. Of the second weights all
+    are damped as well that have order two and vanish at infinity: those of the line through b
+    on which the last one is free.
+    """
+    b = [Fraction(1, 3), Fraction(-1, 3), Fraction(3, 4), Fraction(1, 4)]
+    a = [
+        [Fraction(1, 4)],
+        [Fraction(3, 10), Fraction(1, 4)],
+        [Fraction(409, 1080), Fraction(-35, 216), Fraction(1, 4)],
+        b,
+    ]
+    along = [Fraction(13, 42), Fraction(-235, 42), Fraction(30, 7), Fraction(1)]
+    second = [weight - direction / 10 for weight, direction in zip(b, along, strict=True)]
+    return Tableau(
+        a,
+        b,
+        b_embedded=second,
+        name="DICG3(2)",
+        source="Stiffly accurate with the diagonal entry 1/4 (L-stable where flows commute, as are "
+        "the second weights); a rational point of the curve that the conditions of order three "
+        "leave for the abscissae",
+    )
+
+
 def methods() -> list[Tableau]:
     """Return all of them."""
     midpoint = Tableau(
@@ -132,7 +162,7 @@ def methods() -> list[Tableau]:
         "order symplectic integrators. Phys. Lett. A 150 (1990) 262–268, solution A; refined to "
         "36 digits",
     )
-    return [midpoint, l_stable(), triple, rational(), seven]
+    return [midpoint, l_stable(), damped_pair(), triple, rational(), seven]
 
 
 def main(folder: str = "cg/catalogue") -> None:

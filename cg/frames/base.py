@@ -30,7 +30,7 @@ _RANK_TOLERANCE = 1e-12
 # slow Newton's take over; points that these don't find are not nearby.
 _MOST_CORRECTIONS = 20
 _SLOW = 0.1
-_FAR = 1e6
+_FAR = 1e9
 # Of the points: some twenty roundings
 _REACHED = 5e-15
 # Of the points; below it slowness is no reason to go on.
@@ -207,9 +207,9 @@ class Frame(ABC):
     def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return coefficients whose flow takes ``y0`` to a nearby ``y1``.
 
-        Other than `exp_coordinates`, every frame has them.  They are those where they are known.
-        Elsewhere :math:`v` starts from zero and is corrected by the shortest coefficients whose
-        field at the end of the flow is what is left,
+        Other than `exp_coordinates`, every frame has them.  They are those where they are known
+        and right to rounding.  Elsewhere :math:`v` starts from them or from zero and is corrected
+        by the shortest coefficients whose field at the end of the flow is what is left,
 
         .. math::
 
@@ -229,28 +229,36 @@ class Frame(ABC):
             points are equal, NaN where the points are too far from each other.
         """
         start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
-        known = self.exp_coordinates(start, end)
-        if known is None:
-            return self._corrected_coordinates(start, end)
-        # A logarithm may not exist, or, of points that are large and close, have few digits.
-        axes = tuple(range(known.ndim - 1, end.ndim))
-        off = np.abs(end - self.flow(np.nan_to_num(known), start)).max(axis=axes)
-        good = off <= _REACHED * np.abs(end).max(axis=axes)
-        bad = ~(good & np.isfinite(known).all(axis=-1))
-        if bad.any():
-            known[bad] = self._corrected_coordinates(start[bad], end[bad])
-        return known
-
-    def _corrected_coordinates(self, start: Points, end: Points) -> Array:
-        """Return nearby coordinates by corrections, those of each point while they shrink."""
         lead = start.shape[: start.ndim - len(self.point_shape)]
-        start = start.reshape(-1, *self.point_shape)
-        end = end.reshape(start.shape)
-        v = np.full((len(start), self.dim), np.nan)
-        length, distance = _lengths(end), _lengths(end - start)
-        v[np.isfinite(distance)] = 0.0
-        active = np.flatnonzero(distance > 0.0)
-        reached, left = start[active], distance[active]
+        known = self.exp_coordinates(start, end)
+        start, end = (y.reshape(-1, *self.point_shape) for y in (start, end))
+        if known is None:
+            v, reached = np.zeros((len(start), self.dim)), start
+        else:
+            v = np.nan_to_num(known.reshape(len(start), self.dim), posinf=0.0, neginf=0.0)
+            reached = self.flow(v, start)
+            # Of points that are large and close a logarithm may have no digits.
+            lost = ~(_lengths(end - reached) <= _lengths(end - start))
+            if lost.any():
+                v[lost], reached = 0.0, np.where(_along(lost, start), start, reached)
+        return self._corrected_coordinates(v, start, reached, end).reshape(*lead, self.dim)
+
+    def _corrected_coordinates(self, v: Array, start: Points, y: Points, end: Points) -> Array:
+        """Return nearby coordinates by corrections, those of each point while they shrink.
+
+        Parameters
+        ----------
+        v
+            A guess, shape ``(count, dim)``, which is overwritten.
+        start, y, end
+            Points before and after the flow of the guess, and where one is to lead, shape
+            ``(count, *point_shape)``.
+        """
+        length, away = _lengths(end), _lengths(end - y)
+        v[~np.isfinite(away)] = np.nan
+        guessed = (v != 0.0).any(axis=-1)
+        active = np.flatnonzero(away > np.where(guessed, _REACHED * length, 0.0))
+        reached, left = y[active], away[active]
         exact = np.zeros(len(active), dtype=bool)
         for _ in range(_MOST_CORRECTIONS):
             if not len(active):
@@ -265,13 +273,12 @@ class Frame(ABC):
             v[active[better]], reached[better] = tried[better], moved[better]
             # Fields at the end stand for the flow's derivative while that is enough.
             slow = ~(size < _SLOW * left) & (left > _ROUNDING * length[active])
-            left[better] = size[better]
+            left[better] = away[active[better]] = size[better]
             go_on = better | (slow & ~exact)
             active, reached, left = active[go_on], reached[go_on], left[go_on]
             exact = (exact | slow)[go_on]
-        missed = _lengths(end - self.flow(v, start)) > MEMBERSHIP_TOLERANCE * length
-        v[missed] = np.nan
-        return v.reshape(*lead, self.dim)
+        v[away > MEMBERSHIP_TOLERANCE * length] = np.nan
+        return v
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         """Return coefficients whose flow leads from ``start`` nearer to ``end`` than to ``y``.
@@ -432,6 +439,11 @@ class Frame(ABC):
 def _is_array(value: Any, dtype: Any) -> TypeGuard[Points]:
     """Tell whether a value is an array of a type that needs no further check."""
     return type(value) is np.ndarray and value.dtype == dtype
+
+
+def _along(chosen: NDArray[np.bool_], points: Points) -> NDArray[np.bool_]:
+    """Return one flag a point as an array that broadcasts against the points."""
+    return chosen.reshape(-1, *(1,) * (points.ndim - 1))
 
 
 def _lengths(points: Points) -> Array:
