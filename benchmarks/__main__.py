@@ -21,8 +21,10 @@ NAMES = (
     "search",
     "order_six",
     "heavy_top",
+    "loop",
     "adaptive",
     "ensemble",
+    "output",
     "work_precision",
 )
 """All benchmarks, each a module with ``run(quick, figures)``."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-if TYPE_CHECKING:
-    from .work_precision import Curve
+from .work_curves import Curve
 
-__all__ = ["draw"]
+__all__ = ["RC", "draw"]
 
 # Colours that stay apart for colour-blind readers (M. Okabe and K. Ito, 2008), by order.
 _COLOURS = {
@@ -33,7 +32,7 @@ _OTHERS: dict[str, dict[str, Any]] = {
     "DOP853, projected": {"linestyle": "-", "marker": "+", "markersize": 7},
     "DOP853, not projected": {"linestyle": (0, (1, 1.5)), "marker": "|", "markersize": 7},
 }
-_RC: dict[Any, Any] = {
+RC: dict[Any, Any] = {
     "font.size": 9.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -59,7 +58,7 @@ def draw(curves: list[Curve], title: str, name: str, folder: Path) -> None:
     name : str
     folder : Path
     """
-    with mpl.rc_context(_RC):
+    with mpl.rc_context(RC):
         figure = Figure(figsize=(11.0, 4.6), layout="constrained")
         FigureCanvasAgg(figure)
         panels = figure.subplots(1, 3)
