@@ -31,7 +31,7 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
-from cg.frames.matrix_functions import real_log1p
+from cg.frames.logarithms import real_log1p
 from cg.frames.u import gell_mann
 
 GROUPS = [SO(4), U(2), SU(2), SU(3), GL(2), SL(3), Sp(4), SE3(), Semidirect(SL(2), 2)]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.block_kinds import Blocks
+from cg.frames.nearby import nearby_coordinates, newton_correction, shortest_coefficients
 
 Array = NDArray[np.float64]
 Points = NDArray[Any]
@@ -23,20 +24,6 @@ Size = int | Sequence[int]
 """The leading axes of random points, or the length of one such axis."""
 
 MEMBERSHIP_TOLERANCE = 1e-8
-
-# Singular values of a matrix of fields below this fraction of the largest are rounding.
-_RANK_TOLERANCE = 1e-12
-# Corrections of nearby coordinates by fields shrink by a factor of about |v|, and where that is
-# slow Newton's take over; points that these don't find are not nearby.
-_MOST_CORRECTIONS = 20
-_SLOW = 0.1
-_FAR = 1e9
-# Of the points: some twenty roundings
-_REACHED = 5e-15
-# Of the points; below it slowness is no reason to go on.
-_ROUNDING = 1e-12
-_DIFFERENCE = 1e-8
-_DIFFERENCE_RANK_TOLERANCE = 1e-5
 
 
 class FlowOverflowError(OverflowError):
@@ -232,53 +219,8 @@ class Frame(ABC):
         lead = start.shape[: start.ndim - len(self.point_shape)]
         known = self.exp_coordinates(start, end)
         start, end = (y.reshape(-1, *self.point_shape) for y in (start, end))
-        if known is None:
-            v, reached = np.zeros((len(start), self.dim)), start
-        else:
-            v = np.nan_to_num(known.reshape(len(start), self.dim), posinf=0.0, neginf=0.0)
-            reached = self.flow(v, start)
-            # Of points that are large and close a logarithm may have no digits.
-            lost = ~(_lengths(end - reached) <= _lengths(end - start))
-            if lost.any():
-                v[lost], reached = 0.0, np.where(_along(lost, start), start, reached)
-        return self._corrected_coordinates(v, start, reached, end).reshape(*lead, self.dim)
-
-    def _corrected_coordinates(self, v: Array, start: Points, y: Points, end: Points) -> Array:
-        """Return nearby coordinates by corrections, those of each point while they shrink.
-
-        Parameters
-        ----------
-        v
-            A guess, shape ``(count, dim)``, which is overwritten.
-        start, y, end
-            Points before and after the flow of the guess, and where one is to lead, shape
-            ``(count, *point_shape)``.
-        """
-        length, away = _lengths(end), _lengths(end - y)
-        v[~np.isfinite(away)] = np.nan
-        guessed = (v != 0.0).any(axis=-1)
-        active = np.flatnonzero(away > np.where(guessed, _REACHED * length, 0.0))
-        reached, left = y[active], away[active]
-        exact = np.zeros(len(active), dtype=bool)
-        for _ in range(_MOST_CORRECTIONS):
-            if not len(active):
-                break
-            tried = self._correct(v[active], start[active], reached, end[active], exact)
-            # What is further than any point nearby can be stays where it is, and ends here.
-            far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
-            tried[far] = v[active[far]]
-            moved = self.flow(tried, start[active])
-            size = _lengths(end[active] - moved)
-            better = size < 0.5 * left
-            v[active[better]], reached[better] = tried[better], moved[better]
-            # Fields at the end stand for the flow's derivative while that is enough.
-            slow = ~(size < _SLOW * left) & (left > _ROUNDING * length[active])
-            left[better] = away[active[better]] = size[better]
-            go_on = better | (slow & ~exact)
-            active, reached, left = active[go_on], reached[go_on], left[go_on]
-            exact = (exact | slow)[go_on]
-        v[away > MEMBERSHIP_TOLERANCE * length] = np.nan
-        return v
+        v = np.zeros((len(start), self.dim)) if known is None else known.reshape(-1, self.dim)
+        return nearby_coordinates(self, v, start, end).reshape(*lead, self.dim)
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         """Return coefficients whose flow leads from ``start`` nearer to ``end`` than to ``y``.
@@ -290,15 +232,12 @@ class Frame(ABC):
         start, y, end
             Shape ``(count, *point_shape)``.
         exact
-            Whether the derivative of the flow is to be taken by differences, shape ``(count,)``.
+            Whether to take the derivative of the flow and not the fields at its end, shape
+            ``(count,)``.
         """
         corrected = v + self._coefficients_at(y, end - y)
         for k in np.flatnonzero(exact):
-            step = _DIFFERENCE * max(1.0, float(np.linalg.norm(v[k])))
-            moved = self.flow(v[k] + step * np.eye(self.dim), start[k])
-            slopes = (moved - y[k])[None] / step
-            left = (end - y)[k : k + 1]
-            corrected[k] = v[k] + _shortest(slopes, left, _DIFFERENCE_RANK_TOLERANCE)[0]
+            corrected[k] = newton_correction(self, v[k], start[k], y[k], end[k])
         return corrected
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
@@ -309,7 +248,7 @@ class Frame(ABC):
         y, tangent
             Shape ``(count, *point_shape)``.
         """
-        return _shortest(self.field(np.eye(self.dim), y[:, None]), tangent)
+        return shortest_coefficients(self.field(np.eye(self.dim), y[:, None]), tangent)
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         """Return the size that a change of each coordinate is to be compared with.
@@ -439,34 +378,6 @@ class Frame(ABC):
 def _is_array(value: Any, dtype: Any) -> TypeGuard[Points]:
     """Tell whether a value is an array of a type that needs no further check."""
     return type(value) is np.ndarray and value.dtype == dtype
-
-
-def _along(chosen: NDArray[np.bool_], points: Points) -> NDArray[np.bool_]:
-    """Return one flag a point as an array that broadcasts against the points."""
-    return chosen.reshape(-1, *(1,) * (points.ndim - 1))
-
-
-def _lengths(points: Points) -> Array:
-    """Return the Euclidean norms of points, shape ``(count,)``."""
-    return np.asarray(np.linalg.norm(points.reshape(len(points), -1), axis=-1))
-
-
-def _shortest(fields: Points, tangent: Points, tolerance: float = _RANK_TOLERANCE) -> Array:
-    """Return the shortest coefficients of fields whose sum is nearest to a tangent.
-
-    Parameters
-    ----------
-    fields
-        Shape ``(count, dim, *point_shape)``.
-    tangent
-        Shape ``(count, *point_shape)``.
-    tolerance
-        Singular values below this fraction of the largest count as zero.
-    """
-    rows = np.ascontiguousarray(fields).reshape(*fields.shape[:2], -1).view(np.float64)
-    right = np.ascontiguousarray(tangent).reshape(len(tangent), -1).view(np.float64)
-    inverse = np.linalg.pinv(rows.mT, rcond=tolerance)
-    return np.asarray((inverse @ right[..., None])[..., 0])
 
 
 def real_array(value: Any, name: str) -> Array:

@@ -153,10 +153,10 @@ class CoadjointOrbit(Frame):
 
     def _casimirs(self, y: Array) -> tuple[Array, Array]:
         """Return the Casimirs' excess over their values at ``point``, and their gradients."""
-        home = np.array(self.point)
+        given = np.array(self.point)
         linear, quadratic = self.linear_casimirs, self.quadratic_casimirs
-        difference = y - home
-        middle = (quadratic @ (y + home)[..., None, :, None])[..., 0]
+        difference = y - given
+        middle = (quadratic @ (y + given)[..., None, :, None])[..., 0]
         excess = (middle @ difference[..., None])[..., 0]
         gradients = 2.0 * (quadratic @ y[..., None, :, None])[..., 0]
         if not len(linear):

@@ -22,6 +22,7 @@ from cg.frames.base import (
     check_random,
     check_size,
 )
+from cg.frames.logarithms import real_log1p
 from cg.frames.matrix_functions import (
     combine,
     distance_from_unitary,
@@ -29,7 +30,6 @@ from cg.frames.matrix_functions import (
     nearest_unitary,
     newton_schulz,
     random_unitary,
-    real_log1p,
 )
 
 # Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from cg.frames.base import Array, Convention, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
-from cg.frames.matrix_functions import rotation_log1p, unitary_exponential
+from cg.frames.logarithms import rotation_log1p
+from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
 from cg.frames.rotations import averaged_rotation, is_rotation, rotate, rotation_logarithm
 

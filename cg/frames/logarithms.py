@@ -1,0 +1,144 @@
+"""Logarithms of stacked matrices, with the digits of their difference from the identity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg
+
+from cg.frames.base import Array, Points
+
+# Within this 1-norm of the identity z below has norm 1/7, and the terms left out are 1e-18.
+_NEAR = 0.25
+_ARTANH = [1.0 / (2 * k + 1) for k in range(11)]
+
+
+def _log1p(away: Points, far: Callable[[Points], Points]) -> Points:
+    r"""Return logarithms of :math:`I + d`, near the identity with the relative accuracy of d.
+
+    With :math:`z = d\,(2 I + d)^{-1}` it is :math:`2(z + \tfrac13 z^3 + \tfrac15 z^5 + \dots)`
+    [1]_.  This is summed near the identity.
+
+    Parameters
+    ----------
+    away
+        The differences d from the identity, shape ``(..., n, n)``.
+    far
+        Gives the logarithm of one matrix further away, from the matrix.
+
+    Returns
+    -------
+    ndarray
+        NaN where an entry isn't finite.
+
+    References
+    ----------
+    .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008, section 11.3.
+    """
+    identity = np.eye(away.shape[-1])
+    near = np.asarray(np.linalg.matrix_norm(away, ord=1) <= _NEAR)
+    result = np.empty_like(away)
+    if near.any():
+        small = away[near]
+        z = np.linalg.solve(small + 2.0 * identity, small)
+        square = z @ z
+        series = _ARTANH[-1] * identity
+        for coefficient in _ARTANH[-2::-1]:
+            series = coefficient * identity + square @ series
+        result[near] = 2.0 * (z @ series)
+    for index in map(tuple, np.argwhere(~near)):
+        finite = np.isfinite(away[index]).all()
+        result[index] = far(identity + away[index]) if finite else np.nan
+    return result
+
+
+def real_log1p(away: Points) -> Points:
+    """Return the principal logarithms of real matrices, NaN where they are not real.
+
+    Parameters
+    ----------
+    away
+        The matrices less the identity, shape ``(..., n, n)``.
+    """
+    return _log1p(away, _real_logarithm)
+
+
+def _real_logarithm(x: Points) -> Points:
+    if np.linalg.cond(x) * np.finfo(np.float64).eps > 1.0:
+        return np.full_like(x, np.nan)
+    logarithm = scipy.linalg.logm(x)
+    return np.full_like(x, np.nan) if np.iscomplexobj(logarithm) else np.asarray(logarithm)
+
+
+def rotation_log1p(away: Points) -> Points:
+    r"""Return logarithms of orthogonal matrices of determinant 1, angles at most :math:`\pi`.
+
+    They are skew up to rounding.
+
+    Parameters
+    ----------
+    away
+        The matrices less the identity, shape ``(..., n, n)``.
+    """
+    return _log1p(away, _rotation_logarithm)
+
+
+def _rotation_logarithm(x: Points) -> Points:
+    # The real Schur form of such a matrix is block diagonal: rotations of planes, ones, and an
+    # even number of minus ones, taken two by two as planes turned by half a turn.
+    form, axes = scipy.linalg.schur(x, output="real")
+    n = len(form)
+    logarithm = np.zeros_like(form)
+    j = 0
+    halves: list[int] = []
+    while j < n:
+        if j + 1 < n and form[j + 1, j] != 0.0:
+            sine = 0.5 * (form[j + 1, j] - form[j, j + 1])
+            cosine = 0.5 * (form[j, j] + form[j + 1, j + 1])
+            angle = np.arctan2(sine, cosine)
+            logarithm[j + 1, j], logarithm[j, j + 1] = angle, -angle
+            j += 2
+        else:
+            if form[j, j] < 0.0:
+                halves.append(j)
+            j += 1
+    for first, second in zip(halves[::2], halves[1::2], strict=False):
+        logarithm[second, first], logarithm[first, second] = np.pi, -np.pi
+    return np.asarray(axes @ logarithm @ axes.T)
+
+
+def unitary_log1p(away: Points, *, special: bool) -> Points:
+    r"""Return logarithms of unitary matrices, skew-Hermitian up to rounding.
+
+    Parameters
+    ----------
+    away
+        The matrices less the identity, shape ``(..., n, n)``.
+    special
+        Whether the determinants are 1 and the logarithms are to be traceless.  Else the angles
+        are in :math:`(-\pi, \pi]`.
+    """
+    return _log1p(away, _special_unitary_logarithm if special else _unitary_logarithm)
+
+
+def _unitary_angles(x: Points) -> tuple[Array, Points]:
+    """Return the eigenvalues' arguments and the eigenvectors of one unitary matrix."""
+    # The Schur form of a normal matrix is diagonal, and its vectors are orthonormal always.
+    form, vectors = scipy.linalg.schur(x, output="complex")
+    return np.angle(np.diagonal(form)), vectors
+
+
+def _unitary_logarithm(x: Points) -> Points:
+    angles, vectors = _unitary_angles(x)
+    return np.asarray((vectors * (1j * angles)) @ vectors.conj().T)
+
+
+def _special_unitary_logarithm(x: Points) -> Points:
+    angles, vectors = _unitary_angles(x)
+    # They add up to a multiple of a turn; that many of the largest (or smallest) are moved by a
+    # turn, so that the sum becomes zero.
+    turns = round(float(angles.sum()) / (2.0 * np.pi))
+    order = np.argsort(-np.sign(turns) * angles)
+    angles[order[: abs(turns)]] -= np.sign(turns) * 2.0 * np.pi
+    return np.asarray((vectors * (1j * angles)) @ vectors.conj().T)
