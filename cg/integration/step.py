@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from cg.conditions import Rows
-from cg.frames.base import Array, Frame, Points
+from cg.frames.base import Array, FlowOverflowError, Frame, Points
 from cg.integration.flows import flows_of
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER, Row, StageSolver, check_stage_solver
 from cg.integration.paths import paths_of
-from cg.integration.python_rhs import Coefficients, PythonRhs
+from cg.integration.python_rhs import Coefficients, PythonRhs, StageOverflowError
 from cg.integration.stepper import Counts, advances_by_embedded
 from cg.method import Method
 from cg.tableau import Tableau
@@ -134,7 +134,7 @@ class Step:
             origin, stages, weights = self.paths[path - 1]
             start = self._end(origin, known, fields, h)
             self.counts.nexp += len(weights)
-            known[path] = self.flows((h * weights) @ fields[..., stages, :], start)
+            known[path] = self._move((h * weights) @ fields[..., stages, :], start)
         return known[path]
 
     def field(self, t: float, point: Points) -> Array:
@@ -153,7 +153,14 @@ class Step:
             return point
         stages = [j for j, _ in row]
         weights = np.array([h * weight for _, weight in row])
-        return self.flows(weights[:, None] * fields[..., stages, :], point)
+        return self._move(weights[:, None] * fields[..., stages, :], point)
+
+    def _move(self, v: Array, point: Points) -> Points:
+        try:
+            return self.flows(v, point)
+        except FlowOverflowError as error:
+            # An adaptive step is tried again with a smaller size, unlike where f itself overflows.
+            raise StageOverflowError(str(error)) from error
 
     def evaluate(self, t: float, point: Points) -> Array:
         """Return f(t, point) after checking it."""
