@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.integration.blocks import describe_blocks
 from cg.integration.compiled_rhs import CompiledRhs
 from cg.integration.messages import failure, too_many_steps, too_small_a_step

@@ -46,7 +46,8 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.integration.flows import difference_of, flows_of
 from cg.integration.paths import paths_of
 from cg.integration.stepper import Block, Stepper, advances_by_embedded
