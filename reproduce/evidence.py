@@ -20,7 +20,7 @@ from cg.trees import catalan, forest
 
 from .blocks import Data
 from .coefficients import RANK_THRESHOLD, condition_number
-from .table3_2 import PAPER
+from .sections.table3_2 import PAPER
 
 __all__ = ["gather"]
 

@@ -10,9 +10,9 @@ from test_reproduce import check_page, read
 from cg.catalogue import methods
 from cg.certification.files import certificate_names
 from cg.conditions import count
-from cg.reproduce import beyond_catalogue, beyond_order
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.main import main
+from cg.reproduce.sections import beyond_catalogue, beyond_order
 from cg.reproduce.style import LINES, lines
 
 PAGE = Path(__file__).parents[1] / "docs" / "catalogue.md"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from cg.reproduce.beyond_catalogue import compute, markdown, table
 from cg.reproduce.context import Context, Settings
+from cg.reproduce.sections.beyond_catalogue import compute, markdown, table
 
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 
