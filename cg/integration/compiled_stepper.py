@@ -239,6 +239,9 @@ class CompiledStepper(Stepper):
         values = np.empty((self.trajectories, len(t), self.dim))
         rows = np.ascontiguousarray(y).reshape(len(t), self.trajectories, -1).view(np.float64)
         for i in range(self.trajectories):
+            if not np.isfinite(rows[:, i]).all():  # it has failed or ended
+                values[i] = math.nan
+                continue
             done, status, flag = self._core.evaluate(
                 self._address, i + 1, t, np.ascontiguousarray(rows[:, i]).T, values[i].T
             )

@@ -6,11 +6,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.method import Method
+from cg.method import Method, remembered
 from cg.points import START
 
 __all__ = ["Flow", "MethodPaths", "Path", "paths_of"]
@@ -76,13 +77,13 @@ class MethodPaths:
             k = path.origin
         return flows
 
-    @property
+    @cached_property
     def weights(self) -> tuple[Fraction, ...]:
         """The weights of all terms of all flows, and a zero: no array may be empty."""
         flows = [flow for path in self.paths for flow in path.flows]
         return (*(weight for flow in flows for _, weight in flow), Fraction(0))
 
-    @property
+    @cached_property
     def integers(self) -> NDArray[np.intc]:
         """What else compiled code needs, as ``make_method`` of ``fortran/method.f90.in`` reads it.
 
@@ -101,6 +102,7 @@ class MethodPaths:
         return np.array(numbers, dtype=np.intc)
 
 
+@remembered
 def paths_of(method: Method) -> MethodPaths:
     """Return the paths of an explicit method."""
     result, embedded = method.result, method.embedded_result
