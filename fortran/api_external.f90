@@ -2,7 +2,7 @@
 ! and call. What belongs to one integration stays here between calls, known by its address.
 module sessions
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr, c_ptr
-  use external_field, only: external_field_t, make_external_field, point_to_data
+  use external_field, only: external_field_t, make_external_field
   use integration_r64, only: problem_t, trajectory_t
   implicit none
   private
@@ -145,8 +145,8 @@ subroutine session_use_tolerances(address, stop, rtol, m, atol, exponent, max_st
 end subroutine session_use_tolerances
 
 ! At most budget trial steps of each of some trajectories
-subroutine session_advance(address, first, last, budget, every, keep_slopes, capacity, n, m, t, y, f, &
-                           counts, status, flag, failed_at)
+subroutine session_advance(address, first, last, budget, every, keep_slopes, capacity, trajectories, &
+                           n, m, t, y, f, counts, status, flag, failed_at)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use external_field, only: external_field_t
   use integration_r64, only: integrate, output_t
@@ -158,10 +158,11 @@ subroutine session_advance(address, first, last, budget, every, keep_slopes, cap
   integer, intent(in) :: first, last, budget         ! trajectories from 1
   integer, intent(in) :: every                       ! steps between stored ones
   logical, intent(in) :: keep_slopes
-  integer, intent(in) :: capacity, n, m              ! of stored steps; sizes of points and slopes
+  integer, intent(in) :: capacity, trajectories      ! of stored steps; of all trajectories
+  integer, intent(in) :: n, m                        ! sizes of points and slopes
   real(wp), intent(inout), target :: t(capacity)
-  real(wp), intent(inout), target :: y(n, capacity, first:last)
-  real(wp), intent(inout), target :: f(m, capacity, first:last)
+  real(wp), intent(inout), target :: y(n, trajectories, capacity)
+  real(wp), intent(inout), target :: f(m, trajectories, capacity)
   integer, intent(out) :: counts(5, first:last)      ! attempts, accepted, stored, nfev, nexp
   integer, intent(out) :: status(first:last), flag(first:last)
   real(wp), intent(out) :: failed_at(first:last)
@@ -178,9 +179,9 @@ subroutine session_advance(address, first, last, budget, every, keep_slopes, cap
         call make_field(session, i, field)
         output%every = every
         output%t => t
-        output%y => y(:, :, i)
+        output%y => y(:, i, :)
         nullify (output%f)
-        if (keep_slopes) output%f => f(:, :, i)
+        if (keep_slopes) output%f => f(:, i, :)
         call integrate(session%problem, field, budget, trajectory, output)
         counts(:, i) = [trajectory%attempts, trajectory%accepted, output%stored, trajectory%nfev, &
                         trajectory%nexp]
@@ -208,13 +209,15 @@ subroutine session_slope(address, i, m, f, evaluations, status, flag)
   type(session_t), pointer :: session
   type(external_field_t) :: field
   type(failure_t) :: failure
+  real(wp), allocatable :: point(:)                  ! which the function might write into
 
   session => session_at(address)
   evaluations = 0
   associate (trajectory => session%trajectories(i))
     if (.not. trajectory%known) then
       call make_field(session, i, field)
-      call evaluate(field, trajectory%t, trajectory%point, trajectory%slope, failure)
+      point = trajectory%point
+      call evaluate(field, trajectory%t, point, trajectory%slope, failure)
       evaluations = 1
       trajectory%known = failure%status == finished
     end if
@@ -298,13 +301,14 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
 end subroutine frame_difference
 
 ! Points moved along the time-1 flows of as many fields each, the first one first
-subroutine frame_move(blocks, description, flows, fields, v, points, y)
+subroutine frame_move(blocks, description, flows, fields, v, restoring, points, y)
   use kinds_r64, only: wp
   use frames_r64, only: frame_t, make_frame, move, restore
   implicit none
   integer, intent(in) :: blocks, flows, fields, points
   integer, intent(in) :: description(3, blocks)
   real(wp), intent(in) :: v(fields)          ! (dimension, flows, trajectories)
+  logical, intent(in) :: restoring           ! whether to remove rounding off the manifold
   real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
   type(frame_t) :: frame
   real(wp) :: ones(flows)
@@ -323,8 +327,8 @@ contains
     real(wp), intent(inout) :: y(point_size, trajectories)
 
     do i = 1, trajectories
-      call move(frame, numbers, ones, numbers(:flows), v(:, :, i), y(:, i))
-      call restore(frame, y(:, i))
+      call move(frame, 1, flows, numbers, ones, numbers(:flows), v(:, :, i), y(:, i))
+      if (restoring) call restore(frame, y(:, i))
     end do
   end subroutine move_all
 

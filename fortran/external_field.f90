@@ -8,7 +8,7 @@ module external_field
   use stepper_r64, only: vector_field_t
   implicit none
   private
-  public :: external_field_t, make_external_field, point_to_data
+  public :: external_field_t, make_external_field
 
   abstract interface
 
@@ -26,7 +26,6 @@ module external_field
   type, extends(vector_field_t) :: external_field_t
     procedure(rhs_i), pointer, nopass :: rhs => null()
     type(c_ptr) :: user_data = c_null_ptr
-    real(wp), allocatable :: y(:)     ! what the function is given, so that it can't write elsewhere
     real(wp) :: nan = 0.0_wp
   contains
     procedure :: coefficients
@@ -42,16 +41,9 @@ contains
 
     rhs = transfer(function_address, rhs)
     call c_f_procpointer(rhs, field%rhs)
-    call point_to_data(data_address, field)
+    field%user_data = transfer(data_address, field%user_data)
     field%nan = ieee_value(field%nan, ieee_quiet_nan)
   end subroutine make_external_field
-
-  subroutine point_to_data(data_address, field)
-    integer(c_intptr_t), intent(in) :: data_address      ! 0 for none
-    type(external_field_t), intent(inout) :: field
-
-    field%user_data = transfer(data_address, field%user_data)
-  end subroutine point_to_data
 
   ! What the function leaves out stays NaN, which the stepper reports.
   subroutine coefficients(self, t, y, f, flag)
@@ -61,9 +53,8 @@ contains
     real(wp), contiguous, intent(out) :: f(:)      ! (dimension)
     integer, intent(out) :: flag
 
-    self%y = y
     f = self%nan
-    flag = self%rhs(t, self%y, f, self%user_data)
+    flag = self%rhs(t, y, f, self%user_data)
   end subroutine coefficients
 
 end module external_field

@@ -26,7 +26,7 @@ from cg.integration.stepper import (
     Stepper,
     error_exponent,
 )
-from cg.integration.time_grid import TimeGrid
+from cg.integration.time_grid import TimeGrid, stored_count
 from cg.method import Method
 from cg.shared_numbers import Stop
 
@@ -64,6 +64,8 @@ class CompiledStepper(Stepper):
         Number of threads over which an ensemble for a function in C is spread.
     watched
         Whether each block is looked through for the event that ends it all.
+    keep
+        Whether to keep all steps of a grid in one piece.
     """
 
     def __init__(
@@ -79,6 +81,7 @@ class CompiledStepper(Stepper):
         every: int = 1,
         workers: int = 1,
         watched: bool = False,
+        keep: bool = False,
     ) -> None:
         import cg._external as core
 
@@ -101,6 +104,12 @@ class CompiledStepper(Stepper):
         else:
             data = rhs.address, rhs.data_address, rhs.data_stride
         first = getattr(schedule, "first_step", None) or 0.0
+        self._done = 0
+        if keep and isinstance(schedule, TimeGrid):
+            # what is written where it stays needs no other memory, and no copying
+            kept = stored_count(schedule.steps, every)
+            self.whole = np.empty(kept), np.empty((kept, *points.shape), dtype=points.dtype)
+            self.whole[0][0], self.whole[1][0] = schedule.start, points
         self._core = core
         self._reached = schedule.start
         self._address: int = core.open(
@@ -148,35 +157,45 @@ class CompiledStepper(Stepper):
     ) -> tuple[Block, int, NDArray[np.intc], NDArray[np.intc], Array]:
         """Take some steps of all trajectories."""
         capacity = steps // self.every + 1
-        points = np.full((self.trajectories, capacity, self.width), math.nan)
-        shape = (self.trajectories, capacity, self.dim) if self.slopes else (1, 1, 1)
-        slopes = np.full(shape, math.nan)
+        if self.whole is None:
+            times = np.empty(capacity + 1)
+            points = np.empty((capacity + 1, self.trajectories, self.width))
+            times[0] = t
+            points[0] = np.ascontiguousarray(y).view(np.float64).reshape(points.shape[1:])
+        else:
+            part = slice(self._done, min(self._done + capacity + 1, len(self.whole[0])))
+            times = self.whole[0][part]
+            flat = self.whole[1].reshape(len(self.whole[0]), self.trajectories, -1)
+            points = flat.view(np.float64)[part]
+            capacity = len(times) - 1
+        slopes = np.empty((capacity, self.trajectories, self.dim) if self.slopes else (1, 1, 1))
 
         def run(part: slice) -> tuple[Any, ...]:
-            times = np.empty(capacity)
-            found = self._core.advance(
-                self._address, part.start + 1, part.stop, steps, self.every, self.slopes, times,
-                points[part].T, slopes[part if self.slopes else slice(None)].T,
+            found: tuple[Any, ...] = self._core.advance(
+                self._address, part.start + 1, part.stop, steps, self.every, self.slopes,
+                times[1:], points[1:].T, slopes.T,
             )  # fmt: skip
-            return times, *found
+            return found
 
         parts = self._spread(run)
         counts, statuses, flags, failed_at = (
-            np.concatenate([part[k] for part in parts], axis=-1) for k in range(1, 5)
+            np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
         )
         attempts, accepted, stored, nfev, nexp = counts.max(axis=1).tolist()
         self.counts.steps += accepted
         self.counts.rejected += attempts - accepted
         self.counts.nfev += nfev
         self.counts.nexp += nexp
-        longest = max(range(len(parts)), key=lambda k: int(parts[k][1][2].max()))
-        times = parts[longest][0][:stored]
+        for i in np.flatnonzero(counts[2] < stored).tolist():
+            points[counts[2, i] + 1 :, i] = math.nan
+            if self.slopes:
+                slopes[counts[2, i] :, i] = math.nan
+        self._done += stored
+        shape = (stored + 1, *self.batch, *self.frame.point_shape)
         block = Block(
-            np.concatenate([[t], times]),
-            np.concatenate([y[None], self._ordered(points, stored)]),
-            np.moveaxis(slopes[:, :stored], 0, 1).reshape(stored, *self.batch, self.frame.dim)
-            if self.slopes
-            else None,
+            times[: stored + 1],
+            points[: stored + 1].view(self.frame.dtype).reshape(shape),
+            slopes[:stored].reshape(stored, *self.batch, self.frame.dim) if self.slopes else None,
         )
         return block, attempts, statuses, flags, failed_at
 
@@ -189,12 +208,6 @@ class CompiledStepper(Stepper):
             return [run(parts[0])]
         with ThreadPoolExecutor(len(parts)) as pool:
             return list(pool.map(run, parts))
-
-    def _ordered(self, points: Array, stored: int) -> Points:
-        """Return stored points with time as the first axis."""
-        rows = np.ascontiguousarray(np.moveaxis(points[:, :stored], 0, 1))
-        shape = (stored, *self.batch, *self.frame.point_shape)
-        return rows.view(self.frame.dtype).reshape(shape)
 
     def _judge(
         self, statuses: NDArray[np.intc], flags: NDArray[np.intc], failed_at: Array, t: float

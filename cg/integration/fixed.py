@@ -134,7 +134,7 @@ def integrate(
         )
     grid = make_grid(t_span, h)
     problem.check_grid(grid, h, every=save_every, between=False)
-    stepper = problem.stepper(grid, every=save_every, workers=workers)
+    stepper = problem.stepper(grid, every=save_every, workers=workers, keep=True)
     recorder = Recorder(stepper, grid.start, problem.points, None, False, {})
     for block in stepper.blocks():
         recorder.add(block)

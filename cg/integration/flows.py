@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
@@ -12,9 +13,24 @@ from cg.integration.blocks import describe_blocks, is_compiled
 
 __all__ = ["Difference", "Flows", "difference_of", "flows_of"]
 
-Flows = Callable[[Array, Points], Points]
-"""``flows(v, y)`` moves points ``y``, shape ``(*batch, *point_shape)``, along the time-1 flows of
-coefficients ``v``, shape ``(*batch, flows, dim)``, the first one first."""
+
+class Flows(Protocol):
+    """Moves points along several flows."""
+
+    def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
+        """Return points moved along time-1 flows, the first one first.
+
+        Parameters
+        ----------
+        v
+            Coefficients, shape ``(*batch, flows, dim)``.
+        y
+            Points, shape ``(*batch, *point_shape)``.
+        restore
+            Whether to remove rounding off the manifold, where flows don't do so by themselves.
+        """
+        ...
+
 
 Difference = Callable[[Points, Points], Array | None]
 """``difference(y0, y1)`` is `Frame.exp_coordinates`."""
@@ -34,7 +50,7 @@ class _Flows:
     def __init__(self, frame: Frame) -> None:
         self.frame = frame
 
-    def __call__(self, v: Array, y: Points) -> Points:
+    def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
         for j in range(v.shape[-2]):
             y = self.frame.flow(v[..., j, :], y)
         return y
@@ -53,11 +69,12 @@ class _CompiledFlows:
     def __reduce__(self) -> tuple[Callable[[Frame], Flows], tuple[Frame]]:
         return flows_of, (self.frame,)  # compiled functions can't be pickled
 
-    def __call__(self, v: Array, y: Points) -> Points:
+    def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
         moved = np.array(y, dtype=self.frame.dtype, order="C")
         if v.size and moved.size:
             fields = np.ascontiguousarray(v).reshape(-1)
-            self.move(self.description, v.shape[-2], fields, moved.reshape(-1).view(np.float64))
+            flat = moved.reshape(-1).view(np.float64)
+            self.move(self.description, v.shape[-2], fields, restore, flat)
         return moved
 
 

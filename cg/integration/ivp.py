@@ -220,7 +220,9 @@ def _record(
     """Take all steps."""
     looked_for = {member: log for member, log in (logs or {}).items() if log}
     between = dense or bool(looked_for) or wanted is not None
-    stepper = problem.stepper(schedule, slopes=between, watched=bool(looked_for))
+    stepper = problem.stepper(
+        schedule, slopes=between, watched=bool(looked_for), keep=wanted is None and not looked_for
+    )
     recorder = Recorder(stepper, schedule.start, problem.points, wanted, dense, looked_for)
     for block in stepper.blocks():
         if recorder.add(block):

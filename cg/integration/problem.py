@@ -92,12 +92,13 @@ class Problem:
         every: int = 1,
         workers: int = 1,
         watched: bool = False,
+        keep: bool = False,
     ) -> Stepper:
         """Return what takes the steps; see `CompiledStepper`."""
         if self.in_compiled_code:
             return CompiledStepper(
                 self.rhs, self.frame, self.method, self.batch, self.points, schedule,
-                slopes=slopes, every=every, workers=workers, watched=watched,
+                slopes=slopes, every=every, workers=workers, watched=watched, keep=keep,
             )  # fmt: skip
         rhs = self.rhs
         if isinstance(rhs, CompiledRhs):
@@ -126,8 +127,7 @@ class Problem:
             )
         size = self.points.nbytes + (8 * self.frame.dim * math.prod(self.batch) if between else 0)
         kept = stored_count(grid.steps, every) if every else 0
-        # in blocks before they are joined
-        check_memory(h, grid.steps, 2 * kept * (size + 8))
+        check_memory(h, grid.steps, kept * (size + 8))
 
 
 def make_problem(

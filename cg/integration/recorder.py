@@ -88,7 +88,7 @@ class Recorder:
             if self.wanted is None:
                 block = Block(t, y, block.slopes)
         if self.wanted is None:
-            self._keep(block.t[1:], block.y[1:].copy())
+            self._keep(block.t[1:], block.y[1:])
         else:
             self._keep_wanted(block, positions, solution)
         if self.dense:
@@ -182,6 +182,8 @@ class Recorder:
 
     def _keep(self, t: Array, y: Points) -> None:
         sign = 1.0 if t.size == 0 or t[-1] >= self.ends[0][0] else -1.0
+        if any(self.ended):
+            y = y.copy()  # the next steps go on from it
         for member, end in self.ended.items():
             if member:
                 beyond: Any = (sign * (t - end) > 0.0, *member)
@@ -189,15 +191,21 @@ class Recorder:
         self.t.append(t)
         self.y.append(y)
 
+    @property
+    def _whole(self) -> tuple[Array, Points] | None:
+        """All steps, where they were kept in one piece and that is what is wanted."""
+        whole = self.stepper.whole
+        return None if self.wanted is not None or self.ended else whole
+
     def times(self) -> Array:
         """Return the times that were kept, shape ``(n,)``, read-only."""
-        t = np.concatenate(self.t)
+        t = np.concatenate(self.t) if self._whole is None else self._whole[0]
         t.flags.writeable = False
         return t
 
     def points(self) -> Points:
         """Return the points at them, shape ``(n, *batch, *point_shape)``, read-only."""
-        y: Points = np.concatenate(self.y)
+        y: Points = np.concatenate(self.y) if self._whole is None else self._whole[1]
         y.flags.writeable = False
         return y
 

@@ -135,7 +135,8 @@ class Step:
             origin, stages, weights = self.paths[path - 1]
             start = self._end(origin, known, fields, h)
             self.counts.nexp += len(weights)
-            known[path] = self._move((h * weights) @ fields[..., stages, :], start)
+            v = (h * weights) @ fields[..., stages, :]
+            known[path] = self._move(v, start, path in self.results)
         return known[path]
 
     def field(self, t: float, point: Points) -> Array:
@@ -156,9 +157,9 @@ class Step:
         weights = np.array([h * weight for _, weight in row])
         return self._move(weights[:, None] * fields[..., stages, :], point)
 
-    def _move(self, v: Array, point: Points) -> Points:
+    def _move(self, v: Array, point: Points, restore: bool = True) -> Points:
         try:
-            return self.flows(v, point)
+            return self.flows(v, point, restore)
         except FlowOverflowError as error:
             # An adaptive step is tried again with a smaller size, unlike where f itself overflows.
             raise StageOverflowError(str(error)) from error

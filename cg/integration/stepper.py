@@ -108,6 +108,9 @@ class Stepper(ABC):
         Why the steps ended before the end was reached, empty if they didn't.
     failures
         Why members of an ensemble ended early, by their indices.
+    whole
+        Times and points of all steps if the stepper keeps them in one piece, of which blocks are
+        parts; None if it doesn't.
     """
 
     frame: Frame
@@ -116,6 +119,7 @@ class Stepper(ABC):
     counts: Counts = field(default_factory=Counts, init=False)
     trouble: str = field(default="", init=False)
     failures: dict[tuple[int, ...], str] = field(default_factory=dict, init=False)
+    whole: tuple[Array, Points] | None = field(default=None, init=False)
 
     @abstractmethod
     def blocks(self) -> Iterator[Block]:
