@@ -303,7 +303,7 @@ end subroutine frame_difference
 ! Points moved along the time-1 flows of as many fields each, the first one first
 subroutine frame_move(blocks, description, flows, fields, v, restoring, points, y)
   use kinds_r64, only: wp
-  use frames_r64, only: flows_t, frame_t, make_frame, move, restore
+  use frames_r64, only: frame_t, make_frame, move, restore
   implicit none
   integer, intent(in) :: blocks, flows, fields, points
   integer, intent(in) :: description(3, blocks)
@@ -311,11 +311,12 @@ subroutine frame_move(blocks, description, flows, fields, v, restoring, points, 
   logical, intent(in) :: restoring           ! whether to remove rounding off the manifold
   real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
   type(frame_t) :: frame
-  type(flows_t) :: each                      ! of one field
-  integer :: i
+  real(wp) :: ones(flows)
+  integer :: numbers(flows + 1), i
 
   call make_frame(description, 1, frame)
-  each = flows_t(first=[(i, i=1, flows + 1)], weight=[(1.0_wp, i=1, flows)], stage=[(i, i=1, flows)])
+  ones = 1.0_wp
+  numbers = [(i, i=1, flows + 1)]
   call move_all(frame%dimension, frame%point_size, points / frame%point_size, v, y)
 
 contains
@@ -326,7 +327,7 @@ contains
     real(wp), intent(inout) :: y(point_size, trajectories)
 
     do i = 1, trajectories
-      call move(frame, each, 1, flows, flows, v(:, :, i), y(:, i))
+      call move(frame, 1, flows, numbers, ones, numbers(:flows), v(:, :, i), y(:, i))
       if (restoring) call restore(frame, y(:, i))
     end do
   end subroutine move_all
