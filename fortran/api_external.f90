@@ -256,6 +256,31 @@ subroutine session_evaluate(address, i, points, n, m, t, y, f, done, status, fla
   flag = failure%flag
 end subroutine session_evaluate
 
+! One call of a function in C for each of some points, which it may write into
+subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, flag)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use external_field, only: external_field_t, make_external_field
+  use kinds_r64, only: wp
+  implicit none
+  integer(c_intptr_t), intent(in) :: function_address
+  integer(c_intptr_t), intent(in) :: data_address    ! 0 for none
+  integer(c_intptr_t), intent(in) :: data_stride     ! bytes from one member's data to the next
+  real(wp), intent(in) :: t
+  integer, intent(in) :: members, n, m
+  real(wp), intent(inout) :: y(n, members), f(m, members)
+  integer, intent(out) :: done                       ! how many were evaluated before one failed
+  integer, intent(out) :: flag                       ! what the function returned then
+  type(external_field_t) :: field
+
+  flag = 0
+  do done = 0, members - 1
+    call make_external_field(function_address, data_address + int(done, c_intptr_t) * data_stride, &
+                             field)
+    call field%coefficients(t, y(:, done + 1), f(:, done + 1), flag)
+    if (flag /= 0) exit
+  end do
+end subroutine call_field
+
 ! The address of the function in C that calls one of Python
 subroutine python_field_address(address)
   use, intrinsic :: iso_c_binding, only: c_double, c_funloc, c_int, c_intptr_t, c_ptr

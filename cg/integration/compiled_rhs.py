@@ -19,13 +19,6 @@ SIGNATURE = "int (double, double *, double *, void *)"
 """What a compiled right-hand side must be; ``const`` may stand anywhere."""
 
 _FUNCTION_POINTER: Any = ctypes.CFUNCTYPE(None).__mro__[1]
-_PROTOTYPE = ctypes.CFUNCTYPE(
-    ctypes.c_int,
-    ctypes.c_double,
-    ctypes.POINTER(ctypes.c_double),
-    ctypes.POINTER(ctypes.c_double),
-    ctypes.c_void_p,
-)
 
 
 @dataclass(frozen=True)
@@ -111,16 +104,17 @@ class CompiledRhs:
         """
         if self.frame is None:
             raise ValueError("frame must be given before a compiled f is called")
-        rank = len(self.frame.point_shape)
+        import cg._external as core
+
         points = np.array(y, dtype=self.frame.dtype, order="C")  # it may write into its own copy
-        batch = points.shape[: points.ndim - rank]
-        rows = points.reshape(math.prod(batch), -1).view(np.float64)
-        coefficients = np.full((len(rows), self.frame.dim), math.nan)
-        pointer = ctypes.POINTER(ctypes.c_double)
-        call = _PROTOTYPE(self.address)
-        for i, (row, values) in enumerate(zip(rows, coefficients, strict=True)):
-            data = (self.data_address + i * self.data_stride) or None
-            code = call(t, row.ctypes.data_as(pointer), values.ctypes.data_as(pointer), data)
+        batch = points.shape[: points.ndim - len(self.frame.point_shape)]
+        members = math.prod(batch)
+        coefficients = np.empty((members, self.frame.dim))
+        if members:
+            rows = points.reshape(members, -1).view(np.float64)
+            _, code = core.call_field(
+                self.address, self.data_address, self.data_stride, t, rows.T, coefficients.T
+            )
             if code:
                 raise RuntimeError(f"f returned the error code {code} at t = {t:.17g}")
         return coefficients.reshape(*batch, self.frame.dim)
@@ -145,6 +139,8 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
     ValueError
         If ``f`` is compiled but has another signature.
     """
+    if isinstance(f, CompiledRhs):
+        return f
     # A cfunc's type can't be named here, since numba may not be installed.
     is_cfunc = hasattr(f, "address") and isinstance(getattr(f, "ctypes", None), _FUNCTION_POINTER)
     source: Any = f.ctypes if is_cfunc else f
