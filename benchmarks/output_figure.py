@@ -64,9 +64,12 @@ def draw(found: list[OutputError], folder: Path) -> None:
             panel.plot(ends, ends, color="#555555", linewidth=0.9, label="as large")
             panel.plot(ends, 3 * ends, color="#555555", linewidth=0.9, linestyle=(0, (4, 3)),
                        label="three times as large")  # fmt: skip
-            for method, (colour, marker) in zip(methods, _STYLES, strict=False):
+            for k, method in enumerate(methods):
+                colour, marker = _STYLES[k % len(_STYLES)]
                 own = [x for x in found if (x.problem, x.method) == (problem, method)]
                 style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 5}
+                if k >= len(_STYLES):
+                    style["markerfacecolor"] = "white"
                 panel.plot([x.at for x in own], [x.between for x in own], linewidth=0,
                            label=method, **style)  # fmt: skip
             panel.set_xscale("log")

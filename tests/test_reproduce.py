@@ -269,14 +269,14 @@ def test_interrupted_search_goes_on(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         search.compute(SMALL, context(tmp_path, progress=stop))
-    (journal,) = tmp_path.iterdir()
-    kept = journal.read_text().splitlines()
+    (kept_file,) = tmp_path.iterdir()
+    kept = kept_file.read_text().splitlines()
     assert 21 <= len(kept) < 61
-    with journal.open("a") as stream:
+    with kept_file.open("a") as stream:
         stream.write('{"index": 59, "dou')  # what a kill in the middle of a line leaves
 
     resumed = search.compute(SMALL, context(tmp_path))
-    assert journal.read_text().splitlines()[: len(kept)] == kept
+    assert kept_file.read_text().splitlines()[: len(kept)] == kept
     fresh = tmp_path / "fresh"
     fresh.mkdir()
     assert resumed == search.compute(SMALL, context(fresh))
