@@ -5,7 +5,7 @@ STAMP := $(VENV)/.installed
 OUT ?= reproduce/out
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks lint benchmarks clean
+.PHONY: all build reproduce test test-all test-checks lint benchmarks catalogue clean
 
 all: build
 
@@ -40,6 +40,9 @@ test-checks:
 
 benchmarks: build
 	$(PY) -m benchmarks $(ARGS)
+
+catalogue: build
+	$(PY) tools/update_catalogue.py
 
 lint: build
 	$(VENV)/bin/ruff check .

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame
+from cg.frames.arrays import Array
+from cg.frames.base import Frame
 from cg.integration.fixed import integrate
 from cg.integration.python_rhs import Coefficients
 from cg.method import Method

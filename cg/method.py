@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from functools import cached_property, wraps
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,9 @@ from .coefficients import Coefficient
 from .layout import Layout
 from .points import MethodError, Point, PointTree
 
-__all__ = ["TOLERANCE_FACTOR", "Method", "read_coefficient", "read_texts"]
+__all__ = ["TOLERANCE_FACTOR", "Method", "read_coefficient", "read_texts", "remembered"]
+
+Result = TypeVar("Result")
 
 ExactTableau = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]
 
@@ -302,3 +305,22 @@ def read_texts(
     if residual is not None:
         residual = read_coefficient(residual, "nominal_residual", error)
     return {"name": name, "source": source, "nominal_order": order, "nominal_residual": residual}
+
+
+def remembered(compute: Callable[[Method], Result]) -> Callable[[Method], Result]:
+    """Return a function that computes something of a method once, as long as the method lives.
+
+    Methods are frozen. They are told apart as objects: to hash all their coefficients would take
+    longer than most of what is computed.
+    """
+    known: dict[int, Result] = {}
+
+    @wraps(compute)
+    def recall(method: Method) -> Result:
+        key = id(method)
+        if key not in known:
+            known[key] = compute(method)
+            weakref.finalize(method, known.pop, key, None)
+        return known[key]
+
+    return recall

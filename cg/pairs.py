@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 
 from .conditions import HIGHEST_ORDER, residuals_of
-from .method import Method
+from .method import Method, remembered
 
 __all__ = ["check_order", "check_pair"]
 
@@ -29,8 +29,7 @@ def check_order(method: Method, *, stacklevel: int = 2) -> None:
     UserWarning
         If the steps don't converge, since the weights of the result don't add up to one.
     """
-    # the order itself takes seconds to compute where it is high
-    if not method.satisfies(1):
+    if not _converges(method):
         warnings.warn(
             f"{_name(method)} has order 0: its solutions don't converge", stacklevel=stacklevel + 1
         )
@@ -56,25 +55,34 @@ def check_pair(method: Method, *, stacklevel: int = 2) -> None:
     ValueError
         If the method is no pair.
     """
-    order, second = method.order, method.embedded_order
-    if second is None:
+    if method.embedded_order is None:
         raise ValueError(f"method must be a pair, got {method!r}")
     check_order(method, stacklevel=stacklevel + 1)
-    if second == 0:
-        message = "its second result has order 0, so that the error estimate stays large"
-    elif second == order:
-        message = (
-            f"both its results have order {order}, so that the error estimate may miss the error"
-        )
-    else:
-        message = ""
+    if message := _fault(method):
+        warnings.warn(f"{_name(method)}: {message}", stacklevel=stacklevel + 1)
+
+
+@remembered
+def _converges(method: Method) -> bool:
+    # the order itself takes seconds to compute where it is high
+    return method.satisfies(1)
+
+
+@remembered
+def _fault(method: Method) -> str:
+    """Return what is wrong with a pair, or nothing."""
+    order, second = method.order, method.embedded_order
+    assert second is not None
     trees = min(order, second) + 1
     if trees <= HIGHEST_ORDER:
         results = [residuals_of(method, trees, embedded=embedded) for embedded in (False, True)]
         if np.abs(np.subtract(*results)).max() < LEAST_DIFFERENCE:
-            message = "its results nearly coincide, so that the error estimate is next to nothing"
-    if message:
-        warnings.warn(f"{_name(method)}: {message}", stacklevel=stacklevel + 1)
+            return "its results nearly coincide, so that the error estimate is next to nothing"
+    if second == 0:
+        return "its second result has order 0, so that the error estimate stays large"
+    if second == order:
+        return f"both its results have order {order}, so that the error estimate may miss the error"
+    return ""
 
 
 def _name(method: Method) -> str:

@@ -21,7 +21,7 @@ class Phase:
         Sum of squared residuals over the independent conditions, the objective of the paper;
         for a refined point of the minimum-norm solver a bound on that over all conditions.
     info : int
-        Why the solver stopped: `cg.solve.status` or `cg.solve.minimum_norm.MinimumNormStatus`.
+        Why the solver stopped: `cg.shared_numbers.Status` or `cg.shared_numbers.MinimumNormStatus`.
     nfev : int
         Evaluations of the residuals, those for difference quotients included.
     """

@@ -10,7 +10,18 @@ import argparse
 from enum import IntEnum
 from pathlib import Path
 
-__all__ = ["BlockKind", "BlockOption", "Stop", "fortran_module"]
+__all__ = [
+    "BlockKind",
+    "BlockOption",
+    "ConditionOwner",
+    "FieldFlag",
+    "MinimumNormStatus",
+    "StageEquation",
+    "Status",
+    "Stop",
+    "c_header",
+    "fortran_module",
+]
 
 
 class Stop(IntEnum):
@@ -51,7 +62,94 @@ class BlockOption(IntEnum):
     SCALAR_FIRST = 2  # of a quaternion
 
 
-_SUFFIXES = {Stop: "", FieldFlag: "", BlockKind: "_block", BlockOption: ""}
+class Status(IntEnum):
+    """MINPACK's ``info``, by the names that the compiled solver has for it.
+
+    References
+    ----------
+    .. [1] J. J. Moré, B. S. Garbow, K. E. Hillstrom, User Guide for MINPACK-1,
+       Argonne National Laboratory report ANL-80-74 (1980).
+    """
+
+    STOPPED_BY_USER = -1
+    IMPROPER_INPUT = 0
+    SMALL_REDUCTION = 1
+    SMALL_STEP = 2
+    SMALL_REDUCTION_AND_STEP = 3
+    SMALL_GRADIENT = 4
+    TOO_MANY_EVALUATIONS = 5
+    FTOL_TOO_SMALL = 6
+    XTOL_TOO_SMALL = 7
+    GTOL_TOO_SMALL = 8
+
+    @property
+    def converged(self) -> bool:
+        """Whether one of the requested convergence tests was met."""
+        return Status.SMALL_REDUCTION <= self <= Status.SMALL_GRADIENT
+
+    @property
+    def message(self) -> str:
+        """The status as a sentence."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    Status.STOPPED_BY_USER: "The function stopped the solver.",
+    Status.IMPROPER_INPUT: "The solver refused its arguments.",
+    Status.SMALL_REDUCTION: (
+        "The actual and the predicted relative reduction of the sum of squares are at most ftol."
+    ),
+    Status.SMALL_STEP: "The relative change between two iterates is at most xtol.",
+    Status.SMALL_REDUCTION_AND_STEP: (
+        "The relative reductions of the sum of squares are at most ftol, "
+        "and the relative change between two iterates is at most xtol."
+    ),
+    Status.SMALL_GRADIENT: (
+        "The cosines between the residual and the columns of the Jacobian are at most gtol."
+    ),
+    Status.TOO_MANY_EVALUATIONS: "The number of evaluations has reached maxfev.",
+    Status.FTOL_TOO_SMALL: "ftol is too small: the sum of squares can't be reduced further.",
+    Status.XTOL_TOO_SMALL: "xtol is too small: the iterate can't be improved further.",
+    Status.GTOL_TOO_SMALL: (
+        "gtol is too small: the residual is orthogonal to the columns of the Jacobian "
+        "to machine precision."
+    ),
+}
+
+
+class MinimumNormStatus(IntEnum):
+    """Why the minimum-norm solver stopped."""
+
+    SOLVED = 1  # the sum of squares is at most ftol
+    OUT_OF_ITERATIONS = 2
+    NO_DESCENT = 3  # not even a tiny step reduces it
+    NOT_FINITE = 4  # at the start
+    STOPPED = 5  # by another thread
+
+
+class ConditionOwner(IntEnum):
+    """What a condition is on; positive numbers are stages."""
+
+    FIRST_RESULT = 0
+    SECOND_RESULT = -1
+
+
+class StageEquation(IntEnum):
+    """What a condition on a stage may be in place of a tree."""
+
+    MIDDLE = -1  # its abscissa lies in the middle of its piece of the step
+
+
+_SUFFIXES = {
+    Stop: "",
+    FieldFlag: "",
+    BlockKind: "_block",
+    BlockOption: "",
+    Status: "",
+    MinimumNormStatus: "",
+    ConditionOwner: "",
+    StageEquation: "_abscissa",
+}
 
 
 def fortran_module() -> str:
@@ -69,7 +167,16 @@ def fortran_module() -> str:
     return "\n".join([*lines, "end module shared_numbers", ""])
 
 
+def c_header() -> str:
+    """Return the header that has those numbers that C must know."""
+    members = ", ".join(f"{flag.name} = {flag.value}" for flag in FieldFlag)
+    return f"/* Made from cg/shared_numbers.py */\nenum {{ {members} }};\n"
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--output", type=Path, required=True)
-    parser.parse_args().output.write_text(fortran_module(), encoding="utf-8")
+    parser.add_argument("module", type=Path, help="the Fortran module to write")
+    parser.add_argument("header", type=Path, help="the C header to write")
+    files = parser.parse_args()
+    files.module.write_text(fortran_module(), encoding="utf-8")
+    files.header.write_text(c_header(), encoding="utf-8")

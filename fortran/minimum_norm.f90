@@ -10,14 +10,10 @@ module minimum_norm
   use kinds_r64, only: wp
   use lapack, only: gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
   use least_squares_r64, only: differentiable_t
+  use shared_numbers, only: no_descent, not_finite, out_of_iterations, solved, stopped
   implicit none
   private
   public :: minimise_norm
-  integer, parameter, public :: solved = 1           ! sum of squares at most ftol
-  integer, parameter, public :: out_of_iterations = 2
-  integer, parameter, public :: no_descent = 3       ! not even a tiny step reduces it
-  integer, parameter, public :: not_finite = 4       ! at the start
-  integer, parameter, public :: stopped = 5          ! by another thread
 
   real(wp), parameter :: least_damping = 1.0e-17_wp
   real(wp), parameter :: least_accurate = 1.0e-22_wp ! the same where J J^T isn't formed

@@ -11,9 +11,7 @@
 
 #define NO_IMPORT_ARRAY /* the module imports it */
 #include "fortranobject.h"
-
-/* As in cg/shared_numbers.py; a test compares the two. */
-enum { RAISED_IN_PYTHON = -2147483647 };
+#include "shared_numbers.h"
 
 enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, COUNT, CHECK };
 enum { MOST_ARGUMENTS = 32 };

@@ -12,7 +12,7 @@ from cg.catalogue import methods
 from cg.conditions import Rows, count, exact_residuals_of, jacobian, unknowns, unpack
 from cg.convergence import final_errors, observed_order
 from cg.frames import Euclidean
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.integration import integrate
 from cg.method import Method
 from cg.problems import HeavyTop, StateDependentRotation
@@ -20,7 +20,7 @@ from cg.trees import catalan, forest
 
 from .blocks import Data
 from .coefficients import RANK_THRESHOLD, condition_number
-from .table3_2 import PAPER
+from .sections.table3_2 import PAPER
 
 __all__ = ["gather"]
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TextIO
 
 from .context import Progress, Settings
-from .items import ITEMS, Item, select
+from .item import Item
+from .items import ITEMS, select
 from .run import OutputError, check_output, run
 
 __all__ = ["main"]

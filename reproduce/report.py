@@ -9,16 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from .blocks import Block, Chart, Data, Table, Text
-from .items import ITEMS, Item
+from .item import Item
+from .items import ITEMS
 from .style import render
 
 __all__ = ["page", "section"]
 
 _TITLE = "Runge–Kutta methods of Crouch–Grossman type of high order, reproduced"
-_ORDER = (
-    "claims", "table3.2", "search4", "search5", "search6", "appendix", "fig4.1", "fig4.2",
-    "fig4.2quad", "beyond.order", "beyond.catalogue",
-)  # fmt: skip
 _MARKS = {"pass": "✓", "fail": "✗", "not reproducible": "–"}
 
 
@@ -32,7 +29,8 @@ def page(state: Mapping[str, Any], sections: Mapping[str, str]) -> str:
     sections : mapping
         By item, what `section` returned.
     """
-    shown = [ITEMS[name] for name in _ORDER if name in sections]
+    by_place = sorted(ITEMS.values(), key=lambda item: item.place)
+    shown = [item for item in by_place if item.name in sections]
     links = "".join(f'<li><a href="#{_id(item)}">{escape(item.title)}</a></li>' for item in shown)
     settings, run = state["settings"], state["run"]
     extent = "extensive search" if settings["full"] else "default search"

@@ -15,7 +15,8 @@ import cg
 from . import fingerprint
 from .blocks import Data
 from .context import Context, Progress, Settings
-from .items import ITEMS, Item
+from .item import Item
+from .items import ITEMS
 from .report import page, section
 
 __all__ = ["FORMAT", "OutputError", "check_output", "run"]

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.integration import integrate
 from cg.integration.built_in import Kind, integrate_heavy_top
 from cg.problems import HeavyTop

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from cg.shared_numbers import fortran_module
+
 TESTS = Path(__file__).parent
 SOURCES = TESTS.parent / "fortran"
-MODULES = ("kinds", "status", "least_squares", "linalg", "levenberg_marquardt", "lmdif", "lmder")
+MODULES = ("kinds", "stop_flag", "least_squares", "linalg", "levenberg_marquardt", "lmdif", "lmder")
 KINDS = {"r64": "real64", "r128": "real128"}
 FLAGS = [
     *("-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra"),
@@ -30,7 +32,9 @@ C_INTS = ctypes.POINTER(ctypes.c_int)
 
 def compile_fortran(folder: Path, suffix: str, test_source: Path, output: str, *flags: str) -> Path:
     """Compile the solver and one source of the tests in one kind, into `output`."""
-    sources = []
+    shared = folder / "shared_numbers.f90"
+    shared.write_text(fortran_module())
+    sources = [str(shared)]
     for source in (*(SOURCES / f"{module}.f90.in" for module in MODULES), test_source):
         text = source.read_text().replace("@SFX@", suffix).replace("@KIND@", KINDS[suffix])
         configured = folder / source.name.removesuffix(".in")

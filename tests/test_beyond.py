@@ -10,9 +10,9 @@ from test_reproduce import check_page, read
 from cg.catalogue import methods
 from cg.certification.files import certificate_names
 from cg.conditions import count
-from cg.reproduce import beyond_catalogue, beyond_order
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.main import main
+from cg.reproduce.sections import beyond_catalogue, beyond_order
 from cg.reproduce.style import LINES, lines
 
 PAGE = Path(__file__).parents[1] / "docs" / "catalogue.md"
@@ -66,7 +66,7 @@ def test_certificates_are_shown_where_there_are_any(catalogue):
 def test_documented_table_is_the_catalogue(catalogue):
     shown = beyond_catalogue.markdown(beyond_catalogue.table(catalogue))
     page = PAGE.read_text("utf-8")
-    assert shown in page, "out of date; run python tools/write_catalogue_table.py"
+    assert shown in page, "out of date; run python tools/update_catalogue.py"
     advice = page.partition("## Which to use")[2].partition("## The table")[0]
     named = set(re.findall(r"`([A-Z]\w+(?:\(\d\)\w?)?)`", advice))
     assert len(named) > 8

@@ -1,6 +1,7 @@
 """Compiled right-hand sides: C functions in every guise, on every frame that is compiled."""
 
 import ctypes
+import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -17,23 +18,30 @@ from cg.integration import integrate
 from cg.integration.built_in import integrate_affine
 from cg.integration.compiled_rhs import compiled_rhs
 from cg.problems.affine import AffineField
-from cg.shared_numbers import BlockKind, FieldFlag, Stop, fortran_module
+from cg.shared_numbers import (
+    BlockKind,
+    ConditionOwner,
+    FieldFlag,
+    MinimumNormStatus,
+    Status,
+    Stop,
+    c_header,
+    fortran_module,
+)
 
 HERE = Path(__file__).parent
 EXPLICIT = [name for name, tableau in methods.items() if tableau.explicit]
 
 
-def test_the_numbers_of_fortran_are_made_of_the_enumerations():
+def test_the_numbers_of_fortran_and_c_are_made_of_the_enumerations():
     text = fortran_module()
     for kind in BlockKind:
         assert f"integer, parameter :: {kind.name.lower()}_block = {kind.value}\n" in text
-    for stop in Stop:
-        assert f"integer, parameter :: {stop.name.lower()} = {stop.value}\n" in text
-
-
-def test_the_flag_of_c_is_that_of_fortran():
-    source = (Path(__file__).parent.parent / "fortran" / "python_field.c").read_text()
-    assert f"RAISED_IN_PYTHON = {FieldFlag.RAISED_IN_PYTHON.value} " in source
+    for member in (*Stop, *Status, *MinimumNormStatus, *ConditionOwner, *FieldFlag):
+        assert f"integer, parameter :: {member.name.lower()} = {member.value}\n" in text
+    names = re.findall(r":: (\w+) =", text)
+    assert len(names) == len(set(names))
+    assert f"RAISED_IN_PYTHON = {FieldFlag.RAISED_IN_PYTHON.value} " in c_header()
 
 
 @pytest.mark.parametrize("name", list(PROBLEMS))

@@ -17,9 +17,9 @@ from cg.construction import construct
 from cg.layout import Layout
 from cg.parallel import Stopped, as_finished, stoppable
 from cg.random_search import search
-from cg.solve.minimum_norm import MinimumNormStatus, fit_conditions
+from cg.shared_numbers import MinimumNormStatus, Status
+from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
-from cg.solve.status import Status
 from cg.solve.system import ConditionSystem
 
 FOREVER = 10**9  # iterations; no run of the tests waits for them

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import resource
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 import cg
+from cg.shared_numbers import Status
 from cg.solve.lmdif import LmdifResult
-from cg.solve.status import Status
 
 START = [-1.2, 1.0]
 
@@ -277,14 +275,6 @@ def test_the_result_is_immutable() -> None:
     for name in ("x", "fvec", "fjac", "ipvt", "qtf"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(fit, name)[...] = 0
-
-
-def test_statuses_agree_with_the_compiled_ones() -> None:
-    source = Path(__file__).parent.parent / "fortran" / "status.f90.in"
-    compiled = re.findall(r"parameter, public :: (\w+) = (-?\d+)", source.read_text())
-    assert {name.upper(): int(value) for name, value in compiled} == {
-        status.name: status.value for status in Status
-    }
 
 
 def test_every_status_has_a_message() -> None:

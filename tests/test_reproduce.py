@@ -12,17 +12,18 @@ import pytest
 
 from cg.catalogue import methods
 from cg.quad import to_decimal
-from cg.reproduce import fig4_1, items, judges, search, table3_2
+from cg.reproduce import items, judges
 from cg.reproduce import run as run_module
-from cg.reproduce.appendix import compute as compare_appendix
 from cg.reproduce.blocks import Table, number
-from cg.reproduce.claims import CLAIMS, NEEDS
 from cg.reproduce.coefficients import fixed, labels, method_data
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
 from cg.reproduce.report import page
-from cg.reproduce.search import PLANS
+from cg.reproduce.sections import fig4_1, search, table3_2
+from cg.reproduce.sections.appendix import compute as compare_appendix
+from cg.reproduce.sections.claims import CLAIMS, NEEDS
+from cg.reproduce.sections.search import PLANS
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
 

@@ -5,11 +5,12 @@ import subprocess
 import pytest
 from minpack_libraries import FLAGS, HAS_COMPILER, KINDS, SOURCES, TESTS
 
+from cg.shared_numbers import fortran_module
 from cg.tables import fortran_tables
 from cg.trees import forest
 
 MODULES = (
-    *("kinds", "status", "least_squares", "linalg", "levenberg_marquardt", "lmdif"),
+    *("kinds", "stop_flag", "least_squares", "linalg", "levenberg_marquardt", "lmdif"),
     *("weights", "gradient", "conditions"),
 )
 
@@ -19,7 +20,9 @@ MODULES = (
 def test_core_passes_with_checks_and_traps(tmp_path, suffix):
     tables = tmp_path / "tree_tables.f90"
     tables.write_text(fortran_tables(forest(7)))
-    sources = [str(tables)]
+    shared = tmp_path / "shared_numbers.f90"
+    shared.write_text(fortran_module())
+    sources = [str(tables), str(shared)]
     templates = [SOURCES / f"{module}.f90.in" for module in MODULES]
     for template in (*templates, TESTS / "fortran" / "core_checks.f90.in"):
         text = template.read_text().replace("@SFX@", suffix).replace("@KIND@", KINDS[suffix])

@@ -14,10 +14,10 @@ from cg.catalogue import methods
 from cg.conditions import Rows, residuals_exact, unknowns, unpack
 from cg.layout import Layout
 from cg.random_search import EXACT, random_start, run_start, search
-from cg.solve.minimum_norm import MinimumNormStatus, fit_conditions
+from cg.shared_numbers import MinimumNormStatus, Status
+from cg.solve.minimum_norm import fit_conditions
 from cg.solve.polish import polish
 from cg.solve.refine import refine
-from cg.solve.status import Status
 from cg.solve.system import ConditionSystem
 
 ORDER_FOUR = {"order": 4, "stages": 5, "starts": 24, "seed": 3}

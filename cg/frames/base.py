@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from numbers import Real
-from typing import Any, Literal, TypeGuard
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cg.frames.arrays import Array, Points, Size, check_random, complex_array, is_array, real_array
 from cg.frames.block_kinds import Blocks
 from cg.frames.nearby import nearby_coordinates, newton_correction, shortest_coefficients
-
-Array = NDArray[np.float64]
-Points = NDArray[Any]
-"""Points and tangents: float64 or complex128, as `Frame.dtype` says."""
-
-Convention = Literal["body", "space"]
-
-Size = int | Sequence[int]
-"""The leading axes of random points, or the length of one such axis."""
 
 MEMBERSHIP_TOLERANCE = 1e-8
 
@@ -360,72 +351,16 @@ class Frame(ABC):
 
     def _vectors(self, v: ArrayLike) -> Array:
         """Return ``v`` as a float64 array whose last axis has length ``dim``."""
-        vector = v if _is_array(v, np.float64) else real_array(v, "v")
+        vector = v if is_array(v, np.float64) else real_array(v, "v")
         if vector.ndim == 0 or vector.shape[-1] != self.dim:
             raise ValueError(f"v must have shape (..., {self.dim}), got {vector.shape}")
         return vector
 
     def _points(self, y: ArrayLike, name: str = "y") -> Points:
         """Return ``y`` as an array of type ``dtype`` whose trailing axes are ``point_shape``."""
-        points: Points = y if _is_array(y, self.dtype) else self.read_points(y, name)
+        points: Points = y if is_array(y, self.dtype) else self.read_points(y, name)
         shape = self.point_shape
         if points.shape[max(points.ndim - len(shape), 0) :] != shape:
             wanted = ", ".join(map(str, shape))
             raise ValueError(f"{name} must have shape (..., {wanted}), got {points.shape}")
         return points
-
-
-def _is_array(value: Any, dtype: Any) -> TypeGuard[Points]:
-    """Tell whether a value is an array of a type that needs no further check."""
-    return type(value) is np.ndarray and value.dtype == dtype
-
-
-def real_array(value: Any, name: str) -> Array:
-    """Return ``value`` as a new C-ordered float64 array; ValueError if it isn't real numbers."""
-    return _number_array(value, name, np.float64, "iufO", "real")
-
-
-def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
-    """Return ``value`` as a new C-ordered complex128 array; ValueError if it isn't numbers."""
-    return _number_array(value, name, np.complex128, "iufcO", "complex")
-
-
-def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str) -> NDArray[Any]:
-    try:
-        # what is masked would count as if it weren't
-        if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-            raise TypeError("masked entries")
-        raw = np.asarray(value)
-        if raw.dtype.kind not in kinds:
-            raise TypeError(f"dtype {raw.dtype}")
-        return np.array(raw, dtype=dtype, order="C")
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(
-            f"{name} must be an array of {adjective} numbers, got {value!r}"
-        ) from error
-
-
-def check_size(n: Any, smallest: int = 1, name: str = "n") -> int:
-    """Return ``n`` as an int; ValueError unless it is an integer that is large enough."""
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < smallest:
-        wanted = "a positive integer" if smallest == 1 else f"an integer of at least {smallest}"
-        raise ValueError(f"{name} must be {wanted}, got {n!r}")
-    return int(n)
-
-
-def check_convention(convention: Any) -> None:
-    """Raise ValueError unless ``convention`` is one of the two."""
-    if not isinstance(convention, str) or convention not in ("body", "space"):
-        raise ValueError(f'convention must be "body" or "space", got {convention!r}')
-
-
-def check_random(rng: Any, size: Any) -> tuple[int, ...]:
-    """Return ``size`` as a tuple after checking the arguments of random points and vectors."""
-    if not isinstance(rng, np.random.Generator):
-        raise TypeError(f"rng must be a generator such as numpy.random.default_rng(0), got {rng!r}")
-    axes = size if isinstance(size, tuple | list) else (size,)
-    if any(isinstance(n, bool) or not isinstance(n, int | np.integer) for n in axes):
-        raise TypeError(f"size must be an integer or a tuple of integers, got {size!r}")
-    if any(n < 0 for n in axes):
-        raise ValueError(f"size must not be negative, got {size!r}")
-    return tuple(map(int, axes))

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Convention, Frame, Size, check_convention, real_array
+from cg.frames.arrays import Array, Convention, Size, check_convention, real_array
+from cg.frames.base import Frame
 from cg.frames.matrix_functions import combine, corrected, expm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import rotate

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame, Size, check_random, check_size
+from cg.frames.arrays import Array, Size, check_random, check_size
+from cg.frames.base import Frame
 from cg.frames.block_kinds import BlockKind, Blocks
 
 

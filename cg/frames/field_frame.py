@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Points, check_size
+from cg.frames.arrays import Points, check_size
 from cg.frames.user import Function, UserFrame
 
 

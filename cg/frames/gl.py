@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points
+from cg.frames.arrays import Array, Points
 from cg.frames.matrix_group import SizedMatrixGroup
 
 

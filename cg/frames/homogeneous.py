@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.frames.matrix_group import MatrixGroup
 
 

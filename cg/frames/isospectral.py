@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import MEMBERSHIP_TOLERANCE, Array, Points, Size, complex_array, real_array
+from cg.frames.arrays import Array, Points, Size, complex_array, real_array
+from cg.frames.base import MEMBERSHIP_TOLERANCE
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy.linalg
 
-from cg.frames.base import Array, Points
+from cg.frames.arrays import Array, Points
 
 # Within this 1-norm of the identity z below has norm 1/7, and the terms left out are 1e-18.
 _NEAR = 0.25

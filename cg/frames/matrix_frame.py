@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Points, check_size, complex_array, real_array
+from cg.frames.arrays import Points, check_size, complex_array, real_array
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
 

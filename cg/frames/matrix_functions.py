@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import scipy.linalg
 
-from cg.frames.base import Array, FlowOverflowError, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import FlowOverflowError
 
 LARGEST_EXPONENT = 2.0**32
 """The largest norm of a matrix whose exponential is computed.

@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.checks import memory
-from cg.frames.base import (
-    MEMBERSHIP_TOLERANCE,
+from cg.frames.arrays import (
     Array,
     Convention,
-    Frame,
     Points,
     Size,
     check_convention,
     check_random,
     check_size,
 )
+from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.frames.logarithms import real_log1p
 from cg.frames.matrix_functions import (
     combine,

@@ -10,7 +10,8 @@ from math import prod
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame, Points, Size
+from cg.frames.arrays import Array, Points, Size
+from cg.frames.base import Frame
 from cg.frames.block_kinds import Blocks
 
 _DOUBLE = np.dtype(np.float64)

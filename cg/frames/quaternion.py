@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Convention, Frame, Points, Size, check_convention, check_random
+from cg.frames.arrays import Array, Convention, Points, Size, check_convention, check_random
+from cg.frames.base import Frame
 from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, axes_option
 from cg.frames.matrix_functions import combine, unit_step
 from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from cg.frames.base import Convention
+from cg.frames.arrays import Convention
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.semidirect import Semidirect

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Convention, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Convention, Points, Size, check_random, check_size
 from cg.frames.matrix_group import MatrixGroup
 
 

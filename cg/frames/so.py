@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Convention, Points
+from cg.frames.arrays import Array, Convention, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential

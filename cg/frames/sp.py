@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points
+from cg.frames.arrays import Array, Points
 from cg.frames.matrix_functions import (
     corrected,
     relative_length,

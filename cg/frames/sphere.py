@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random, check_size
 from cg.frames.block_kinds import BlockKind, Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import unit_step

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points
+from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points
+from cg.frames.arrays import Array, Points
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from cg.catalogue import resolve_method
 from cg.checks import memory
-from cg.frames.base import Array, Frame, Points, real_array
+from cg.frames.arrays import Array, Points, real_array
+from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.method import Method
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from cg import quad
 from cg.catalogue import resolve_method
 from cg.checks import memory
-from cg.frames.base import Array, Frame
+from cg.frames.arrays import Array
+from cg.frames.base import Frame
 from cg.integration.arguments import check_count
 from cg.integration.blocks import describe_blocks
 from cg.integration.paths import paths_of

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
-from cg.frames.base import Array, Frame, Points, real_array
+from cg.frames.arrays import Array, Points, real_array
+from cg.frames.base import Frame
 
 __all__ = ["SIGNATURE", "CompiledRhs", "compiled_rhs"]
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.integration.blocks import describe_blocks
 from cg.integration.compiled_rhs import CompiledRhs
 from cg.integration.messages import failure, too_many_steps, too_small_a_step
@@ -238,6 +239,9 @@ class CompiledStepper(Stepper):
         values = np.empty((self.trajectories, len(t), self.dim))
         rows = np.ascontiguousarray(y).reshape(len(t), self.trajectories, -1).view(np.float64)
         for i in range(self.trajectories):
+            if not np.isfinite(rows[:, i]).all():  # it has failed or ended
+                values[i] = math.nan
+                continue
             done, status, flag = self._core.evaluate(
                 self._address, i + 1, t, np.ascontiguousarray(rows[:, i]).T, values[i].T
             )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Points, real_array
+from cg.frames.arrays import Array, Points, real_array
 from cg.integration.interpolation import Interpolant
 
 __all__ = ["DenseOutput", "EnsembleOutput"]

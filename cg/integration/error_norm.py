@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.integration.flows import difference_of
 
 __all__ = ["ErrorNorm"]

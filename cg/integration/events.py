@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from cg.frames.base import Array, Points
+from cg.frames.arrays import Array, Points
 from cg.integration.interpolation import Interpolant
 
 EventFunction = Callable[..., Any]

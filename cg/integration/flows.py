@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.integration.blocks import describe_blocks, is_compiled
 
 __all__ = ["Difference", "Flows", "difference_of", "flows_of"]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.integration.python_rhs import StageOverflowError
 
 if TYPE_CHECKING:

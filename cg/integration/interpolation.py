@@ -46,11 +46,12 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.integration.flows import difference_of, flows_of
 from cg.integration.paths import paths_of
 from cg.integration.stepper import Block, Stepper, advances_by_embedded
-from cg.method import Method
+from cg.method import Method, remembered
 
 __all__ = ["Interpolant", "extra_evaluations", "interpolate", "nodes_of"]
 
@@ -127,6 +128,12 @@ class ResultFlows:
         used = sorted({stage for flow in flows for stage in flow})
         self.c: Array = c[used]
         self.weights = np.array([[float(flow.get(k, 0)) for k in used] for flow in flows])
+
+
+@remembered
+def result_flows(method: Method) -> ResultFlows:
+    """Return the flows that lead to the result of a method."""
+    return ResultFlows(method)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +249,7 @@ def interpolate(stepper: Stepper, block: Block, which: Indices) -> Interpolant:
     if which[-1] == last:
         following[-1] = stepper.last_slope()
     h = block.t[which + 1] - t0
-    flows = ResultFlows(stepper.method)
+    flows = result_flows(stepper.method)
     fields = np.stack([first, following], axis=1)
     count = node_count(stepper.method)
     steps = np.arange(len(which))

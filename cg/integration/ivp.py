@@ -12,7 +12,8 @@ from scipy import LowLevelCallable
 
 from cg.catalogue import methods
 from cg.checks import check_flag
-from cg.frames.base import Array, Frame
+from cg.frames.arrays import Array
+from cg.frames.base import Frame
 from cg.integration.arguments import (
     check_atol,
     check_max_steps,

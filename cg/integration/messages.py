@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.integration.python_rhs import StageOverflowError
 from cg.shared_numbers import Stop
 

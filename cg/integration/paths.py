@@ -6,12 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cg.low_storage import Registers, two_registers
-from cg.method import Method
+from cg.method import Method, remembered
 from cg.points import START
 
 __all__ = ["Flow", "MethodPaths", "Path", "paths_of"]
@@ -80,14 +81,14 @@ class MethodPaths:
             k = path.origin
         return flows
 
-    @property
+    @cached_property
     def weights(self) -> tuple[Fraction, ...]:
         """The weights of all terms of all flows, then A, B and a zero: no array may be empty."""
         flows = [flow for path in self.paths for flow in path.flows]
         a, b = self.registers or ((), ())
         return (*(weight for flow in flows for _, weight in flow), *a, *b, Fraction(0))
 
-    @property
+    @cached_property
     def integers(self) -> NDArray[np.intc]:
         """What else compiled code needs, as ``make_method`` of ``fortran/method.f90.in`` reads it.
 
@@ -108,6 +109,7 @@ class MethodPaths:
         return np.array(numbers, dtype=np.intc)
 
 
+@remembered
 def paths_of(method: Method) -> MethodPaths:
     """Return the paths of an explicit method."""
     result, embedded = method.result, method.embedded_result

@@ -9,7 +9,8 @@ from typing import Any, cast
 
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Frame, Points
+from cg.frames.arrays import Points
+from cg.frames.base import Frame
 from cg.integration.arguments import (
     MOST_COMPILED_STEPS,
     check_args,

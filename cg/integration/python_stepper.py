@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cg.frames.base import Array, Points
+from cg.frames.arrays import Array, Points
 from cg.integration.implicit import ConvergenceError
 from cg.integration.messages import too_many_steps, too_small_a_step
 from cg.integration.python_rhs import StageOverflowError

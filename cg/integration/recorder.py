@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.base import Array, Points
+from cg.frames.arrays import Array, Points
 from cg.integration.dense import DenseOutput
 from cg.integration.events import EventLog, point_at
 from cg.integration.interpolation import Interpolant, interpolate

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from cg.frames.base import Array, Points
+from cg.frames.arrays import Array, Points
 from cg.integration.dense import DenseOutput
 from cg.method import Method
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cg.conditions import Rows
-from cg.frames.base import Array, FlowOverflowError, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import FlowOverflowError, Frame
 from cg.integration.flows import flows_of
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER, Row, StageSolver, check_stage_solver
 from cg.integration.paths import paths_of

@@ -7,7 +7,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from cg.frames.base import Array, Frame, Points
+from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.integration.error_norm import ErrorNorm
 from cg.method import Method
 

@@ -9,7 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.integration.arguments import check_span, check_step
 
 __all__ = ["TimeGrid", "make_grid", "stored_count"]

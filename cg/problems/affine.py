@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from cg.checks import check_integer
 from cg.frames import Frame
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
 
 _UNIT = 8

@@ -10,7 +10,7 @@ import numpy as np
 from flint import arb, fmpq
 from numpy.typing import ArrayLike
 
-from cg.frames.base import Array, real_array
+from cg.frames.arrays import Array, real_array
 from cg.problems.taylor import Term
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from cg.frames import Euclidean, Product, Sphere, hat
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.problems.checks import number, times_array, vector
 
 _FRAME = Product(Sphere(2), Sphere(2), Euclidean(6))

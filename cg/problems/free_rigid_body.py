@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ellipj, ellipkinc
 
 from cg.frames import SO3, Product, Sphere
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.problems.checks import ball, cross_terms, moments, times_array, vector
 from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
 

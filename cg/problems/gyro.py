@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from cg.frames import UnitQuaternion
-from cg.frames.base import Array, real_array
+from cg.frames.arrays import Array, real_array
 from cg.problems.checks import number, times_array
 
 

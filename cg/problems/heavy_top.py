@@ -12,7 +12,7 @@ from flint import arb, ctx, fmpq
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.problems.taylor import (
     QuadraticSystem,
     Reference,

@@ -10,7 +10,7 @@ from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.problems.checks import ball, number, times_array, vector
 from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
 

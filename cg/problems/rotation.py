@@ -10,7 +10,7 @@ import numpy as np
 from flint import arb
 
 from cg.frames import SO3
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
 
 # Quarters of the coefficients: no symmetry relates any two of them.

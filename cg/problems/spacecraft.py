@@ -11,7 +11,7 @@ from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import Euclidean, Product, UnitQuaternion
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.problems.checks import ball, cross_terms, moments, number, vector
 from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
 

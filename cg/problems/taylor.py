@@ -13,7 +13,7 @@ from fractions import Fraction
 import numpy as np
 from flint import arb, ctx, fmpq
 
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 
 Time = Fraction | float | int | str
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames import IsospectralOrbit
-from cg.frames.base import Array, real_array
+from cg.frames.arrays import Array, real_array
 from cg.problems.checks import times_array
 
 

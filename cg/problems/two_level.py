@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames import SU
-from cg.frames.base import Array
+from cg.frames.arrays import Array
 from cg.problems.checks import number, times_array
 
 

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from cg.solve.status import Status
+from cg.shared_numbers import Status
 
 __all__ = ["Status"]

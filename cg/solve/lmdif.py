@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg._lmdif import lmdif as _compiled_lmdif
-from cg.solve.status import Status
+from cg.shared_numbers import Status
 
 Vector = NDArray[np.float64]
 Residual = Callable[[Vector], ArrayLike]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,21 +18,12 @@ from cg import _minimum_norm
 
 from ..checks import check_flag, check_integer
 from ..parallel import stoppable
+from ..shared_numbers import MinimumNormStatus
 from .system import ConditionSystem
 
 __all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
 
 _BRIEF = 10**8  # multiplications: about a tenth of a second
-
-
-class MinimumNormStatus(IntEnum):
-    """Why the solver stopped; the numbers are those of the compiled core."""
-
-    SOLVED = 1
-    OUT_OF_ITERATIONS = 2
-    NO_DESCENT = 3
-    NOT_FINITE = 4
-    STOPPED = 5
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from ..checks import check_integer
 from ..conditions import HIGHEST_ORDER, condition_trees
 from ..layout import Layout, Rows
 from ..points import check_tree
+from ..shared_numbers import ConditionOwner, StageEquation
 from ..trees import OrderedTree, forest
 
 __all__ = ["ConditionSystem", "Structure"]
@@ -26,8 +27,6 @@ _REMAINING = {
     2: (1, 0, 1, 4, 12, 36, 112),
 }
 """Conditions on 1, 2, ... nodes that don't follow from a structure and smaller ones."""
-_SECOND_RESULT = -1  # who owns its conditions, as stages own theirs; numbers of the compiled core
-_MIDDLE = -1  # what the compiled core takes for c_k = sum_{j<k} b_j + b_k/2 instead of a tree
 
 
 class Structure(IntEnum):
@@ -181,11 +180,12 @@ class ConditionSystem:
         """
         trees = condition_trees(self.order, independent)
         second = condition_trees(self.order - 1, independent) if self.embedded else ()
-        owner = [0] * len(trees) + [_SECOND_RESULT] * len(second)
+        owner: list[int] = [*[ConditionOwner.FIRST_RESULT] * len(trees)]
+        owner += [ConditionOwner.SECOND_RESULT] * len(second)
         trees = (*trees, *second)
         for level, equation in (
             (Structure.STAGE_ORDER_TWO, _STAGE_ORDER_TWO),
-            (Structure.MIDDLE, _MIDDLE),
+            (Structure.MIDDLE, StageEquation.MIDDLE),
         ):
             if self.structure >= level:
                 trees += (equation,) * (self.stages - 2)

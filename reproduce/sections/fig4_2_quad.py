@@ -6,14 +6,15 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from . import top
-from .blocks import Block, Chart, Data, Table, Text, number, places
-from .context import Context
+from .. import top
+from ..blocks import Block, Chart, Data, Table, Text, number, places
+from ..context import Context
+from ..item import Item
+from ..quad_orders import FIT, end_errors, order_data
+from ..style import label_panel
 from .fig4_2 import draw_errors, mark_roundoff
-from .quad_orders import FIT, end_errors, order_data
-from .style import label_panel
 
-__all__ = ["compute", "present"]
+__all__ = ["ITEMS", "compute", "present"]
 
 # Every method as far as a few seconds of one core go.
 _LARGEST_POWER = {"CG4": 16, "CG4a": 16, "CG5a": 14, "CG6a": 11}
@@ -123,3 +124,6 @@ def _describe(methods: Data) -> str:
         for method, run in methods.items()
     ]
     return "One panel, both axes logarithmic. " + "; ".join(parts) + "."
+
+
+ITEMS = (Item("fig4.2quad", "Figure 4.2 in real(16)", 50, 90, compute, present),)

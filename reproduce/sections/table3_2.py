@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 from cg.conditions import count, count_classical, table_rows, unknowns
 
-from .blocks import Block, Data, Table, Text, number
-from .context import Context
+from ..blocks import Block, Data, Table, Text, number
+from ..context import Context
+from ..item import Item
 
-__all__ = ["PAPER", "compute", "present"]
+__all__ = ["ITEMS", "PAPER", "compute", "present"]
 
 PAPER = (
     {"q": 4, "s": 5, "n": 15, "N_CG": 13, "N_RK": 8},
@@ -76,3 +77,6 @@ def present(data: Data) -> Sequence[Block]:
             rows,
         ),
     )  # fmt: skip
+
+
+ITEMS = (Item("table3.2", "Table of Section 3.2", 10, 20, compute, present),)

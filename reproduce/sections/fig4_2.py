@@ -12,12 +12,13 @@ from matplotlib.figure import Figure
 
 from cg.convergence import observed_order
 
-from . import top
-from .blocks import Block, Chart, Data, Table, Text, number, places
-from .context import Context
-from .style import LINES, PALETTE, grid, label_panel
+from .. import top
+from ..blocks import Block, Chart, Data, Table, Text, number, places
+from ..context import Context
+from ..item import Item
+from ..style import LINES, PALETTE, grid, label_panel
 
-__all__ = ["compute", "draw_errors", "mark_roundoff", "present"]
+__all__ = ["ITEMS", "compute", "draw_errors", "mark_roundoff", "present"]
 
 _STEPS = (4, 8, 10, 16, 32, 64, 128, 256, 512, 1024, 2048)
 _DISTANCE_STEPS = 10
@@ -177,3 +178,6 @@ def _describe(methods: Data) -> str:
         for method, run in methods.items()
     ]
     return "Two panels. " + "; ".join(parts) + "."
+
+
+ITEMS = (Item("fig4.2", "Figure 4.2", 40, 80, compute, present),)

@@ -12,14 +12,15 @@ from matplotlib.figure import Figure
 from cg.catalogue import methods
 from cg.method import Method
 
-from . import top
-from .blocks import Block, Chart, Data, Table, Text, number, places
-from .context import Context
+from .. import top
+from ..blocks import Block, Chart, Data, Table, Text, number, places
+from ..context import Context
+from ..item import Item
+from ..quad_orders import FIT, Run, end_errors, order_data
+from ..style import PALETTE, grid, label_panel, lines
 from .fig4_2 import draw_errors, mark_roundoff
-from .quad_orders import FIT, Run, end_errors, order_data
-from .style import PALETTE, grid, label_panel, lines
 
-__all__ = ["compute", "present", "select"]
+__all__ = ["ITEMS", "compute", "present", "select"]
 
 _LOWEST_ORDER = 6
 _POWERS = range(2, 12)
@@ -182,3 +183,15 @@ def _describe(runs: Data) -> str:
         for name, run in runs.items()
     ]
     return "Two panels, stepsizes logarithmic in both. " + "; ".join(parts) + "."
+
+
+ITEMS = (
+    Item(
+        "beyond.order",
+        "Beyond the paper: exact methods of order six and more",
+        100,
+        100,
+        compute,
+        present,
+    ),
+)

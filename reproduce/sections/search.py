@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import partial
@@ -14,13 +14,14 @@ from matplotlib.figure import Figure
 from cg.random_search import RandomStart, SearchResult, search
 from cg.tableau import Tableau
 
-from . import fingerprint
-from .blocks import Block, Chart, Data, Table, Text, number
-from .coefficients import coefficient_table, method_data
-from .context import Context
-from .style import PALETTE, grid
+from .. import fingerprint
+from ..blocks import Block, Chart, Data, Table, Text, number
+from ..coefficients import coefficient_table, method_data
+from ..context import Context
+from ..item import Item
+from ..style import PALETTE, grid
 
-__all__ = ["PLANS", "Plan", "compute", "item_functions", "present"]
+__all__ = ["ITEMS", "PLANS", "Plan", "compute", "present"]
 
 _SHOWN = 3
 _SMALLEST_F = 1e-70  # what zero is drawn at
@@ -260,8 +261,14 @@ def _draw(figure: Figure, data: Data) -> None:
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
-def item_functions(
-    order: int,
-) -> tuple[Callable[[Context], Data], Callable[[Data], Sequence[Block]]]:
-    """Return `compute` and `present` for the search of one order."""
-    return partial(compute, PLANS[order]), partial(present, PLANS[order])
+ITEMS = tuple(
+    Item(
+        f"search{order}",
+        f"Search: order {order}, {plan.stages} stages",
+        60 + order,
+        30 + order,
+        partial(compute, plan),
+        partial(present, plan),
+    )
+    for order, plan in PLANS.items()
+)

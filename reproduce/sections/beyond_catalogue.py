@@ -14,11 +14,12 @@ from cg.certification.files import certificate_names
 from cg.conditions import count, jacobian_at
 from cg.method import Method
 
-from .blocks import Block, Data, Table, Text, number, places
-from .coefficients import RANK_THRESHOLD
-from .context import Context
+from ..blocks import Block, Data, Table, Text, number, places
+from ..coefficients import RANK_THRESHOLD
+from ..context import Context
+from ..item import Item
 
-__all__ = ["compute", "describe", "markdown", "present", "table"]
+__all__ = ["ITEMS", "compute", "describe", "markdown", "present", "table"]
 
 _EXPLANATION = (
     "Order: p(q) for a pair whose second weights have order q, ≈ where the conditions hold "
@@ -154,3 +155,6 @@ def markdown(shown: Table) -> str:
     rows = [[f"`{first}`", *rest] for first, *rest in shown.rows]
     ruler = ["---"] * len(shown.header)
     return "".join(f"| {' | '.join(row)} |\n" for row in (shown.header, ruler, *rows))
+
+
+ITEMS = (Item("beyond.catalogue", "Beyond the paper: the catalogue", 110, 110, compute, present),)

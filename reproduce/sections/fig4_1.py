@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from . import top
-from .blocks import Block, Chart, Data, Table, Text, number
-from .context import Context
-from .style import LINES, grid, label_panel
+from .. import top
+from ..blocks import Block, Chart, Data, Table, Text, number
+from ..context import Context
+from ..item import Item
+from ..style import LINES, grid, label_panel
 
-__all__ = ["STEPS", "compute", "present"]
+__all__ = ["ITEMS", "STEPS", "compute", "present"]
 
 STEPS = 10
 """Steps over [0, 1]: the paper's h = 0.1."""
@@ -99,3 +100,6 @@ def _describe(methods: Data) -> str:
         for method, run in methods.items()
     ]
     return "Two panels, logarithmic error over time. " + "; ".join(parts) + "."
+
+
+ITEMS = (Item("fig4.1", "Figure 4.1", 30, 70, compute, present),)

@@ -7,12 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from . import judges, top
-from .blocks import Block, Data, Table, Text
-from .context import Context
-from .evidence import gather
+from .. import judges, top
+from ..blocks import Block, Data, Table, Text
+from ..context import Context
+from ..evidence import gather
+from ..item import Item
 
-__all__ = ["CLAIMS", "NEEDS", "Claim", "compute", "present"]
+__all__ = ["CLAIMS", "ITEMS", "NEEDS", "Claim", "compute", "present"]
 
 NEEDS = (
     "table3.2", "appendix", "fig4.1", "fig4.2", "fig4.2quad", "search4", "search5", "search6",
@@ -237,3 +238,6 @@ def present(data: Data) -> Sequence[Block]:
         ),
         Table("Claims", ("section", "claim", "verdict", "evidence"), rows, numeric=False),
     )
+
+
+ITEMS = (Item("claims", "What the paper claims", 90, 10, compute, present, NEEDS),)

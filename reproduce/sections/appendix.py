@@ -14,12 +14,13 @@ from cg.method import Method
 from cg.quad import to_decimal
 from cg.tableau import Tableau
 
-from .appendix_a import Comparison, compare, printed
-from .blocks import Block, Data, Table, Text, number
-from .coefficients import labels
-from .context import Context
+from ..appendix_a import Comparison, compare, printed
+from ..blocks import Block, Data, Table, Text, number
+from ..coefficients import labels
+from ..context import Context
+from ..item import Item
 
-__all__ = ["compute", "present"]
+__all__ = ["ITEMS", "compute", "present"]
 
 _WIDE = DecimalContext(prec=80)
 
@@ -130,3 +131,6 @@ def _coefficients(name: str, part: dict[str, Any]) -> Table:
     ]
     header = ("coefficient", "paper", "ours", "ours − paper")
     return Table(f"{name}: {part['count']} coefficients", header, rows, folded=True)
+
+
+ITEMS = (Item("appendix", "Appendix A", 20, 60, compute, present),)
