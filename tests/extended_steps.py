@@ -1,4 +1,4 @@
-"""Crouch-Grossman steps in extended precision, on frames whose flows are given in it.
+"""Steps in extended precision, on frames whose flows are given in it.
 
 A user's frame, or one that isn't compiled, moves points in double precision only, whose rounding
 hides the errors of the higher orders but for the largest steps.  Here is the same step, written
@@ -8,7 +8,7 @@ anew, with as many digits as real(16) has.
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 from flint import acb, arb, arb_mat, ctx, fmpq
@@ -52,6 +52,18 @@ class ExtendedProblem:
                 y = [x.mid() for x in self.flow([h * entry * v for v in field], y)]
         return y
 
+    def explicit_step(self, method, weights, c, t, y, h):
+        ends, fields = {-1: y}, {}
+        for m, (point, row) in enumerate(zip(method.points, weights, strict=True)):
+            for k in point.weights:
+                if k not in fields:
+                    fields[k] = self.f(t + c[k] * h, ends[method.stage_points[k]])
+            v = [arb(0)] * len(self.problem.constant)
+            for k, weight in row.items():
+                v = [(x + h * weight * f).mid() for x, f in zip(v, fields[k], strict=True)]
+            ends[m] = [x.mid() for x in self.flow(v, ends[point.parent])]
+        return ends[method.result]
+
     def step(self, rows, b, t, y, h):
         fields = [self.f(t, y)] * len(b)
         for i, row in enumerate(rows):
@@ -72,11 +84,15 @@ class ExtendedProblem:
         """
         with ctx.workprec(BITS):
             a, b = tableau.exact
-            rows, b = [[ball(x) for x in row] for row in a], [ball(x) for x in b]
+            if tableau.explicit:
+                weights = [{k: ball(w) for k, w in p.weights.items()} for p in tableau.points]
+                step = partial(self.explicit_step, tableau, weights, [ball(sum(row)) for row in a])
+            else:
+                step = partial(self.step, [[ball(x) for x in row] for row in a], list(map(ball, b)))
             h = 1 / arb(n)
             y = [ball(float(x)) for x in self.problem.y0.ravel()]
             for k in range(n):
-                y = self.step(rows, b, k * h, y, h)
+                y = step(k * h, y, h)
             return [exact_midpoint(x) for x in y]
 
 

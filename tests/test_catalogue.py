@@ -32,6 +32,7 @@ KNOWN = {
     "CF3b": (3, 3, 3),
     "CF4": (4, 4, 5),
     "CF4b": (4, 5, 5),
+    "CF5r": (5, 11, 11),
 }
 RATIONAL = ["LieEuler", "CG2", "CG3", "CG2(3)", "CF3", "CF3b", "CF4"]
 EXACT = [name for name in methods if not methods[name].approximate]

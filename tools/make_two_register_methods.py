@@ -1,9 +1,10 @@
-"""Write CF4b, Carpenter and Kennedy's five-stage method, with the digits that it lacks in print.
+"""Write the methods of two registers that are solutions of order conditions to 36 digits.
 
 A method with two registers, Z_i = A_i Z_{i-1} + F_i and y_i = exp(h B_i Z_i) y_{i-1}, is a chain of
-points. The rationals in print satisfy the conditions of order four to 5e-26 only. They are moved to
-the closest solution with two registers, by corrections of least norm in A and B whose residuals
-are exact.
+points. Of CF4b, Carpenter and Kennedy's five-stage method, the rationals in print satisfy the
+conditions of order four to 5e-26 only; of the others A and B are known in double precision. They
+are moved to the closest solution with two registers, by corrections of least norm in A and B whose
+residuals are exact.
 
     python tools/make_two_register_methods.py [FOLDER]
 """
@@ -14,6 +15,7 @@ import sys
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,51 +23,91 @@ from numpy.typing import NDArray
 from cg.catalogue import save
 from cg.commutator_free import CommutatorFree
 from cg.conditions import exact_residuals_of, jacobian_at
+from cg.low_storage import from_two_registers
 from cg.quad import to_decimal
 
-ORDER = 4
-A = (
-    "-567301805773/1357537059087",
-    "-2404267990393/2016746695238",
-    "-3550918686646/2091501179385",
-    "-1275806237668/842570457699",
+FOUND = (
+    "found by a search of this project: a chain of two registers from a random start in A and B, "
+    "order conditions on manifolds, least principal error nearby; 36 digits"
 )
-B = (
-    "1432997174477/9575080441755",
-    "5161836677717/13612068292357",
-    "1720146321549/2090206949498",
-    "3134564353537/4481467310338",
-    "2277821191437/14882151754819",
-)
-SOURCE = (
-    "M. H. Carpenter, C. A. Kennedy: Fourth-order 2N-storage Runge–Kutta schemes. NASA TM-109112 "
-    "(1994), five stages; its rationals moved to the closest solution with two registers and 36 "
-    "digits. As a commutator-free method: A. Bazavov, arXiv:2007.04225"
+
+
+class Start(NamedTuple):
+    """A method to some digits; A lacks A_1, which multiplies nothing."""
+
+    name: str
+    order: int
+    a: tuple[str, ...]
+    b: tuple[str, ...]
+    source: str
+
+
+STARTS = (
+    Start(
+        "CF4b",
+        4,
+        (
+            "-567301805773/1357537059087",
+            "-2404267990393/2016746695238",
+            "-3550918686646/2091501179385",
+            "-1275806237668/842570457699",
+        ),
+        (
+            "1432997174477/9575080441755",
+            "5161836677717/13612068292357",
+            "1720146321549/2090206949498",
+            "3134564353537/4481467310338",
+            "2277821191437/14882151754819",
+        ),
+        "M. H. Carpenter, C. A. Kennedy: Fourth-order 2N-storage Runge–Kutta schemes. NASA "
+        "TM-109112 (1994), five stages; its rationals moved to the closest solution with two "
+        "registers and 36 digits. As a commutator-free method: A. Bazavov, arXiv:2007.04225",
+    ),
+    Start(
+        "CF5r",
+        5,
+        (
+            "-0.605056024890579",
+            "-1.29654292001734",
+            "-1.13439036362692",
+            "-0.512567957358993",
+            "-1.88485642276083",
+            "-0.659229254800269",
+            "-1.61940745790311",
+            "-0.732990781942359",
+            "-0.930255900036872",
+            "-1.64621671895256",
+        ),
+        (
+            "0.176914241109247",
+            "0.49623173756094",
+            "0.470539532255477",
+            "0.263962024762889",
+            "0.285851373896825",
+            "0.178752314127565",
+            "-0.293970873639043",
+            "0.301209361744407",
+            "0.00501170233036291",
+            "-0.357258332610193",
+            "0.283231589816821",
+        ),
+        FOUND,
+    ),
 )
 GRID = 10**60  # parameters are multiples of 1/GRID, so that they don't grow
 ENOUGH = Fraction(1, 10**44)
 RANK_CUT = 1e-9  # singular values below this fraction of the largest count as zero
 
 
-def two_registers(a: Sequence[Fraction], b: Sequence[Fraction]) -> CommutatorFree:
-    """Return the method of two registers; `a` lacks A_1, which multiplies nothing."""
-    register: list[Fraction] = []
-    points = []
-    for i, factor in enumerate(b):
-        register = [*(a[i - 1] * weight for weight in register), Fraction(1)]
-        points.append((i - 1, {k: factor * weight for k, weight in enumerate(register)}))
-    return CommutatorFree(points, range(-1, len(b) - 1))
-
-
 def derivatives(a: Sequence[Fraction], b: Sequence[Fraction]) -> NDArray[np.float64]:
     """Return the derivatives of all weights by A and B; shape (weights, parameters)."""
     parameters = [*a, *b]
-    here = two_registers(a, b)
+    here = from_two_registers([Fraction(0), *a], b)
     columns = []
     for k in range(len(parameters)):
         # weights are products of parameters, each to the power of one at most
         moved = [p + (j == k) for j, p in enumerate(parameters)]
-        there = two_registers(moved[: len(a)], moved[len(a) :])
+        there = from_two_registers([Fraction(0), *moved[: len(a)]], moved[len(a) :])
         pairs = zip(there.coefficients, here.coefficients, strict=True)
         columns.append([float(new.value - old.value) for new, old in pairs])
     return np.array(columns).T
@@ -76,7 +118,7 @@ def closest(a: Sequence[Fraction], b: Sequence[Fraction], order: int) -> Commuta
     parameters = [*a, *b]
     for _ in range(10):
         a, b = parameters[: len(a)], parameters[len(a) :]
-        method = two_registers(a, b)
+        method = from_two_registers([Fraction(0), *a], b)
         residuals = exact_residuals_of(method, order, independent=True)
         size = max(map(abs, residuals))
         if size < ENOUGH:
@@ -92,18 +134,20 @@ def closest(a: Sequence[Fraction], b: Sequence[Fraction], order: int) -> Commuta
 
 
 def main(folder: Path) -> None:
-    """Write the file and say how far its weights are from those in print."""
-    a, b = list(map(Fraction, A)), list(map(Fraction, B))
-    printed, found = two_registers(a, b), closest(a, b, ORDER)
-    rounded = [
-        (point.parent, {k: to_decimal(weight) for k, weight in point.weights.items()})
-        for point in found.points
-    ]
-    method = CommutatorFree(rounded, found.stage_points, name="CF4b", source=SOURCE)
-    save(method, folder / f"{method.name}.toml")
-    pairs = zip(method.coefficients, printed.coefficients, strict=True)
-    moved = max(abs(float(new.value - old.value)) for new, old in pairs)
-    print(f"{method.name}: order {method.order}, weights moved by at most {moved:.1e}")
+    """Write the files and say how far weights are from those at the start."""
+    for start in STARTS:
+        a, b = list(map(Fraction, start.a)), list(map(Fraction, start.b))
+        known = from_two_registers([Fraction(0), *a], b)
+        found = closest(a, b, start.order)
+        rounded = [
+            (point.parent, {k: to_decimal(weight) for k, weight in point.weights.items()})
+            for point in found.points
+        ]
+        method = CommutatorFree(rounded, found.stage_points, name=start.name, source=start.source)
+        save(method, folder / f"{method.name}.toml")
+        pairs = zip(method.coefficients, known.coefficients, strict=True)
+        moved = max(abs(float(new.value - old.value)) for new, old in pairs)
+        print(f"{method.name}: order {method.order}, weights moved by at most {moved:.1e}")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.low_storage import Registers, two_registers
 from cg.method import Method, remembered
 from cg.points import START
 
@@ -57,6 +58,8 @@ class MethodPaths:
         0 if there is none.
     c
         Abscissae.
+    registers
+        The coefficients A and B of a method of two registers, None of others.
     """
 
     paths: tuple[Path, ...]
@@ -65,6 +68,7 @@ class MethodPaths:
     embedded: int
     final_stage: int
     c: tuple[Fraction, ...]
+    registers: Registers | None = None
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -79,9 +83,10 @@ class MethodPaths:
 
     @cached_property
     def weights(self) -> tuple[Fraction, ...]:
-        """The weights of all terms of all flows, and a zero: no array may be empty."""
+        """The weights of all terms of all flows, then A, B and a zero: no array may be empty."""
         flows = [flow for path in self.paths for flow in path.flows]
-        return (*(weight for flow in flows for _, weight in flow), Fraction(0))
+        a, b = self.registers or ((), ())
+        return (*(weight for flow in flows for _, weight in flow), *a, *b, Fraction(0))
 
     @cached_property
     def integers(self) -> NDArray[np.intc]:
@@ -89,7 +94,8 @@ class MethodPaths:
 
         The numbers of paths, flows, terms and stages; the origins of the paths; from 1, where
         the flows of each path begin, and where the terms of each flow begin; the stages of the
-        terms; the paths to the stages and to both results; the final stage.
+        terms; the paths to the stages and to both results; the final stage; 1 if the method has
+        two registers, 0 if not.
         """
         flows = [flow for path in self.paths for flow in path.flows]
         terms = [stage + 1 for flow in flows for stage, _ in flow]
@@ -98,6 +104,7 @@ class MethodPaths:
             *(path.origin for path in self.paths),
             *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
             *self.stages, self.result, self.embedded, self.final_stage,
+            int(self.registers is not None),
         ]  # fmt: skip
         return np.array(numbers, dtype=np.intc)
 
@@ -115,7 +122,13 @@ def paths_of(method: Method) -> MethodPaths:
     final = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
     return MethodPaths(
-        tuple(builder.paths), stages, result_path, embedded_path, final[0] if final else 0, c
+        tuple(builder.paths),
+        stages,
+        result_path,
+        embedded_path,
+        final[0] if final else 0,
+        c,
+        two_registers(method),
     )
 
 

@@ -1,0 +1,191 @@
+"""Write the table of docs/low_storage.md anew: ``python tools/write_low_storage_table.py [FILE]``.
+
+Methods in print satisfy their conditions to their digits only. Each is moved to the closest
+solution of the classical conditions alone, by corrections of least norm in A and B whose
+residuals are exact; the conditions on manifolds are evaluated there.
+"""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.commutator_free import CommutatorFree
+from cg.conditions import exact_residuals_of
+from cg.low_storage import flat_residuals, from_two_registers, rooted_trees
+
+METHODS = Path(__file__).with_name("two_register_methods.toml")
+BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
+GRID = 10**75  # parameters are multiples of 1/GRID, so that they don't grow
+ENOUGH = Fraction(1, 10**60)
+RANK_CUT = 1e-7  # singular values below this fraction of the largest count as zero
+ZERO = Fraction(1, 10**55)  # what is below counts as zero where residuals are exact
+
+Numbers = Sequence[Fraction]
+
+
+class Row(NamedTuple):
+    """What is found of a method.
+
+    Attributes
+    ----------
+    name, source : str
+    stages : int
+    flat_order : int
+        The classical order that is claimed.
+    flat, own : Fraction
+        The largest residuals through it of the printed numbers, of the classical conditions and
+        of those on manifolds.
+    beyond : Fraction
+        The largest one of the classical conditions of the next order.
+    moved : Fraction
+        How far A and B are from the closest solution of the classical conditions.
+    order : int
+        The order on manifolds there: all residuals are below `ZERO`.
+    flat_refined, refined : Fraction
+        The residuals there, through the classical order.
+    """
+
+    name: str
+    source: str
+    stages: int
+    flat_order: int
+    flat: Fraction
+    own: Fraction
+    beyond: Fraction
+    moved: Fraction
+    order: int
+    flat_refined: Fraction
+    refined: Fraction
+
+
+def entries() -> list[dict[str, Any]]:
+    """Return the methods as they are in print."""
+    found: list[dict[str, Any]] = tomllib.loads(METHODS.read_text(encoding="utf-8"))["method"]
+    return found
+
+
+def weights_of(parameters: Numbers) -> CommutatorFree:
+    """Return the method with A_2 … A_s, B_1 … B_s, all exact."""
+    stages = (len(parameters) + 1) // 2
+    return from_two_registers([Fraction(0), *parameters[: stages - 1]], parameters[stages - 1 :])
+
+
+def flat_weights(parameters: NDArray[np.float64], order: int) -> NDArray[Any]:
+    """Return the classical weights in double or complex precision."""
+    stages = (len(parameters) + 1) // 2
+    register = np.zeros(stages, dtype=parameters.dtype)
+    rows = [register]
+    for i, step in enumerate(parameters[stages - 1 :]):
+        register = register * (parameters[i - 1] if i else 0)
+        register[i] = 1
+        rows.append(rows[-1] + step * register)
+    ends: dict[Any, NDArray[Any]] = {}
+
+    def planted(tree: Any) -> NDArray[Any]:
+        if tree not in ends:
+            inner = np.ones(stages, dtype=parameters.dtype)
+            for child in tree:
+                inner = inner * planted(child)[:-1]
+            ends[tree] = np.array([row @ inner for row in rows])
+        return ends[tree]
+
+    return np.array([planted(tree)[-1] for tree in rooted_trees(order)])
+
+
+def slopes(parameters: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+    """Return the derivatives of the classical weights, by steps into the complex plane."""
+    size = 1e-30
+    columns = [
+        flat_weights(parameters + 1j * size * unit, order).imag / size
+        for unit in np.eye(len(parameters))
+    ]
+    return np.array(columns).T
+
+
+def closest(parameters: Numbers, order: int) -> list[Fraction]:
+    """Return parameters close to given ones that satisfy the classical conditions alone."""
+    parameters = list(parameters)
+    for _ in range(20):
+        residuals = flat_residuals(weights_of(parameters), order)
+        size = max(map(abs, residuals))
+        if size < ENOUGH:
+            return parameters
+        jacobian = slopes(np.array([float(p) for p in parameters]), order)
+        step = np.linalg.pinv(jacobian, rcond=RANK_CUT) @ [float(r / size) for r in residuals]
+        parameters = [
+            p - Fraction(round(Fraction(move) * size * GRID), GRID)
+            for p, move in zip(parameters, step.tolist(), strict=True)
+        ]
+    raise RuntimeError(f"residuals are still {float(size):.1e}")
+
+
+def _largest(residuals: Sequence[Fraction]) -> Fraction:
+    return max(map(abs, residuals))
+
+
+def row(entry: dict[str, Any]) -> Row:
+    """Return what is found of one method."""
+    parameters = [Fraction(text) for text in (*entry["a"], *entry["b"])]
+    printed, order = weights_of(parameters), entry["order"]
+    found = closest(parameters, order)
+    refined = weights_of(found)
+    orders = range(1, order + 2)
+    own = next(
+        (q - 1 for q in orders if _largest(exact_residuals_of(refined, q)) > ZERO), order + 1
+    )
+    return Row(
+        entry["name"],
+        entry["source"],
+        len(entry["b"]),
+        order,
+        _largest(flat_residuals(printed, order)),
+        _largest(exact_residuals_of(printed, order)),
+        _largest(flat_residuals(printed, order + 1)),
+        max(abs(x - y) for x, y in zip(found, parameters, strict=True)),
+        own,
+        _largest(flat_residuals(refined, order)),
+        _largest(exact_residuals_of(refined, order)),
+    )
+
+
+def _power(number: Fraction) -> str:
+    """Return a number with one digit and its power of ten."""
+    if number == 0:
+        return "0"
+    digit, _, power = f"{float(number):.0e}".partition("e")
+    return f"{digit}e{int(power)}".replace("-", "−")
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """Return the table as it stands in the page."""
+    lines = [
+        "| method | stages | flat order | residual in print: flat | on manifolds "
+        "| moved by | residual there: flat | on manifolds | order on manifolds | source |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for found in rows:
+        numbers = [found.flat, found.own, found.moved, found.flat_refined, found.refined]
+        cells = [found.name, found.stages, found.flat_order, *map(_power, numbers), found.order]
+        lines.append(f"| {' | '.join(map(str, cells))} | {found.source} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(path: str = "docs/low_storage.md") -> None:
+    """Replace what is between the two marks."""
+    page = Path(path)
+    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    after = rest.partition(END)[2]
+    shown = markdown([row(entry) for entry in entries()])
+    page.write_text(f"{before}{BEGIN}{shown}{END}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
