@@ -389,5 +389,5 @@ print(int(re.search(r"VmHWM:\\s+(\\d+) kB", status)[1]) * 1024 / (8 * n))
         for path in ("general", "registers"):
             command = [sys.executable, "-c", self.SCRIPT, path]
             words[path] = float(subprocess.run(command, check=True, capture_output=True).stdout)
-        # 6 points and 5 fields against 2 and 2: 69 words against 24
+        # 7 points and 5 fields against 3 and 2: 78 words against 33; one of each is what f is given
         assert words["general"] - words["registers"] == pytest.approx(45, abs=5)
