@@ -1,4 +1,4 @@
-"""Crouch-Grossman steps in extended precision, on frames whose flows are given in it.
+"""Steps in extended precision, on frames whose flows are given in it.
 
 A user's frame, or one that isn't compiled, moves points in double precision only, whose rounding
 hides the errors of the higher orders but for the largest steps.  Here is the same step, written
@@ -8,7 +8,7 @@ anew, with as many digits as real(16) has.
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 from flint import acb, arb, arb_mat, ctx, fmpq
@@ -65,18 +65,39 @@ class ExtendedProblem:
                 raise AssertionError(f"stage {i} isn't solved: it still changes by {change}")
         return self.compose(b, fields, y, h)
 
-    def end(self, tableau, n):
+    def step_of_points(self, points, stage_points, result, t, y, h):
+        """Take a step of an explicit method, point by point."""
+        reached, fields, times = {-1: y}, {}, {-1: t}
+        for m in range(-1, result + 1):
+            if m >= 0:
+                parent, weights = points[m]
+                terms = [[w * v for v in fields[k]] for k, w in weights.items()]
+                total = [h * sum(column, arb()) for column in zip(*terms, strict=True)]
+                reached[m] = [x.mid() for x in self.flow(total, reached[parent])]
+                times[m] = times[parent] + h * sum(weights.values(), arb())
+            for k, at in enumerate(stage_points):
+                if at == m:
+                    fields[k] = self.f(times[m], reached[m])
+        return reached[result]
+
+    def end(self, method, n):
         """Return the point at time 1 after ``n`` steps, as exact numbers.
 
         Implicit stages may need those before them only.
         """
         with ctx.workprec(BITS):
-            a, b = tableau.exact
-            rows, b = [[ball(x) for x in row] for row in a], [ball(x) for x in b]
             h = 1 / arb(n)
             y = [ball(float(x)) for x in self.problem.y0.ravel()]
+            if method.explicit:
+                balls = [
+                    (p.parent, {k: ball(w) for k, w in p.weights.items()}) for p in method.points
+                ]
+                take = partial(self.step_of_points, balls, method.stage_points, method.result)
+            else:
+                a, b = method.exact
+                take = partial(self.step, [[ball(x) for x in row] for row in a], list(map(ball, b)))
             for k in range(n):
-                y = self.step(rows, b, k * h, y, h)
+                y = take(k * h, y, h)
             return [exact_midpoint(x) for x in y]
 
 
