@@ -8,6 +8,7 @@ from .certification import Certificate, CertificationError, certify
 from .commutator_free import CommutatorFree
 from .construction import construct
 from .integration import ConvergenceError, DenseOutput, Solution, Trajectory, integrate, solve_ivp
+from .lifting import Lifted, LiftError, lift
 from .method import Method
 from .points import MethodError
 from .random_search import search
@@ -21,6 +22,8 @@ __all__ = [
     "CommutatorFree",
     "ConvergenceError",
     "DenseOutput",
+    "LiftError",
+    "Lifted",
     "Method",
     "MethodError",
     "Solution",
@@ -33,6 +36,7 @@ __all__ = [
     "construct",
     "frames",
     "integrate",
+    "lift",
     "lmdif",
     "methods",
     "problems",

@@ -54,12 +54,12 @@ def test_error_estimate_has_the_order_of_the_embedded_method(name, frame):
     f, y0 = generic(frame)
     step = Step(f, frame, PAIRS[name])
     norm = ErrorNorm(frame, y0, 1.0, np.array(0.0))
-    sizes = np.array([0.2, 0.1, 0.05])
+    order = min(PAIRS[name].order, PAIRS[name].embedded_order)
+    sizes = np.array([0.2, 0.1, 0.05]) if order > 4 else np.array([0.1, 0.07, 0.05])
     # the largest of several: at one time alone the leading term may happen to be small
     times = (0.0, 0.3, 0.7)
     errors = [max(norm.error(*step.pair(t, y0, h), y0) for t in times) for h in sizes]
     assert min(errors) > 1e-12
-    order = min(PAIRS[name].order, PAIRS[name].embedded_order)
     assert observed_order(sizes, errors).order == pytest.approx(order + 1, abs=0.35)
 
 
