@@ -1,4 +1,4 @@
-"""Crouch-Grossman steps in extended precision, on frames whose flows are given in it.
+"""Steps in extended precision, on frames whose flows are given in it.
 
 A user's frame, or one that isn't compiled, moves points in double precision only, whose rounding
 hides the errors of the higher orders but for the largest steps.  Here is the same step, written
@@ -13,6 +13,7 @@ from functools import cache, cached_property
 import numpy as np
 from flint import acb, arb, arb_mat, ctx, fmpq
 
+from cg.commutator_free import CommutatorFree
 from cg.problems.affine import AffineField
 from cg.problems.taylor import exact_midpoint
 
@@ -65,16 +66,42 @@ class ExtendedProblem:
                 raise AssertionError(f"stage {i} isn't solved: it still changes by {change}")
         return self.compose(b, fields, y, h)
 
+    def step_by_points(self, tree, t, y, h):
+        """Take a step of an explicit method whose flows have several weights."""
+        reached, times, fields = {-1: y}, {-1: t}, {}
+
+        def evaluate(m):
+            for stage, at in enumerate(tree.stage_points):
+                if at == m:
+                    fields[stage] = self.f(times[m], reached[m])
+
+        evaluate(-1)
+        for m, point in enumerate(tree.points):
+            weights = {stage: ball(weight) for stage, weight in point.weights.items()}
+            sums = [
+                sum((w * fields[k][i] for k, w in weights.items()), arb())
+                for i in range(len(fields[0]))
+            ]
+            start = reached[point.parent]
+            reached[m] = [x.mid() for x in self.flow([h * v for v in sums], start)]
+            times[m] = times[point.parent] + h * sum(weights.values(), arb())
+            evaluate(m)
+        return reached[tree.result]
+
     def end(self, tableau, n):
         """Return the point at time 1 after ``n`` steps, as exact numbers.
 
         Implicit stages may need those before them only.
         """
         with ctx.workprec(BITS):
-            a, b = tableau.exact
-            rows, b = [[ball(x) for x in row] for row in a], [ball(x) for x in b]
             h = 1 / arb(n)
             y = [ball(float(x)) for x in self.problem.y0.ravel()]
+            if isinstance(tableau, CommutatorFree):
+                for k in range(n):
+                    y = self.step_by_points(tableau.tree, k * h, y, h)
+                return [exact_midpoint(x) for x in y]
+            a, b = tableau.exact
+            rows, b = [[ball(x) for x in row] for row in a], [ball(x) for x in b]
             for k in range(n):
                 y = self.step(rows, b, k * h, y, h)
             return [exact_midpoint(x) for x in y]
