@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from . import quad
 from .coefficients import Coefficient
 from .layout import Layout
 from .method import Method, read_coefficient, read_texts
@@ -106,6 +108,30 @@ class CommutatorFree(Method):
             object.__setattr__(self, field, value)
         if self.nominal_order is not None:
             self._check_nominal_order(MethodError)
+
+    @classmethod
+    def from_packed(
+        cls, x: Sequence[Fraction | str], layout: Layout, *, name: str = "", source: str = ""
+    ) -> CommutatorFree:
+        """Return the method with these weights, point after point; fractions get 36 digits.
+
+        Parameters
+        ----------
+        x : sequence of Fraction or str
+            As many as ``layout.size``.
+        layout : Layout
+            Of a tree of points.
+        name, source : str, optional
+        """
+        texts = [entry if isinstance(entry, str) else quad.to_decimal(entry) for entry in x]
+        return cls(
+            zip(layout.parents, layout.point_weights(texts), strict=True),
+            layout.stage_points,
+            layout.results[0],
+            embedded_result=layout.results[1] if layout.pair else None,
+            name=name,
+            source=source,
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what was derived: arrays would come back writeable."""

@@ -2,7 +2,8 @@
 
 This is Section 3.2 of Jackiewicz, Marthinsen and Owren. A start is a pure function of
 ``(seed, index)``, so results don't depend on the number of workers, and any start can
-be run again alone.
+be run again alone. Besides tableaux, methods with several frozen fields a flow are searched
+for: those of a given tree of points, or of trees that are drawn with the starts.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from contextlib import closing
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +23,8 @@ from numpy.typing import NDArray
 from . import _core_r64, _core_r128, quad
 from .checkpoint import Checkpoint
 from .checks import LARGEST_COUNT, MOST_STAGES, WIDEST, check_flag, check_integer, check_real
+from .commutator_free import CommutatorFree
 from .conditions import (
-    HIGHEST_ORDER,
     Rows,
     check_rows,
     count,
@@ -30,6 +32,7 @@ from .conditions import (
     unknowns,
 )
 from .layout import Layout
+from .method import Method
 from .parallel import as_finished, available_cores, stoppable
 from .search_records import Phase, RandomStart, SearchSettings
 from .solve.minimum_norm import fit_conditions
@@ -37,6 +40,7 @@ from .solve.polish import polish
 from .solve.refine import refine
 from .solve.system import ConditionSystem
 from .tableau import Tableau
+from .tree_shapes import check_order, check_points, draw_layout, most_unknowns
 
 __all__ = [
     "EXACT",
@@ -47,6 +51,7 @@ __all__ = [
     "random_start",
     "run_start",
     "search",
+    "start_layout",
 ]
 
 ALGORITHMS = ("minimum-norm", "lmdif")
@@ -62,6 +67,11 @@ _BEST_WIDTHS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0, 5: 0.75}
 _WIDTH_ABOVE = 0.3
 _BEST_BOUNDS = {1: 120, 2: 120, 3: 120, 4: 120, 5: 500}
 _BOUND_ABOVE = 1000
+
+_TREE_WIDTH = 0.4
+_HELD = (0.2, 0.8)  # range of the first weight of a tree, which stays where it is
+_HELD_FROM = 5  # the order from which on it does
+_TREE_BOUND = 600
 
 _NOTHING = Fraction(1, 10**40)  # corrections leave this much of a coefficient that is zero
 
@@ -80,20 +90,22 @@ class SearchResult:
     starts: tuple[RandomStart, ...]
 
     @cached_property
-    def methods(self) -> tuple[Tableau, ...]:
+    def methods(self) -> tuple[Method, ...]:
         """The exact methods found, distinct, smallest largest coefficient first.
 
-        Their coefficients have 36 digits, corrected beyond real(16) in rational arithmetic.
+        Tableaux, or `cg.CommutatorFree` methods of trees. Their coefficients have 36 digits,
+        corrected beyond real(16) in rational arithmetic.
         """
-        found: list[tuple[float, Tableau]] = []
-        seen: set[tuple[float, ...]] = set()
+        found: list[tuple[float, Method]] = []
+        seen: set[tuple[Layout, tuple[float, ...]]] = set()
         for start in self.starts:
             if not start.exact:
                 continue
             key = tuple(round(float(entry), 8) for entry in start.x)
-            if key not in seen:
-                seen.add(key)
-                found.append((max(map(abs, key)), self._tableau(start)))
+            layout = start_layout(self.settings, start.index)
+            if (layout, key) not in seen:
+                seen.add((layout, key))
+                found.append((max(map(abs, key)), self._method(start, layout)))
         return tuple(method for _, method in sorted(found, key=operator.itemgetter(0)))
 
     @property
@@ -101,23 +113,54 @@ class SearchResult:
         """The start with the smallest residual, whether exact or not."""
         return min(self.starts, key=operator.attrgetter("largest_residual"))
 
-    def _tableau(self, start: RandomStart) -> Tableau:
+    def _method(self, start: RandomStart, layout: Layout) -> Method:
         settings = self.settings
-        name = f"order {settings.order}, {settings.stages} stages, start {start.index}"
+        size = f"{settings.stages} stages"
+        if layout.rows is None:
+            size += f", {len(layout.parents)} flows"
+        name = f"order {settings.order}, {size}, start {start.index}"
         source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
         # the last places that real(16) leaves may not be right to the digits that are written
-        polished = polish(
-            list(map(Fraction, start.x)),
-            ConditionSystem.tableau(settings.order, settings.stages, settings.rows),
-        )
+        polished = polish(list(map(Fraction, start.x)), ConditionSystem(settings.order, layout))
+        x = [entry if abs(entry) > _NOTHING else Fraction() for entry in polished.x]
+        if layout.rows is None:
+            return CommutatorFree.from_packed(x, layout, name=name, source=source)
         return Tableau.from_packed(
-            [entry if abs(entry) > _NOTHING else Fraction() for entry in polished.x],
+            x,
             settings.stages,
             settings.rows,
             digits=quad.DECIMAL_DIGITS,
             name=name,
             source=source,
         )
+
+
+def start_layout(settings: SearchSettings, index: int) -> Layout:
+    """Return the shape of the methods that a start looks for.
+
+    It is drawn with the start if the settings have flows, so that it depends on the seed and
+    the index alone.
+    """
+    if settings.flows is not None:
+        return _drawn(settings, index)[0]
+    return settings.tree or Layout.tableau(settings.stages, settings.rows)
+
+
+def _drawn(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.float64]]:
+    """Return the shape of a start with a tree, and its random weights."""
+    generator = _generator(settings.seed, index)
+    layout = settings.tree
+    if settings.flows is not None:
+        layout = draw_layout(settings.stages, settings.flows, generator, embedded=settings.embedded)
+    assert layout is not None
+    guess = generator.uniform(-settings.width, settings.width, layout.size)
+    if settings.order >= _HELD_FROM:
+        guess[0] = generator.uniform(*_HELD)
+    return layout, guess
+
+
+def _generator(seed: int, index: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
 
 
 def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.float64]:
@@ -136,8 +179,7 @@ def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.f
     -------
     ndarray, shape (size,)
     """
-    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-    return generator.uniform(-width, width, size)
+    return _generator(seed, index).uniform(-width, width, size)
 
 
 def search(
@@ -156,8 +198,14 @@ def search(
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
     force: bool = False,
+    tree: Any = None,
+    flows: int | None = None,
+    embedded: bool = False,
 ) -> SearchResult:
     """Search for methods of an order from random starts.
+
+    By default for tableaux of Crouch–Grossman type; with `tree` or `flows` for methods whose
+    flows are those of combinations of frozen fields, `cg.CommutatorFree`.
 
     Parameters
     ----------
@@ -179,11 +227,11 @@ def search(
     width : float, optional
         Guesses are uniform in [-width, width]; by default 1 for ``"lmdif"``, and for
         ``"minimum-norm"`` 1 up to order 4, 0.75 for order 5 and 0.3 above, where it finds
-        most methods a second.
+        most methods a second; 0.4 with trees.
     maxfev : int, optional
         Bound on evaluations in double; by default 200 (n + 1) for n unknowns, as MINPACK
         has it, for ``"lmdif"``; for ``"minimum-norm"``, where most methods a second are
-        found with it, 120 up to order 4, 500 for order 5 and 1000 above.
+        found with it, 120 up to order 4, 500 for order 5 and 1000 above; 600 with trees.
     refine_below : float, optional
         A start goes on to real(16) if its sum of squares is at most this.
     refine_maxfev : int, optional
@@ -197,7 +245,19 @@ def search(
         Called with the numbers of finished and of all starts.
     force : bool, optional
         Try even where there are fewer unknowns than independent conditions. Methods may
-        exist there, symmetric ones above all.
+        exist there, symmetric ones above all. With trees, where many conditions depend on
+        each other, those count that are left where flows commute.
+    tree : PointTree, method, or sequence, optional
+        The shape of the methods. That of a tree or a method with all its weights that aren't
+        zero; or ``(parents, stage_points)``, with results from the third entry on if the
+        step doesn't lead to the last point, and weights on all stages evaluated by then. `stages`
+        must be those of the tree. From order 5 on, the first weight is held at a random value
+        while solving in double, which keeps the solver from degenerate limits.
+    flows : int, optional
+        Draw the tree with each start: so many flows, at least as many as stages.
+    embedded : bool, optional
+        With `flows`, draw one more point for a second result of order one less. A tree has one
+        or has none.
 
     Returns
     -------
@@ -218,9 +278,23 @@ def search(
     >>> found = search(order=2, stages=2, starts=4, seed=1)
     >>> found.methods[0].order
     2
+    >>> search(order=4, stages=4, flows=5, starts=10, seed=1).methods[0].exponentials
+    5
     """
     settings = _settings(
-        order, stages, seed, algorithm, rows, width, maxfev, refine_below, refine_maxfev, force
+        order,
+        stages,
+        seed,
+        algorithm,
+        rows,
+        width,
+        maxfev,
+        refine_below,
+        refine_maxfev,
+        force,
+        tree,
+        flows,
+        embedded,
     )
     starts = check_integer("starts", starts, 1, LARGEST_COUNT)
     if progress is not None and not callable(progress):
@@ -260,17 +334,24 @@ def run_start(settings: SearchSettings, index: int) -> RandomStart:
     -------
     RandomStart
     """
-    size = unknowns(settings.stages, settings.rows)
-    guess = random_start(settings.seed, index, size, settings.width)
-    run = _run_lmdif if settings.algorithm == "lmdif" else _run_minimum_norm
-    double, refined, bits = run(settings, guess)
+    if settings.flows is None and settings.tree is None:
+        layout = Layout.tableau(settings.stages, settings.rows)
+        guess = random_start(settings.seed, index, layout.size, settings.width)
+        held = 0
+    else:
+        layout, guess = _drawn(settings, index)
+        held = int(settings.order >= _HELD_FROM)
+    system = ConditionSystem(settings.order, layout)
+    if settings.algorithm == "lmdif":
+        double, refined, bits = _run_lmdif(settings, layout, guess)
+    else:
+        double, refined, bits = _run_minimum_norm(settings, system, guess, held)
     if refined is None:
         # doubles, whose decimals take less time without fractions; most starts end here
         decimals = tuple(f"{entry:.35e}" for entry in quad.to_float(bits).tolist())
     else:
         decimals = tuple(map(quad.to_decimal, quad.decode(bits)))
         bits = quad.encode(map(Fraction, decimals))
-    system = ConditionSystem.tableau(settings.order, settings.stages, settings.rows)
     largest = float(np.abs(system.residual_quad(bits)).max())
     if not np.isfinite(largest):
         largest = np.inf
@@ -279,12 +360,12 @@ def run_start(settings: SearchSettings, index: int) -> RandomStart:
 
 
 def _run_lmdif(
-    settings: SearchSettings, guess: NDArray[np.float64]
+    settings: SearchSettings, layout: Layout, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quad.Quads]:
     trees = np.array(table_rows(settings.order), dtype=np.intc)
     # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
-    shape = settings.order, Layout.tableau(settings.stages, settings.rows).code
+    shape = settings.order, layout.code
     x, f, info, nfev = stoppable(
         lambda stop_flag: _core_r64.fit_lmdif(
             *shape, guess, trees, [1e-18], [1e-18], settings.maxfev, stop_flag
@@ -306,12 +387,13 @@ def _run_lmdif(
 
 
 def _run_minimum_norm(
-    settings: SearchSettings, guess: NDArray[np.float64]
+    settings: SearchSettings, system: ConditionSystem, guess: NDArray[np.float64], held: int
 ) -> tuple[Phase, Phase | None, quad.Quads]:
-    system = ConditionSystem.tableau(settings.order, settings.stages, settings.rows)
+    """Solve, with the first so many unknowns held until refinement."""
     fit = fit_conditions(
         guess,
         system,
+        free=system.free[held:],
         max_iterations=max(1, settings.maxfev // 2),
     )
     double, bits = Phase(_finite(fit.f), int(fit.status), fit.evaluations), quad.from_float(fit.x)
@@ -339,27 +421,41 @@ def _settings(
     refine_below: float,
     refine_maxfev: int | None,
     force: bool,
+    tree: Any,
+    flows: int | None,
+    embedded: bool,
 ) -> SearchSettings:
-    order = check_integer("order", order, 1)
-    if order > HIGHEST_ORDER:
-        raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
+    order = check_order(order)
     stages = check_integer("stages", stages, 1, MOST_STAGES)
     seed = check_integer("seed", seed, 0)
     if algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
     rows = check_rows(rows)
+    force = check_flag("force", force)
     size, conditions = unknowns(stages, rows), count(order, independent=True)
-    if not check_flag("force", force) and size < conditions:
+    layout = None
+    of_points = tree is not None or flows is not None
+    if of_points:
+        layout, flows = check_points(order, stages, tree, flows, embedded, force)
+        size = most_unknowns(stages, flows) if layout is None else layout.size
+        if rows is not Rows.EXPLICIT:
+            raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
+        if algorithm == "lmdif" and (embedded or (layout is not None and layout.pair)):
+            raise ValueError("algorithm must be 'minimum-norm' for pairs, got 'lmdif'")
+    elif check_flag("embedded", embedded):
+        raise ValueError("embedded needs a number of flows, got a search for tableaux")
+    elif not force and size < conditions:
         raise ValueError(
             f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for {conditions} "
             f"independent conditions of order {order}; pass force=True to try all the same"
         )
     if width is None:
-        width = 1.0 if algorithm == "lmdif" else _BEST_WIDTHS.get(order, _WIDTH_ABOVE)
+        best_width = _TREE_WIDTH if of_points else _BEST_WIDTHS.get(order, _WIDTH_ABOVE)
+        width = 1.0 if algorithm == "lmdif" else best_width
     width = check_real("width", width, most=WIDEST)
     refine_below = check_real("refine_below", refine_below)
     if maxfev is None:
-        best = _BEST_BOUNDS.get(order, _BOUND_ABOVE)
+        best = _TREE_BOUND if of_points else _BEST_BOUNDS.get(order, _BOUND_ABOVE)
         maxfev = 200 * (size + 1) if algorithm == "lmdif" else best
     maxfev = check_integer("maxfev", maxfev, 1, LARGEST_COUNT)
     if refine_maxfev is None:
@@ -375,4 +471,7 @@ def _settings(
         maxfev,
         refine_below,
         refine_maxfev,
+        flows if layout is None else None,
+        bool(embedded),
+        layout,
     )

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from .conditions import Rows
+from .layout import Layout
 
 __all__ = ["Phase", "RandomStart", "SearchSettings"]
 
@@ -44,7 +45,8 @@ class RandomStart:
     quad : Phase or None
         The run in real(16); None where `double` ended above the bound for it.
     x : tuple of str
-        Packed coefficients, row by row, ``b`` last, in decimal with 36 significant digits.
+        Packed coefficients, row by row, ``b`` last, or point by point, in decimal with 36
+        significant digits.
     largest_residual : float
         Over all order conditions, computed in real(16) at `x`.
     exact : bool
@@ -101,3 +103,6 @@ class SearchSettings:
     maxfev: int
     refine_below: float
     refine_maxfev: int
+    flows: int | None = None
+    embedded: bool = False
+    tree: Layout | None = None

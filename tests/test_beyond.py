@@ -87,9 +87,16 @@ def test_documented_table_is_the_catalogue(catalogue):
         ("CG5b", "principal_error", 5),
         ("CG6e", "principal_error", 6),
         ("CF4b", "effort", 4),
-        ("CF4b", "principal_error", 4),
+        ("CF4(3)", "principal_error", 4),
         ("CF4", "stages", 4),
         ("CF4", "exponentials", 4),
+        ("CF5b", "stages", 5),
+        ("CF5c", "exponentials", 5),
+        ("CF5d", "effort", 5),
+        ("CF5d", "principal_error", 5),
+        ("CF6a", "stages", 6),
+        ("CF6b", "exponentials", 6),
+        ("CF6c", "effort", 6),
     ],
 )
 def test_advice_is_right(catalogue, name, by, among):

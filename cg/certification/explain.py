@@ -17,6 +17,7 @@ from scipy import linalg
 from ..layout import Layout, Rows
 from ..quad import to_decimal
 from .composition import MidpointSteps
+from .duality import Duality, find_dualities, kept_conditions
 from .identities import MiddleAbscissae, OfFirstWeights, PathOrderTwo, StageOrderTwo
 from .krawczyk import to_double
 from .parametric import Columns, Letters, Path
@@ -25,7 +26,15 @@ from .systems import EquationSystem, condition
 from .weights import Quantity, Weights
 from .words import Word, condition_words, nodes, reciprocal_density, text
 
-__all__ = ["augment", "find_identities", "name_of", "read_identity"]
+__all__ = [
+    "Duality",
+    "augment",
+    "dual_system",
+    "find_dualities",
+    "find_identities",
+    "name_of",
+    "read_identity",
+]
 
 _THRESHOLD = 1e-11  # singular values below this fraction of the largest count as zero
 _SMALL = 1e-20  # what counts as zero when identities are looked for, not when they are proved
@@ -81,7 +90,7 @@ def find_identities(
         For each row of weights, the stages (from 0) where they are held at zero.
     """
     if layout.rows is None:
-        return  # they are about rows of tableaux
+        return  # they are about rows of tableaux; see `dual_system` for trees of points
     found: list[tuple[Identity, ...]] = []
     for k in range(layout.stages):
         found += [(StageOrderTwo(k),)]
@@ -187,6 +196,18 @@ def _deviations(words: Sequence[Word], layout: Layout, y: Sequence[arb]) -> NDAr
 def _ratio(word: Word, bush: Word) -> Any:
     ratio = reciprocal_density(word) / reciprocal_density(bush)
     return fmpq(ratio.numerator, ratio.denominator)
+
+
+def dual_system(
+    layout: Layout, orders: Sequence[int], dualities: Sequence[Duality]
+) -> EquationSystem:
+    """Return the order conditions from which all others follow by dualities."""
+    equations = []
+    for row, word in kept_conditions(orders, dualities):
+        equation = condition(word, layout.stages + row)
+        label = f"{text(word)} embedded" if row else equation.label
+        equations.append(equation._replace(label=label))
+    return EquationSystem(layout, tuple(equations))
 
 
 def augment(

@@ -20,7 +20,8 @@ from ..layout import Layout
 from ..method import TOLERANCE_FACTOR, Method
 from ..quad import to_decimal
 from .certificate import Beyond, Certificate, CertificationError
-from .explain import augment, find_identities, name_of, read_identity
+from .duality import Duality, find_dualities, regular
+from .explain import augment, dual_system, find_identities, name_of, read_identity
 from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
 from .parametric import RELATION_RADIUS
 from .relations import Identity
@@ -216,6 +217,9 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
     """Return the equations of a certificate."""
     if not certificate.identities:
         return order_system(packed.layout, certificate.order, certificate.embedded_order)
+    dualities = _dualities(certificate)
+    if dualities:
+        return dual_system(packed.layout, _orders(certificate), dualities)
     if Fraction(certificate.radius) >= Fraction(RELATION_RADIUS):
         raise CertificationError("the radius is too large for the relations of identities")
     try:
@@ -225,7 +229,20 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
         raise CertificationError(str(error)) from None
 
 
+def _dualities(certificate: Certificate) -> list[Duality]:
+    """Return what letters and surroundings span; with identities of another kind, none."""
+    names = certificate.identities
+    if not names or not all(name.startswith("span ") for name in names):
+        return []
+    try:
+        return [Duality.read(name) for name in names]
+    except ValueError as error:
+        raise CertificationError(str(error)) from None
+
+
 def _identities(certificate: Certificate) -> list[Identity]:
+    if _dualities(certificate):
+        return []
     try:
         return [read_identity(name) for name in certificate.identities]
     except (ValueError, ZeroDivisionError) as error:
@@ -272,6 +289,10 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
     attempt = krawczyk(system, y, free, arb(certificate.radius))
     if not attempt.proved:
         raise CertificationError(f"{certificate.name}: no zero is proved", **_quantities(attempt))
+    around = box(packed, certificate)
+    for duality in _dualities(certificate):
+        if not regular(duality, packed.layout, around):
+            raise CertificationError(f"{certificate.name}: dependent: {duality.heading}")
 
 
 def _quantities(attempt: KrawczykTest) -> dict[str, float]:
@@ -311,6 +332,16 @@ def _find_zero(packed: Packed, draft: Certificate) -> Certificate:
     if isinstance(found, Certificate):
         return found
     tried = []
+    if packed.layout.rows is None:
+        dualities = find_dualities(packed.layout, _orders(draft), y)
+        extended = replace(draft, identities=tuple(one.heading for one in dualities))
+        system = system_of(packed, extended)
+        again = _try(packed, extended, system, to_double(system.linearise(y)[1]))
+        if isinstance(again, Certificate):
+            if all(regular(one, packed.layout, box(packed, again)) for one in dualities):
+                return again
+        else:
+            found = again
     for identities in find_identities(packed.layout, y, packed.zeros()):
         names = tuple(map(name_of, identities))
         tried.append(" and ".join(identity.heading for identity in identities))

@@ -5,6 +5,7 @@ from .candidate import Candidate, NotExactError, correct, pack_method, refinable
 from .compose import compose, triple_jump
 from .construct import Attempt, Construction, construct
 from .drop import drop_stage
+from .drop_flow import drop_flow, drop_point_stage
 from .eliminate import eliminate, eliminate_stage, walk
 from .optimise import Goals, fewer_exponentials, optimise, principal_error
 
@@ -19,6 +20,8 @@ __all__ = [
     "compose",
     "construct",
     "correct",
+    "drop_flow",
+    "drop_point_stage",
     "drop_stage",
     "eliminate",
     "eliminate_stage",

@@ -218,15 +218,7 @@ def to_method(
 
 def _method(layout: Layout, texts: Sequence[str], name: str, source: str) -> Method:
     if layout.rows is None:
-        points = zip(layout.parents, layout.point_weights(texts), strict=True)
-        return CommutatorFree(
-            points,
-            layout.stage_points,
-            layout.results[0],
-            embedded_result=layout.results[1] if layout.pair else None,
-            name=name,
-            source=source,
-        )
+        return CommutatorFree.from_packed(texts, layout, name=name, source=source)
     rows = layout.full_rows(texts)
     second = rows[-1] if layout.pair else None
     a, b = rows[: layout.stages], rows[layout.stages]

@@ -20,14 +20,17 @@ from ..checks import (
     check_integer,
     check_real,
 )
-from ..conditions import HIGHEST_ORDER, count
+from ..conditions import count
+from ..layout import Layout
 from ..method import Method
 from ..parallel import as_finished, available_cores
 from ..solve.system import ConditionSystem, Structure
+from ..tree_shapes import check_order, check_points, draw_layout
 from .candidate import Candidate, NotExactError, refinable, solved, to_method
 from .drop import solve_start
-from .eliminate import eliminate
-from .start import default_start, likely_structure, random_candidate
+from .drop_flow import drop_flow
+from .eliminate import eliminate, walk
+from .start import default_start, likely_structure, random_candidate, tree_start
 
 __all__ = ["Attempt", "Construction", "ConstructionSettings", "construct", "run_attempt"]
 
@@ -47,6 +50,10 @@ class ConstructionSettings:
     largest: float
     restarts: int
     full_rank: bool
+    flows: int | None = None
+    first_flows: int | None = None
+    embedded: bool = False
+    tree: Layout | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +66,8 @@ class Attempt:
         With the seed it determines everything else.
     stages : int
         Fewest stages reached.
+    flows : int or None
+        Fewest flows reached, where they count.
     solved : bool
         Whether it is on the solution set there, within the bounds asked for.
     f : float
@@ -72,6 +81,8 @@ class Attempt:
     solved: bool
     f: float
     x: tuple[float, ...] = field(repr=False)
+    flows: int | None = None
+    tree: Layout | None = field(default=None, repr=False)
 
     def record(self) -> dict[str, Any]:
         """Return it as plain data, floats in hexadecimal."""
@@ -88,6 +99,8 @@ class Attempt:
                 solved=bool(record["solved"]),
                 f=float.fromhex(record["f"]),
                 x=x,
+                flows=None if record["flows"] is None else int(record["flows"]),
+                tree=None if record["tree"] is None else _layout(record["tree"]),
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f"not the record of an attempt: {str(record)[:80]}") from error
@@ -137,11 +150,16 @@ def construct(
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[Attempt], None] | None = None,
     force: bool = False,
+    tree: Any = None,
+    flows: int | None = None,
+    first_flows: int | None = None,
+    embedded: bool = False,
 ) -> Construction:
     """Construct an exact explicit method from random starts.
 
     Each try solves the order conditions from a random guess with enough stages and then
-    eliminates stages along the solution set. The method returned is the one of the
+    eliminates stages along the solution set; with `flows`, from a random tree of points with
+    enough flows, of which it eliminates flows. The method returned is the one of the
     first successful try by number, whatever the number of workers.
 
     Parameters
@@ -178,7 +196,16 @@ def construct(
     progress : callable, optional
         Called with each `Attempt`.
     force : bool, optional
-        Try even where there are fewer unknowns than independent conditions.
+        Try even where there are fewer unknowns than independent conditions; for trees, than
+        conditions where flows commute.
+    tree : PointTree, method, or sequence, optional
+        Look for a method with this tree of points, as `cg.search` takes it.
+    flows : int, optional
+        Look for a method of points, `cg.CommutatorFree`, with so many flows, whose tree is drawn.
+    first_flows : int, optional
+        Flows of the trees that are drawn, by default `flows`. Points are left out from there.
+    embedded : bool, optional
+        With `flows`, whether one more point is a second result of order one less.
 
     Returns
     -------
@@ -194,19 +221,16 @@ def construct(
     >>> construct(order=3, stages=3, seed=1).method.order
     3
     """
-    settings = _settings(
-        order,
-        stages,
-        seed,
-        largest,
-        restarts,
-        full_rank,
-        structure,
-        first_stages,
-        width,
-        iterations,
-        force,
-    )
+    common = (order, stages, seed, largest, restarts, full_rank, structure, first_stages)
+    of_points = tree is not None or flows is not None or first_flows is not None
+    if of_points:
+        settings = _tree_settings(
+            *common, width, iterations, force, tree, flows, first_flows, embedded
+        )
+    elif check_flag("embedded", embedded):
+        raise ValueError("embedded needs a number of flows, got a construction of tableaux")
+    else:
+        settings = _settings(*common, width, iterations, force)
     tries = check_integer("tries", tries, 1, LARGEST_COUNT)
     if progress is not None and not callable(progress):
         raise TypeError(f"progress must be callable, got {progress!r}")
@@ -218,14 +242,17 @@ def construct(
         done = {attempt.index: attempt for attempt in records}
         method = None
         for attempt in _in_order(settings, tries, workers, done, checkpoint_file, progress):
-            if attempt.solved and attempt.stages == settings.stages:
+            if attempt.solved and _arrived(settings, attempt):
                 method = _refined(settings, attempt)
                 if method is not None:
                     return Construction(settings, method, attempt, attempt.index + 1)
     finally:
         if checkpoint_file:
             checkpoint_file.close()
-    best = min((done[index] for index in range(tries)), key=lambda a: (not a.solved, a.stages, a.f))
+    best = min(
+        (done[index] for index in range(tries)),
+        key=lambda a: (not a.solved, a.stages, a.flows or 0, a.f),
+    )
     return Construction(settings, None, best, tries)
 
 
@@ -257,6 +284,8 @@ def _in_order(
 def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
     """Run one try alone."""
     random = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
+    if settings.flows is not None:
+        return _run_tree(settings, index, random)
     spread = max(0, settings.first_stages - settings.stages)
     stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
     system = ConditionSystem.tableau(settings.order, stages, structure=settings.structure)
@@ -276,6 +305,40 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
     return _attempt(settings, index, candidate)
 
 
+def _run_tree(settings: ConstructionSettings, index: int, random: np.random.Generator) -> Attempt:
+    """Run one try for a method of points."""
+    layout = settings.tree
+    if layout is None:
+        assert settings.first_flows is not None
+        layout = draw_layout(
+            settings.stages, settings.first_flows, random, embedded=settings.embedded
+        )
+    system = ConditionSystem(settings.order, layout)
+    guess = random_candidate(system, settings.width, random)
+    candidate = solve_start(guess, settings.iterations, promising=settings.promising)
+    left = 0
+    while _acceptable(settings, candidate) and left <= settings.restarts:
+        if _flows(settings, candidate.system.layout) == settings.flows:
+            break
+        accept = partial(_acceptable, settings)
+        smaller = drop_flow(candidate, random, largest=settings.largest, accept=accept)
+        if smaller is None:
+            left += 1
+            candidate = walk(candidate, random, largest=settings.largest)
+        else:
+            candidate, left = smaller, 0
+    return _attempt(settings, index, candidate)
+
+
+def _flows(settings: ConstructionSettings, layout: Layout) -> int:
+    """Return the number of flows that is asked for: drawn second results come on top."""
+    return len(layout.parents) - settings.embedded
+
+
+def _arrived(settings: ConstructionSettings, attempt: Attempt) -> bool:
+    return (attempt.stages, attempt.flows) == (settings.stages, settings.flows)
+
+
 def _acceptable(settings: ConstructionSettings, candidate: Candidate) -> bool:
     if not solved(candidate) or candidate.largest > settings.largest or not refinable(candidate):
         return False
@@ -284,20 +347,37 @@ def _acceptable(settings: ConstructionSettings, candidate: Candidate) -> bool:
 
 def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -> Attempt:
     good = _acceptable(settings, candidate)
-    return Attempt(index, candidate.system.stages, good, candidate.f, tuple(candidate.x.tolist()))
+    layout, x = candidate.system.layout, tuple(candidate.x.tolist())
+    if layout.rows is not None:
+        return Attempt(index, layout.stages, good, candidate.f, x)
+    flows = _flows(settings, layout)
+    return Attempt(index, layout.stages, good, candidate.f, x, flows, layout)
 
 
 def _refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
-    system = ConditionSystem.tableau(settings.order, attempt.stages, structure=settings.structure)
+    layout = attempt.tree or Layout.tableau(attempt.stages)
+    system = ConditionSystem(settings.order, layout, settings.structure)
     candidate = Candidate(system, _array(attempt.x))
+    size = f"{settings.stages} stages"
+    if settings.flows is not None:
+        size += f", {settings.flows} flows"
     try:
         return to_method(
             candidate,
-            name=f"order {settings.order}, {settings.stages} stages, try {attempt.index}",
+            name=f"order {settings.order}, {size}, try {attempt.index}",
             source=f"construct, seed {settings.seed}, try {attempt.index}",
         )
     except NotExactError:
         return None
+
+
+def _layout(record: dict[str, Any]) -> Layout:
+    return Layout(
+        tuple(record["parents"]),
+        tuple(map(tuple, record["weights"])),
+        tuple(record["stage_points"]),
+        tuple(record["results"]),
+    )
 
 
 def _array(x: tuple[float, ...]) -> NDArray[np.float64]:
@@ -317,9 +397,7 @@ def _settings(
     iterations: int | None,
     force: bool,
 ) -> ConstructionSettings:
-    order = check_integer("order", order, 1)
-    if order > HIGHEST_ORDER:
-        raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
+    order = check_order(order)
     stages = check_integer("stages", stages, 1, MOST_STAGES)
     full_rank = check_flag("full_rank", full_rank)
     if structure is None:
@@ -353,4 +431,54 @@ def _settings(
         check_real("largest", largest, positive=True),
         check_integer("restarts", restarts, 0),
         full_rank,
+    )
+
+
+def _tree_settings(
+    order: int,
+    stages: int,
+    seed: int,
+    largest: float,
+    restarts: int,
+    full_rank: bool,
+    structure: Structure | None,
+    first_stages: int | None,
+    width: float | None,
+    iterations: int | None,
+    force: bool,
+    tree: Any,
+    flows: int | None,
+    first_flows: int | None,
+    embedded: bool,
+) -> ConstructionSettings:
+    order = check_order(order)
+    stages = check_integer("stages", stages, 1, MOST_STAGES)
+    for name, value in (("structure", structure), ("first_stages", first_stages)):
+        if value:
+            raise ValueError(f"{name} is for tableaux, got {value!r} with a tree")
+    if flows is None and tree is None:
+        raise ValueError("first_flows needs a number of flows to come down to")
+    layout, flows = check_points(order, stages, tree, flows, embedded, check_flag("force", force))
+    first_flows = flows if first_flows is None else first_flows
+    if layout is not None and first_flows != flows:
+        raise ValueError(f"first_flows must be None with a tree, got {first_flows!r}")
+    start = tree_start(order)
+    return ConstructionSettings(
+        order,
+        stages,
+        check_integer("seed", seed, 0),
+        Structure.GENERAL,
+        stages,
+        check_real("width", start.width if width is None else width, positive=True, most=WIDEST),
+        check_integer(
+            "iterations", start.iterations if iterations is None else iterations, 1, LARGEST_COUNT
+        ),
+        start.promising,
+        check_real("largest", largest, positive=True),
+        check_integer("restarts", restarts, 0),
+        check_flag("full_rank", full_rank),
+        flows,
+        check_integer("first_flows", first_flows, flows, 10 * MOST_STAGES),
+        check_flag("embedded", embedded),
+        layout,
     )

@@ -11,7 +11,7 @@ from ..solve.system import ConditionSystem, Structure
 from .candidate import Candidate
 from .drop import held
 
-__all__ = ["StartSettings", "default_start", "likely_structure", "random_candidate"]
+__all__ = ["StartSettings", "default_start", "likely_structure", "random_candidate", "tree_start"]
 
 _HELD = (0.3, 0.8)  # range of what is held away from zero
 
@@ -67,6 +67,11 @@ def default_start(order: int, structure: Structure) -> StartSettings:
     general, for which no random start succeeded.
     """
     return (_GENERAL, _STAGE_ORDER_TWO, _MIDDLE)[structure][order]
+
+
+def tree_start(order: int) -> StartSettings:
+    """Return what works for methods of points, whose stages are given."""
+    return StartSettings(1, 0.4, 300 if order < 7 else 1500, 1e-14)
 
 
 def likely_structure(order: int, stages: int) -> Structure:
