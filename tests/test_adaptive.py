@@ -7,8 +7,9 @@ import pytest
 
 import cg
 from cg.convergence import observed_order
-from cg.frames import SE3, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
+from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
 from cg.integration.error_norm import ErrorNorm
+from cg.integration.interpolation import extra_evaluations
 from cg.integration.python_stepper import PythonStepper
 from cg.integration.step import Step
 from cg.integration.stepper import AdaptiveSchedule
@@ -279,3 +280,16 @@ def test_steps_can_be_taken_one_by_one():
     assert 0.0 < block.t[1] < 1.0
     assert block.y.shape == (2, 3, 3)
     assert step.counts.nfev == 4
+
+
+@pytest.mark.parametrize("extra", [{}, {"dense_output": True}])
+def test_the_last_stage_is_the_first_of_the_next_step(extra):
+    pair = cg.methods["DP5(4)"]
+    for frame in (SO3(), SO(4)):  # in compiled code, and in Python
+        y0 = frame.random_point(np.random.default_rng(3))
+        found = cg.solve_ivp(
+            lambda t, y, n=frame.dim: np.cos(t + np.arange(n)) * y[0, 1],
+            (0, 1), y0, frame=frame, method=pair, h=0.125, **extra,
+        )  # fmt: skip
+        between = 8 * extra_evaluations(pair) if extra else 0
+        assert found.nfev == 1 + 8 * (pair.stages - 1) + between

@@ -72,6 +72,7 @@ class Step:
         self.abscissae: list[float] = method.c.tolist()
         self.counts = Counts()
         self._known: tuple[float, Points, Array] | None = None
+        self._final: tuple[Points, Array] | None = None
         self.solvers: list[StageSolver] | None = None
         if isinstance(method, Tableau) and not method.explicit:
             self._prepare_rows(method, stage_solver)
@@ -82,6 +83,7 @@ class Step:
         paths = paths_of(self.method)
         self.results = [paths.result, paths.embedded]
         self.stage_paths = paths.stages
+        self.final_stage = paths.final_stage
         self.paths = []
         for path in paths.paths:
             stages = sorted({stage for flow in path.flows for stage, _ in flow})
@@ -127,7 +129,10 @@ class Step:
         for k, c in enumerate(self.abscissae[1:], start=1):
             stage = self._end(self.stage_paths[k], known, fields, h)
             fields[..., k, :] = self.evaluate(t + c * h, stage)
-        return [self._end(path, known, fields, h) for path in self.results[:results]]
+        found = [self._end(path, known, fields, h) for path in self.results[:results]]
+        if self.final_stage:  # the first of the next step, which starts from this very object
+            self._final = found[0], fields[..., self.final_stage - 1, :].copy()
+        return found
 
     def _end(self, path: int, known: dict[int, Points], fields: Array, h: float) -> Points:
         """Return the end of a path, after those on the way to it."""
@@ -135,16 +140,20 @@ class Step:
             origin, stages, weights = self.paths[path - 1]
             start = self._end(origin, known, fields, h)
             self.counts.nexp += len(weights)
-            v = (h * weights) @ fields[..., stages, :]
+            v = _combined(h * weights, fields[..., stages, :])
             known[path] = self._move(v, start, path in self.results)
         return known[path]
 
     def field(self, t: float, point: Points) -> Array:
-        """Return f(t, point), without evaluating it again if that was the last such call.
+        """Return f(t, point), without evaluating it again if it is known.
+
+        It is if that was the last such call, or if the last stage of a step was there.
 
         Points are told apart as objects, so ``point`` must not be changed in between.
         """
-        if self._known is None or self._known[1] is not point or self._known[0] != t:
+        if self._final is not None and self._final[0] is point:
+            self._known = (t, *self._final)
+        elif self._known is None or self._known[1] is not point or self._known[0] != t:
             self._known = (t, point, self.evaluate(t, point))
         return self._known[2]
 
@@ -172,3 +181,11 @@ class Step:
 
 def _nonzero(row: Array) -> Row:
     return tuple((j, value) for j, value in enumerate(row.tolist()) if value != 0.0)
+
+
+def _combined(weights: Array, fields: Array) -> Array:
+    """Return the fields of flows, summed over stages in their order, as compiled code does."""
+    total = weights[:, 0, None] * fields[..., None, 0, :]
+    for k in range(1, weights.shape[1]):
+        total = total + weights[:, k, None] * fields[..., None, k, :]
+    return np.asarray(total)

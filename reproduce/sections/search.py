@@ -106,6 +106,7 @@ def _data(plan: Plan, result: SearchResult) -> Data:
     f_quad = [phase.f if phase else None for phase in refined]
     settings = asdict(result.settings)
     settings["rows"] = settings["rows"].name.lower()
+    tableaux = [method for method in result.methods if isinstance(method, Tableau)]
     return {
         "settings": settings,
         "paper": {"f_double": plan.paper_double, "f_quad": plan.paper_quad},
@@ -116,12 +117,10 @@ def _data(plan: Plan, result: SearchResult) -> Data:
         "exact": [start.exact for start in starts],
         "f_double_quartiles": _quartiles(f_double),
         "f_quad_quartiles": _quartiles([f for f in f_quad if f is not None]),
-        "distinct": len(result.methods),
-        "abscissae_in_unit_interval": sum(map(_in_unit_interval, result.methods)),
-        "largest_coefficients": [_largest(method) for method in result.methods],
-        "methods": [
-            method_data(method, plan.order) for method in _chosen(plan.order, result.methods)
-        ],
+        "distinct": len(tableaux),
+        "abscissae_in_unit_interval": sum(map(_in_unit_interval, tableaux)),
+        "largest_coefficients": [_largest(method) for method in tableaux],
+        "methods": [method_data(method, plan.order) for method in _chosen(plan.order, tableaux)],
         "best": _best(plan, result.best),
     }
 
