@@ -26,10 +26,13 @@ are close to each other, so that it works on every frame.
 
 The coefficients at interior nodes are evaluated where the interpolant with one node less leads
 (W. H. Enright, K. R. Jackson, S. P. Nørsett, P. G. Thomsen, "Interpolants for Runge–Kutta
-formulas", ACM TOMS 12 (1986), call it bootstrapping): with :math:`n = 2, 3, \dots, p - 1` nodes
-the error becomes :math:`O(h^{p+1})`, that of a step of order p.  This takes 0, 1, 3, 6, 10
-evaluations for
-p = 3, 4, 5, 6, 7, in steps that have output in them only.
+formulas", ACM TOMS 12 (1986), call it bootstrapping), which takes :math:`n - 2` evaluations for n
+nodes.  With :math:`p - 1` nodes the error is :math:`O(h^{p+1})`, that of a step of order p.  From
+order four on there is one node more where a method has as many stages as this takes evaluations:
+measured on the pairs of the catalogue, the largest error within a step was then at most 1.5 times
+that at its ends; with :math:`p - 1` nodes it was at most 2.6 times for Crouch-Grossman pairs, but 4
+to 12 times for commutator-free ones, whose own errors are smaller.  All in all 0, 3, 6, 10, 15
+evaluations go into a step of order p = 3, 4, 5, 6, 7 that has output in it, or else 6 for p = 6.
 
 The nodes are those of Lobatto's formula with one node more, without the one in the middle: that is
 the node at which the integral condition interpolates the derivative implicitly, so that the error
@@ -98,12 +101,17 @@ def nodes_of(count: int) -> NodeSet:
 def node_count(method: Method) -> int:
     """Return how many nodes make the interpolant as accurate as the steps of a method."""
     order = method.embedded_order if advances_by_embedded(method) else method.order
-    return max(2, (order or 0) - 1)
+    enough = max(2, (order or 0) - 1)
+    return enough + (enough > 2 and _evaluations(enough + 1) <= method.stages)
 
 
 def extra_evaluations(method: Method) -> int:
     """Return how many evaluations of ``f`` an interpolant takes, besides those at both ends."""
-    return sum(range(1, node_count(method) - 1))
+    return _evaluations(node_count(method))
+
+
+def _evaluations(nodes: int) -> int:
+    return sum(range(1, nodes - 1))
 
 
 class ResultFlows:
