@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from cg.catalogue import methods
 from cg.frames import SO3, Euclidean, Product
 from cg.integration import Trajectory, integrate
+from cg.integration.paths import paths_of
 from cg.integration.time_grid import make_grid
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
@@ -95,9 +96,15 @@ def test_counts(name):
 
     solution = solve(f, frame=Counting(), method=name)
     tableau = methods[name]
-    assert solution.nfev == len(calls) == 10 * tableau.stages
+    again = 0 if paths_of(tableau).final_stage else 1  # the last stage may be the next step's first
+    assert solution.nfev == len(calls) == 10 * (tableau.stages - 1) + (10 if again else 1)
     assert solution.nexp == Counting.flows == 10 * exponentials(tableau)
-    abscissae = [k * 0.1 + c * 0.1 for k in range(10) for c in tableau.c]
+    abscissae = [
+        k * 0.1 + c * 0.1
+        for k in range(10)
+        for i, c in enumerate(tableau.c)
+        if again or k == 0 or i > 0
+    ]
     np.testing.assert_allclose(calls, abscissae, rtol=0, atol=1e-15)
 
 
