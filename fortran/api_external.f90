@@ -1,51 +1,51 @@
 ! Faces for f2py of the integration of a function in C, and of flows on their own: they only shape
 ! and call. What belongs to one integration stays here between calls, known by its address.
-module sessions
+module runs
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr, c_ptr
   use external_field, only: external_field_t, make_external_field
   use integration_r64, only: problem_t, trajectory_t
   implicit none
   private
-  public :: session_t, session_at, address_of, make_field
+  public :: run_t, run_at, address_of, make_field
 
-  type :: session_t
+  type :: run_t
     type(problem_t) :: problem
     integer(c_intptr_t) :: function_address = 0
     integer(c_intptr_t) :: data_address = 0          ! 0 for none
     integer(c_intptr_t) :: data_stride = 0           ! bytes from one trajectory's data to the next
     type(trajectory_t), allocatable :: trajectories(:)
-  end type session_t
+  end type run_t
 
 contains
 
-  integer(c_intptr_t) function address_of(session)
-    type(session_t), pointer, intent(in) :: session
+  integer(c_intptr_t) function address_of(run)
+    type(run_t), pointer, intent(in) :: run
 
-    address_of = transfer(c_loc(session), address_of)
+    address_of = transfer(c_loc(run), address_of)
   end function address_of
 
-  function session_at(address) result(session)
+  function run_at(address) result(run)
     integer(c_intptr_t), intent(in) :: address
-    type(session_t), pointer :: session
+    type(run_t), pointer :: run
     type(c_ptr) :: pointer
 
     pointer = transfer(address, c_null_ptr)
-    call c_f_pointer(pointer, session)
-  end function session_at
+    call c_f_pointer(pointer, run)
+  end function run_at
 
-  subroutine make_field(session, trajectory, field)
-    type(session_t), intent(in) :: session
+  subroutine make_field(run, trajectory, field)
+    type(run_t), intent(in) :: run
     integer, intent(in) :: trajectory                ! whose data the function is given
     type(external_field_t), intent(out) :: field
 
-    call make_external_field(session%function_address, session%data_address &
-                             + int(trajectory - 1, c_intptr_t) * session%data_stride, field)
+    call make_external_field(run%function_address, run%data_address &
+                             + int(trajectory - 1, c_intptr_t) * run%data_stride, field)
   end subroutine make_field
 
-end module sessions
+end module runs
 
 ! An integration of trajectories that start at the same time. Steps have to be chosen next.
-subroutine session_open(blocks, description, members, integers, list, terms, weight, stages, c, &
+subroutine run_open(blocks, description, members, integers, list, terms, weight, stages, c, &
                         function_address, data_address, data_stride, n, trajectories, t, points, &
                         first_step, address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
@@ -53,7 +53,7 @@ subroutine session_open(blocks, description, members, integers, list, terms, wei
   use integration_r64, only: start_trajectory
   use kinds_r64, only: wp
   use method_r64, only: make_method
-  use sessions, only: address_of, session_t
+  use runs, only: address_of, run_t
   implicit none
   integer, intent(in) :: blocks, members, integers, terms, stages, n, trajectories
   integer, intent(in) :: description(3, blocks)
@@ -64,94 +64,94 @@ subroutine session_open(blocks, description, members, integers, list, terms, wei
   real(wp), intent(in) :: points(n, trajectories)
   real(wp), intent(in) :: first_step                 ! zero to choose it
   integer(c_intptr_t), intent(out) :: address
-  type(session_t), pointer :: session
+  type(run_t), pointer :: run
   integer :: i
 
-  allocate (session)
-  call make_frame(description, members, session%problem%frame)
-  call make_method(list, weight, c, session%problem%method)
-  session%problem%members = members
-  session%function_address = function_address
-  session%data_address = data_address
-  session%data_stride = data_stride
-  allocate (session%trajectories(trajectories))
+  allocate (run)
+  call make_frame(description, members, run%problem%frame)
+  call make_method(list, weight, c, run%problem%method)
+  run%problem%members = members
+  run%function_address = function_address
+  run%data_address = data_address
+  run%data_stride = data_stride
+  allocate (run%trajectories(trajectories))
   do i = 1, trajectories
-    call start_trajectory(session%problem, t, points(:, i), first_step, session%trajectories(i))
+    call start_trajectory(run%problem, t, points(:, i), first_step, run%trajectories(i))
   end do
-  address = address_of(session)
-end subroutine session_open
+  address = address_of(run)
+end subroutine run_open
 
-subroutine session_close(address)
+subroutine run_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use sessions, only: session_at, session_t
+  use runs, only: run_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
-  type(session_t), pointer :: session
+  type(run_t), pointer :: run
 
-  session => session_at(address)
-  deallocate (session)
-end subroutine session_close
+  run => run_at(address)
+  deallocate (run)
+end subroutine run_close
 
 ! A trajectory takes no more steps.
-subroutine session_finish(address, i)
+subroutine run_finish(address, i)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use sessions, only: session_at, session_t
+  use runs, only: run_at, run_t
   use shared_numbers, only: finished
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: i
-  type(session_t), pointer :: session
+  type(run_t), pointer :: run
 
-  session => session_at(address)
-  session%trajectories(i)%failure%status = finished
-end subroutine session_finish
+  run => run_at(address)
+  run%trajectories(i)%failure%status = finished
+end subroutine run_finish
 
 ! Equal steps from start to stop
-subroutine session_use_grid(address, start, stop, step, last, steps)
+subroutine run_use_grid(address, start, stop, step, last, steps)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use integration_r64, only: grid_t
   use kinds_r64, only: wp
-  use sessions, only: session_at, session_t
+  use runs, only: run_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   real(wp), intent(in) :: start, stop, step, last
   integer, intent(in) :: steps
-  type(session_t), pointer :: session
+  type(run_t), pointer :: run
 
-  session => session_at(address)
-  session%problem%adaptive = .false.
-  session%problem%stop = stop
-  session%problem%grid = grid_t(start=start, step=step, last=last, steps=steps)
-end subroutine session_use_grid
+  run => run_at(address)
+  run%problem%adaptive = .false.
+  run%problem%stop = stop
+  run%problem%grid = grid_t(start=start, step=step, last=last, steps=steps)
+end subroutine run_use_grid
 
 ! Steps chosen by the error estimate of a pair
-subroutine session_use_tolerances(address, stop, rtol, m, atol, exponent, max_step)
+subroutine run_use_tolerances(address, stop, rtol, m, atol, exponent, max_step)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use integration_r64, only: tolerances_t
   use kinds_r64, only: wp
-  use sessions, only: session_at, session_t
+  use runs, only: run_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   real(wp), intent(in) :: stop, rtol, exponent, max_step
   integer, intent(in) :: m
   real(wp), intent(in) :: atol(m)
-  type(session_t), pointer :: session
+  type(run_t), pointer :: run
 
-  session => session_at(address)
-  session%problem%adaptive = .true.
-  session%problem%stop = stop
-  session%problem%tolerances = tolerances_t(atol=atol, rtol=rtol, exponent=exponent, &
+  run => run_at(address)
+  run%problem%adaptive = .true.
+  run%problem%stop = stop
+  run%problem%tolerances = tolerances_t(atol=atol, rtol=rtol, exponent=exponent, &
                                             max_step=max_step)
-end subroutine session_use_tolerances
+end subroutine run_use_tolerances
 
 ! At most budget trial steps of each of some trajectories
-subroutine session_advance(address, first, last, budget, every, keep_slopes, capacity, trajectories, &
+subroutine run_advance(address, first, last, budget, every, keep_slopes, capacity, trajectories, &
                            n, m, t, y, f, counts, status, flag, failed_at)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use external_field, only: external_field_t
   use integration_r64, only: integrate, output_t
   use kinds_r64, only: wp
-  use sessions, only: make_field, session_at, session_t
+  use runs, only: make_field, run_at, run_t
   use shared_numbers, only: paused
   implicit none
   integer(c_intptr_t), intent(in) :: address
@@ -166,23 +166,23 @@ subroutine session_advance(address, first, last, budget, every, keep_slopes, cap
   integer, intent(out) :: counts(5, first:last)      ! attempts, accepted, stored, nfev, nexp
   integer, intent(out) :: status(first:last), flag(first:last)
   real(wp), intent(out) :: failed_at(first:last)
-  type(session_t), pointer :: session
+  type(run_t), pointer :: run
   type(external_field_t) :: field
   type(output_t) :: output
   integer :: i
 
-  session => session_at(address)
+  run => run_at(address)
   counts = 0
   do i = first, last
-    associate (trajectory => session%trajectories(i))
+    associate (trajectory => run%trajectories(i))
       if (trajectory%failure%status == paused) then
-        call make_field(session, i, field)
+        call make_field(run, i, field)
         output%every = every
         output%t => t
         output%y => y(:, i, :)
         nullify (output%f)
         if (keep_slopes) output%f => f(:, i, :)
-        call integrate(session%problem, field, budget, trajectory, output)
+        call integrate(run%problem, field, budget, trajectory, output)
         counts(:, i) = [trajectory%attempts, trajectory%accepted, output%stored, trajectory%nfev, &
                         trajectory%nexp]
       end if
@@ -191,14 +191,14 @@ subroutine session_advance(address, first, last, budget, every, keep_slopes, cap
       failed_at(i) = trajectory%failure%t
     end associate
   end do
-end subroutine session_advance
+end subroutine run_advance
 
 ! The coefficients where a trajectory has got to, which its next step won't evaluate again
-subroutine session_slope(address, i, m, f, evaluations, status, flag)
+subroutine run_slope(address, i, m, f, evaluations, status, flag)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use external_field, only: external_field_t
   use kinds_r64, only: wp
-  use sessions, only: make_field, session_at, session_t
+  use runs, only: make_field, run_at, run_t
   use shared_numbers, only: finished
   use stepper_r64, only: evaluate, failure_t
   implicit none
@@ -206,16 +206,16 @@ subroutine session_slope(address, i, m, f, evaluations, status, flag)
   integer, intent(in) :: i, m
   real(wp), intent(out) :: f(m)
   integer, intent(out) :: evaluations, status, flag
-  type(session_t), pointer :: session
+  type(run_t), pointer :: run
   type(external_field_t) :: field
   type(failure_t) :: failure
   real(wp), allocatable :: point(:)                  ! which the function might write into
 
-  session => session_at(address)
+  run => run_at(address)
   evaluations = 0
-  associate (trajectory => session%trajectories(i))
+  associate (trajectory => run%trajectories(i))
     if (.not. trajectory%known) then
-      call make_field(session, i, field)
+      call make_field(run, i, field)
       point = trajectory%point
       call evaluate(field, trajectory%t, point, trajectory%slope, failure)
       evaluations = 1
@@ -225,14 +225,14 @@ subroutine session_slope(address, i, m, f, evaluations, status, flag)
   end associate
   status = failure%status
   flag = failure%flag
-end subroutine session_slope
+end subroutine run_slope
 
 ! The coefficients at any times and points, with a trajectory's data
-subroutine session_evaluate(address, i, points, n, m, t, y, f, done, status, flag)
+subroutine run_evaluate(address, i, points, n, m, t, y, f, done, status, flag)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use external_field, only: external_field_t
   use kinds_r64, only: wp
-  use sessions, only: make_field, session_at, session_t
+  use runs, only: make_field, run_at, run_t
   use shared_numbers, only: finished
   use stepper_r64, only: evaluate, failure_t
   implicit none
@@ -242,19 +242,19 @@ subroutine session_evaluate(address, i, points, n, m, t, y, f, done, status, fla
   real(wp), intent(inout) :: f(m, points)
   integer, intent(out) :: done                       ! how many were evaluated before one failed
   integer, intent(out) :: status, flag
-  type(session_t), pointer :: session
+  type(run_t), pointer :: run
   type(external_field_t) :: field
   type(failure_t) :: failure
 
-  session => session_at(address)
-  call make_field(session, i, field)
+  run => run_at(address)
+  call make_field(run, i, field)
   do done = 0, points - 1
     call evaluate(field, t(done + 1), y(:, done + 1), f(:, done + 1), failure)
     if (failure%status /= finished) exit
   end do
   status = failure%status
   flag = failure%flag
-end subroutine session_evaluate
+end subroutine run_evaluate
 
 ! One call of a function in C for each of some points, which it may write into
 subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, flag)
