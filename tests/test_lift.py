@@ -1,12 +1,16 @@
+import tomllib
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import DOP853, RK23, RK45
+from scipy.integrate._ivp import dop853_coefficients
 
 import cg
 from cg import conditions
 from cg.catalogue import methods
+from cg.conditions import residuals_of
 from cg.layout import Layout
 from cg.lifting.flat import flat_order, rooted_trees, stage_orders
 from cg.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
@@ -251,3 +255,21 @@ class TestAgainstSciPy:
         assert max(map(abs, conditions.residuals_of(method, method.order))) < 1e-12
         second = conditions.residuals_of(method, method.embedded_order, embedded=True)
         assert max(map(abs, second)) < 1e-12
+
+
+@pytest.mark.parametrize(("order", "flows"), [(7, 32), (8, 66)])
+def test_the_starts_for_dop853(order, flows):
+    """Splittings in doubles that are there to be refined: what their files say of them."""
+    file = Path(__file__).parent.parent / "tools" / f"dop853_order{order}_start.toml"
+    found = tomllib.loads(file.read_text(encoding="utf-8"))
+    points = [
+        (point["parent"], {int(k): weight for k, weight in point["weights"].items()})
+        for point in found["points"]
+    ]
+    method = cg.CommutatorFree(
+        points, found["stage_points"], found["result"], embedded_result=found["embedded_result"]
+    )
+    assert method.exponentials == flows
+    assert np.abs(residuals_of(method, order)).max() < 2e-14
+    np.testing.assert_allclose(method.a, dop853_coefficients.A[:12, :12], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(method.b, dop853_coefficients.B, rtol=0, atol=1e-14)
