@@ -240,3 +240,18 @@ def test_a_compiled_function_that_writes_into_its_point(function):
         for y0 in ([1.0], [[1.0], [1.0]]):
             found = cg.solve_ivp(f, (0, 1), y0, frame=Euclidean(1), **options)
             np.testing.assert_allclose(found.y[-1], np.full_like(y0, np.exp(-1.0)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(2,), (1,)])
+def test_where_all_members_fail_what_they_reached_is_kept_and_nothing_else(shape, function):
+    f, parameters = decay(function, np.full(shape, -1.0), np.full(shape, 0.6))
+    y0 = np.ones((*shape, 1))
+    with pytest.warns(UserWarning, match="members of the ensemble failed"):
+        run = cg.integrate(f, (0, 1), y0, parameters=parameters, **EQUAL)
+    found = cg.solve_ivp(f, (0, 1), y0, parameters=parameters, **EQUAL)
+    assert len(run.failures) == len(found.failures) == len(y0)
+    assert found.nrejected == 0
+    for t, y in ((run.t, run.y), (found.t, found.y)):
+        np.testing.assert_allclose(t, np.arange(len(t)) / 32, rtol=0, atol=1e-15)
+        assert 0.5 < t[-1] < 0.65
+        np.testing.assert_allclose(y[..., 0], np.exp(-t)[:, None] * np.ones(shape), rtol=1e-8)

@@ -105,11 +105,12 @@ class CompiledStepper(Stepper):
             data = rhs.address, rhs.data_address, rhs.data_stride
         first = getattr(schedule, "first_step", None) or 0.0
         self._done = 0
+        self._piece: tuple[Array, Points] | None = None
         if keep and isinstance(schedule, TimeGrid):
             # what is written where it stays needs no other memory, and no copying
             kept = stored_count(schedule.steps, every)
-            self.whole = np.empty(kept), np.empty((kept, *points.shape), dtype=points.dtype)
-            self.whole[0][0], self.whole[1][0] = schedule.start, points
+            self._piece = np.empty(kept), np.empty((kept, *points.shape), dtype=points.dtype)
+            self._piece[0][0], self._piece[1][0] = schedule.start, points
         self._core = core
         self._reached = schedule.start
         self._address: int = core.open(
@@ -130,6 +131,13 @@ class CompiledStepper(Stepper):
                 np.array(np.broadcast_to(norm.atol, frame.dim)), error_exponent(method),
                 schedule.max_step,
             )  # fmt: skip
+
+    @property
+    def whole(self) -> tuple[Array, Points] | None:
+        """Times and points of all steps so far, if they are kept in one piece."""
+        if self._piece is None:
+            return None
+        return self._piece[0][: self._done + 1], self._piece[1][: self._done + 1]
 
     def blocks(self) -> Iterator[Block]:
         """Give the steps, as many at a time as Python may wait for."""
@@ -157,15 +165,15 @@ class CompiledStepper(Stepper):
     ) -> tuple[Block, int, NDArray[np.intc], NDArray[np.intc], Array]:
         """Take some steps of all trajectories."""
         capacity = steps // self.every + 1
-        if self.whole is None:
+        if self._piece is None:
             times = np.empty(capacity + 1)
             points = np.empty((capacity + 1, self.trajectories, self.width))
             times[0] = t
             points[0] = np.ascontiguousarray(y).view(np.float64).reshape(points.shape[1:])
         else:
-            part = slice(self._done, min(self._done + capacity + 1, len(self.whole[0])))
-            times = self.whole[0][part]
-            flat = self.whole[1].reshape(len(self.whole[0]), self.trajectories, -1)
+            part = slice(self._done, min(self._done + capacity + 1, len(self._piece[0])))
+            times = self._piece[0][part]
+            flat = self._piece[1].reshape(len(self._piece[0]), self.trajectories, -1)
             points = flat.view(np.float64)[part]
             capacity = len(times) - 1
         slopes = np.empty((capacity, self.trajectories, self.dim) if self.slopes else (1, 1, 1))
@@ -183,7 +191,8 @@ class CompiledStepper(Stepper):
         )
         attempts, accepted, stored, nfev, nexp = counts.max(axis=1).tolist()
         self.counts.steps += accepted
-        self.counts.rejected += attempts - accepted
+        if isinstance(self.schedule, AdaptiveSchedule):
+            self.counts.rejected += attempts - accepted
         self.counts.nfev += nfev
         self.counts.nexp += nexp
         for i in np.flatnonzero(counts[2] < stored).tolist():

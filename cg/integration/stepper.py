@@ -108,9 +108,6 @@ class Stepper(ABC):
         Why the steps ended before the end was reached, empty if they didn't.
     failures
         Why members of an ensemble ended early, by their indices.
-    whole
-        Times and points of all steps if the stepper keeps them in one piece, of which blocks are
-        parts; None if it doesn't.
     """
 
     frame: Frame
@@ -119,7 +116,11 @@ class Stepper(ABC):
     counts: Counts = field(default_factory=Counts, init=False)
     trouble: str = field(default="", init=False)
     failures: dict[tuple[int, ...], str] = field(default_factory=dict, init=False)
-    whole: tuple[Array, Points] | None = field(default=None, init=False)
+
+    @property
+    def whole(self) -> tuple[Array, Points] | None:
+        """Times and points of all steps so far, of which blocks are parts; None if apart."""
+        return None
 
     @abstractmethod
     def blocks(self) -> Iterator[Block]:
