@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import cg
+from cg import _external
 from cg.convergence import observed_order
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
 from cg.integration.error_norm import ErrorNorm
@@ -293,3 +294,21 @@ def test_the_last_stage_is_the_first_of_the_next_step(extra):
         )  # fmt: skip
         between = 8 * extra_evaluations(pair) if extra else 0
         assert found.nfev == 1 + 8 * (pair.stages - 1) + between
+
+
+def test_the_controller():
+    """Gustafsson's, with the constants that fortran/controller.f90.in has."""
+    exponent, taken = 0.2, 0.5
+    accepted, size, last = _external.control_step(taken, 0.5, exponent, 0.3, False)
+    assert accepted
+    assert size == pytest.approx(taken * 0.9 * (0.5**-0.7 * 0.3**0.4) ** exponent, rel=1e-14)
+    assert last == 0.5
+    assert _external.control_step(taken, 0.0, exponent, 0.3, False)[1:] == (5.0 * taken, 1e-4)
+    assert _external.control_step(taken, 1e-9, exponent, 0.3, True)[1] == taken
+    accepted, size, last = _external.control_step(taken, 3.0, exponent, 0.3, False)
+    assert not accepted
+    assert size == pytest.approx(taken * 0.9 * 3.0**-exponent, rel=1e-14)
+    assert last == 0.3
+    assert _external.control_step(taken, 1e9, exponent, 0.3, False)[1] == 0.2 * taken
+    huge = np.finfo(float).max
+    assert _external.control_step(taken, huge, exponent, 0.3, False)[1] == 0.25 * taken

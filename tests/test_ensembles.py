@@ -235,6 +235,8 @@ def test_a_compiled_function_that_writes_into_its_point(function):
         {"method": "CG5a", "h": 0.01},
         {"rtol": 1e-10, "atol": 1e-10, "t_eval": [1.0]},
         {"method": "DICG6", "h": 0.01},
+        {"method": "CF6a", "h": 0.01},  # whose flows go on from stages
+        {"method": "CF5r", "h": 0.01},  # in two registers
     )
     for options in ways:
         for y0 in ([1.0], [[1.0], [1.0]]):

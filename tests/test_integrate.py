@@ -353,3 +353,9 @@ def test_elapsed_time_is_right_to_rounding_of_time(start, span, parts):
     elapsed = (grid.steps - 1) * Fraction(grid.h) + Fraction(grid.last)
     off = abs(elapsed - (Fraction(stop) - Fraction(start)))
     assert off <= np.spacing(max(abs(start), abs(stop))) + grid.steps * np.spacing(h)
+
+
+def test_numbers_that_are_not_finite_are_shown():
+    for value in (np.array([0.0, np.nan, 1.0]), [0.0, np.nan, 1.0]):
+        with pytest.raises(ValueError, match=r"finite numbers, got \[ *0. *nan *1.\] at t = 0"):
+            solve(lambda t, y, value=value: value)
