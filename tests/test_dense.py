@@ -285,6 +285,6 @@ def test_errors_between_equal_steps_are_those_at_the_steps(method, frame, truths
         errors = np.maximum(frame.distance(solution.sol(t), truths[frame](t)), 1e-14)
         ends, between = errors[:, [0, -1]].max(axis=1), errors[:, 1:-1].max(axis=1)
         assert (between[1:] < 3.0 * ends[1:]).all()
-        # The first step starts without an error, and may end with next to none: that of CF5a on SO(3)
-        # is a quarter of that within the step, and a seventieth of the steps' in the middle.
+        # The first step starts without an error, and may end with next to none: that of CF5a on
+        # SO(3) is a quarter of that within the step, and a seventieth of those in the middle.
         assert between[0] < 3.0 * max(ends[0], np.median(ends))
