@@ -19,7 +19,7 @@ _FAR = 1e9
 # Of the points: some twenty roundings
 _REACHED = 5e-15
 # Of the points; below it slowness is no reason to go on.
-_ROUNDING = 1e-12
+_ROUNDING = 1e-14
 _DIFFERENCE = 1e-8
 _DIFFERENCE_RANK_TOLERANCE = 1e-5
 # Further off than this, of its size, no point is reached.
