@@ -187,3 +187,12 @@ def test_a_product_grows_as_its_factors_do():
     for _ in range(190):
         y = frame.flow(v, y)
     np.testing.assert_allclose(frame.split(y)[0][0, 0], np.cosh(19.0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("frame", [Sp(2), Sp(4), SL(2), SL(3)], ids=repr)
+def test_points_that_are_singular_to_rounding_are_kept(frame):
+    """All singular values but one may be zero exactly, or anything below rounding."""
+    size = 1e130
+    for y in (np.full((frame.n, frame.n), size), size * np.diag([1.0] + [0.0] * (frame.n - 1))):
+        assert np.abs(frame.restore(y) - y).max() <= 1e-14 * size
+        assert frame.relative_error(y) <= 1e-14

@@ -6,9 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
+from scipy.special import factorial
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
+
+# Coefficients of x^(4 i + j) / (4 i + j)!, shape (5, 4); the remainder for |x| = 1 is 4e-19.
+_TAYLOR = (1.0 / factorial(np.arange(20))).reshape(5, 4)
+
+# Up to this size of a matrix products of stacks are faster than SciPy's exponential.
+_LARGEST_TAYLOR = 16
 
 LARGEST_EXPONENT = 2.0**32
 """The largest norm of a matrix whose exponential is computed.
@@ -56,22 +63,51 @@ def expm(matrix: Points, v: Array) -> Points:
     return _expm(matrix)
 
 
-def _expm(matrix: Points) -> Points:
-    """Return exponentials, right to a few roundings times the norm of the matrices."""
+def _scipy_expm(matrix: Points) -> Points:
+    return np.asarray(scipy.linalg.expm(matrix))
+
+
+def _expm(matrix: Points, small: Callable[[Points], Points] = _scipy_expm) -> Points:
+    """Return exponentials, right to a few roundings times the norm of the matrices.
+
+    Those of matrices of norm at most one are ``small``'s. SciPy's Padé approximant stays in a
+    group such as the symplectic one, which matters where points grow.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         # Up to a norm of 1 SciPy's is. At 3 it has lost two digits and at 10 four, so that larger
         # matrices are halved until they are small, and their exponentials squared as often.
         if np.vdot(matrix, matrix).real <= 1.0:
-            return np.asarray(scipy.linalg.expm(matrix))
+            return small(matrix)
         norms = np.linalg.matrix_norm(matrix)
         known = np.where(np.isfinite(norms) & (norms > 1.0), norms, 1.0)
         halvings = np.ceil(np.log2(known)).astype(int)
         scaled = matrix * np.ldexp(1.0, -halvings)[..., None, None]
-        result = np.asarray(scipy.linalg.expm(scaled))
+        result = small(scaled)
         for done in range(int(halvings.max(initial=0))):
             rest = halvings > done
             result[rest] = result[rest] @ result[rest]
         return result
+
+
+def _taylor_expm(matrix: Points) -> Points:
+    """Return exponentials of matrices of norm at most one, right to rounding."""
+    n = matrix.shape[-1]
+    if n > _LARGEST_TAYLOR:
+        return _scipy_expm(matrix)
+    # Taylor's polynomial of degree 19, in powers of the fourth power: SciPy goes from one matrix
+    # to the next in Python, and solves equations for each.
+    powers = np.empty((4, *matrix.shape), dtype=matrix.dtype)
+    powers[0] = np.eye(n)
+    powers[1] = matrix
+    np.matmul(matrix, matrix, out=powers[2])
+    np.matmul(powers[2], matrix, out=powers[3])
+    fourth = powers[2] @ powers[2]
+    parts = (_TAYLOR @ powers.reshape(4, -1)).reshape(5, *matrix.shape)
+    result: Points = parts[4]
+    for i in (3, 2, 1, 0):
+        result = result @ fourth
+        result += parts[i]
+    return result
 
 
 def unitary_exponential(matrix: Points, *, special: bool = False) -> Points:
@@ -82,10 +118,10 @@ def unitary_exponential(matrix: Points, *, special: bool = False) -> Points:
     ``special`` of determinant 1.
     """
     if np.vdot(matrix, matrix).real <= _LARGEST_SQUARED**2:
-        return _expm(matrix)
+        return _expm(matrix, _taylor_expm)
     norms = np.linalg.matrix_norm(matrix)
     large = np.isfinite(norms) & (norms > _LARGEST_SQUARED)
-    result = _expm(np.where(large[..., None, None], 0.0, matrix))
+    result = _expm(np.where(large[..., None, None], 0.0, matrix), _taylor_expm)
     for index in map(tuple, np.argwhere(large)):
         omega = matrix[index]
         result[index] = _turned(omega, special) if np.iscomplexobj(omega) else _rotated(omega)
@@ -161,12 +197,19 @@ def determinant_correction(y: Points) -> Points:
     # Where rounding decides upon the sign the change is no longer than that rounding.
     sign = np.where(np.linalg.det(y) < 0.0, -1.0, 1.0)
     smallest = singular[..., -1:]
+    # What is below rounding is not known, and is not to be divided by.
+    others = np.maximum(singular, _rounding(singular))
     # The cofactors are products of all singular values but one: here in units of the largest.
-    cofactors = smallest / singular
+    cofactors = smallest / others
     cofactors[..., -1] = 1.0
-    excess = smallest - sign[..., None] / singular[..., :-1].prod(axis=-1, keepdims=True)
+    excess = smallest - sign[..., None] / others[..., :-1].prod(axis=-1, keepdims=True)
     change = (-excess / np.vecdot(cofactors, cofactors)[..., None]) * cofactors
     return np.asarray((left * change[..., None, :]) @ right)
+
+
+def _rounding(singular: Array) -> Array:
+    """Return how far singular values may be off, shape ``(..., 1)``; never zero."""
+    return np.maximum(np.finfo(np.float64).eps * singular[..., :1], np.finfo(np.float64).tiny)
 
 
 def symplectic_correction(y: Points, form: Array) -> Points:
@@ -180,7 +223,8 @@ def symplectic_correction(y: Points, form: Array) -> Points:
     rows, columns = singular[..., :, None], singular[..., None, :]
     kept = rows * (left.mT @ form @ left) * columns
     defect = kept - right @ form @ right.mT
-    length = np.hypot(rows, columns)
+    known = np.maximum(singular, _rounding(singular))
+    length = np.hypot(known[..., :, None], known[..., None, :])
     return np.asarray(form.T @ left @ (-rows / length * (defect / length)) @ right)
 
 

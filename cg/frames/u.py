@@ -37,9 +37,9 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``, for large angles a sum over eigenvalues.  Every
-    pair of points has `exp_coordinates`.  Each flow ends with a step towards the group that
-    removes rounding errors.
+    The exponential is Taylor's polynomial, ``scipy.linalg.expm`` for more than 16 rows, and for
+    large angles a sum over eigenvalues.  Every pair of points has `exp_coordinates`.  Each flow
+    ends with a step towards the group that removes rounding errors.
 
     Examples
     --------
