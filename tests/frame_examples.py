@@ -14,6 +14,7 @@ from cg.frames import (
     FieldFrame,
     IsospectralOrbit,
     MatrixFrame,
+    Power,
     Product,
     Semidirect,
     Sp,
@@ -122,6 +123,11 @@ PRODUCTS = [
     Product(SO3(), Euclidean(3)),
     Product(Euclidean(2), Product(SO3("space"), SO3()), Euclidean(1)),
     Product(SU(2), UnitQuaternion(), U(1)),
+    Power(SO3(), 1),
+    Power(Sphere(2), 3),
+    Power(SU(3), 2),
+    Power(Product(SO3(), Euclidean(1)), 2),
+    Product(Power(UnitQuaternion(), 2), Euclidean(2)),
 ]
 FRAMES = [
     *ROTATIONS,

@@ -9,6 +9,7 @@ from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.isospectral import IsospectralOrbit
 from cg.frames.matrix_frame import MatrixFrame
 from cg.frames.matrix_group import MatrixGroup
+from cg.frames.power import Power
 from cg.frames.product import Product
 from cg.frames.quaternion import UnitQuaternion
 from cg.frames.rotations import hat, vee
@@ -39,6 +40,7 @@ __all__ = [
     "IsospectralOrbit",
     "MatrixFrame",
     "MatrixGroup",
+    "Power",
     "Product",
     "Semidirect",
     "Sp",

@@ -3,6 +3,7 @@
 from cg.problems.affine import AffineField
 from cg.problems.double_pendulum import DoubleSphericalPendulum
 from cg.problems.free_rigid_body import FreeRigidBody
+from cg.problems.gradient_flow import GradientFlow
 from cg.problems.gyro import ConingMotion, GyroAttitude
 from cg.problems.heavy_top import HeavyTop
 from cg.problems.rolling_ball import RollingBall
@@ -17,6 +18,7 @@ __all__ = [
     "ConingMotion",
     "DoubleSphericalPendulum",
     "FreeRigidBody",
+    "GradientFlow",
     "GyroAttitude",
     "HeavyTop",
     "Reference",

@@ -105,10 +105,7 @@ def reference_solution(
     ValueError
         If a time isn't a finite number, or ``step``, ``order`` or ``bits`` isn't positive.
     """
-    try:
-        exact = tuple(Fraction(t) for t in times)
-    except (ValueError, OverflowError, TypeError) as error:
-        raise ValueError(f"times must be finite numbers, got {times!r}") from error
+    exact = exact_times(times)
     for name, value in (("bits", bits), ("order", order)):
         if isinstance(value, bool) or not isinstance(value, int) or value <= 0:
             raise ValueError(f"{name} must be a positive integer, got {value!r}")
@@ -124,6 +121,14 @@ def reference_solution(
         )
         values = tuple(tuple(exact_midpoint(x) for x in row) for row in fine)
     return Reference(exact, values, errors)
+
+
+def exact_times(times: Sequence[Time]) -> tuple[Fraction, ...]:
+    """Return times exactly; ValueError if one isn't a finite number."""
+    try:
+        return tuple(Fraction(t) for t in times)
+    except (ValueError, OverflowError, TypeError) as error:
+        raise ValueError(f"times must be finite numbers, got {times!r}") from error
 
 
 def exact_midpoint(ball: arb) -> Fraction:

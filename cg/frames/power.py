@@ -1,0 +1,128 @@
+"""Many copies of one frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.base import Frame
+from cg.frames.block_kinds import Blocks
+
+
+@dataclass(frozen=True, repr=False)
+class Power(Frame):
+    """Many points of one manifold, each moved by the same frame: spins, links of a lattice, bodies.
+
+    It is the `Product` of ``n`` equal factors, with points that keep their shape and flows that
+    are computed all at once.
+
+    Parameters
+    ----------
+    factor
+        The frame of each.
+    n
+        How many there are, at least 1.
+
+    Raises
+    ------
+    TypeError
+        If ``factor`` isn't a `Frame`.
+    ValueError
+        If ``n`` isn't a positive integer.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cg.frames import Sphere
+    >>> spins = Power(Sphere(2), 100)
+    >>> spins.dim, spins.point_shape
+    (300, (100, 3))
+    >>> y = np.tile([0.0, 0.0, 1.0], (100, 1))
+    >>> spins.flow(np.tile([np.pi / 2, 0.0, 0.0], 100), y)[99].round(15) + 0.0
+    array([ 0., -1.,  0.])
+    """
+
+    factor: Frame
+    n: int
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.factor, Frame):
+            raise TypeError(f"factor must be a Frame, got {self.factor!r}")
+        object.__setattr__(self, "n", check_size(self.n))
+
+    def __repr__(self) -> str:
+        return f"Power({self.factor!r}, {self.n})"
+
+    @property
+    def dim(self) -> int:
+        """``n`` times that of the factor."""
+        return self.n * self.factor.dim
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """``(n, *factor.point_shape)``."""
+        return (self.n, *self.factor.point_shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """That of the factor."""
+        return self.factor.dtype
+
+    def field(self, v: ArrayLike, y: ArrayLike) -> Points:
+        """Return the tangents at all points, shape ``(..., n, *factor.point_shape)``."""
+        vector, point = self._arguments(v, y)
+        return self.factor.field(self._each(vector), point)
+
+    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
+        """Return where all flows lead, shape ``(..., n, *factor.point_shape)``."""
+        vector, point = self._arguments(v, y)
+        return self.factor.flow(self._each(vector), point)
+
+    def _project(self, y: Points) -> Points:
+        return self.factor.project(y)
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the largest of all membership errors, shape ``(...)``."""
+        return np.asarray(np.max(self.factor.membership_error(self._points(y)), axis=-1))
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the largest of all relative errors, shape ``(...)``."""
+        return np.asarray(np.max(self.factor.relative_error(self._points(y)), axis=-1))
+
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return the root of the sum of all squared distances, shape ``(...)``."""
+        each = self.factor.distance(self._points(x, "x"), self._points(y))
+        return np.asarray(np.linalg.norm(each, axis=-1))
+
+    def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
+        """Return the coordinates of all, joined, shape ``(..., dim)``; None if there are none."""
+        found = self.factor.exp_coordinates(self._points(y0, "y0"), self._points(y1, "y1"))
+        return None if found is None else self._joined(found)
+
+    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        """Return the nearby coordinates of all, joined: shape ``(..., dim)``."""
+        start, end = self._points(y0, "y0"), self._points(y1, "y1")
+        return self._joined(self.factor.nearby_coordinates(start, end))
+
+    def coordinate_sizes(self, y: ArrayLike) -> Array:
+        """Return the sizes of all coordinates, joined: shape ``(..., dim)``."""
+        return self._joined(self.factor.coordinate_sizes(self._points(y)))
+
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
+        """Return random points, shape ``(*size, n, *factor.point_shape)``."""
+        return self.factor.random_point(rng, (*check_random(rng, size), self.n))
+
+    def _blocks(self) -> Blocks | None:
+        blocks = self.factor.compiled_blocks()
+        return None if blocks is None else blocks * self.n
+
+    def _each(self, vector: Array) -> Array:
+        """Return coefficients with an axis that counts the points, shape ``(..., n, m)``."""
+        return vector.reshape(*vector.shape[:-1], self.n, self.factor.dim)
+
+    def _joined(self, vectors: Array) -> Array:
+        return np.asarray(vectors.reshape(*vectors.shape[:-2], self.dim))
