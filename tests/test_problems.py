@@ -14,10 +14,14 @@ from cg.frames import SE3, SU, Product, Sphere, UnitQuaternion, hat
 from cg.integration import integrate
 from cg.problems import (
     AffineField,
+    BodyWithPendulum,
     ConingMotion,
     DoubleSphericalPendulum,
+    ForcedRigidBody,
     FreeRigidBody,
+    GradientFlow,
     GyroAttitude,
+    ReactionWheels,
     RollingBall,
     Spacecraft,
     TodaFlow,
@@ -32,7 +36,10 @@ WITH_TAYLOR = {
     "rolling ball": RollingBall(),
     "spacecraft": SPACECRAFT["free"],
     "controlled spacecraft": SPACECRAFT["controlled"],
+    "forced body": ForcedRigidBody(),
+    "reaction wheels": ReactionWheels(),
 }
+LATTICE = GradientFlow((2, 2))
 # The solution at time 1, by an oracle that knows no Crouch-Grossman method.
 ENDS = {
     **{name: lambda p: p.reference([1], bits=128).y[0, : len(p.y0)] for name in WITH_TAYLOR},
@@ -40,6 +47,8 @@ ENDS = {
     "Toda": lambda p: p.exact(1.0),
     "two levels": lambda p: p.exact(1.0),
     "pendulum": lambda p: p.reference([1.0])[0],
+    "chain": lambda p: p.reference([1.0])[0],
+    "gradient flow": lambda p: p.reference([1]).y.view(complex).reshape(p.y0.shape),
 }
 PROBLEMS = {
     **WITH_TAYLOR,
@@ -47,8 +56,10 @@ PROBLEMS = {
     "Toda": TodaFlow(),
     "two levels": TwoLevelSystem(),
     "pendulum": DoubleSphericalPendulum(),
+    "chain": BodyWithPendulum(),
+    "gradient flow": LATTICE,
 }
-STEPS = {"pendulum": (64, 128, 256), "Toda": (32, 64, 128)}
+STEPS = {"pendulum": (64, 128, 256), "chain": (64, 128, 256), "Toda": (32, 64, 128)}
 
 
 def ambient(problem, times, start=0.0):
@@ -425,3 +436,63 @@ def test_hat_is_used_as_documented():
 def test_bad_parameters_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_the_gradient_flow_descends_along_the_gradient():
+    problem = GradientFlow((3, 2, 2))
+    y, h = problem.y0, 1e-5
+    slope = problem.f(0.0, y)
+    up, down = (problem.action(problem.frame.flow(s * h * slope, y)) for s in (1, -1))
+    # The basis has squares of length one half.
+    assert (up - down) / (2 * h) == pytest.approx(-0.5 * slope @ slope, rel=1e-8)
+    for k in range(0, len(slope), 31):
+        v = np.zeros(len(slope))
+        v[k] = h
+        up, down = (problem.action(problem.frame.flow(s * v, y)) for s in (1, -1))
+        assert (up - down) / (2 * h) == pytest.approx(-0.5 * slope[k], abs=1e-6)
+
+
+def test_the_gradient_flow_does_not_see_the_gauge():
+    rng = np.random.default_rng(3)
+    gauge = SU(3).random_point(rng, 4)
+    y, h = LATTICE.y0, 1 / 32
+    turned = LATTICE.rotated(y, gauge)
+    assert LATTICE.action(turned) == pytest.approx(LATTICE.action(y), rel=1e-14)
+    ends = [
+        integrate(LATTICE.f, (0, 1), start, frame=LATTICE.frame, method="CF4", h=h).y[-1]
+        for start in (y, turned)
+    ]
+    np.testing.assert_allclose(LATTICE.rotated(ends[0], gauge), ends[1], rtol=0, atol=1e-13)
+    actions = LATTICE.action(
+        integrate(LATTICE.f, (0, 1), y, frame=LATTICE.frame, method="CF4", h=h).y
+    )
+    assert (np.diff(actions) < 0.0).all()
+
+
+@pytest.mark.slow
+def test_thirty_digits_of_the_gradient_flow():
+    problem = GradientFlow()
+    found = problem.reference([Fraction(1, 8)])
+    assert max(found.errors) < 1e-30
+    y = found.y.view(complex).reshape(problem.y0.shape)
+    end = integrate(
+        problem.f, (0, 0.125), problem.y0, frame=problem.frame, method="CF6c", h=1 / 512
+    ).y[-1]
+    np.testing.assert_allclose(end, y, rtol=0, atol=2e-14)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"sides": (2,)}, "sides must be two or more positive integers"),
+        ({"sides": 3}, "sides must be two or more positive integers"),
+        ({"sides": (2, 0)}, r"sides\[1\] must be a positive integer"),
+        ({"roughness": np.nan}, "roughness must be a finite number"),
+        ({"seed": -1}, "seed must be an integer of at least 0"),
+    ],
+)
+def test_bad_lattices(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        GradientFlow(**arguments)
+    with pytest.raises(ValueError, match="y must have shape"):
+        LATTICE.action(np.eye(3))

@@ -43,7 +43,8 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     Notes
     -----
     The exponential is a closed form for n = 2 and 3, beyond them as for `U`.  Every pair of points
-    has `exp_coordinates`, from the real Schur form.  Each flow ends with a step towards the group that removes rounding errors [1]_.
+    has `exp_coordinates`, from the real Schur form.  Each flow ends with a step towards the group
+    that removes rounding errors [1]_.
 
     References
     ----------

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import solve_ivp
 
 from cg.frames import Euclidean, Product, Sphere, hat
 from cg.frames.arrays import Array
-from cg.problems.checks import number, times_array, vector
+from cg.problems.ambient import ambient_solution
+from cg.problems.checks import number, vector
 
 _FRAME = Product(Sphere(2), Sphere(2), Euclidean(6))
 _UP = np.array([0.0, 0.0, 1.0])
@@ -142,24 +142,12 @@ class DoubleSphericalPendulum:
         ValueError
             If the times aren't finite and increasing from zero or later.
         """
-        wanted = times_array(times)
-        if wanted.ndim != 1 or len(wanted) < 1 or wanted[0] < 0 or (np.diff(wanted) <= 0).any():
-            raise ValueError(f"times must increase from zero or later, got {times!r}")
 
         def ambient(t: float, y: Array) -> Array:
             q1, q2, w1, w2 = _parts(y)
             return np.concatenate([np.cross(w1, q1), np.cross(w2, q2), self.f(t, y)[6:]])
 
-        solution = solve_ivp(
-            ambient,
-            (0.0, float(wanted[-1]) or 1.0),
-            self.y0,
-            method="DOP853",
-            rtol=3e-14,
-            atol=1e-15,
-            t_eval=wanted,
-        )
-        return np.asarray(solution.y.T)
+        return ambient_solution(ambient, self.y0, times)
 
     def _inertia(self) -> tuple[float, float, float]:
         (m1, m2), (l1, l2) = self.masses, self.lengths

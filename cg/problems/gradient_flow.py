@@ -164,8 +164,8 @@ class GradientFlow:
         wanted = exact_times(times)
         with ctx.workprec(bits):
             start = [_exponential(v) for v in self._logarithms]
-            rough = extrapolated(self._tangents, start, wanted, Fraction(1, 8), 13)
-            good = extrapolated(self._tangents, start, wanted, Fraction(1, 12), 14)
+            rough = extrapolated(self._tangents, start, wanted, Fraction(1, 32), 14)
+            good = extrapolated(self._tangents, start, wanted, Fraction(1, 40), 15)
             values = [[_entries(x) for x in state] for state in good]
             errors = [
                 max(abs(float(x)) for a, b in zip(one, other, strict=True) for x in _entries(a - b))
@@ -174,22 +174,37 @@ class GradientFlow:
         flat = tuple(tuple(x for entries in state for x in entries) for state in values)
         return Reference(wanted, flat, tuple(errors))
 
+    @cached_property
+    def _plaquettes(self) -> list[tuple[int, ...]]:
+        """Links of each plaquette: two that lead from a site to the far corner, the others back."""
+        at, d, n = self.lattice.staples, len(self.sides), self.lattice.sites
+        found = []
+        for link in range(self.lattice.links):
+            axis = link // n
+            # Those that turn to a later axis; the others are the same the other way round.
+            for turn in range(axis, d - 1):
+                found.append((link, *(int(part[turn, link]) for part in at[:3])))
+        return found
+
     def _tangents(self, state: State) -> State:
         """Return the derivatives of all links in ball arithmetic."""
         adjoint = [_adjoint(x) for x in state]
-        at = [part.T.tolist() for part in self.lattice.staples]
+        loops = [acb_mat(3, 3) for _ in state]
+        for first, second, third, fourth in self._plaquettes:
+            # Along two links to the far corner, and back along the other two
+            loop = state[first] * state[second] * (adjoint[third] * adjoint[fourth])
+            turned = _adjoint(loop)
+            loops[first] += loop
+            loops[fourth] += turned
+            loops[second] += adjoint[first] * loop * state[first]
+            loops[third] += adjoint[fourth] * turned * state[fourth]
         tangents = []
-        for link, here in zip(zip(*at, strict=True), state, strict=True):
-            total = acb_mat(3, 3)
-            for a, b, c, d, e, f in zip(*link, strict=True):
-                total += state[a] * adjoint[b] * adjoint[c]
-                total += adjoint[d] * adjoint[e] * state[f]
-            loop = here * total
-            odd = (loop - _adjoint(loop)) / 2
+        for loop, link in zip(loops, state, strict=True):
+            odd = (_adjoint(loop) - loop) / 2
             trace = odd.trace() / 3
             for i in range(3):
                 odd[i, i] -= trace
-            tangents.append(-(odd * here))
+            tangents.append(odd * link)
         return tangents
 
 

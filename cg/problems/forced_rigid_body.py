@@ -1,0 +1,129 @@
+"""A rigid body with its attitude under a torque that varies with time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from flint import arb
+from numpy.typing import ArrayLike
+
+from cg.frames import SO3, Euclidean, Product
+from cg.frames.arrays import Array
+from cg.problems.checks import ball, cross_terms, moments, number, vector
+from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+
+_FRAME = Product(SO3(), Euclidean(3))
+
+
+@dataclass(frozen=True)
+class ForcedRigidBody:
+    r"""A rigid body, turned by a torque that goes round with a given frequency.
+
+    .. math::
+
+        R' = R\, \hat\omega, \qquad I \omega' = I\omega \times \omega + \tau(t), \qquad
+        \tau(t) = a \cos \nu t + b \sin \nu t ,
+
+    in body axes; with :math:`a = b = 0` the body is free.  A point is the flat vector of the
+    rotation matrix :math:`R`, row by row, and :math:`\omega`.
+
+    Parameters
+    ----------
+    inertia
+        Principal moments of inertia (kg m²).
+    cosine, sine
+        The torques :math:`a` and :math:`b` (N m).
+    frequency
+        :math:`\nu` (rad/s).
+    velocity
+        Angular velocity at time zero (rad/s).
+
+    Raises
+    ------
+    ValueError
+        If a parameter isn't as many finite numbers, or no body has these moments.
+    """
+
+    inertia: tuple[float, ...] = (1.0, 1.5, 2.0)
+    cosine: tuple[float, ...] = (0.5, -0.25, 0.125)
+    sine: tuple[float, ...] = (-0.25, 0.5, 0.25)
+    frequency: float = 1.0
+    velocity: tuple[float, ...] = (0.5, -1.0, 0.75)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inertia", moments(self.inertia))
+        object.__setattr__(self, "frequency", number(self.frequency, "frequency"))
+        for name in ("cosine", "sine", "velocity"):
+            object.__setattr__(self, name, vector(getattr(self, name), name, 3))
+
+    @property
+    def frame(self) -> Product:
+        """``Product(SO3(), Euclidean(3))``."""
+        return _FRAME
+
+    @property
+    def y0(self) -> Array:
+        """The identity and the initial angular velocity, shape ``(12,)``."""
+        return self.frame.join(np.eye(3), np.array(self.velocity))
+
+    def f(self, t: float, y: Array) -> Array:
+        """Return the angular velocity and its derivative.
+
+        Parameters
+        ----------
+        t
+            Time (s).
+        y
+            Points, shape ``(..., 12)``.
+
+        Returns
+        -------
+        ndarray
+            Shape ``(..., 6)``.
+        """
+        omega = y[..., 9:]
+        inertia = np.array(self.inertia)
+        change = (np.cross(inertia * omega, omega) + self.torque(t)) / inertia
+        return np.concatenate([omega, change], axis=-1)
+
+    def torque(self, t: float) -> Array:
+        """Return the torque at a time, shape ``(3,)``."""
+        phase = self.frequency * t
+        return np.asarray(
+            np.cos(phase) * np.array(self.cosine) + np.sin(phase) * np.array(self.sine)
+        )
+
+    def invariants(self, y: ArrayLike) -> dict[str, Array]:
+        """Return what never changes, shape ``(...)``: the determinant of the rotation."""
+        return {"determinant": np.asarray(np.linalg.det(self.frame.split(y)[0]))}
+
+    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
+        r"""Return the solution at given times in extended precision.
+
+        The unknowns are the entries of the point, then :math:`\cos \nu t` and
+        :math:`\sin \nu t`.
+
+        Raises
+        ------
+        ValueError
+            If a time isn't a finite number.
+        """
+        return reference_solution(self._system, times, bits=bits)
+
+    def _system(self) -> QuadraticSystem:
+        inertia, one = [ball(x) for x in self.inertia], [arb(1)] * 3
+        omega, cosine, sine = (9, 10, 11), 12, 13
+        equations: list[tuple[Term, ...]] = []
+        for row in range(3):
+            equations += cross_terms([3 * row + k for k in range(3)], omega, one)
+        spin = cross_terms(omega, omega, inertia, -1)
+        for i in range(3):
+            torque = ((ball(self.cosine[i]), (cosine,)), (ball(self.sine[i]), (sine,)))
+            equations.append(tuple((c / inertia[i], at) for c, at in (*spin[i], *torque)))
+        nu = ball(self.frequency)
+        equations += [((-nu, (sine,)),), ((nu, (cosine,)),)]
+        identity = [arb(int(i == j)) for i in range(3) for j in range(3)]
+        velocity = [ball(x) for x in self.velocity]
+        return QuadraticSystem(tuple(equations), (*identity, *velocity, arb(1), arb(0)))

@@ -1,0 +1,159 @@
+"""A satellite that turns to a commanded attitude by three reaction wheels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from flint import arb
+from numpy.typing import ArrayLike
+
+from cg.frames import Euclidean, Product, UnitQuaternion
+from cg.frames.arrays import Array
+from cg.problems.checks import ball, cross_terms, moments, number, vector
+from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+
+_FRAME = Product(UnitQuaternion(), Euclidean(6))
+
+
+@dataclass(frozen=True)
+class ReactionWheels:
+    r"""A satellite without outer torques, turned by wheels along its principal axes.
+
+    With the unit quaternion :math:`q` (scalar last) from body axes to inertial ones, the angular
+    velocity :math:`\omega` and the momentum of the wheels :math:`h` in body axes,
+
+    .. math::
+
+        q' = \tfrac12\, q \otimes \omega, \qquad
+        I \omega' = (I\omega + h) \times \omega - u, \qquad h' = u, \qquad
+        u = k_p \vec q + k_d\, \omega ,
+
+    where :math:`\vec q` is the vector part of :math:`q`: the feedback leads to rest at the
+    identity, and what momentum there is goes to the wheels.
+
+    A point is the flat vector of :math:`q, \omega, h`.
+
+    Parameters
+    ----------
+    inertia
+        Principal moments of inertia, the wheels' share along their axes left out (kg m²).
+    stiffness, damping
+        :math:`k_p` (N m) and :math:`k_d` (N m s) of the feedback.
+    attitude
+        The quaternion at time zero, of any length but zero.
+    velocity
+        Angular velocity at time zero (rad/s).
+    wheels
+        The momentum of the wheels at time zero (N m s).
+
+    Raises
+    ------
+    ValueError
+        If a parameter isn't as many finite numbers, no body has these moments, or the quaternion
+        vanishes.
+
+    References
+    ----------
+    .. [1] B. Wie, *Space Vehicle Dynamics and Control*, 2nd ed., AIAA, 2008, chapter 7.
+    """
+
+    inertia: tuple[float, ...] = (1.0, 1.5, 2.0)
+    stiffness: float = 2.0
+    damping: float = 2.0
+    attitude: tuple[float, ...] = (0.5, -0.25, 0.75, 0.125)
+    velocity: tuple[float, ...] = (0.5, 1.0, -0.75)
+    wheels: tuple[float, ...] = (0.0, 0.25, 0.5)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inertia", moments(self.inertia))
+        for name in ("stiffness", "damping"):
+            object.__setattr__(self, name, number(getattr(self, name), name))
+        for name, n in (("attitude", 4), ("velocity", 3), ("wheels", 3)):
+            object.__setattr__(self, name, vector(getattr(self, name), name, n))
+        if not any(self.attitude):
+            raise ValueError(f"attitude must not vanish, got {self.attitude!r}")
+
+    @property
+    def frame(self) -> Product:
+        """``Product(UnitQuaternion(), Euclidean(6))``."""
+        return _FRAME
+
+    @property
+    def y0(self) -> Array:
+        """The initial point, shape ``(10,)``."""
+        attitude = np.array(self.attitude)
+        rest = (*self.velocity, *self.wheels)
+        return self.frame.join(attitude / np.linalg.norm(attitude), rest)
+
+    def f(self, t: float, y: Array) -> Array:
+        """Return the angular velocity and the derivatives of velocity and wheels.
+
+        Parameters
+        ----------
+        t
+            Time; the equations don't depend on it.
+        y
+            Points, shape ``(..., 10)``.
+
+        Returns
+        -------
+        ndarray
+            Shape ``(..., 9)``.
+        """
+        omega, h = y[..., 4:7], y[..., 7:]
+        inertia = np.array(self.inertia)
+        torque = self.torque(y)
+        change = np.cross(inertia * omega + h, omega) - torque
+        return np.concatenate([omega, change / inertia, torque], axis=-1)
+
+    def torque(self, y: Array) -> Array:
+        """Return the torque of the motors on the wheels, :math:`u`, shape ``(..., 3)``."""
+        return np.asarray(self.stiffness * y[..., :3] + self.damping * y[..., 4:7])
+
+    def invariants(self, y: ArrayLike) -> dict[str, Array]:
+        """Return the whole angular momentum in inertial axes, shape ``(..., 3)``."""
+        q, rest = self.frame.split(y)
+        body = np.array(self.inertia) * rest[..., :3] + rest[..., 3:]
+        # q v q* of a unit quaternion q = (a, w) is v + 2 a x (a x v + w v)
+        axis, scalar = q[..., :3], q[..., 3:]
+        turned = 2.0 * np.cross(axis, np.cross(axis, body) + scalar * body)
+        return {"angular momentum": body + turned}
+
+    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
+        """Return the solution at given times in extended precision.
+
+        The unknowns are the entries of the point.
+
+        Raises
+        ------
+        ValueError
+            If a time isn't a finite number.
+        """
+        return reference_solution(self._system, times, bits=bits)
+
+    def _system(self) -> QuadraticSystem:
+        half, inertia = arb(1) / 2, [ball(x) for x in self.inertia]
+        omega, h = (4, 5, 6), (7, 8, 9)
+        equations: list[tuple[Term, ...]] = []
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            pairs = ((half, 3, i), (half, j, k), (-half, k, j))
+            equations.append(tuple((c, (a, omega[b])) for c, a, b in pairs))
+        equations.append(tuple((-half, (i, omega[i])) for i in range(3)))
+
+        control = [
+            ((ball(self.stiffness), (i,)), (ball(self.damping), (omega[i],))) for i in range(3)
+        ]
+        spin = cross_terms(omega, omega, inertia, -1)
+        wheels = cross_terms(h, omega, [arb(1)] * 3)
+        for i in range(3):
+            terms = (*spin[i], *wheels[i], *((-c, at) for c, at in control[i]))
+            equations.append(tuple((c / inertia[i], at) for c, at in terms))
+        equations += control
+
+        q = [ball(x) for x in self.attitude]
+        length = sum((x * x for x in q), arb(0)).sqrt()
+        rest = [ball(x) for x in (*self.velocity, *self.wheels)]
+        return QuadraticSystem(tuple(equations), (*(x / length for x in q), *rest))
