@@ -122,3 +122,12 @@ def test_the_compiled_turn_in_numba():
     exec(compile(blocks_of("docs/compiled.md")[1], "docs/compiled.md", "exec"), names)
     wanted = Rotation.from_rotvec([0, 0, 0.5]).as_matrix()
     np.testing.assert_allclose(names["solution"].y[-1], wanted, atol=1e-14)
+
+
+def test_the_examples_of_problems():
+    names = run("docs/problems.md")
+    assert names["drift"] < 1e-6
+    assert names["error"] < 1e-8
+    energy = names["energy"]
+    np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-6)
+    assert (np.diff(names["action"]) < 0.0).all()

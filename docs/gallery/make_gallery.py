@@ -20,10 +20,14 @@ from cg import integrate, methods
 from cg.convergence import final_errors
 from cg.problems import (
     AffineField,
+    BodyWithPendulum,
     ConingMotion,
     DoubleSphericalPendulum,
+    ForcedRigidBody,
     FreeRigidBody,
+    GradientFlow,
     HeavyTop,
+    ReactionWheels,
     RollingBall,
     Spacecraft,
     StateDependentRotation,
@@ -253,6 +257,75 @@ def double_pendulum(figure: Figure) -> None:
     drift(figure.add_subplot(1, 2, 2), pendulum, solution)
 
 
+def body_with_pendulum(figure: Figure) -> None:
+    """Draw the ways of joint and mass, and the invariants."""
+    chain = BodyWithPendulum()
+    solution = solve(chain, 5.0, 0.005)
+    ax = figure.add_subplot(1, 2, 1, projection="3d")
+    names = ("joint of the body", "mass of the pendulum")
+    for place, label, colour in zip(chain.places(solution.y), names, COLOURS, strict=False):
+        ax.plot(*place.T, color=colour, label=label, linewidth=0.9)
+    joint, mass = chain.places(chain.y0)
+    ax.plot(*np.stack([np.zeros(3), joint, mass]).T, "o-", color="black", label="at time 0")
+    ax.set(xlabel="$x$ (m)", ylabel="$y$ (m)", zlabel="$z$ (m)")
+    ax.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1), zticks=(-1.5, -1, -0.5, 0))
+    ax.zaxis.labelpad = 8.0
+    ax.set_aspect("equal")
+    ax.set_title("body and pendulum in space, 5 s")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=2, columnspacing=1.0)
+    drift(figure.add_subplot(1, 2, 2), chain, solution)
+
+
+def reaction_wheels(figure: Figure) -> None:
+    """Draw where the momentum goes, and that its sum stays."""
+    ax, other = figure.subplots(1, 2)
+    satellite = ReactionWheels()
+    solution = solve(satellite, 12.0, 0.02)
+    satellite_momentum = np.array(satellite.inertia) * solution.y[:, 4:7]
+    size = np.linalg.norm
+    parts = (size(satellite_momentum, axis=1), size(solution.y[:, 7:], axis=1))
+    angle = 2.0 * np.arcsin(np.minimum(size(solution.y[:, :3], axis=1), 1.0))
+    labels = ("momentum of the satellite (N m s)", "momentum of the wheels (N m s)")
+    lines(ax, solution.t, (*parts, angle), (*labels, "angle to the commanded attitude (rad)"))
+    ax.set(xlabel="time (s)", ylabel="size (N m s, rad)")
+    ax.set_title("the wheels take the momentum over")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16))
+    drift(other, satellite, solution)
+
+
+def forced_rigid_body(figure: Figure) -> None:
+    """Draw the angular velocity under a torque, and errors."""
+    ax, other = figure.subplots(1, 2)
+    body = ForcedRigidBody()
+    solution = solve(body, 20.0, 0.02)
+    labels = (r"$\omega_1$", r"$\omega_2$", r"$\omega_3$")
+    lines(ax, solution.t, solution.y[:, 9:].T, labels)
+    ax.set(xlabel="time (s)", ylabel="angular velocity in body axes (rad/s)")
+    ax.set_title("a torque that goes round once in 6.3 s")
+    ax.legend(loc="upper center", ncols=3)
+    ax.set_ylim(top=1.35 * solution.y[:, 9:].max())
+    orders(other, body, body.reference([1], bits=128).y[0, :12], (8, 16, 32, 64, 128))
+
+
+def gradient_flow(figure: Figure) -> None:
+    """Draw how the action falls, and errors."""
+    ax, other = figure.subplots(1, 2)
+    for roughness, colour, dash in zip((0.25, 0.5, 1.0), COLOURS, DASHES, strict=False):
+        problem = GradientFlow(roughness=roughness)
+        solution = solve(problem, 1.0, 0.02, "CF4")
+        action = problem.action(solution.y) / (6 * problem.lattice.sites)
+        label = f"links {roughness:g} from the identity"
+        ax.semilogy(solution.t, action, color=colour, linestyle=dash, label=label)
+    ax.set(xlabel="flow time (1)", ylabel="action for each plaquette (1)")
+    ax.set_title("the flow smooths a field, $2^4$ sites")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16))
+    small = GradientFlow((2, 2))
+    exact = small.reference([1]).y.view(complex).reshape(small.y0.shape)
+    orders(other, small, exact, (8, 16, 32, 64, 128), unit="")
+    other.set(xlabel="step size (1)", ylabel="error at time 1")
+    other.set_title("global error, $2^2$ sites")
+
+
 def order_tests(figure: Figure) -> None:
     """Draw the errors on the two problems that see every tree."""
     ax, other = figure.subplots(1, 2)
@@ -277,6 +350,10 @@ FIGURES: dict[str, Callable[[Figure], None]] = {
     "toda": toda,
     "two_levels": two_levels,
     "double_pendulum": double_pendulum,
+    "body_with_pendulum": body_with_pendulum,
+    "reaction_wheels": reaction_wheels,
+    "forced_rigid_body": forced_rigid_body,
+    "gradient_flow": gradient_flow,
     "order_tests": order_tests,
 }
 
