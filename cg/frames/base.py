@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import MISSING, fields, is_dataclass
 from numbers import Real
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg.frames.algebra import FieldAlgebra
 from cg.frames.arrays import Array, Points, Size, check_random, complex_array, is_array, real_array
 from cg.frames.block_kinds import Blocks
 from cg.frames.nearby import nearby_coordinates, newton_correction, shortest_coefficients
@@ -21,7 +22,7 @@ class FlowOverflowError(OverflowError):
     """Coefficients are so large that double precision has no digits of their flow."""
 
 
-class Frame(ABC):
+class Frame(FieldAlgebra):
     r"""Vector fields :math:`E_1, \dots, E_m` on a manifold embedded in arrays.
 
     A differential equation is written in the frame as
@@ -94,6 +95,20 @@ class Frame(ABC):
             If ``v`` is so large that double precision has no digits of its flow.  On compact
             groups there is no such limit.
         """
+
+    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return the shortest coefficients with the tangent at ``y`` that ``v`` have.
+
+        Here, and wherever `exp_coordinates` are known, but for spheres, they are ``v``.
+
+        Parameters
+        ----------
+        v
+            Coefficients, shape ``(..., dim)``.
+        y
+            Points, shape ``(..., *point_shape)``.
+        """
+        return self._arguments(v, y)[0]
 
     @abstractmethod
     def membership_error(self, y: ArrayLike) -> Array:
@@ -348,13 +363,6 @@ class Frame(ABC):
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
         return self._vectors(v), self._points(y)
-
-    def _vectors(self, v: ArrayLike) -> Array:
-        """Return ``v`` as a float64 array whose last axis has length ``dim``."""
-        vector = v if is_array(v, np.float64) else real_array(v, "v")
-        if vector.ndim == 0 or vector.shape[-1] != self.dim:
-            raise ValueError(f"v must have shape (..., {self.dim}), got {vector.shape}")
-        return vector
 
     def _points(self, y: ArrayLike, name: str = "y") -> Points:
         """Return ``y`` as an array of type ``dtype`` whose trailing axes are ``point_shape``."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Size, check_convention, real_array
 from cg.frames.base import Frame
+from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.matrix_functions import combine, corrected, expm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import rotate
@@ -132,6 +133,18 @@ class CoadjointOrbit(Frame):
         else:
             moved = expm(combine(vector, self._fields), vector) @ column
         return self.restore(moved[..., 0])
+
+    def _bracket(self, u: Array, v: Array) -> Array:
+        # The matrices of the fields are those of ad, transposed or negative: brackets of the
+        # algebra with the other sign, or with the same.
+        if self._turn:
+            return np.asarray(self._turn * np.cross(u, v))
+        return -np.asarray((v[..., None, :] @ combine(u, self._fields))[..., 0, :])
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        if self._turn:
+            return rotation_dexpinv(u, v, self._turn)
+        return super()._dexpinv(u, v, order)
 
     @cached_property
     def linear_casimirs(self) -> Array:

@@ -55,6 +55,12 @@ class Euclidean(Frame):
         vector, point = self._arguments(v, y)
         return point + vector
 
+    def _bracket(self, u: Array, v: Array) -> Array:
+        return np.zeros(np.broadcast_shapes(u.shape, v.shape))
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        return v + np.zeros_like(u)
+
     def membership_error(self, y: ArrayLike) -> Array:
         """Return zeros: every array is a point."""
         return np.zeros(self._points(y).shape[:-1])

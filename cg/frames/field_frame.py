@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Points, check_size
+from cg.frames.arrays import Array, Points, check_size
 from cg.frames.user import Function, UserFrame
 
 
@@ -40,6 +40,9 @@ class FieldFrame(UserFrame):
         Function of two points that returns ``v`` with ``flow(v, y0) == y1``.
     random_point
         Function of a random generator that returns one point.
+    bracket
+        Function ``bracket(u, v)`` of coefficients that returns those of the commutator, as
+        `Frame.bracket` says.  Methods of Munthe-Kaas need it, unless there is only one field.
 
     Raises
     ------
@@ -85,6 +88,7 @@ class FieldFrame(UserFrame):
         distance: Function | None = None,
         exp_coordinates: Function | None = None,
         random_point: Function | None = None,
+        bracket: Function | None = None,
     ) -> None:
         if callable(fields) or not isinstance(fields, Iterable):
             raise TypeError(f"fields must be a sequence of functions, got {fields!r}")
@@ -112,6 +116,7 @@ class FieldFrame(UserFrame):
             distance=distance,
             exp_coordinates=exp_coordinates,
             random_point=random_point,
+            bracket=bracket,
         )
 
     def __repr__(self) -> str:
@@ -135,6 +140,17 @@ class FieldFrame(UserFrame):
     def dtype(self) -> np.dtype[Any]:
         """Type of a point's entries."""
         return self._dtype
+
+    def _bracket(self, u: Array, v: Array) -> Array:
+        if self.dim == 1:
+            return np.zeros(np.broadcast_shapes(u.shape, v.shape))
+        function = self._functions.get("bracket")
+        if function is None:
+            raise NotImplementedError(
+                f"{self!r} has no bracket: give it one, if its fields are a Lie algebra, as "
+                "FieldFrame(..., bracket=...)"
+            )
+        return self._call("bracket", function, [(u, 1), (v, 1)], (self.dim,))
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         r"""Return :math:`\sum_i v_i E_i(y)`, shape ``(..., *point_shape)``.

@@ -53,6 +53,13 @@ class HomogeneousSpace(Frame):
         further = self.group.exponential(self._coefficients_at(y, end - y))
         return self.group.logarithm(further @ self.group.exponential(v))
 
+    def _bracket(self, u: Array, v: Array) -> Array:
+        # The group acts from the left, as its own fields do.
+        return self.group._bracket(u, v)
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        return self.group._dexpinv(u, v, order)
+
     @abstractmethod
     def restore(self, y: Points) -> Points:
         """Return ``y`` with rounding errors off the manifold removed."""

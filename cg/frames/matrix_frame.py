@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Points, check_size, complex_array, real_array
+from cg.frames.arrays import Array, Points, check_size, complex_array, real_array
+from cg.frames.base import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
 
@@ -117,6 +119,29 @@ class MatrixFrame(UserFrame):
         if self._columns is None:
             return np.asarray((matrix @ y[..., None])[..., 0])
         return np.asarray(matrix @ y)
+
+    @cached_property
+    def _structure_constants(self) -> Array | None:
+        """Numbers c with ``A_i A_j - A_j A_i = sum_k c_ijk A_k``; None if there are none."""
+        products = self._matrices[:, None] @ self._matrices[None, :]
+        wanted = (products - products.swapaxes(0, 1)).reshape(self.dim**2, -1)
+        span = self._matrices.reshape(self.dim, -1)
+        if self.dtype.kind == "c":
+            span, wanted = span.view(np.float64), wanted.view(np.float64)
+        constants, *_ = np.linalg.lstsq(span.T, wanted.T)
+        off = np.abs(span.T @ constants - wanted.T).max()
+        if not off <= MEMBERSHIP_TOLERANCE * np.abs(products).max():
+            return None
+        return np.asarray(constants.T.reshape(self.dim, self.dim, self.dim))
+
+    def _bracket(self, u: Array, v: Array) -> Array:
+        constants = self._structure_constants
+        if constants is None:
+            raise NotImplementedError(
+                f"{self!r} has no bracket: commutators of its matrices are not all combinations "
+                "of them"
+            )
+        return np.asarray((v[..., None, :] @ combine(u, constants))[..., 0, :])
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         r"""Return :math:`\sum_i v_i A_i y`, shape ``(..., *point_shape)``."""

@@ -21,6 +21,7 @@ from cg.frames.arrays import (
     check_size,
 )
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
+from cg.frames.dexpinv import series_dexpinv
 from cg.frames.logarithms import real_log1p
 from cg.frames.matrix_functions import (
     combine,
@@ -143,6 +144,24 @@ class MatrixGroup(Frame):
     def _dual(self) -> Points:
         flat = self.basis.reshape(self.dim, -1)
         return np.asarray(np.linalg.solve((flat @ flat.conj().T).real, flat))
+
+    @property
+    def _side(self) -> float:
+        """1 where flows act from the left, -1 from the right."""
+        return 1.0 if self.convention == "space" else -1.0
+
+    def _bracket(self, u: Array, v: Array) -> Array:
+        first, second = self.algebra(u), self.algebra(v)
+        return self._side * self._algebra_projection(first @ second - second @ first)
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        # Matrices all the way: they are smaller than what multiplies coefficients.
+        generator, side = self.algebra(u), self._side
+
+        def adjoint(x: Points) -> Points:
+            return np.asarray(side * (generator @ x - x @ generator))
+
+        return self._algebra_projection(series_dexpinv(adjoint, self.algebra(v), order))
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., size, size)``."""

@@ -168,6 +168,20 @@ class Product(Frame):
         parts = zip(self.factors, vectors, self._split(point), strict=True)
         return self._join([factor.flow(u, x) for factor, u, x in parts])
 
+    def _bracket(self, u: Array, v: Array) -> Array:
+        parts = zip(self.factors, self._split_vector(u), self._split_vector(v), strict=True)
+        return np.concatenate([factor._bracket(a, b) for factor, a, b in parts], axis=-1)
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        parts = zip(self.factors, self._split_vector(u), self._split_vector(v), strict=True)
+        return np.concatenate([factor._dexpinv(a, b, order) for factor, a, b in parts], axis=-1)
+
+    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return the factors' shortest coefficients, joined: shape ``(..., dim)``."""
+        vector, point = self._arguments(v, y)
+        parts = zip(self.factors, self._split_vector(vector), self._split(point), strict=True)
+        return np.concatenate([factor.shortest(u, x) for factor, u, x in parts], axis=-1)
+
     def _project(self, y: Array) -> Array:
         parts = zip(self.factors, self._split(y), strict=True)
         return self._join([factor.project(x) for factor, x in parts])

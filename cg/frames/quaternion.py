@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Convention, Points, Size, check_convention, check_random
 from cg.frames.base import Frame
 from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, axes_option
+from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.matrix_functions import combine, unit_step
 from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm
 
@@ -98,6 +99,16 @@ class UnitQuaternion(Frame):
         half, sinc = half_angle(vector)
         moved = np.cos(half)[..., None] * point + sinc[..., None] * self._field(vector, point)
         return unit_step(moved)
+
+    @property
+    def _side(self) -> float:
+        return 1.0 if self.convention == "space" else -1.0
+
+    def _bracket(self, u: Array, v: Array) -> Array:
+        return np.asarray(self._side * np.cross(u, v))
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        return rotation_dexpinv(u, v, self._side)
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return how far the length is from one, shape ``(...)``."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
+from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
@@ -98,6 +99,16 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         if self.n == 3:
             return rotation_logarithm(away)
         return self._algebra_projection(rotation_log1p(away))
+
+    def _bracket(self, u: Array, v: Array) -> Array:
+        if self.n == 3:
+            return np.asarray(self._side * np.cross(u, v))
+        return super()._bracket(u, v)
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        if self.n == 3:
+            return rotation_dexpinv(u, v, self._side)
+        return super()._dexpinv(u, v, order)
 
     def _blocks(self) -> Blocks | None:
         if self.n != 3:

@@ -98,6 +98,12 @@ class Sphere(HomogeneousSpace):
         quotient = np.divide(angle, sine, out=np.where(cosine > 0.0, 1.0, np.nan), where=sine > 0.0)
         return np.asarray(quotient[..., None] * turn)
 
+    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return ``v`` without the rotations that leave ``y`` where it is."""
+        vector, point = self._arguments(v, y)
+        wedge = self.field(vector, point)[..., :, None] * point[..., None, :]
+        return self.group._algebra_projection(wedge - wedge.mT)
+
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return points uniform on the sphere, shape ``(*size, n + 1)``."""
         size = check_random(rng, size)

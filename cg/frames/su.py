@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
+from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
 from cg.frames.u import U, gell_mann
@@ -73,6 +74,16 @@ class SU(U):
         half, sinc = half_angle(self._vectors(v))
         identity = np.cos(half)[..., None, None] * np.eye(2)
         return np.asarray(identity + sinc[..., None, None] * self.algebra(v))
+
+    def _bracket(self, u: Array, v: Array) -> Array:
+        if self.n == 2:
+            return np.asarray(self._side * np.cross(u, v))
+        return super()._bracket(u, v)
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        if self.n == 2:
+            return rotation_dexpinv(u, v, self._side)
+        return super()._dexpinv(u, v, order)
 
     def _blocks(self) -> Blocks | None:
         if self.n != 2:
