@@ -10,6 +10,7 @@ from .construction import construct
 from .integration import ConvergenceError, DenseOutput, Solution, Trajectory, integrate, solve_ivp
 from .lifting import Lifted, LiftError, lift
 from .method import Method
+from .munthe_kaas import MuntheKaas
 from .points import MethodError
 from .random_search import search
 from .solve.lmdif import lmdif
@@ -26,6 +27,7 @@ __all__ = [
     "Lifted",
     "Method",
     "MethodError",
+    "MuntheKaas",
     "Solution",
     "Structure",
     "Tableau",

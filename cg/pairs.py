@@ -5,9 +5,11 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .conditions import HIGHEST_ORDER, residuals_of
 from .method import Method, remembered
+from .munthe_kaas import MuntheKaas
 
 __all__ = ["check_order", "check_pair"]
 
@@ -75,7 +77,7 @@ def _fault(method: Method) -> str:
     assert second is not None
     trees = min(order, second) + 1
     if trees <= HIGHEST_ORDER:
-        results = [residuals_of(method, trees, embedded=embedded) for embedded in (False, True)]
+        results = [_residuals(method, trees, embedded) for embedded in (False, True)]
         if np.abs(np.subtract(*results)).max() < LEAST_DIFFERENCE:
             return "its results nearly coincide, so that the error estimate is next to nothing"
     if second == 0:
@@ -83,6 +85,12 @@ def _fault(method: Method) -> str:
     if second == order:
         return f"both its results have order {order}, so that the error estimate may miss the error"
     return ""
+
+
+def _residuals(method: Method, order: int, embedded: bool) -> NDArray[np.float64]:
+    if isinstance(method, MuntheKaas):
+        return np.array(method.residuals(order, embedded=embedded), dtype=np.float64)
+    return residuals_of(method, order, embedded=embedded)
 
 
 def _name(method: Method) -> str:

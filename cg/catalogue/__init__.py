@@ -6,7 +6,9 @@ their place (tables with ``parent``, -1 for the initial point, and ``weights`` b
 ``stage_points``, ``result`` and, for pairs, ``embedded_result``. Coefficients are strings, so
 that all their digits are kept; bare TOML numbers are read digit by digit as well. A method that
 satisfies its order conditions only approximately has a table ``nominal`` with the ``order`` that
-is meant and the ``residual`` that no condition through it exceeds.
+is meant and the ``residual`` that no condition through it exceeds. ``kind = "Munthe-Kaas"`` makes
+a tableau one of a Lie algebra; it may have ``b_third`` then. Those that come with this package are
+in a folder of their own: their orders are those of vector spaces.
 """
 
 from __future__ import annotations
@@ -23,13 +25,25 @@ from typing import Any
 from ..coefficients import Coefficient
 from ..commutator_free import CommutatorFree
 from ..method import Method
+from ..munthe_kaas import MuntheKaas
 from ..points import MethodError
 from ..tableau import Tableau, TableauError
 
-__all__ = ["Catalogue", "dumps", "load", "loads", "methods", "resolve_method", "save"]
+__all__ = [
+    "Catalogue",
+    "dumps",
+    "load",
+    "loads",
+    "methods",
+    "munthe_kaas",
+    "resolve_method",
+    "save",
+]
 
 _REQUIRED = {"name", "source", "a", "b"}
 _OPTIONAL = {"b_embedded", "nominal"}
+_OPTIONAL_OF_ALGEBRAS = {"kind", "b_embedded", "b_third"}
+_KIND = "Munthe-Kaas"
 _REQUIRED_OF_POINTS = {"name", "source", "points", "stage_points", "result"}
 _OPTIONAL_OF_POINTS = {"embedded_result", "nominal"}
 _POINT = {"parent", "weights"}
@@ -52,6 +66,8 @@ def loads(text: str) -> Method:
     except tomllib.TOMLDecodeError as error:
         raise TableauError(f"not a TOML file: {error}") from None
     points = "points" in entry
+    if "kind" in entry:
+        return _read_munthe_kaas(entry)
     if points:
         _check_keys(entry, _REQUIRED_OF_POINTS, _OPTIONAL_OF_POINTS, "the entry")
     else:
@@ -66,6 +82,14 @@ def loads(text: str) -> Method:
     if points:
         return CommutatorFree(_read_points(entry.pop("points")), **entry, **nominal)
     return Tableau(entry.pop("a"), entry.pop("b"), **entry, **nominal)
+
+
+def _read_munthe_kaas(entry: dict[str, Any]) -> MuntheKaas:
+    _check_keys(entry, _REQUIRED, _OPTIONAL_OF_ALGEBRAS, "the entry")
+    if (kind := entry.pop("kind")) != _KIND:
+        raise MethodError(f"kind must be {_KIND!r}, got {kind!r}")
+    third = entry.pop("b_third", None)
+    return MuntheKaas(Tableau(entry.pop("a"), entry.pop("b"), **entry), third=third)
 
 
 def _read_points(tables: Any) -> list[Any]:
@@ -123,11 +147,15 @@ def _load(path: Traversable) -> Method:
 def dumps(method: Method) -> str:
     """Write a method as the text of a catalogue file; `loads` gives an equal one back."""
     lines = []
-    if isinstance(method, Tableau):
+    if isinstance(method, Tableau | MuntheKaas):
         rows = method.layout.cut(method.coefficients)
         lines += ["a = [", *(f"  {_array(row)}," for row in rows[: method.stages]), "]"]
         for label, row in zip(("b", "b_embedded"), rows[method.stages :], strict=False):
             lines.append(f"{label} = {_array(row)}")
+        if isinstance(method, MuntheKaas):
+            lines.insert(0, f"kind = {_quoted(_KIND)}")
+            if method.third_weights is not None:
+                lines.append(f"b_third = {_array(method.third_weights)}")
     elif isinstance(method, CommutatorFree):
         lines.append("points = [")
         for point, weights in zip(method.points, method.point_coefficients, strict=True):
@@ -137,7 +165,7 @@ def dumps(method: Method) -> str:
         if method.embedded_result is not None:
             lines.append(f"embedded_result = {method.embedded_result}")
     else:
-        raise TypeError(f"method must be a Tableau or CommutatorFree, got {method!r}")
+        raise TypeError(f"method must be a Tableau, CommutatorFree or MuntheKaas, got {method!r}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]
         lines.append(f"residual = {_quoted(method.nominal_residual.text)}")
@@ -209,6 +237,9 @@ class Catalogue(Mapping[str, Method]):
 methods = Catalogue(files(__name__))
 """The methods that come with this package, by name."""
 
+munthe_kaas = Catalogue(files(__name__) / "munthe_kaas")
+"""Those of Runge, Kutta and Munthe-Kaas, by name."""
+
 
 def resolve_method(method: str | Method) -> Method:
     """Return the method that `method` is or names.
@@ -229,6 +260,9 @@ def resolve_method(method: str | Method) -> Method:
         return method
     if not isinstance(method, str):
         raise TypeError(f"method must be a name or a Method, got {method!r}")
+    if method in munthe_kaas:
+        return munthe_kaas[method]
     if method not in methods:
-        raise ValueError(f"method must be one of {', '.join(methods)}, got {method!r}")
+        known = ", ".join([*methods, *munthe_kaas])
+        raise ValueError(f"method must be one of {known}, got {method!r}")
     return methods[method]

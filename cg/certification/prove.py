@@ -18,6 +18,7 @@ from ..coefficients import Coefficient
 from ..conditions import HIGHEST_ORDER
 from ..layout import Layout
 from ..method import TOLERANCE_FACTOR, Method
+from ..munthe_kaas import MuntheKaas
 from ..quad import to_decimal
 from .certificate import Beyond, Certificate, CertificationError
 from .duality import Duality, find_dualities, regular
@@ -127,6 +128,8 @@ def certify(method: Method | str, order: int | None = None) -> Certificate:
     3
     """
     method = resolve_method(method)
+    if isinstance(method, MuntheKaas):
+        raise TypeError(f"method must be a Tableau or CommutatorFree, got {method!r}")
     order = method.order if order is None else check_integer("order", order, 1, HIGHEST_ORDER)
     if order < 1:
         raise CertificationError(

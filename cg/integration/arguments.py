@@ -178,6 +178,17 @@ def check_problem(f: object, frame: object, method: str | Method) -> Method:
     return resolve_method(method)
 
 
+def check_algebra(frame: Frame, method: Method) -> None:
+    """Raise ValueError if the fields of a frame make no Lie algebra for a method to work in."""
+    try:
+        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
+    except NotImplementedError as error:
+        raise ValueError(
+            f"method must be of Crouch-Grossman type or commutator-free on this frame, got "
+            f"{method!r}, which needs brackets: {error}"
+        ) from None
+
+
 def check_points(frame: Frame, y0: ArrayLike) -> Points:
     """Return an initial point, or an ensemble of them, as a new array after checking it.
 

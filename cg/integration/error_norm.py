@@ -76,6 +76,25 @@ class ErrorNorm:
         """Return the norm of the difference of two results of a step; at most 1 is accepted."""
         return float(np.max(self.rms(self.difference(other, y) / self.scale(before, y))))
 
+    def estimate(self, fields: Array, y: Points, before: Points) -> float:
+        """Return the norm of differences of results that are given by their coefficients.
+
+        Parameters
+        ----------
+        fields
+            Of one estimate or of two, which make one as in DOP853, shape ``(1 or 2, *batch, dim)``.
+        y, before
+            The points after and before the step, shape ``(*batch, *point_shape)``.
+        """
+        scale = self.scale(before, y)
+        tangents = [self.tangent(self.frame.shortest(v, y), y) for v in fields]
+        errors = [self.rms(tangent / scale) for tangent in tangents]
+        if len(errors) == 1:
+            return float(np.max(errors[0]))
+        size = np.hypot(errors[0], 0.1 * errors[1])
+        ratio = np.divide(errors[0], size, out=np.zeros_like(size), where=size != 0.0)
+        return float(np.max(errors[0] * ratio))
+
     def rms(self, values: Array) -> Array:
         """Return the root mean square of each member's values, shape ``batch``."""
         return _rms(values, self.axes)

@@ -55,6 +55,7 @@ from cg.integration.flows import difference_of, flows_of
 from cg.integration.paths import paths_of
 from cg.integration.stepper import Block, Stepper, advances_by_embedded
 from cg.method import Method, remembered
+from cg.munthe_kaas import MuntheKaas
 
 __all__ = ["Interpolant", "extra_evaluations", "interpolate", "nodes_of"]
 
@@ -137,11 +138,64 @@ class ResultFlows:
         self.c: Array = c[used]
         self.weights = np.array([[float(flow.get(k, 0)) for k in used] for flow in flows])
 
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    def coefficients(self, frame: Frame, basis: Array, fields: Array) -> Array:
+        """Return the coefficients of the flows.
+
+        Parameters
+        ----------
+        frame
+            The frame.
+        basis
+            Weights of nodes for each used stage, times the step: shape ``(q, stages, nodes)``.
+        fields
+            Coefficients at the nodes, shape ``(q, nodes, *batch, dim)``.
+
+        Returns
+        -------
+        ndarray
+            Shape ``(q, *batch, flows, dim)``.
+        """
+        weights = np.einsum("ms,qsj->qmj", self.weights, basis)
+        return np.asarray(np.einsum("qmj,qj...d->q...md", weights, fields))
+
+
+class AlgebraFlow(ResultFlows):
+    """The flow that leads to the result of a method on a Lie algebra, likewise.
+
+    Parameters
+    ----------
+    method
+        Its stages are solved in coordinates, without a flow.
+    """
+
+    def __init__(self, method: MuntheKaas) -> None:
+        method = method.advancing
+        self.order = method.order
+        used = np.flatnonzero(method.b).tolist()
+        for stage in range(method.stages - 1, -1, -1):
+            if stage in used:
+                used = sorted({*used, *np.flatnonzero(method.a[stage]).tolist()})
+        self.c = method.c[used]
+        self.weights = method.b[None, used]
+        self.a = method.a[np.ix_(used, used)]
+
+    def coefficients(self, frame: Frame, basis: Array, fields: Array) -> Array:
+        """Return the coefficients of the flow; see `ResultFlows.coefficients`."""
+        k = np.einsum("qsj,qj...d->sq...d", basis, fields)
+        for stage, row in enumerate(self.a):
+            if row.any():
+                coordinates = np.tensordot(row[:stage], k[:stage], axes=1)
+                k[stage] = frame.dexpinv(coordinates, k[stage], order=max(self.order, 1))
+        return np.tensordot(self.weights[0], k, axes=1)[..., None, :]
+
 
 @remembered
 def result_flows(method: Method) -> ResultFlows:
     """Return the flows that lead to the result of a method."""
-    return ResultFlows(method)
+    return AlgebraFlow(method) if isinstance(method, MuntheKaas) else ResultFlows(method)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,9 +261,8 @@ class Interpolant:
 
     def _between(self, which: Indices, theta: Array, rest: Array | None) -> Points:
         basis = self.nodes.basis(theta[:, None] * self.flows.c)  # (n, stages, nodes)
-        weights = np.einsum("ms,qsj->qmj", self.flows.weights, basis)
-        weights *= (theta * self.h[which])[:, None, None]
-        v = np.einsum("qmj,qj...d->q...md", weights, self.fields[which])
+        basis *= (theta * self.h[which])[:, None, None]
+        v = self.flows.coefficients(self.frame, basis, self.fields[which])
         if rest is not None:
             blend = self.nodes.blend(theta).reshape(-1, *[1] * (rest.ndim - 1))
             v = np.concatenate([v, (blend * rest)[..., None, :]], axis=-2)
@@ -265,13 +318,13 @@ def interpolate(stepper: Stepper, block: Block, which: Indices) -> Interpolant:
         made = _closed(
             Interpolant(stepper.frame, flows, nodes_of(nodes), t0, h, y0, y1, fields, first)
         )
-        stepper.counts.nexp += len(which) * (len(flows.weights) + 1)
+        stepper.counts.nexp += len(which) * (len(flows) + 1)
         if nodes == count:
             break
         inner = nodes_of(nodes + 1).nodes[1:-1]
         at = np.repeat(steps, len(inner)), np.tile(inner, len(steps))
         points = made(*at)
-        stepper.counts.nexp += len(points) * (len(flows.weights) + 1)
+        stepper.counts.nexp += len(points) * (len(flows) + 1)
         values = stepper.evaluate(t0[at[0]] + at[1] * h[at[0]], points)
         values = values.reshape(len(steps), len(inner), *values.shape[1:])
         fields = np.concatenate([fields[:, :1], values, fields[:, -1:]], axis=1)

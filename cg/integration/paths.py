@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cg.low_storage import Registers, two_registers
 from cg.method import Method, remembered
+from cg.munthe_kaas import MuntheKaas
 from cg.points import START
 
 __all__ = ["Flow", "MethodPaths", "Path", "paths_of"]
@@ -60,6 +62,12 @@ class MethodPaths:
         Abscissae.
     registers
         The coefficients A and B of a method of two registers, None of others.
+    series
+        Of a method on a Lie algebra, the order up to which dexp⁻¹ is needed where it is a series;
+        0 of others.  Coefficients at stages become derivatives of the coordinates that lead
+        there, and errors are estimated by combinations of these.
+    errors
+        The weights of these combinations.
     """
 
     paths: tuple[Path, ...]
@@ -69,6 +77,8 @@ class MethodPaths:
     final_stage: int
     c: tuple[Fraction, ...]
     registers: Registers | None = None
+    series: int = 0
+    errors: tuple[tuple[Fraction, ...], ...] = ()
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -83,10 +93,19 @@ class MethodPaths:
 
     @cached_property
     def weights(self) -> tuple[Fraction, ...]:
-        """The weights of all terms of all flows, then A, B and a zero: no array may be empty."""
+        """The weights of all terms of all flows, then A, B, those of errors, and a zero.
+
+        No array may be empty.
+        """
         flows = [flow for path in self.paths for flow in path.flows]
         a, b = self.registers or ((), ())
-        return (*(weight for flow in flows for _, weight in flow), *a, *b, Fraction(0))
+        return (
+            *(weight for flow in flows for _, weight in flow),
+            *a,
+            *b,
+            *chain(*self.errors),
+            Fraction(0),
+        )
 
     @cached_property
     def integers(self) -> NDArray[np.intc]:
@@ -95,7 +114,7 @@ class MethodPaths:
         The numbers of paths, flows, terms and stages; the origins of the paths; from 1, where
         the flows of each path begin, and where the terms of each flow begin; the stages of the
         terms; the paths to the stages and to both results; the final stage; 1 if the method has
-        two registers, 0 if not.
+        two registers, 0 if not; the order of the series, and the number of error estimates.
         """
         flows = [flow for path in self.paths for flow in path.flows]
         terms = [stage + 1 for flow in flows for stage, _ in flow]
@@ -104,7 +123,7 @@ class MethodPaths:
             *(path.origin for path in self.paths),
             *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
             *self.stages, self.result, self.embedded, self.final_stage,
-            int(self.registers is not None),
+            int(self.registers is not None), self.series, len(self.errors),
         ]  # fmt: skip
         return np.array(numbers, dtype=np.intc)
 
@@ -112,6 +131,11 @@ class MethodPaths:
 @remembered
 def paths_of(method: Method) -> MethodPaths:
     """Return the paths of an explicit method."""
+    series = 0
+    errors: tuple[tuple[Fraction, ...], ...] = ()
+    if isinstance(method, MuntheKaas):
+        method = method.advancing
+        series, errors = max(method.order, 1), method.error_weights
     result, embedded = method.result, method.embedded_result
     if embedded is not None and (method.embedded_order or 0) > method.order:
         result, embedded = embedded, result
@@ -128,7 +152,9 @@ def paths_of(method: Method) -> MethodPaths:
         embedded_path,
         final[0] if final else 0,
         c,
-        two_registers(method),
+        None if series else two_registers(method),
+        series,
+        errors,
     )
 
 
@@ -153,11 +179,11 @@ class _Builder:
     def path_to(self, point: int) -> int:
         """Return the number of the path to a point that is kept, after adding what leads there."""
         if point not in self.index:
-            chain = [point]
-            while (parent := self.points[chain[-1]].parent) not in self.kept and parent != START:
-                chain.append(parent)
+            links = [point]
+            while (parent := self.points[links[-1]].parent) not in self.kept and parent != START:
+                links.append(parent)
             origin = self.path_to(parent)
-            flows = tuple(tuple(self.points[i].weights.items()) for i in reversed(chain))
+            flows = tuple(tuple(self.points[i].weights.items()) for i in reversed(links))
             self.paths.append(Path(origin, flows))
             self.index[point] = len(self.paths)
         return self.index[point]

@@ -13,6 +13,7 @@ from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.integration.arguments import (
     MOST_COMPILED_STEPS,
+    check_algebra,
     check_args,
     check_memory,
     check_points,
@@ -28,6 +29,7 @@ from cg.integration.step import Step
 from cg.integration.stepper import AdaptiveSchedule, Stepper
 from cg.integration.time_grid import TimeGrid, stored_count
 from cg.method import Method
+from cg.munthe_kaas import MuntheKaas
 
 __all__ = ["Problem", "make_problem"]
 
@@ -67,6 +69,8 @@ class Problem:
     @property
     def in_compiled_code(self) -> bool:
         """Whether steps are taken there."""
+        if isinstance(self.method, MuntheKaas):
+            return False
         return self.method.explicit and is_compiled(self.frame)
 
     @property
@@ -144,6 +148,8 @@ def make_problem(
     check_stage_solver(stage_solver)
     compiled = compiled_rhs(f)
     tableau = check_problem(f if compiled is None else compiled, frame, method)
+    if isinstance(tableau, MuntheKaas):
+        check_algebra(frame, tableau)
     points = check_points(frame, y0)
     batch = points.shape[: points.ndim - len(frame.point_shape)]
     extra = check_args(args)

@@ -139,13 +139,10 @@ class PythonStepper(Stepper):
         """Return error and result of a trial step; a huge error if it can't be computed."""
         huge = float(np.finfo(np.float64).max)
         try:
-            reached, other = self.step.pair(t, point, h)
+            reached, error = self.step.trial(t, point, h, schedule.norm)
         except (ConvergenceError, StageOverflowError):
             return huge, None
-        if not (np.isfinite(reached).all() and np.isfinite(other).all()):
-            return huge, None
-        error = schedule.norm.error(reached, other, point)
-        return (error, reached) if math.isfinite(error) else (huge, None)
+        return (error, reached) if reached is not None else (huge, None)
 
     def _first_size(self, schedule: AdaptiveSchedule) -> float:
         """Return a first step size from two evaluations of f; see ``fortran/controller.f90.in``."""

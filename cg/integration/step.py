@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cg.conditions import Rows
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError, Frame
+from cg.integration.error_norm import ErrorNorm
 from cg.integration.flows import flows_of
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER, Row, StageSolver, check_stage_solver
 from cg.integration.paths import paths_of
@@ -27,7 +30,7 @@ class Step:
     .. math:: y_m = \exp\Bigl(h \sum_k \alpha_{m,k} F_k\Bigr) y_{\mathrm{parent}(m)} .
 
     An implicit one is equation (2.3) of [1]_.  Of a pair the result of higher order makes the
-    step.
+    step.  Steps on a Lie algebra are those of `cg.MuntheKaas`.
 
     Parameters
     ----------
@@ -74,6 +77,7 @@ class Step:
         self._known: tuple[float, Points, Array] | None = None
         self._final: tuple[Points, Array] | None = None
         self.solvers: list[StageSolver] | None = None
+        self.series = 0
         if isinstance(method, Tableau) and not method.explicit:
             self._prepare_rows(method, stage_solver)
         else:
@@ -84,6 +88,8 @@ class Step:
         self.results = [paths.result, paths.embedded]
         self.stage_paths = paths.stages
         self.final_stage = paths.final_stage
+        self.series = paths.series
+        self.error_weights = np.array(paths.errors, dtype=np.float64)
         self.paths = []
         for path in paths.paths:
             stages = sorted({stage for flow in path.flows for stage, _ in flow})
@@ -117,6 +123,26 @@ class Step:
         result, other = self._take(t, point, h, 2)
         return result, other
 
+    def trial(
+        self, t: float, point: Points, h: float, norm: ErrorNorm
+    ) -> tuple[Points | None, float]:
+        """Return the point after a step of a pair, and its error in tolerances.
+
+        The point is None where there is no error that is finite.
+        """
+        if self.series:
+            (reached,) = self._take(t, point, h, 1)
+            differences = h * (self.error_weights @ self._stage_fields)
+            if not np.isfinite(reached).all() or not np.isfinite(differences).all():
+                return None, math.inf
+            error = norm.estimate(np.moveaxis(differences, -2, 0), reached, point)
+        else:
+            reached, other = self.pair(t, point, h)
+            if not (np.isfinite(reached).all() and np.isfinite(other).all()):
+                return None, math.inf
+            error = norm.error(reached, other, point)
+        return (reached, error) if math.isfinite(error) else (None, math.inf)
+
     def _take(self, t: float, point: Points, h: float, results: int) -> list[Points]:
         fields = np.empty((*self.batch, len(self.abscissae), self.frame.dim))
         if self.solvers is not None:
@@ -128,11 +154,23 @@ class Step:
         fields[..., 0, :] = self.field(t, point)
         for k, c in enumerate(self.abscissae[1:], start=1):
             stage = self._end(self.stage_paths[k], known, fields, h)
-            fields[..., k, :] = self.evaluate(t + c * h, stage)
+            last = self.evaluate(t + c * h, stage)
+            fields[..., k, :] = self._derivative(self.stage_paths[k], last, fields, h)
+            if k == self.final_stage - 1:
+                final = last
         found = [self._end(path, known, fields, h) for path in self.results[:results]]
         if self.final_stage:  # the first of the next step, which starts from this very object
-            self._final = found[0], fields[..., self.final_stage - 1, :].copy()
+            self._final = found[0], final
+        self._stage_fields = fields
         return found
+
+    def _derivative(self, path: int, field: Array, fields: Array, h: float) -> Array:
+        """Return the coefficients at the end of a path, on a Lie algebra those of coordinates."""
+        if not self.series or path == 0:
+            return field
+        _, stages, weights = self.paths[path - 1]
+        coordinates = _combined(h * weights, fields[..., stages, :])[..., 0, :]
+        return self.frame.dexpinv(coordinates, field, order=self.series)
 
     def _end(self, path: int, known: dict[int, Points], fields: Array, h: float) -> Points:
         """Return the end of a path, after those on the way to it."""

@@ -11,6 +11,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.error_norm import ErrorNorm
 from cg.method import Method
+from cg.munthe_kaas import MuntheKaas
 
 __all__ = ["AdaptiveSchedule", "Block", "Stepper", "advances_by_embedded", "error_exponent"]
 
@@ -147,5 +148,8 @@ def advances_by_embedded(method: Method) -> bool:
 
 def error_exponent(method: Method) -> float:
     """Return the power of an error that a step is proportional to, by the order of a pair."""
+    if isinstance(method, MuntheKaas) and method.third_order is not None:
+        second, third = method.advancing.embedded_order or 0, method.third_order
+        return 1.0 / max(2 * (second + 1) - (third + 1), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)
