@@ -325,6 +325,27 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
   end associate
 end subroutine frame_difference
 
+! The derivatives of coordinates u that go with coefficients v
+subroutine frame_dexpinv(blocks, description, fields, u, v)
+  use algebra_r64, only: dexpinv
+  use kinds_r64, only: wp
+  use frames_r64, only: frame_t, make_frame
+  implicit none
+  integer, intent(in) :: blocks, fields
+  integer, intent(in) :: description(3, blocks)
+  real(wp), intent(in) :: u(fields)          ! (dimension, trajectories)
+  real(wp), intent(inout) :: v(fields)
+  type(frame_t) :: frame
+  integer :: i
+
+  call make_frame(description, 1, frame)
+  associate (m => frame%dimension)
+    do i = 0, fields / m - 1
+      call dexpinv(frame, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m))
+    end do
+  end associate
+end subroutine frame_dexpinv
+
 ! Points moved along the time-1 flows of as many fields each, the first one first
 subroutine frame_move(blocks, description, flows, fields, v, restoring, points, y)
   use kinds_r64, only: wp

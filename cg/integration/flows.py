@@ -11,7 +11,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.blocks import describe_blocks, is_compiled
 
-__all__ = ["Difference", "Flows", "difference_of", "flows_of"]
+__all__ = ["Dexpinv", "Difference", "Flows", "dexpinv_of", "difference_of", "flows_of"]
 
 
 class Flows(Protocol):
@@ -36,6 +36,10 @@ Difference = Callable[[Points, Points], Array | None]
 """``difference(y0, y1)`` is `Frame.exp_coordinates`."""
 
 
+Dexpinv = Callable[[Array, Array], Array]
+"""Returns derivatives of coordinates ``(..., dim)`` that go with coefficients ``(..., dim)``."""
+
+
 def flows_of(frame: Frame) -> Flows:
     """Return the function that moves points of a frame along flows."""
     return _CompiledFlows(frame) if is_compiled(frame) else _Flows(frame)
@@ -44,6 +48,20 @@ def flows_of(frame: Frame) -> Flows:
 def difference_of(frame: Frame) -> Difference:
     """Return the function that finds the coefficients of the flow between two points."""
     return _CompiledDifference(frame) if is_compiled(frame) else frame.exp_coordinates
+
+
+def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
+    """Return `Frame.dexpinv` for a method of some order."""
+    return _CompiledDexpinv(frame) if is_compiled(frame) else _Dexpinv(frame, order)
+
+
+class _Dexpinv:
+    def __init__(self, frame: Frame, order: int) -> None:
+        self.frame = frame
+        self.order = order
+
+    def __call__(self, u: Array, v: Array) -> Array:
+        return self.frame.dexpinv(u, v, order=self.order)
 
 
 class _Flows:
@@ -94,6 +112,24 @@ class _CompiledDifference:
         found = np.empty((*y0.shape[: y0.ndim - rank], self.frame.dim))
         if found.size:
             self.difference(self.description, _flat(y0), _flat(y1), found.reshape(-1))
+        return found
+
+
+class _CompiledDexpinv:
+    def __init__(self, frame: Frame) -> None:
+        import cg._external as core
+
+        self.frame = frame
+        self.dexpinv = core.dexpinv
+        self.description = describe_blocks(frame)
+
+    def __reduce__(self) -> tuple[Callable[[Frame, int], Dexpinv], tuple[Frame, int]]:
+        return dexpinv_of, (self.frame, 1)
+
+    def __call__(self, u: Array, v: Array) -> Array:
+        found = np.array(v, order="C")
+        if found.size:
+            self.dexpinv(self.description, np.ascontiguousarray(u).reshape(-1), found.reshape(-1))
         return found
 
 

@@ -51,7 +51,7 @@ from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.flows import difference_of, flows_of
+from cg.integration.flows import dexpinv_of, difference_of, flows_of
 from cg.integration.paths import paths_of
 from cg.integration.stepper import Block, Stepper, advances_by_embedded
 from cg.method import Method, remembered
@@ -173,7 +173,7 @@ class AlgebraFlow(ResultFlows):
 
     def __init__(self, method: MuntheKaas) -> None:
         method = method.advancing
-        self.order = method.order
+        self.order = max(method.order, 1)
         used = np.flatnonzero(method.b).tolist()
         for stage in range(method.stages - 1, -1, -1):
             if stage in used:
@@ -184,11 +184,12 @@ class AlgebraFlow(ResultFlows):
 
     def coefficients(self, frame: Frame, basis: Array, fields: Array) -> Array:
         """Return the coefficients of the flow; see `ResultFlows.coefficients`."""
-        k = np.einsum("qsj,qj...d->sq...d", basis, fields)
+        k = np.ascontiguousarray(np.einsum("qsj,qj...d->sq...d", basis, fields))
+        dexpinv = dexpinv_of(frame, self.order)
         for stage, row in enumerate(self.a):
             if row.any():
                 coordinates = np.tensordot(row[:stage], k[:stage], axes=1)
-                k[stage] = frame.dexpinv(coordinates, k[stage], order=max(self.order, 1))
+                k[stage] = dexpinv(coordinates, k[stage])
         return np.tensordot(self.weights[0], k, axes=1)[..., None, :]
 
 

@@ -69,8 +69,6 @@ class Problem:
     @property
     def in_compiled_code(self) -> bool:
         """Whether steps are taken there."""
-        if isinstance(self.method, MuntheKaas):
-            return False
         return self.method.explicit and is_compiled(self.frame)
 
     @property

@@ -10,7 +10,7 @@ from cg.conditions import Rows
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError, Frame
 from cg.integration.error_norm import ErrorNorm
-from cg.integration.flows import flows_of
+from cg.integration.flows import dexpinv_of, flows_of
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER, Row, StageSolver, check_stage_solver
 from cg.integration.paths import paths_of
 from cg.integration.python_rhs import Coefficients, PythonRhs, StageOverflowError
@@ -89,6 +89,8 @@ class Step:
         self.stage_paths = paths.stages
         self.final_stage = paths.final_stage
         self.series = paths.series
+        if self.series:
+            self.dexpinv = dexpinv_of(self.frame, self.series)
         self.error_weights = np.array(paths.errors, dtype=np.float64)
         self.paths = []
         for path in paths.paths:
@@ -170,7 +172,7 @@ class Step:
             return field
         _, stages, weights = self.paths[path - 1]
         coordinates = _combined(h * weights, fields[..., stages, :])[..., 0, :]
-        return self.frame.dexpinv(coordinates, field, order=self.series)
+        return self.dexpinv(coordinates, field)
 
     def _end(self, path: int, known: dict[int, Points], fields: Array, h: float) -> Points:
         """Return the end of a path, after those on the way to it."""
