@@ -243,9 +243,9 @@ def test_catalogue_files(value, tmp_path):
         load(value)
     with pytest.raises(TypeError, match="path must be a path, got"):
         save(cg.methods["CG3"], value)
-    with pytest.raises(TypeError, match="method must be a Tableau or CommutatorFree"):
+    with pytest.raises(TypeError, match="method must be a Tableau, CommutatorFree or MuntheKaas"):
         dumps(value)
-    with pytest.raises(TypeError, match="method must be a Tableau or CommutatorFree"):
+    with pytest.raises(TypeError, match="method must be a Tableau, CommutatorFree or MuntheKaas"):
         save(value, tmp_path / "method.toml")
     assert not list(tmp_path.iterdir())
 
