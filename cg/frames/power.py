@@ -82,6 +82,17 @@ class Power(Frame):
         vector, point = self._arguments(v, y)
         return self.factor.flow(self._each(vector), point)
 
+    def _bracket(self, u: Array, v: Array) -> Array:
+        return self._joined(self.factor._bracket(self._each(u), self._each(v)))
+
+    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        return self._joined(self.factor._dexpinv(self._each(u), self._each(v), order))
+
+    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return the shortest coefficients of all, joined: shape ``(..., dim)``."""
+        vector, point = self._arguments(v, y)
+        return self._joined(self.factor.shortest(self._each(vector), point))
+
     def _project(self, y: Points) -> Points:
         return self.factor.project(y)
 
