@@ -17,28 +17,29 @@ from scipy import linalg
 from ..layout import Layout, Rows
 from ..quad import to_decimal
 from .composition import MidpointSteps
-from .duality import Duality, find_dualities, kept_conditions
 from .identities import MiddleAbscissae, OfFirstWeights, PathOrderTwo, StageOrderTwo
 from .krawczyk import to_double
+from .orthogonality import Condition, conditions_of
 from .parametric import Columns, Letters, Path
 from .relations import Identity, kept_words
 from .systems import EquationSystem, condition
 from .weights import Quantity, Weights
-from .words import Word, condition_words, nodes, reciprocal_density, text
+from .words import Word, condition_words, nodes, parse, reciprocal_density, text
 
 __all__ = [
-    "Duality",
     "augment",
-    "dual_system",
-    "find_dualities",
     "find_identities",
     "name_of",
+    "name_of_left_out",
     "read_identity",
+    "read_left_out",
+    "without",
 ]
 
 _THRESHOLD = 1e-11  # singular values below this fraction of the largest count as zero
 _SMALL = 1e-20  # what counts as zero when identities are looked for, not when they are proved
 _DIGITS = 60  # of parameters
+_ORTHOGONAL = "orthogonality:"
 
 
 def name_of(identity: Identity) -> str:
@@ -90,7 +91,7 @@ def find_identities(
         For each row of weights, the stages (from 0) where they are held at zero.
     """
     if layout.rows is None:
-        return  # they are about rows of tableaux; see `dual_system` for trees of points
+        return  # they are about rows of tableaux; for trees of points see `orthogonality`
     found: list[tuple[Identity, ...]] = []
     for k in range(layout.stages):
         found += [(StageOrderTwo(k),)]
@@ -198,15 +199,43 @@ def _ratio(word: Word, bush: Word) -> Any:
     return fmpq(ratio.numerator, ratio.denominator)
 
 
-def dual_system(
-    layout: Layout, orders: Sequence[int], dualities: Sequence[Duality]
-) -> EquationSystem:
-    """Return the order conditions from which all others follow by dualities."""
+def name_of_left_out(conditions: Sequence[Condition]) -> str:
+    """Write which conditions follow from others by orthogonality, for `read_left_out`."""
+    return f"{_ORTHOGONAL} " + " ".join(f"{row * '*'}{text(word)}" for row, word in conditions)
+
+
+def read_left_out(names: Sequence[str]) -> list[Condition]:
+    """Return the conditions that follow by orthogonality; none if identities are others.
+
+    Raises
+    ------
+    ValueError
+        If a name has anything else.
+    """
+    if len(names) != 1 or not names[0].startswith(f"{_ORTHOGONAL} "):
+        return []
+    trees = names[0].removeprefix(_ORTHOGONAL).split()
+    return [(int(one.startswith("*")), parse(one.removeprefix("*"))) for one in trees]
+
+
+def without(layout: Layout, orders: Sequence[int], left_out: Sequence[Condition]) -> EquationSystem:
+    """Return the order conditions but those that are left out.
+
+    Raises
+    ------
+    ValueError
+        If something that is left out is no independent condition, or is there twice.
+    """
+    known = conditions_of(orders)
+    gone = set(left_out)
+    if len(gone) != len(left_out) or not gone.issubset(known):
+        raise ValueError("conditions that are left out must be distinct independent ones")
     equations = []
-    for row, word in kept_conditions(orders, dualities):
-        equation = condition(word, layout.stages + row)
-        label = f"{text(word)} embedded" if row else equation.label
-        equations.append(equation._replace(label=label))
+    for row, word in known:
+        if (row, word) not in gone:
+            equation = condition(word, layout.stages + row)
+            label = f"{text(word)} embedded" if row else equation.label
+            equations.append(equation._replace(label=label))
     return EquationSystem(layout, tuple(equations))
 
 

@@ -1,21 +1,17 @@
 """Words with a hole: what surrounds a stage, as a vector over the stages.
 
-Letters are values at stages; a word with a hole at the place of a letter is linear in them. For
-the exact solution it is an integral over [0, 1] of the letter times a polynomial.
+Letters are values at stages; a word with a hole at the place of a letter is linear in them.
 """
 
 from __future__ import annotations
 
-from fractions import Fraction
 from functools import cache
-from math import factorial
+from typing import Any
 
-from flint import fmpq, fmpq_mat
+from .relations import HOLE
+from .words import Word, shuffle
 
-from .relations import HOLE, fill
-from .words import Word, parse, reciprocal_density, text
-
-__all__ = ["basis", "outer_nodes", "polynomial", "read_hole", "write_hole"]
+__all__ = ["HOLE", "basis", "depth", "moments", "outer_nodes"]
 
 
 @cache
@@ -64,34 +60,41 @@ def outer_nodes(hole: Word) -> int:
     return sum(0 if t == HOLE else 1 + outer_nodes(t) for t in hole)
 
 
+def depth(word: Word) -> int:
+    """Return how many letters are around the hole, or the depth of a word without one."""
+    if HOLE in word:
+        return 0
+    inner = [t for t in word if has_hole(t)]
+    return 1 + max(map(depth, inner or word), default=-1)
+
+
+def has_hole(letter: Any) -> bool:
+    """Tell whether a letter has the hole somewhere within it."""
+    return letter != HOLE and any(t == HOLE or has_hole(t) for t in letter)
+
+
 @cache
-def polynomial(hole: Word) -> tuple[Fraction, ...]:
-    """Return the coefficients, from the constant on, by which the exact solution integrates.
+def moments(hole: Word) -> dict[Word, int]:
+    """Return the words with a hole that integrate the moments of what is put into this one.
 
-    With the letter of k leaves in the hole, whose value is θ^k / k!, 1/γ is an integral over
-    [0, 1]; so many of them determine the polynomial, of degree `outer_nodes`.
+    The moments of v, along the path that the hole is on, are the integral of s dv where s is
+    the weight of τ up to there: ``s v`` less the integral of v. Integrated by parts, a word
+    ``p * q`` of it is ``(τ ⧢ p) * q`` less all ``p' * p'' τ q`` with ``p = p' p''``.
     """
-    size = outer_nodes(hole) + 1
-    moments = fmpq_mat(size, size, [fmpq(1, i + k + 1) for k in range(size) for i in range(size)])
-    values = [factorial(k) * reciprocal_density(fill(hole, ((),) * k)) for k in range(size)]
-    right = fmpq_mat(size, 1, [fmpq(v.numerator, v.denominator) for v in values])
-    return tuple(Fraction(int(p.p), int(p.q)) for p in moments.solve(right).entries())
+    found: dict[Word, int] = {}
 
+    def add(word: Word, factor: int) -> None:
+        found[word] = found.get(word, 0) + factor
 
-def write_hole(hole: Word) -> str:
-    """Write a word as the tree with these children, a star for the hole."""
-    return "[" + "".join("*" if t == HOLE else write_hole(t) for t in hole) + "]"
-
-
-def read_hole(written: str) -> Word:
-    """Read what `write_hole` writes; ValueError if it isn't that."""
-    depth = written.count("[") + 1
-    marked = "[" * depth + "]" * depth  # deeper than any tree in it
-    tree = parse(written.replace("*", marked))
-
-    def hollow(word: Word) -> Word:
-        return tuple(HOLE if text(t) == marked else hollow(t) for t in word)
-
-    if written.count("*") != 1:
-        raise ValueError(f"no word with a hole is written {written!r}")
-    return hollow(tree)
+    if HOLE in hole:
+        place = hole.index(HOLE)
+        before, after = hole[:place], hole[place + 1 :]
+        for word, multiplicity in shuffle(((),), before).items():
+            add((*word, HOLE, *after), multiplicity)
+        for cut in range(place + 1):
+            add((*before[:cut], HOLE, *before[cut:], (), *after), -1)
+    for k, letter in enumerate(hole):
+        if has_hole(letter):
+            for inner, factor in moments(letter).items():
+                add((*hole[:k], inner, *hole[k + 1 :]), factor)
+    return found

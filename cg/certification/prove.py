@@ -11,6 +11,7 @@ from fractions import Fraction
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 from numpy.typing import NDArray
+from scipy import linalg
 
 from ..catalogue import resolve_method
 from ..checks import check_integer
@@ -21,9 +22,17 @@ from ..method import TOLERANCE_FACTOR, Method
 from ..munthe_kaas import MuntheKaas
 from ..quad import to_decimal
 from .certificate import Beyond, Certificate, CertificationError
-from .duality import Duality, find_dualities, regular
-from .explain import augment, dual_system, find_identities, name_of, read_identity
+from .explain import (
+    augment,
+    find_identities,
+    name_of,
+    name_of_left_out,
+    read_identity,
+    read_left_out,
+    without,
+)
 from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
+from .orthogonality import Condition, conditions_of, find_relations, follow
 from .parametric import RELATION_RADIUS
 from .relations import Identity
 from .systems import EquationSystem, exact_residuals, order_system
@@ -220,9 +229,12 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
     """Return the equations of a certificate."""
     if not certificate.identities:
         return order_system(packed.layout, certificate.order, certificate.embedded_order)
-    dualities = _dualities(certificate)
-    if dualities:
-        return dual_system(packed.layout, _orders(certificate), dualities)
+    left_out = _left_out(certificate)
+    if left_out:
+        try:
+            return without(packed.layout, _orders(certificate), left_out)
+        except ValueError as error:
+            raise CertificationError(str(error)) from None
     if Fraction(certificate.radius) >= Fraction(RELATION_RADIUS):
         raise CertificationError("the radius is too large for the relations of identities")
     try:
@@ -232,19 +244,16 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
         raise CertificationError(str(error)) from None
 
 
-def _dualities(certificate: Certificate) -> list[Duality]:
-    """Return what letters and surroundings span; with identities of another kind, none."""
-    names = certificate.identities
-    if not names or not all(name.startswith("span ") for name in names):
-        return []
+def _left_out(certificate: Certificate) -> list[Condition]:
+    """Return the conditions that follow by orthogonality; with other identities, none."""
     try:
-        return [Duality.read(name) for name in names]
+        return read_left_out(certificate.identities)
     except ValueError as error:
         raise CertificationError(str(error)) from None
 
 
 def _identities(certificate: Certificate) -> list[Identity]:
-    if _dualities(certificate):
+    if _left_out(certificate):
         return []
     try:
         return [read_identity(name) for name in certificate.identities]
@@ -292,10 +301,13 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
     attempt = krawczyk(system, y, free, arb(certificate.radius))
     if not attempt.proved:
         raise CertificationError(f"{certificate.name}: no zero is proved", **_quantities(attempt))
+    left_out = _left_out(certificate)
     around = box(packed, certificate)
-    for duality in _dualities(certificate):
-        if not regular(duality, packed.layout, around):
-            raise CertificationError(f"{certificate.name}: dependent: {duality.heading}")
+    if left_out and not follow(packed.layout, _orders(certificate), around, left_out):
+        raise CertificationError(
+            f"{certificate.name}: that conditions follow from others is not proved",
+            left_out=len(left_out),
+        )
 
 
 def _quantities(attempt: KrawczykTest) -> dict[str, float]:
@@ -334,17 +346,19 @@ def _find_zero(packed: Packed, draft: Certificate) -> Certificate:
     found = _try(packed, draft, system, to_double(jacobian))
     if isinstance(found, Certificate):
         return found
-    tried = []
+    tried: list[str] = []
     if packed.layout.rows is None:
-        dualities = find_dualities(packed.layout, _orders(draft), y)
-        extended = replace(draft, identities=tuple(one.heading for one in dualities))
-        system = system_of(packed, extended)
-        again = _try(packed, extended, system, to_double(system.linearise(y)[1]))
-        if isinstance(again, Certificate):
-            if all(regular(one, packed.layout, box(packed, again)) for one in dualities):
-                return again
-        else:
-            found = again
+        extended, relations = _orthogonal(packed, draft, to_double(jacobian))
+        tried.append(f"orthogonality, by which {relations} conditions follow")
+        if extended is not None:
+            system = system_of(packed, extended)
+            again = _try(packed, extended, system, to_double(system.linearise(y)[1]))
+            if isinstance(again, Certificate):
+                left_out = _left_out(again)
+                if follow(packed.layout, _orders(again), box(packed, again), left_out):
+                    return again
+            else:
+                found = again
     for identities in find_identities(packed.layout, y, packed.zeros()):
         names = tuple(map(name_of, identities))
         tried.append(" and ".join(identity.heading for identity in identities))
@@ -361,6 +375,25 @@ def _find_zero(packed: Packed, draft: Certificate) -> Certificate:
     if found["rank"] < found["conditions"]:
         message += ", their derivatives are dependent and no known identities explain that"
     raise CertificationError(message, **found, tried="; ".join(tried) or "no identities")
+
+
+def _orthogonal(
+    packed: Packed, draft: Certificate, jacobian: NDArray[np.float64]
+) -> tuple[Certificate | None, int]:
+    """Return a draft that leaves out what follows by orthogonality, and how much does.
+
+    None if the conditions that are left would still depend on each other.
+    """
+    nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
+    dependent = len(jacobian) - numerical_rank(jacobian[:, nonzero])[0]
+    orders = _orders(draft)
+    relations = find_relations(packed.layout, orders, packed.balls(), dependent)
+    if len(relations) < max(dependent, 1):
+        return None, len(relations)
+    pivots = linalg.qr(relations, mode="r", pivoting=True)[1][:dependent]
+    conditions = conditions_of(orders)
+    left_out = [conditions[k] for k in sorted(map(int, pivots))]
+    return replace(draft, identities=(name_of_left_out(left_out),)), dependent
 
 
 def _try(

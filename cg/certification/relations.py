@@ -24,7 +24,7 @@ from ..layout import Layout
 from .systems import Equation
 from .words import Word, condition_words, nodes, shuffle
 
-__all__ = ["HOLE", "Identity", "Relation", "fill", "kept_words", "places", "without"]
+__all__ = ["HOLE", "Identity", "Relation", "fill", "kept_words", "places", "regular", "without"]
 
 Relation = dict[Word, Any]
 """Coefficients, integers, Fractions or balls, of a sum of residuals that is zero."""
@@ -91,7 +91,7 @@ def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int
             row[k] = float(coefficient)
     used, eliminated = _pivots(matrix)
     square = arb_mat([[_ball(rows[i].get(k, 0)) for k in eliminated] for i in used])
-    if eliminated and not _regular(square):
+    if eliminated and not regular(square):
         raise ArithmeticError(f"the relations between words with {grade} nodes are degenerate")
     gone = set(eliminated)
     return [word for k, word in enumerate(columns) if k not in gone]
@@ -130,7 +130,8 @@ def _ball(value: Any) -> arb:
     return arb(value)
 
 
-def _regular(matrix: arb_mat) -> bool:
+def regular(matrix: arb_mat) -> bool:
+    """Tell whether all matrices in a square ball matrix are regular."""
     try:
         matrix.solve(arb_mat([[0] for _ in range(matrix.nrows())]))
     except ZeroDivisionError:

@@ -165,10 +165,17 @@ class Weights:
         return self._phi[letter]
 
     def _letter_at_points(self, letter: Letter) -> Vector:
-        """Return the combinations of a letter's values that the flows to points have."""
+        """Return the combinations of a letter's values that the flows to points have.
+
+        Marks beyond the stages count the points: 1 on one flow and 0 on all others.
+        """
         if letter not in self._letter:
             phi, layout = self._values(letter), self.layout
             found: Vector = []
+            if isinstance(letter, int) and letter >= layout.stages:
+                points = range(layout.stages, layout.stages + len(layout.parents))
+                self._letter[letter] = [self._one if m == letter else self._zero for m in points]
+                return self._letter[letter]
             for begin, stages in zip(layout.starts, layout.weights, strict=False):
                 terms = [self._x[k] * phi[stage] for k, stage in enumerate(stages, begin)]
                 found.append(sum(terms[1:], start=terms[0]) if terms else self._zero)

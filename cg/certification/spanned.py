@@ -1,0 +1,126 @@
+"""Surroundings and letters that are orthogonal and together fill all places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from flint import arb, fmpq, fmpq_mat
+from numpy.typing import NDArray
+
+from .pairings import Pairing
+from .words import Word, reciprocal_density
+
+__all__ = ["Spanned", "doubles", "independent_rows"]
+
+_DEPENDENT = 1e-9  # what is left of a unit vector that depends on others
+
+_Doubles = NDArray[np.float64]
+
+
+@dataclass
+class Spanned:
+    """Surroundings and letters, some of which fill all places.
+
+    Attributes
+    ----------
+    pairing : Pairing
+    places : list of int
+        Where neither all surroundings nor all letters are zero for any coefficients.
+    surroundings, columns : list of int
+        Which of the pairing.
+    reference : list of int
+        Surroundings, with the lowest degrees, that others are reduced by.
+    shares : dict of lists of fmpq
+        For each other surrounding, by which multiples of those in `reference`; then it is in U_0.
+    first, second : list of int
+        Surroundings in U_0, and columns, that are independent and fill all places.
+    """
+
+    pairing: Pairing
+    places: list[int]
+    surroundings: list[int]
+    columns: list[int]
+    reference: list[int] = field(default_factory=list)
+    shares: dict[int, list[fmpq]] = field(default_factory=dict)
+    first: list[int] = field(default_factory=list)  # of U_0, independent
+    second: list[int] = field(default_factory=list)  # of V, independent
+
+    def right(self, column: int) -> list[arb]:
+        """Return a letter's vector."""
+        vector = self.pairing.right[column]
+        return [vector[j] for j in self.places]
+
+    def left(self, surrounding: int) -> list[arb]:
+        """Return a surrounding's vector, in U_0."""
+        found = [self.pairing.left[surrounding][j] for j in self.places]
+        for other, share in zip(self.reference, self.shares[surrounding], strict=True):
+            if share != 0:
+                vector = self.pairing.left[other]
+                factor = arb(share)
+                found = [x - factor * vector[j] for x, j in zip(found, self.places, strict=True)]
+        return found
+
+    def raw(self, surrounding: int) -> dict[int, Any]:
+        """Return a surrounding, in U_0, as a combination of those of the pairing."""
+        found: dict[int, Any] = {surrounding: fmpq(1)}
+        for other, share in zip(self.reference, self.shares[surrounding], strict=True):
+            if share != 0:
+                found[other] = found.get(other, fmpq(0)) - share
+        return found
+
+    def complete(self) -> bool:
+        """Find U_0, and what is independent; tell whether that fills all places."""
+        products = fmpq_mat(
+            [[_exact(self.pairing.words(i, j)) for i in self.surroundings] for j in self.columns]
+        )
+        reduced, rank = products.rref()
+        rows = reduced.tolist()[:rank]
+        pivots = [next(k for k, entry in enumerate(row) if entry != 0) for row in rows]
+        self.reference = [self.surroundings[k] for k in pivots]
+        taken = set(pivots)
+        self.shares = {
+            i: [row[k] for row in rows] for k, i in enumerate(self.surroundings) if k not in taken
+        }
+        self.first = _independent({i: self.left(i) for i in self.shares})
+        return len(self.first) + len(self.second) == len(self.places)
+
+
+def _exact(words: dict[tuple[int, Word], int]) -> fmpq:
+    terms = (reciprocal_density(word) * m for (_, word), m in words.items())
+    total = sum(terms, start=Fraction(0))
+    return fmpq(total.numerator, total.denominator)
+
+
+def _independent(vectors: dict[int, list[arb]]) -> list[int]:
+    keys = list(vectors)
+    if not keys:
+        return []
+    return [keys[k] for k in independent_rows(doubles([vectors[key] for key in keys]))]
+
+
+def independent_rows(rows: _Doubles) -> list[int]:
+    """Return the rows that don't depend on those before."""
+    sizes = np.linalg.norm(rows, axis=1)
+    least = _DEPENDENT * max(1.0, float(sizes.max(initial=0)))
+    chosen: list[int] = []
+    span = np.zeros((0, rows.shape[1]))
+    for k, (row, size) in enumerate(zip(rows, sizes, strict=True)):
+        if size <= least or len(span) == rows.shape[1]:
+            continue
+        rest = row / size
+        for _ in range(2):
+            rest = rest - rest @ span.T @ span
+        left = float(np.linalg.norm(rest))
+        if left > _DEPENDENT:
+            span = np.vstack([span, rest / left])
+            chosen.append(k)
+    return chosen
+
+
+def doubles(vectors: Sequence[Sequence[arb]]) -> _Doubles:
+    """Return the midpoints of vectors of balls."""
+    return np.array([[float(x) for x in vector] for vector in vectors])
