@@ -57,13 +57,20 @@ def series_dexpinv(adjoint: Callable[[Array], Array], v: Array, order: int) -> A
         point of the algebra by the square of a step.
     """
     total, power = v, v
-    for k, term in enumerate(bernoulli_terms(max(order - 2, 0))[1:], start=1):
+    for term in _series_terms(order):
         power = adjoint(power)
         if term:
-            total = total + float(term) * power
-        elif k == order - 2:
-            break
+            total = total + term * power
     return total
+
+
+@cache
+def _series_terms(order: int) -> tuple[float, ...]:
+    """Return the factors of the powers from the first one to the last one that isn't zero."""
+    terms = [float(term) for term in bernoulli_terms(max(order - 2, 0))[1:]]
+    while terms and not terms[-1]:
+        terms.pop()
+    return tuple(terms)
 
 
 def rotation_dexpinv(u: Array, v: Array, sign: float) -> Array:

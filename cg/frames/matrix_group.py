@@ -36,6 +36,10 @@ from cg.frames.matrix_functions import (
 # and is large relative to it. It turns a point by no more than this in a unit of time.
 _ALGEBRA_ROUNDING = 1e-12
 
+# Up to this dimension products of coefficients with structure constants take less time than those
+# of matrices.
+_MOST_CONSTANTS = 16
+
 
 class MatrixGroup(Frame):
     r"""A group of square matrices with the frame of its left- or right-invariant fields.
@@ -155,7 +159,10 @@ class MatrixGroup(Frame):
         return self._side * self._algebra_projection(first @ second - second @ first)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        # Matrices all the way: they are smaller than what multiplies coefficients.
+        if self.dim <= _MOST_CONSTANTS:
+            constants = self.structure_constants.reshape(self.dim, -1)
+            matrix = (self._side * u @ constants).reshape(*u.shape[:-1], self.dim, self.dim)
+            return series_dexpinv(lambda x: (x[..., None, :] @ matrix)[..., 0, :], v, order)
         generator, side = self.algebra(u), self._side
 
         def adjoint(x: Points) -> Points:
