@@ -1,6 +1,8 @@
 """Methods of Munthe-Kaas: what they are, their orders on all frames, their estimates and output."""
 
+import ctypes
 import pickle
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -27,6 +29,7 @@ from cg.frames import (
 )
 from cg.integration.built_in import integrate_affine
 from cg.integration.error_norm import ErrorNorm
+from cg.integration.problem import Problem
 from cg.integration.step import Step
 from cg.integration.stepper import error_exponent
 from cg.low_storage import from_two_registers
@@ -201,14 +204,14 @@ ORDERS = {
 
 
 @pytest.fixture(scope="module", params=["SO3 body", "SE3 space"])
-def affine(request):
+def solved(request):
     problem = PROBLEMS[request.param]
     return problem, problem.reference([1], bits=128).values[0][:-1]
 
 
 @pytest.mark.parametrize("key", ORDERS)
-def test_slopes_in_quadruple_precision(affine, key):
-    (problem, exact), (method, order) = affine, ORDERS[key]
+def test_slopes_in_quadruple_precision(solved, key):
+    (problem, exact), (method, order) = solved, ORDERS[key]
     counts = [8, 16, 32] if order > 5 else [64, 128, 256]
     errors = []
     for n in counts:
@@ -494,3 +497,74 @@ def test_third_weights_make_the_estimate_smaller():
         Step(f, SO3(), m).trial(0.0, y0, 0.1, norm)[1] for m in (cg.MuntheKaas(third), method)
     )
     assert second < first
+
+
+@pytest.mark.parametrize("key", ["RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)"])
+@pytest.mark.parametrize("entry", ["product", "SE3 body", "sphere", "SU2 body"])
+def test_a_function_in_c_takes_the_steps_of_the_loop_in_python(entry, key, affine):
+    problem = PROBLEMS[entry]
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "method": key, "rtol": 1e-6, "atol": 1e-6}
+    fast = cg.solve_ivp(f, (0.2, 2.0), problem.y0, dense_output=True, **options)
+    with patch.object(Problem, "in_compiled_code", property(lambda self: False)):
+        slow = cg.solve_ivp(f, (0.2, 2.0), problem.y0, dense_output=True, **options)
+    assert (fast.steps, fast.nrejected) == (slow.steps, slow.nrejected)
+    assert (fast.nfev, fast.nexp) == (slow.nfev, slow.nexp)
+    # the estimate of a tiny first step is not far from rounding
+    np.testing.assert_allclose(fast.t, slow.t, rtol=1e-6)
+    t = np.linspace(0.2, 2.0, 7)
+    np.testing.assert_allclose(fast.sol(t), slow.sol(t), rtol=0, atol=1e-9)
+
+
+def test_members_of_a_function_in_c_take_steps_of_their_own(affine):
+    problem = PROBLEMS["SE3 body"]
+    f, _keep = affine(problem)
+    points = problem.frame.random_point(np.random.default_rng(2), 5)
+    options = {"frame": problem.frame, "method": "RKMK8(5,3)", "rtol": 1e-8, "atol": 1e-8}
+    whole = cg.solve_ivp(f, (0, 1), points, t_eval=[0.5, 1.0], **options)
+    for i, point in enumerate(points):
+        alone = cg.solve_ivp(f, (0, 1), point, t_eval=[0.5, 1.0], **options)
+        np.testing.assert_array_equal(whole.y[:, i], alone.y)
+    fixed = {"frame": problem.frame, "method": "RKMK5(4)", "h": 0.01}
+    runs = [cg.integrate(f, (0, 1), points, workers=w, **fixed).y for w in (1, 2)]
+    np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize("frame", [SO3(), SO(4)], ids=name)
+def test_rows_that_repeat_or_are_zero(frame):
+    """A stage at the initial point, two at one point, and one at the result that isn't the last."""
+    rows = [[], [0], ["1/2", 0], ["1/2", 0, 0], ["1/4", 0, 0, "3/4"], [0, 0, 0, 1, 0]]
+    weights = ["1/12", "1/12", "1/3", "1/3", 0, "1/6"]
+    method = cg.MuntheKaas(cg.Tableau(rows, weights))
+    # the same points, once each
+    plain = cg.MuntheKaas(
+        cg.Tableau(
+            [[], ["1/2"], ["1/4", "3/4"], [0, 1, 0]],
+            ["1/6", "2/3", 0, "1/6"],
+        )
+    )
+    f, y0 = generic(frame)
+    options = {"frame": frame, "h": 0.1, "dense_output": True}
+    one, other = (cg.solve_ivp(f, (0, 1), y0, method=m, **options) for m in (method, plain))
+    np.testing.assert_allclose(one.y, other.y, rtol=0, atol=1e-14)
+    t = np.linspace(0, 1, 23)
+    np.testing.assert_allclose(one.sol(t), other.sol(t), rtol=0, atol=1e-13)
+
+
+def test_a_function_may_write_into_its_point():
+    def spoil(t, y, f, data):
+        for i in range(3):
+            f[i] = 0.3 * (i + 1) + y[i]
+        for i in range(9):
+            y[i] = 7.0
+        return 0
+
+    def keep(t, y):
+        return 0.3 * np.arange(1.0, 4.0) + y.ravel()[:3]
+
+    doubles = ctypes.POINTER(ctypes.c_double)
+    pointer = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, doubles, doubles, ctypes.c_void_p)
+    for key in METHODS:
+        options = {"frame": SO3(), "method": key, "h": 0.25}
+        runs = [cg.integrate(g, (0, 1), np.eye(3), **options).y for g in (pointer(spoil), keep)]
+        np.testing.assert_allclose(*runs, rtol=0, atol=1e-14)

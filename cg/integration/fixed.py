@@ -46,7 +46,8 @@ def integrate(
 
     which for a Crouch-Grossman method is equation (2.2) of [1]_; for an implicit one it is (2.3).
     The flow of the lowest stage is applied first, the coefficients of stage :math:`i` are taken
-    at :math:`t_k + c_i h`, and a coefficient that is exactly zero costs no flow.
+    at :math:`t_k + c_i h`, and a coefficient that is exactly zero costs no flow.  Steps of
+    methods on Lie algebras are those of `cg.MuntheKaas`.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ def integrate(
     frame
         The frame that holds the points and supplies the flows.
     method
-        Name of a method of the catalogue, or a tableau.
+        Name of a method of the catalogue, or a method; see `cg.solve_ivp`.
     h
         Step size, positive whatever the direction.  If it doesn't divide the span, the last
         step is shorter.

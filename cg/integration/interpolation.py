@@ -34,6 +34,10 @@ that at its ends; with :math:`p - 1` nodes it was at most 2.6 times for Crouch-G
 to 12 times for commutator-free ones, whose own errors are smaller.  All in all 0, 3, 6, 10, 15
 evaluations go into a step of order p = 3, 4, 5, 6, 7 that has output in it, or else 6 for p = 6.
 
+A method on a Lie algebra solves that problem in coordinates: its stages are derivatives of them,
+and one flow leads to :math:`z`.  For pairs of this kind the largest error within a step was at most
+2.3 times that at its ends.
+
 The nodes are those of Lobatto's formula with one node more, without the one in the middle: that is
 the node at which the integral condition interpolates the derivative implicitly, so that the error
 between the nodes is that of Lobatto's points.

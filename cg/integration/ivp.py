@@ -90,8 +90,9 @@ def solve_ivp(
     frame
         The frame that holds the points and supplies the flows.
     method
-        Name of a method of the catalogue, or a tableau.  Of a pair the weights of higher order
-        make the steps.
+        Name of a method of the catalogue, or a method.  Of a pair the weights of higher order
+        make the steps.  Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with
+        brackets.
     h
         Size of fixed steps, positive; the last may be shorter.  No error is estimated.
     rtol, atol
