@@ -131,3 +131,7 @@ def test_the_examples_of_problems():
     energy = names["energy"]
     np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-6)
     assert (np.diff(names["action"]) < 0.0).all()
+
+
+def test_the_examples_of_munthe_kaas():
+    assert run("docs/rkmk.md")["heun"].order == 2
