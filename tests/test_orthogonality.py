@@ -9,7 +9,7 @@ from flint import arb, fmpq
 
 import cg
 from cg.certification import CertificationError, certify, check
-from cg.certification.explain import name_of_left_out, read_left_out
+from cg.certification.explain import names_of_left_out, read_left_out
 from cg.certification.holes import HOLE, basis, depth, moments, outer_nodes
 from cg.certification.orthogonality import conditions_of, find_relations, follow
 from cg.certification.pairings import pairings
@@ -30,7 +30,7 @@ def balls(method, radius=0.0):
 
 
 def left_out_of(method):
-    return read_left_out(certify(method).identities)
+    return read_left_out(certify(method).identities)[0]
 
 
 def random_rationals(size, seed):
@@ -46,7 +46,7 @@ def test_as_many_conditions_are_left_out_as_depend_on_others(name):
         np.array([float(c.value) for c in method.coefficients])
     )
     rank = np.linalg.matrix_rank(jacobian, tol=1e-9)
-    left_out = read_left_out(certificate.identities)
+    left_out = read_left_out(certificate.identities)[0]
     assert len(left_out) == 38 - rank > 0
     assert method.layout.size - len(certificate.fixed) == rank
     check(certificate, method)
@@ -154,13 +154,13 @@ def test_relations_are_orthogonal_to_all_derivatives():
 def test_certificates_that_leave_out_something_else():
     method = cg.methods["CF5d"]
     certificate = certify(method)
-    left_out = read_left_out(certificate.identities)
+    left_out = read_left_out(certificate.identities)[0]
     for wrong in (left_out[:-1], [*left_out, left_out[0]], [*left_out, (0, parse("[[]]"))]):
         with pytest.raises(CertificationError):
-            check(replace(certificate, identities=(name_of_left_out(wrong),)), method)
+            check(replace(certificate, identities=names_of_left_out(wrong)), method)
     other = [*left_out[:-1], (0, parse("[[]]"))]
     with pytest.raises(CertificationError):
-        check(replace(certificate, identities=(name_of_left_out(other),)), method)
+        check(replace(certificate, identities=names_of_left_out(other)), method)
     for text in ("orthogonality: [[]", "orthogonality: [[][]]", "orthogonality: *[[]]"):
         with pytest.raises(CertificationError):
             check(replace(certificate, identities=(text,)), method)
@@ -171,5 +171,6 @@ def test_certificates_that_leave_out_something_else():
 def test_names_are_read_again():
     conditions = conditions_of([3, 2])
     assert len(conditions) == 7
-    assert read_left_out([name_of_left_out(conditions)]) == conditions
-    assert read_left_out(["middle abscissae"]) == read_left_out([]) == []
+    for flat in (False, True):
+        assert read_left_out(names_of_left_out(conditions, flat)) == (conditions, flat)
+    assert read_left_out(["middle abscissae"]) == read_left_out([]) == ([], False)

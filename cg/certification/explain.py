@@ -22,7 +22,7 @@ from .krawczyk import to_double
 from .orthogonality import Condition, conditions_of
 from .parametric import Columns, Letters, Path
 from .relations import Identity, kept_words
-from .systems import EquationSystem, condition
+from .systems import Equation, EquationSystem, condition
 from .weights import Quantity, Weights
 from .words import Word, condition_words, nodes, parse, reciprocal_density, text
 
@@ -30,7 +30,7 @@ __all__ = [
     "augment",
     "find_identities",
     "name_of",
-    "name_of_left_out",
+    "names_of_left_out",
     "read_identity",
     "read_left_out",
     "without",
@@ -40,6 +40,7 @@ _THRESHOLD = 1e-11  # singular values below this fraction of the largest count a
 _SMALL = 1e-20  # what counts as zero when identities are looked for, not when they are proved
 _DIGITS = 60  # of parameters
 _ORTHOGONAL = "orthogonality:"
+_FLAT = "flat tableau"
 
 
 def name_of(identity: Identity) -> str:
@@ -199,27 +200,40 @@ def _ratio(word: Word, bush: Word) -> Any:
     return fmpq(ratio.numerator, ratio.denominator)
 
 
-def name_of_left_out(conditions: Sequence[Condition]) -> str:
-    """Write which conditions follow from others by orthogonality, for `read_left_out`."""
-    return f"{_ORTHOGONAL} " + " ".join(f"{row * '*'}{text(word)}" for row, word in conditions)
+def names_of_left_out(conditions: Sequence[Condition], flat: bool = False) -> tuple[str, ...]:
+    """Write which conditions follow from others by orthogonality, for `read_left_out`.
+
+    With `flat`, the rows add up to a flat tableau as well.
+    """
+    trees = " ".join(f"{row * '*'}{text(word)}" for row, word in conditions)
+    return (*[_FLAT] * flat, f"{_ORTHOGONAL} {trees}")
 
 
-def read_left_out(names: Sequence[str]) -> list[Condition]:
-    """Return the conditions that follow by orthogonality; none if identities are others.
+def read_left_out(names: Sequence[str]) -> tuple[list[Condition], bool]:
+    """Return the conditions that follow by orthogonality, and whether a tableau is flat.
+
+    No conditions if the identities are others.
 
     Raises
     ------
     ValueError
         If a name has anything else.
     """
-    if len(names) != 1 or not names[0].startswith(f"{_ORTHOGONAL} "):
-        return []
-    trees = names[0].removeprefix(_ORTHOGONAL).split()
-    return [(int(one.startswith("*")), parse(one.removeprefix("*"))) for one in trees]
+    flat = list(names[:1]) == [_FLAT]
+    rest = list(names[flat:])
+    if len(rest) != 1 or not rest[0].startswith(f"{_ORTHOGONAL} "):
+        return [], False
+    trees = rest[0].removeprefix(_ORTHOGONAL).split()
+    return [(int(one.startswith("*")), parse(one.removeprefix("*"))) for one in trees], flat
 
 
-def without(layout: Layout, orders: Sequence[int], left_out: Sequence[Condition]) -> EquationSystem:
-    """Return the order conditions but those that are left out.
+def without(
+    layout: Layout,
+    orders: Sequence[int],
+    left_out: Sequence[Condition],
+    more: Sequence[Equation] = (),
+) -> EquationSystem:
+    """Return the order conditions but those that are left out, and more equations.
 
     Raises
     ------
@@ -236,7 +250,7 @@ def without(layout: Layout, orders: Sequence[int], left_out: Sequence[Condition]
             equation = condition(word, layout.stages + row)
             label = f"{text(word)} embedded" if row else equation.label
             equations.append(equation._replace(label=label))
-    return EquationSystem(layout, tuple(equations))
+    return EquationSystem(layout, (*equations, *more))
 
 
 def augment(

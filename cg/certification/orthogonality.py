@@ -17,6 +17,7 @@ residuals, this is a linear relation between these.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -32,12 +33,15 @@ from .spanned import Spanned, doubles, independent_rows
 from .weights import Quantity, Weights
 from .words import Word, condition_words, reciprocal_density
 
-__all__ = ["Condition", "conditions_of", "find_relations", "follow"]
+__all__ = ["Condition", "Known", "conditions_of", "find_relations", "follow"]
 
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
 
 Condition = tuple[int, Word]
 """A row of weights, from 0, and the word of a condition."""
+
+Known = dict[Condition, Fraction]
+"""A combination of residuals of rows and words that is zero."""
 
 _Doubles = NDArray[np.float64]
 
@@ -48,10 +52,26 @@ def conditions_of(orders: Sequence[int]) -> list[Condition]:
 
 
 def follow(
-    layout: Layout, orders: Sequence[int], y: Sequence[arb], left_out: Sequence[Condition]
+    layout: Layout,
+    orders: Sequence[int],
+    y: Sequence[arb],
+    left_out: Sequence[Condition],
+    known: Sequence[Known] = (),
 ) -> bool:
-    """Tell whether conditions are satisfied wherever all others are, for coefficients in balls."""
-    found = _Relations(layout, orders, y)
+    """Tell whether conditions are satisfied wherever all others are, for coefficients in balls.
+
+    Parameters
+    ----------
+    layout : Layout
+    orders : sequence of int
+        Of each row of weights.
+    y : sequence of arb
+        Packed coefficients.
+    left_out : sequence of Condition
+    known : sequence of dict
+        Combinations of residuals of any words that are zero for other reasons.
+    """
+    found = _Relations(layout, orders, y, known)
     chosen = found.choose(len(left_out), [found.position[one] for one in left_out])
     if len(chosen) < len(left_out):
         return False
@@ -62,15 +82,21 @@ def follow(
     return regular(arb_mat([[row.get(one, arb(0)) for one in left_out] for row in rows]))
 
 
-def find_relations(layout: Layout, orders: Sequence[int], y: Sequence[arb], most: int) -> _Doubles:
-    """Return linear relations between residuals, in double precision.
+def find_relations(
+    layout: Layout,
+    orders: Sequence[int],
+    y: Sequence[arb],
+    most: int,
+    known: Sequence[Known] = (),
+) -> _Doubles:
+    """Return linear relations between residuals, in double precision; arguments as of `follow`.
 
     Returns
     -------
     ndarray, shape (found, conditions)
         Orthonormal rows, at most `most`; the conditions as `conditions_of` has them.
     """
-    found = _Relations(layout, orders, y)
+    found = _Relations(layout, orders, y, known)
     found.choose(most)
     return found.span
 
@@ -86,8 +112,14 @@ class _Choice(NamedTuple):
 class _Relations:
     """What follows from what, for coefficients in balls."""
 
-    def __init__(self, layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> None:
-        self._layout, self._orders, self._y = layout, orders, y
+    def __init__(
+        self,
+        layout: Layout,
+        orders: Sequence[int],
+        y: Sequence[arb],
+        known: Sequence[Known],
+    ) -> None:
+        self._layout, self._orders, self._y, self._known = layout, orders, y, known
         self.conditions = conditions_of(orders)
         self.position = {one: k for k, one in enumerate(self.conditions)}
         self._pairings = pairings(layout, orders, y)
@@ -95,18 +127,16 @@ class _Relations:
         self._products: dict[tuple[int, int, int], _Doubles] = {}
         self.span: _Doubles = np.zeros((0, len(self.conditions)))
 
-    def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice]:
+    def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice | Known]:
         """Choose relations that are independent; on some conditions if these are named."""
-        chosen: list[_Choice] = []
+        chosen: list[_Choice | Known] = []
         seen = list(among) or list(range(len(self.conditions)))
         basis = np.zeros((0, len(seen)))
-        for frame in self._frames():
+        for choices, rows in self._offered():
             if len(chosen) == most:
                 break
-            us, vs, rows = self._in_doubles(frame)
             sizes = np.linalg.norm(rows, axis=1)
-            rows = rows / np.maximum(sizes, 1e-300)[:, None]
-            rest = rows[:, seen]
+            rest = rows[:, seen] / np.maximum(sizes, 1e-300)[:, None]
             rest = rest - rest @ basis.T @ basis
             while len(chosen) < most:
                 left = np.linalg.norm(rest, axis=1) * (sizes > _NEW * sizes.max())
@@ -118,9 +148,26 @@ class _Relations:
                 new /= np.linalg.norm(new)
                 basis = np.vstack([basis, new])
                 rest = rest - np.outer(rest @ new, new)
-                chosen.append(_Choice(frame, us[best // len(vs)], vs[best % len(vs)]))
+                chosen.append(choices[best])
         self.span = basis
         return chosen
+
+    def _offered(self) -> Iterator[tuple[Sequence[_Choice | Known], _Doubles]]:
+        """Yield relations, and what they are in double precision."""
+        if self._known:
+            rows = np.zeros((len(self._known), len(self.conditions)))
+            for vector, combination in zip(rows, self._known, strict=True):
+                largest = max(map(abs, combination.values()))
+                for (row, word), factor in combination.items():
+                    self._add(vector, row, word, float(factor / largest))
+            yield self._known, rows
+        for frame in self._frames():
+            us, vs, rows = self._in_doubles(frame)
+            yield [_Choice(frame, i, j) for i in us for j in vs], rows
+
+    def _add(self, vector: _Doubles, row: int, word: Word, factor: float) -> None:
+        for one, value in self._rough(word).items():
+            vector[self.position[row, one]] += factor * value
 
     def _frames(self) -> Iterator[Spanned]:
         """Yield surroundings and letters that fill all places, and have more."""
@@ -217,17 +264,19 @@ class _Relations:
         if key not in self._products:
             vector = np.zeros(len(self.conditions))
             for (row, word), multiplicity in pairing.words(i, j).items():
-                for one, value in self._rough(word).items():
-                    vector[self.position[row, one]] += multiplicity * value
+                self._add(vector, row, word, multiplicity)
             self._products[key] = vector
         return self._products[key]
 
-    def in_balls(self, chosen: Sequence[_Choice]) -> list[dict[Condition, arb]]:
+    def in_balls(self, chosen: Sequence[_Choice | Known]) -> list[dict[Condition, arb]]:
         """Return the relations in ball arithmetic; ZeroDivisionError if vectors are dependent."""
         by_frame: dict[int, list[_Choice]] = {}
-        for one in chosen:
-            by_frame.setdefault(id(one.frame), []).append(one)
         found = []
+        for one in chosen:
+            if isinstance(one, _Choice):
+                by_frame.setdefault(id(one.frame), []).append(one)
+            else:
+                found.append(self._reduced({key: _ball(value) for key, value in one.items()}))
         for group in by_frame.values():
             frame = group[0].frame
             us = sorted({one.surrounding for one in group})
@@ -265,18 +314,22 @@ class _Relations:
     def _combined(
         self, pairing: Pairing, left: dict[int, arb], right: dict[int, arb]
     ) -> dict[Condition, arb]:
-        by_row: dict[int, dict[Word, arb]] = {}
+        found: dict[Condition, arb] = {}
         for i, a in left.items():
             for j, b in right.items():
                 product = a * b
-                for (row, word), multiplicity in pairing.words(i, j).items():
-                    words = by_row.setdefault(row, {})
-                    words[word] = words.get(word, arb(0)) + product * multiplicity
-        return {
-            (row, word): value
-            for row, words in by_row.items()
-            for word, value in self._reductions[row].total(words.items()).items()
-        }
+                for key, multiplicity in pairing.words(i, j).items():
+                    found[key] = found.get(key, arb(0)) + product * multiplicity
+        return self._reduced(found)
+
+    def _reduced(self, combination: dict[Condition, arb]) -> dict[Condition, arb]:
+        """Return a combination of residuals of words as one of those of conditions."""
+        found: dict[Condition, arb] = {}
+        for row, reduction in enumerate(self._reductions):
+            terms = [(word, value) for (r, word), value in combination.items() if r == row]
+            for word, value in reduction.total(terms).items():
+                found[row, word] = value
+        return found
 
 
 def _ball(value: Any) -> arb:

@@ -26,11 +26,12 @@ from .explain import (
     augment,
     find_identities,
     name_of,
-    name_of_left_out,
+    names_of_left_out,
     read_identity,
     read_left_out,
     without,
 )
+from .flat_rows import FlatRows
 from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
 from .orthogonality import Condition, conditions_of, find_relations, follow
 from .parametric import RELATION_RADIUS
@@ -229,10 +230,11 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
     """Return the equations of a certificate."""
     if not certificate.identities:
         return order_system(packed.layout, certificate.order, certificate.embedded_order)
-    left_out = _left_out(certificate)
+    left_out, flat = _left_out(certificate)
     if left_out:
+        sums = _flat_rows(packed, certificate).equations() if flat else []
         try:
-            return without(packed.layout, _orders(certificate), left_out)
+            return without(packed.layout, _orders(certificate), left_out, sums)
         except ValueError as error:
             raise CertificationError(str(error)) from None
     if Fraction(certificate.radius) >= Fraction(RELATION_RADIUS):
@@ -244,8 +246,12 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
         raise CertificationError(str(error)) from None
 
 
-def _left_out(certificate: Certificate) -> list[Condition]:
-    """Return the conditions that follow by orthogonality; with other identities, none."""
+def _flat_rows(packed: Packed, certificate: Certificate) -> FlatRows:
+    return FlatRows(packed.layout, _orders(certificate), packed.values)
+
+
+def _left_out(certificate: Certificate) -> tuple[list[Condition], bool]:
+    """Return the conditions that follow by orthogonality, and whether a tableau is flat."""
     try:
         return read_left_out(certificate.identities)
     except ValueError as error:
@@ -253,7 +259,7 @@ def _left_out(certificate: Certificate) -> list[Condition]:
 
 
 def _identities(certificate: Certificate) -> list[Identity]:
-    if _left_out(certificate):
+    if _left_out(certificate)[0]:
         return []
     try:
         return [read_identity(name) for name in certificate.identities]
@@ -301,9 +307,18 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
     attempt = krawczyk(system, y, free, arb(certificate.radius))
     if not attempt.proved:
         raise CertificationError(f"{certificate.name}: no zero is proved", **_quantities(attempt))
-    left_out = _left_out(certificate)
+    _check_left_out(packed, certificate)
+
+
+def _check_left_out(packed: Packed, certificate: Certificate) -> None:
+    """Prove that the conditions that are left out follow from the others."""
+    left_out, flat = _left_out(certificate)
+    rows = _flat_rows(packed, certificate)
+    if flat and not rows.satisfied():
+        raise CertificationError(f"{certificate.name}: the rows add up to no tableau of this order")
+    known = list(rows.relations()) if flat else []
     around = box(packed, certificate)
-    if left_out and not follow(packed.layout, _orders(certificate), around, left_out):
+    if left_out and not follow(packed.layout, _orders(certificate), around, left_out, known):
         raise CertificationError(
             f"{certificate.name}: that conditions follow from others is not proved",
             left_out=len(left_out),
@@ -354,11 +369,9 @@ def _find_zero(packed: Packed, draft: Certificate) -> Certificate:
             system = system_of(packed, extended)
             again = _try(packed, extended, system, to_double(system.linearise(y)[1]))
             if isinstance(again, Certificate):
-                left_out = _left_out(again)
-                if follow(packed.layout, _orders(again), box(packed, again), left_out):
-                    return again
-            else:
-                found = again
+                _check_left_out(packed, again)
+                return again
+            found = again
     for identities in find_identities(packed.layout, y, packed.zeros()):
         names = tuple(map(name_of, identities))
         tried.append(" and ".join(identity.heading for identity in identities))
@@ -385,15 +398,23 @@ def _orthogonal(
     None if the conditions that are left would still depend on each other.
     """
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
-    dependent = len(jacobian) - numerical_rank(jacobian[:, nonzero])[0]
     orders = _orders(draft)
-    relations = find_relations(packed.layout, orders, packed.balls(), dependent)
+    rows = _flat_rows(packed, draft)
+    flat = rows.satisfied()
+    known = list(rows.relations()) if flat else []
+    along = jacobian[:, nonzero]
+    if flat:
+        sums = EquationSystem(packed.layout, tuple(rows.equations()))
+        held = to_double(sums.linearise(packed.balls())[1])[:, nonzero]
+        along = along @ linalg.null_space(held)
+    dependent = len(jacobian) - numerical_rank(along)[0]
+    relations = find_relations(packed.layout, orders, packed.balls(), dependent, known)
     if len(relations) < max(dependent, 1):
         return None, len(relations)
     pivots = linalg.qr(relations, mode="r", pivoting=True)[1][:dependent]
     conditions = conditions_of(orders)
     left_out = [conditions[k] for k in sorted(map(int, pivots))]
-    return replace(draft, identities=(name_of_left_out(left_out),)), dependent
+    return replace(draft, identities=names_of_left_out(left_out, flat)), dependent
 
 
 def _try(
