@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from math import factorial
 
 import numpy as np
 import pytest
@@ -139,18 +140,30 @@ def test_the_flat_conditions_vanish_at_the_classical_method_alone() -> None:
     assert _at(flat["[]"], shape.ring.names, values) == 1
 
 
-def test_the_words_of_a_path_agree_with_the_exponential() -> None:
-    shape = PathShape(1)
-    values = dict.fromkeys(shape.ring.names, Fraction(1))
-    found = shape.conditions(5)
+def test_the_words_of_one_flow_are_those_of_the_exponential() -> None:
     trees = forest(6)
-    wanted = {
-        str(trees.tree(t)): Fraction(1, [1, 1, 2, 6, 24, 120][len(trees.children[t - 1])])
-        - Fraction(1, trees.density[t - 1])
-        for t in condition_trees(5)
-        if set(trees.children[t - 1]) <= {1, 2}
-    }
-    assert {name: _at(p, shape.ring.names, values) for name, p in found.items()} == wanted
+    wanted = {}
+    for t in condition_trees(5):
+        word = trees.children[t - 1]
+        if set(word) <= {1, 2}:
+            phi = Fraction(1, 2 ** word.count(2) * factorial(len(word)))
+            wanted[str(trees.tree(t))] = phi - Fraction(1, trees.density[t - 1])
+    found = {name: _at(p, (), {}) for name, p in PathShape(1).conditions(5).items()}
+    assert found == wanted
+
+
+def test_the_words_of_two_flows_vanish_at_a_known_method() -> None:
+    points = cg.methods["CF4"].points
+    c = [0, Fraction(1, 2), Fraction(1, 2), 1]
+    path = cg.methods["CF4"].tree.path(4)
+    assert len(path) == 2
+    weights = points[path[0]].weights
+    values = {"x0_1": sum(weights.values()), "x0_2": sum(w * c[k] for k, w in weights.items())}
+    shape = PathShape(2)
+    assert set(shape.ring.names) == set(values)
+    found = {name: _at(p, shape.ring.names, values) for name, p in shape.conditions(5).items()}
+    assert {found[name] for name in shape.conditions(4)} == {0}
+    assert set(found.values()) != {0}
 
 
 def test_all_trees_are_there() -> None:

@@ -34,15 +34,17 @@ __all__ = [
 ]
 
 
-_MOST_NODES = 2  # of the letters along a path: conditions of these are enough
+_LETTERS = (1, 2)  # the indices of τ and [τ]
 
 
 @dataclass(frozen=True)
 class PathShape:
     """Any explicit methods whose result is reached by so many flows.
 
-    The unknowns are the letters of these flows, Σ_k α_k Φ_k(t), called x{k}_{t} with the numbers of
-    flow and tree; whatever stages and weights they come from.
+    Conditions are taken of words in the letters τ and [τ] alone, whose values on a flow are
+    Σ_k α_k and Σ_k α_k c_k, whatever stages and weights they come from. The unknowns are these
+    values on all flows but the last, x{k}_1 and x{k}_2. There they follow from Φ([τ]) = 1 and
+    Φ([[τ]]) = 1/2.
 
     Attributes
     ----------
@@ -57,8 +59,16 @@ class PathShape:
     @cached_property
     def ring(self) -> Ring:
         """The polynomials in the unknowns."""
-        trees = forest(_MOST_NODES)
-        return Ring([f"x{k}_{t}" for t in range(1, len(trees) + 1) for k in range(self.flows)])
+        return Ring([f"x{k}_{letter}" for letter in _LETTERS for k in range(self.flows - 1)])
+
+    @cached_property
+    def _letters(self) -> dict[int, list[Polynomial]]:
+        letters = {}
+        for letter in _LETTERS:
+            values = [self.ring[f"x{k}_{letter}"] for k in range(self.flows - 1)]
+            total = self.ring.number(Fraction(1, letter))
+            letters[letter] = [*values, total - sum(values, self.ring.number(0))]
+        return letters
 
     def conditions(self, order: int) -> dict[str, Polynomial]:
         """Return χ(w) - 1/γ of the words w of order conditions, by the text of the tree."""
@@ -66,7 +76,7 @@ class PathShape:
         found = {}
         for t in condition_trees(order):
             word = trees.children[t - 1]
-            if max(trees.nodes[letter - 1] for letter in word) <= _MOST_NODES:
+            if set(word) <= set(_LETTERS):
                 side = self.ring.number(Fraction(1, trees.density[t - 1]))
                 found[str(trees.tree(t))] = self._weight(word) - side
         return found
@@ -78,7 +88,7 @@ class PathShape:
             for end in range(1, len(word) + 1):
                 term = self.ring.number(1)
                 for begin in range(end - 1, -1, -1):
-                    term *= self.ring[f"x{k}_{word[begin]}"]
+                    term *= self._letters[word[begin]][k]
                     after[end] += taken[begin] * term / factorial(end - begin)
             taken = after
         return taken[-1]
