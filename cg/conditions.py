@@ -26,7 +26,7 @@ from math import factorial
 from typing import Any, Protocol
 
 import numpy as np
-from flint import fmpq
+from flint import arb, ctx, fmpq
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core_r64
@@ -38,6 +38,7 @@ from .trees import MOST_NODES, forest
 __all__ = [
     "HIGHEST_ORDER",
     "Rows",
+    "ball_residuals_of",
     "check_rows",
     "condition_trees",
     "count",
@@ -413,6 +414,35 @@ def exact_residuals_of(
     )
 
 
+def ball_residuals_of(
+    method: HasTree, order: int, independent: bool = False, *, bits: int = 512
+) -> tuple[arb, ...]:
+    """Return balls that the ``Φ(t) - 1/γ(t)`` of a method are in, at high orders far sooner.
+
+    Parameters
+    ----------
+    method : Method or PointTree
+    order, independent
+        As for `residuals_exact`.
+    bits : int, optional
+        Precision of the midpoints.
+
+    Returns
+    -------
+    tuple of arb
+    """
+    order = _check_order(order, None)
+    tree = _tree_of(method, False)
+    before = ctx.prec
+    ctx.prec = bits
+    try:
+        found = exact_weights(tree, order, condition_trees(order, independent), _ball)
+        sides = right_sides(order, independent)
+        return tuple(phi - _ball(side) for phi, side in zip(found, sides, strict=True))
+    finally:
+        ctx.prec = before
+
+
 def exact_weights(
     tree: PointTree, order: int, wanted: Sequence[int], number: Callable[[Fraction], Any]
 ) -> list[Any]:
@@ -504,3 +534,7 @@ def _rational(entry: Any, name: str) -> Fraction:
 def _flint(value: Fraction) -> fmpq:
     # many times faster than Fractions where digits are many
     return fmpq(value.numerator, value.denominator)
+
+
+def _ball(value: Fraction) -> arb:
+    return arb(_flint(value))

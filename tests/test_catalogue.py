@@ -65,7 +65,14 @@ def test_rational_methods_have_no_residual_at_all(name):
     assert residuals == (Fraction(0),) * len(residuals)
 
 
-@pytest.mark.parametrize("name", EXACT)
+# of order eight in exact arithmetic this takes ten seconds
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if methods[name].order > 7 else name
+        for name in EXACT
+    ],
+)
 def test_residuals_vanish_through_the_order_and_not_beyond(name):
     method = methods[name]
     order = method.exact_order
