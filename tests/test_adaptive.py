@@ -45,9 +45,15 @@ def generic(frame, seed=3):
 
 
 @pytest.fixture(scope="module")
-def rotation():
-    reference = PROBLEM.reference([1], bits=128)
-    return reference.y[0, :9].reshape(3, 3)
+def rotations():
+    """Return the solution at 1 and 2."""
+    reference = PROBLEM.reference([1, 2], bits=128)
+    return reference.y[:, :9].reshape(2, 3, 3)
+
+
+@pytest.fixture(scope="module")
+def rotation(rotations):
+    return rotations[0]
 
 
 @pytest.mark.parametrize("name", list(PAIRS))
@@ -58,6 +64,8 @@ def test_error_estimate_has_the_order_of_the_embedded_method(name, frame):
     norm = ErrorNorm(frame, y0, 1.0, np.array(0.0))
     order = min(PAIRS[name].order, PAIRS[name].embedded_order)
     sizes = np.array([0.2, 0.1, 0.05]) if order > 4 else np.array([0.1, 0.07, 0.05])
+    if PAIRS[name].order > 6:  # where estimates are above rounding
+        sizes = np.array([0.2, 0.14, 0.08])
     # the largest of several: at one time alone the leading term may happen to be small
     times = (0.0, 0.3, 0.7)
     errors = [max(norm.error(*step.pair(t, y0, h), y0) for t in times) for h in sizes]
@@ -80,15 +88,23 @@ def test_estimate_is_near_the_error_of_the_embedded_method(frame):
 
 
 @pytest.mark.parametrize("name", list(PAIRS))
-def test_error_is_proportional_to_the_tolerance(name, rotation):
+def test_error_is_proportional_to_the_tolerance(name, rotations):
     # high orders are asymptotic at small tolerances only, and low ones need many steps there
     tolerances = 10.0 ** -(np.arange(8, 12) if PAIRS[name].order > 3 else np.arange(4, 10))
+    # of very high order there would be too few steps in half the time
+    end = 2 if PAIRS[name].order > 6 else 1
     errors, steps = [], []
     for tolerance in tolerances:
         solution = cg.solve_ivp(
-            PROBLEM.f, (0, 1), PROBLEM.y0, frame=SO3(), method=name, rtol=tolerance, atol=tolerance
+            PROBLEM.f,
+            (0, end),
+            PROBLEM.y0,
+            frame=SO3(),
+            method=name,
+            rtol=tolerance,
+            atol=tolerance,
         )
-        errors.append(float(SO3().distance(solution.y[-1], rotation)))
+        errors.append(float(SO3().distance(solution.y[-1], rotations[end - 1])))
         steps.append(solution.steps)
     exponent = observed_order(tolerances, errors).order
     order = PAIRS[name].embedded_order + 1

@@ -1,4 +1,4 @@
-import tomllib
+import importlib
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,7 +10,6 @@ from scipy.integrate._ivp import dop853_coefficients
 import cg
 from cg import conditions
 from cg.catalogue import methods
-from cg.conditions import residuals_of
 from cg.layout import Layout
 from cg.lifting.flat import flat_order, rooted_trees, stage_orders
 from cg.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
@@ -257,19 +256,29 @@ class TestAgainstSciPy:
         assert max(map(abs, second)) < 1e-12
 
 
-@pytest.mark.parametrize(("order", "flows"), [(7, 32), (8, 66)])
-def test_the_starts_for_dop853(order, flows):
-    """Splittings in doubles that are there to be refined: what their files say of them."""
-    file = Path(__file__).parent.parent / "tools" / f"dop853_order{order}_start.toml"
-    found = tomllib.loads(file.read_text(encoding="utf-8"))
-    points = [
-        (point["parent"], {int(k): weight for k, weight in point["weights"].items()})
-        for point in found["points"]
-    ]
-    method = cg.CommutatorFree(
-        points, found["stage_points"], found["result"], embedded_result=found["embedded_result"]
-    )
-    assert method.exponentials == flows
-    assert np.abs(residuals_of(method, order)).max() < 2e-14
-    np.testing.assert_allclose(method.a, dop853_coefficients.A[:12, :12], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(method.b, dop853_coefficients.B, rtol=0, atol=1e-14)
+@pytest.fixture
+def tool(monkeypatch):
+    """The module that writes the lifted methods."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent.parent / "tools"))
+    return importlib.import_module("make_lifted_methods")
+
+
+class TestTheTool:
+    def test_flat_pairs_have_their_orders_exactly(self, tool):
+        pairs = tool.tableaux()
+        for name, orders in (("DVERK6(5)", (6, 5)), ("Verner7(6)", (7, 6)), ("DOP853", (8, 5))):
+            found = flat_order(pairs[name]), flat_order(pairs[name], embedded=True)
+            assert found == orders
+
+    def test_dop853_is_scipys_to_the_last_bit(self, tool):
+        flat = tool.tableaux()["DOP853"]
+        np.testing.assert_array_equal(flat.a, dop853_coefficients.A[:12, :12])
+        np.testing.assert_array_equal(flat.b, dop853_coefficients.B)
+
+    def test_dop853_is_refined_from_its_start(self, tool):
+        flat = tool.tableaux()["DOP853"]
+        method = tool.from_start(flat)
+        kept = methods["DOP853"]
+        assert method.points == kept.points
+        assert method.exact == flat.exact
+        assert method.exact_embedded == flat.exact_embedded

@@ -20,6 +20,7 @@ __all__ = ["Exact", "refined"]
 _BITS = 400
 _GRID = 10**80
 _BELOW = 1e-60
+_ZERO = Fraction(1, 10**40)
 _MOST_ITERATIONS = 12
 _GAP = 1e-10
 """Singular values below this fraction of the largest count as zero."""
@@ -79,7 +80,9 @@ def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
             value - Fraction(round(Fraction(move) * largest * _GRID), _GRID)
             for value, move in zip(free, moves.tolist(), strict=True)
         ]
-    texts = [to_decimal(value, DECIMAL_DIGITS) for value in best]
+    texts = [
+        to_decimal(value if abs(value) > _ZERO else Fraction(0), DECIMAL_DIGITS) for value in best
+    ]
     weights: list[str | Fraction] = list(splitting.full([Fraction(text) for text in texts]))
     for k, text in zip(splitting.free.tolist(), texts, strict=True):
         weights[k] = text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from ..checks import check_flag, check_integer
 from ..commutator_free import CommutatorFree
+from ..conditions import HIGHEST_ORDER
 from ..layout import Layout
 from ..parallel import raise_if_stopped
 from ..tableau import Tableau
 from .exact import refined
 from .flat import flat_order, stage_orders
+from .improvement import improved
+from .merging import reduced
 from .solver import Fit, fit
 from .splitting import FlatRows, Splitting, chains_layout, random_layout
 
@@ -96,6 +99,7 @@ def lift(
     tries: int = 100,
     hits: int = 1,
     reduce: bool = True,
+    improve: bool = False,
     max_iterations: int | None = None,
     name: str | None = None,
     source: str | None = None,
@@ -130,6 +134,9 @@ def lift(
         and of those the one with the smallest largest weight.
     reduce : bool, optional
         Merge flows along the set of solutions for as long as that goes.
+    improve : bool, optional
+        Then move along the set of solutions to a small principal error; of several methods
+        the one is returned that has the smallest error at equally many flows, to leading order.
     max_iterations : int, optional
         Steps from each start.
     name, source : str, optional
@@ -161,13 +168,18 @@ def lift(
         flows = check_integer("flows", flows, len(rows.own) + 1)
     seed = check_integer("seed", seed, 0)
     tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
-    reduce = check_flag("reduce", reduce)
+    reduce, improve = check_flag("reduce", reduce), check_flag("improve", improve)
+    if improve and order >= HIGHEST_ORDER:
+        raise ValueError(
+            f"improve: the order must be below {HIGHEST_ORDER}, the highest in this build, "
+            f"got {order}"
+        )
     if max_iterations is None:
         max_iterations = _ITERATIONS.get(order, _ITERATIONS_BELOW)
     max_iterations = check_integer("max_iterations", max_iterations, 1)
     assumed = stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else ()
 
-    found: list[tuple[tuple[int, float], int, Splitting, Fit]] = []
+    found: list[tuple[tuple[float, float], int, Splitting, Fit]] = []
     best, index = np.inf, 0
     for index in range(tries):
         raise_if_stopped()
@@ -183,15 +195,20 @@ def lift(
         if not end.solved:
             continue
         if reduce:
-            splitting, end = _reduced(splitting, end, max_iterations)
-        rank = len(splitting.layout.parents), float(np.max(np.abs(end.x)))
+            splitting, end = reduced(splitting, end, max_iterations)
+        count = len(splitting.layout.parents)
+        rank = float(count), float(np.max(np.abs(end.x)))
+        if improve:
+            end = improved(splitting, end)
+            error = float(np.linalg.norm(splitting.principal_residual(end.x)))
+            rank = count * error ** (1 / order), 0.0
         found.append((rank, index, splitting, end))
         if len(found) == hits:
             break
     for _, start, splitting, end in sorted(found, key=lambda hit: hit[:2]):
         exact = refined(splitting, end.x)
         if exact.largest_residual < _EXACT:
-            method = _method(
+            method = split_method(
                 splitting.layout,
                 exact.weights,
                 tableau.name if name is None else name,
@@ -251,33 +268,7 @@ def _start(splitting: Splitting, generator: np.random.Generator) -> NDArray[np.f
     return splitting.from_unknowns(generator.uniform(-_WIDTH, _WIDTH, splitting.free.size))
 
 
-def _reduced(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit]:
-    """Merge flows with those before them, one pair after the other, for as long as it goes."""
-    while True:
-        for merged, start in _merges(splitting, end.x):
-            raise_if_stopped()
-            attempt = fit(merged, start, max_iterations=max_iterations)
-            if attempt.solved:
-                splitting, end = merged, attempt
-                break
-        else:
-            return splitting, end
-
-
-def _merges(
-    splitting: Splitting, x: NDArray[np.float64]
-) -> Iterator[tuple[Splitting, NDArray[np.float64]]]:
-    """Yield what merges lead to, those first that violate conditions the least."""
-    merges = []
-    for point in range(len(splitting.layout.parents)):
-        merge = splitting.merged(x, point)
-        if merge is not None:
-            merges.append((float(np.linalg.norm(merge[0].residual(merge[1]))), point, merge))
-    for _, _, merge in sorted(merges, key=lambda entry: entry[:2]):
-        yield merge
-
-
-def _method(layout: Layout, weights: Sequence[Any], name: str, source: str) -> CommutatorFree:
+def split_method(layout: Layout, weights: Sequence[Any], name: str, source: str) -> CommutatorFree:
     return CommutatorFree(
         zip(layout.parents, layout.point_weights(weights), strict=True),
         layout.stage_points,

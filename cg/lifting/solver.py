@@ -54,7 +54,9 @@ class Fit:
         return self.f < SOLVED
 
 
-def fit(splitting: Splitting, x: Vector, *, max_iterations: int) -> Fit:
+def fit(
+    splitting: Splitting, x: Vector, *, max_iterations: int, patience: int | None = None
+) -> Fit:
     """Look for weights that satisfy the conditions, from a start.
 
     Parameters
@@ -63,6 +65,8 @@ def fit(splitting: Splitting, x: Vector, *, max_iterations: int) -> Fit:
     x : ndarray, shape (size,)
         Adds up to the rows.
     max_iterations : int
+    patience : int, optional
+        Stop where so many steps have not halved the sum.
 
     Returns
     -------
@@ -75,6 +79,7 @@ def fit(splitting: Splitting, x: Vector, *, max_iterations: int) -> Fit:
         return Fit(x, f, 0)
     damping, iterations = 1e-2, 0
     steps: _Steps | None = None
+    reached = [f]
     while iterations < max_iterations and f < np.inf and damping < _MOST_DAMPING:
         iterations += 1
         close = f < _CLOSE
@@ -105,6 +110,10 @@ def fit(splitting: Splitting, x: Vector, *, max_iterations: int) -> Fit:
             damping = max(damping / 5, _LEAST_DAMPING)
         else:
             damping = 3 * max(damping, 1e-20)
+        reached.append(f)
+        before = reached[-1 - patience] if patience and len(reached) > patience else np.inf
+        if f > max(SOLVED, before / 2):
+            break
     return Fit(x, f, iterations)
 
 

@@ -341,6 +341,25 @@ class Splitting:
         found = _core_r64.jacobian(self.order, self.layout.code, x, trees, owner=owner)
         return np.asarray(self.scale[:, None] * (found @ self.directions))
 
+    @cached_property
+    def _principal(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
+        trees = condition_trees(self.order + 1)[len(condition_trees(self.order)) :]
+        return np.array(trees, dtype=np.intc), np.zeros(len(trees), dtype=np.intc)
+
+    def principal_residual(self, x: Vector) -> Vector:
+        """Return the residuals of the order above, of all words, not scaled."""
+        trees, owner = self._principal
+        return np.asarray(
+            _core_r64.residuals(self.order + 1, self.layout.code, x, trees, owner=owner)
+        )
+
+    def principal_jacobian(self, x: Vector) -> Vector:
+        """Return the derivatives of `principal_residual` by all weights."""
+        trees, owner = self._principal
+        return np.asarray(
+            _core_r64.jacobian(self.order + 1, self.layout.code, x, trees, owner=owner)
+        )
+
     def merged(self, x: Vector, point: int) -> tuple[Splitting, Vector] | None:
         """Return the splitting in which a point's flow is one with its parent's, and its weights.
 

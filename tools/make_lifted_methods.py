@@ -1,0 +1,113 @@
+"""Bring the flat pairs of `flat_pairs.toml` to manifolds, as they are in the catalogue.
+
+All but one are found from random starts by `cg.lift`. The splitting of DOP853 took hours to find;
+`dop853_order8_start.toml` has it in double precision, and it is refined from there.
+
+    python tools/make_lifted_methods.py FOLDER [NAME ...]
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+import tomllib
+from fractions import Fraction
+from math import isqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+import cg
+from cg.catalogue import save
+from cg.layout import Layout
+from cg.lifting.exact import refined
+from cg.lifting.flat import stage_orders
+from cg.lifting.lift import split_method
+from cg.lifting.splitting import FlatRows, Splitting
+from cg.quad import DECIMAL_DIGITS, to_decimal
+
+HERE = Path(__file__).parent
+FLAT = HERE / "flat_pairs.toml"
+START = HERE / "dop853_order8_start.toml"
+
+RECIPES: dict[str, dict[str, Any]] = {}
+NOTE = "; lifted: the flat pair stays exact, its rows split into flows"
+_ROOT = Fraction(isqrt(6 * 10**160), 10**80)
+_IRRATIONAL = re.compile(r"(?P<p>\S+) (?P<sign>[+-]) (?P<q>\S+) r6")
+
+
+def main() -> None:
+    """Write what is asked for."""
+    folder, *names = sys.argv[1:]
+    for name, flat in tableaux().items():
+        if names and name not in names:
+            continue
+        start = time.process_time()
+        if name == "DOP853":
+            method = from_start(flat)
+        else:
+            lifted = cg.lift(flat, **RECIPES[name])
+            print(f"{name}: start {lifted.index} of {lifted.starts}, {lifted.hits} hits")
+            method = lifted.method
+        save(method, Path(folder) / f"{name}.toml")
+        seconds = time.process_time() - start
+        print(
+            f"{name}: order {method.order}({method.embedded_order}), {method.exponentials} flows, "
+            f"principal error {method.principal_error():.2e}, {seconds:.0f} s"
+        )
+
+
+def tableaux() -> dict[str, cg.Tableau]:
+    """Return the flat pairs by their names."""
+    pairs = tomllib.loads(FLAT.read_text(encoding="utf-8"))
+    return {
+        name: cg.Tableau(
+            [[number(text) for text in row] for row in pair["a"]],
+            pair["b"],
+            b_embedded=pair["b_embedded"],
+            name=name,
+            source=pair["source"] + NOTE,
+        )
+        for name, pair in pairs.items()
+    }
+
+
+def number(text: str) -> str:
+    """Return a rational number as it is, and ``p + q r6`` with 36 digits."""
+    found = _IRRATIONAL.fullmatch(text)
+    if found is None:
+        return text
+    q = Fraction(found["q"]) * (-1 if found["sign"] == "-" else 1)
+    return to_decimal(Fraction(found["p"]) + q * _ROOT, DECIMAL_DIGITS)
+
+
+def start_of(flat: cg.Tableau, file: Path = START) -> tuple[Splitting, np.ndarray]:
+    """Return a splitting that is kept in double precision."""
+    found = tomllib.loads(file.read_text(encoding="utf-8"))
+    weights = [{int(k): w for k, w in point["weights"].items()} for point in found["points"]]
+    layout = Layout(
+        tuple(point["parent"] for point in found["points"]),
+        tuple(tuple(sorted(row)) for row in weights),
+        tuple(found["stage_points"]),
+        (found["result"], found["embedded_result"]),
+    )
+    x = np.array([float.fromhex(row[k]) for row in weights for k in sorted(row)])
+    rows = FlatRows(*flat.exact, flat.exact_embedded)
+    splitting = Splitting(rows, layout, found["order"], found["embedded_order"], stage_orders(flat))
+    return splitting, splitting.nearest(x)
+
+
+def from_start(flat: cg.Tableau) -> cg.CommutatorFree:
+    """Refine what is kept in double precision."""
+    splitting, x = start_of(flat)
+    exact = refined(splitting, x)
+    print(f"{flat.name}: rank {exact.rank}, residuals {exact.largest_residual:.0e}")
+    return split_method(splitting.layout, exact.weights, flat.name, flat.source)
+
+
+if __name__ == "__main__":
+    with threadpool_limits(1):
+        main()
