@@ -38,9 +38,17 @@ from .search_records import Phase, RandomStart, SearchSettings
 from .solve.minimum_norm import fit_conditions
 from .solve.polish import polish
 from .solve.refine import refine
+from .solve.singular import finish
 from .solve.system import ConditionSystem
 from .tableau import Tableau
-from .tree_shapes import check_order, check_points, draw_layout, most_unknowns
+from .tree_shapes import (
+    check_order,
+    check_points,
+    draw_guess,
+    draw_layout,
+    held_weights,
+    most_unknowns,
+)
 
 __all__ = [
     "EXACT",
@@ -69,9 +77,9 @@ _BEST_BOUNDS = {1: 120, 2: 120, 3: 120, 4: 120, 5: 500}
 _BOUND_ABOVE = 1000
 
 _TREE_WIDTH = 0.4
-_HELD = (0.2, 0.8)  # range of the first weight of a tree, which stays where it is
-_HELD_FROM = 5  # the order from which on it does
 _TREE_BOUND = 600
+_SOLVED = 1e-25
+_PROMISING = 1e-11  # sum of squares from which on the last stretch is tried, with trees
 
 _NOTHING = Fraction(1, 10**40)  # corrections leave this much of a coefficient that is zero
 
@@ -151,12 +159,15 @@ def _drawn(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.flo
     generator = _generator(settings.seed, index)
     layout = settings.tree
     if settings.flows is not None:
-        layout = draw_layout(settings.stages, settings.flows, generator, embedded=settings.embedded)
+        layout = draw_layout(
+            settings.stages,
+            settings.flows,
+            generator,
+            embedded=settings.embedded,
+            first_same_as_last=settings.first_same_as_last,
+        )
     assert layout is not None
-    guess = generator.uniform(-settings.width, settings.width, layout.size)
-    if settings.order >= _HELD_FROM:
-        guess[0] = generator.uniform(*_HELD)
-    return layout, guess
+    return layout, draw_guess(settings.order, layout, settings.width, generator)
 
 
 def _generator(seed: int, index: int) -> np.random.Generator:
@@ -201,6 +212,7 @@ def search(
     tree: Any = None,
     flows: int | None = None,
     embedded: bool = False,
+    first_same_as_last: bool = False,
 ) -> SearchResult:
     """Search for methods of an order from random starts.
 
@@ -256,8 +268,10 @@ def search(
     flows : int, optional
         Draw the tree with each start: so many flows, at least as many as stages.
     embedded : bool, optional
-        With `flows`, draw one more point for a second result of order one less. A tree has one
-        or has none.
+        With `flows`, draw one more flow, from the result, to a second result of order one less.
+        Its last weight is held as well. A tree has such a flow or has none.
+    first_same_as_last : bool, optional
+        With `flows`, the last of the stages is at the result, where the next step begins.
 
     Returns
     -------
@@ -295,6 +309,7 @@ def search(
         tree,
         flows,
         embedded,
+        first_same_as_last,
     )
     starts = check_integer("starts", starts, 1, LARGEST_COUNT)
     if progress is not None and not callable(progress):
@@ -337,10 +352,10 @@ def run_start(settings: SearchSettings, index: int) -> RandomStart:
     if settings.flows is None and settings.tree is None:
         layout = Layout.tableau(settings.stages, settings.rows)
         guess = random_start(settings.seed, index, layout.size, settings.width)
-        held = 0
+        held = []
     else:
         layout, guess = _drawn(settings, index)
-        held = int(settings.order >= _HELD_FROM)
+        held = held_weights(settings.order, layout)
     system = ConditionSystem(settings.order, layout)
     if settings.algorithm == "lmdif":
         double, refined, bits = _run_lmdif(settings, layout, guess)
@@ -387,16 +402,23 @@ def _run_lmdif(
 
 
 def _run_minimum_norm(
-    settings: SearchSettings, system: ConditionSystem, guess: NDArray[np.float64], held: int
+    settings: SearchSettings,
+    system: ConditionSystem,
+    guess: NDArray[np.float64],
+    held: list[int],
 ) -> tuple[Phase, Phase | None, quad.Quads]:
-    """Solve, with the first so many unknowns held until refinement."""
+    """Solve, with some unknowns held until refinement."""
+    free = np.setdiff1d(system.free, held)
     fit = fit_conditions(
         guess,
         system,
-        free=system.free[held:],
+        free=free,
         max_iterations=max(1, settings.maxfev // 2),
     )
-    double, bits = Phase(_finite(fit.f), int(fit.status), fit.evaluations), quad.from_float(fit.x)
+    x, f = fit.x, fit.f
+    if system.rows is None and _SOLVED < f <= _PROMISING:
+        x, f = finish(system, x, free)
+    double, bits = Phase(_finite(f), int(fit.status), fit.evaluations), quad.from_float(x)
     if double.f > settings.refine_below:
         return double, None, bits
     refined = refine(bits, system)
@@ -424,6 +446,7 @@ def _settings(
     tree: Any,
     flows: int | None,
     embedded: bool,
+    first_same_as_last: bool,
 ) -> SearchSettings:
     order = check_order(order)
     stages = check_integer("stages", stages, 1, MOST_STAGES)
@@ -436,7 +459,9 @@ def _settings(
     layout = None
     of_points = tree is not None or flows is not None
     if of_points:
-        layout, flows = check_points(order, stages, tree, flows, embedded, force)
+        layout, flows = check_points(
+            order, stages, tree, flows, embedded, force, first_same_as_last
+        )
         size = most_unknowns(stages, flows) if layout is None else layout.size
         if rows is not Rows.EXPLICIT:
             raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
@@ -444,6 +469,8 @@ def _settings(
             raise ValueError("algorithm must be 'minimum-norm' for pairs, got 'lmdif'")
     elif check_flag("embedded", embedded):
         raise ValueError("embedded needs a number of flows, got a search for tableaux")
+    elif check_flag("first_same_as_last", first_same_as_last):
+        raise ValueError("first_same_as_last needs a number of flows, got a search for tableaux")
     elif not force and size < conditions:
         raise ValueError(
             f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for {conditions} "
@@ -474,4 +501,5 @@ def _settings(
         flows if layout is None else None,
         bool(embedded),
         layout,
+        bool(first_same_as_last),
     )

@@ -106,3 +106,4 @@ class SearchSettings:
     flows: int | None = None
     embedded: bool = False
     tree: Layout | None = None
+    first_same_as_last: bool = False

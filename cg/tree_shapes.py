@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .checks import MOST_STAGES, check_flag, check_integer
 from .conditions import HIGHEST_ORDER
@@ -17,7 +18,9 @@ __all__ = [
     "FLAT_CONDITIONS",
     "check_order",
     "check_points",
+    "draw_guess",
     "draw_layout",
+    "held_weights",
     "layout_of",
     "most_unknowns",
 ]
@@ -34,6 +37,13 @@ References
 FLAT_CONDITIONS = (1, 2, 4, 8, 17, 37, 85, 200)
 """How many order conditions orders 1, 2, ... have where all flows commute: unordered trees."""
 
+HELD_FIRST = (0.2, 0.8)
+"""Range of the first weight of a tree, held while solving."""
+
+HELD_ESTIMATE = (0.1, 0.2)
+"""Range of the last weight of an estimate, held while solving."""
+
+_HELD_FROM = 5  # the order from which on the first weight is held
 _BACK = 0.3  # how often a drawn flow starts from any earlier point instead of the one before
 
 
@@ -95,7 +105,12 @@ def _plain(value: Any) -> Any:
 
 
 def draw_layout(
-    stages: int, flows: int, random: np.random.Generator, *, embedded: bool = False
+    stages: int,
+    flows: int,
+    random: np.random.Generator,
+    *,
+    embedded: bool = False,
+    first_same_as_last: bool = False,
 ) -> Layout:
     """Draw a tree of points, in which every point leads to a stage or is the result.
 
@@ -107,31 +122,57 @@ def draw_layout(
         the result is one more.
     random : numpy.random.Generator
     embedded : bool, optional
-        Whether one more point is the second result of a pair.
+        Whether one more flow, from the result, leads to the second result of a pair.
+    first_same_as_last : bool, optional
+        Whether the last stage is at the result, where the next step begins.
 
     Returns
     -------
     Layout
         Each flow has weights on all stages before it.
     """
-    inner = flows - 1
+    inner, own = flows - 1, stages - first_same_as_last
     while True:
-        places = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, stages - 2)])]
-        at = sorted(int(m) for m in places[: stages - 1])
+        places = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, own - 2)])]
+        at = sorted(int(m) for m in places[: own - 1])
         back = random.random(flows) < _BACK
         parents = [int(random.integers(START, m)) if back[m] else m - 1 for m in range(flows)]
         if {*at, *parents, inner} >= set(range(flows)):
             break
     results = [inner]
     if embedded:
-        parents.append(int(random.integers(START, flows)))
+        parents.append(inner)
         results.append(flows)
-    stage_points = (START, *at)
+    stage_points = (START, *at, *([inner] if first_same_as_last else []))
     weights = tuple(
         tuple(stage for stage, place in enumerate(stage_points) if place < m)
         for m in range(len(parents))
     )
     return Layout(tuple(parents), weights, stage_points, tuple(results))
+
+
+def held_weights(order: int, layout: Layout) -> list[int]:
+    """Return the weights of a tree of points to hold while solving from a random start.
+
+    Where the first one tends to zero are degenerate limits, from order 5 on. The last flow of a
+    pair that starts from the result has weights in which the conditions are homogeneous: it is
+    nothing, or as long as one likes.
+    """
+    held = [0] if order >= _HELD_FROM else []
+    last = len(layout.parents) - 1
+    if layout.pair and layout.results[1] == last and layout.parents[last] == layout.results[0]:
+        held.append(layout.size - 1)
+    return held
+
+
+def draw_guess(
+    order: int, layout: Layout, width: float, random: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return random weights of a tree, uniform in [-width, width] but for those to hold."""
+    guess = random.uniform(-width, width, layout.size)
+    for k in held_weights(order, layout):
+        guess[k] = random.uniform(*(HELD_ESTIMATE if k else HELD_FIRST))
+    return guess
 
 
 def most_unknowns(stages: int, flows: int) -> int:
@@ -148,7 +189,13 @@ def check_order(order: Any) -> int:
 
 
 def check_points(
-    order: int, stages: int, tree: Any, flows: Any, embedded: Any, force: bool
+    order: int,
+    stages: int,
+    tree: Any,
+    flows: Any,
+    embedded: Any,
+    force: bool,
+    first_same_as_last: Any = False,
 ) -> tuple[Layout | None, int]:
     """Return the layout of a given tree, None if trees are drawn, and the number of flows.
 
@@ -161,8 +208,11 @@ def check_points(
         If an argument isn't what it should be; the message names it.
     """
     embedded = check_flag("embedded", embedded)
+    last = int(check_flag("first_same_as_last", first_same_as_last))
     layout = None
     if tree is not None:
+        if last:
+            raise ValueError("first_same_as_last must be False with a tree, whose stages tell")
         if flows is not None:
             raise ValueError(f"flows must be None with a tree, got {flows!r}")
         layout = layout_of(tree)
@@ -172,10 +222,12 @@ def check_points(
             raise ValueError("embedded must be False, as tree has no second result")
         flows, unknowns = len(layout.parents), layout.size
     else:
-        flows = check_integer("flows", flows, stages, 10 * MOST_STAGES)
-        unknowns = most_unknowns(stages, flows)
+        if last:
+            check_integer("stages", stages, 2)
+        flows = check_integer("flows", flows, stages - last, 10 * MOST_STAGES)
+        unknowns = most_unknowns(stages - last, flows)
     if not force:
-        _check_counts(order, stages, unknowns)
+        _check_counts(order, stages - last, unknowns)
     return layout, flows
 
 

@@ -24,6 +24,7 @@ from ..conditions import count
 from ..layout import Layout
 from ..method import Method
 from ..parallel import as_finished, available_cores
+from ..points import START
 from ..solve.system import ConditionSystem, Structure
 from ..tree_shapes import check_order, check_points, draw_layout
 from .candidate import Candidate, NotExactError, refinable, solved, to_method
@@ -54,6 +55,7 @@ class ConstructionSettings:
     first_flows: int | None = None
     embedded: bool = False
     tree: Layout | None = None
+    first_same_as_last: bool = False
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,7 @@ def construct(
     flows: int | None = None,
     first_flows: int | None = None,
     embedded: bool = False,
+    first_same_as_last: bool = False,
 ) -> Construction:
     """Construct an exact explicit method from random starts.
 
@@ -201,11 +204,16 @@ def construct(
     tree : PointTree, method, or sequence, optional
         Look for a method with this tree of points, as `cg.search` takes it.
     flows : int, optional
-        Look for a method of points, `cg.CommutatorFree`, with so many flows, whose tree is drawn.
+        Look for a method of points, `cg.CommutatorFree`, with so many flows. Its tree is drawn,
+        or points of the given one are left out until so many remain. The flow to a second
+        result doesn't count.
     first_flows : int, optional
         Flows of the trees that are drawn, by default `flows`. Points are left out from there.
     embedded : bool, optional
-        With `flows`, whether one more point is a second result of order one less.
+        With `flows`, whether one more flow, from the result, leads to a second result of order
+        one less.
+    first_same_as_last : bool, optional
+        With `flows`, whether the last stage is at the result, where the next step begins.
 
     Returns
     -------
@@ -225,10 +233,20 @@ def construct(
     of_points = tree is not None or flows is not None or first_flows is not None
     if of_points:
         settings = _tree_settings(
-            *common, width, iterations, force, tree, flows, first_flows, embedded
+            *common,
+            width,
+            iterations,
+            force,
+            tree,
+            flows,
+            first_flows,
+            embedded,
+            first_same_as_last,
         )
     elif check_flag("embedded", embedded):
         raise ValueError("embedded needs a number of flows, got a construction of tableaux")
+    elif check_flag("first_same_as_last", first_same_as_last):
+        raise ValueError("first_same_as_last needs a number of flows, got one of tableaux")
     else:
         settings = _settings(*common, width, iterations, force)
     tries = check_integer("tries", tries, 1, LARGEST_COUNT)
@@ -311,7 +329,11 @@ def _run_tree(settings: ConstructionSettings, index: int, random: np.random.Gene
     if layout is None:
         assert settings.first_flows is not None
         layout = draw_layout(
-            settings.stages, settings.first_flows, random, embedded=settings.embedded
+            settings.stages,
+            settings.first_flows,
+            random,
+            embedded=settings.embedded,
+            first_same_as_last=settings.first_same_as_last,
         )
     system = ConditionSystem(settings.order, layout)
     guess = random_candidate(system, settings.width, random)
@@ -331,7 +353,7 @@ def _run_tree(settings: ConstructionSettings, index: int, random: np.random.Gene
 
 
 def _flows(settings: ConstructionSettings, layout: Layout) -> int:
-    """Return the number of flows that is asked for: drawn second results come on top."""
+    """Return the number of flows that is asked for: second results come on top."""
     return len(layout.parents) - settings.embedded
 
 
@@ -450,6 +472,7 @@ def _tree_settings(
     flows: int | None,
     first_flows: int | None,
     embedded: bool,
+    first_same_as_last: bool,
 ) -> ConstructionSettings:
     order = check_order(order)
     stages = check_integer("stages", stages, 1, MOST_STAGES)
@@ -458,10 +481,18 @@ def _tree_settings(
             raise ValueError(f"{name} is for tableaux, got {value!r} with a tree")
     if flows is None and tree is None:
         raise ValueError("first_flows needs a number of flows to come down to")
-    layout, flows = check_points(order, stages, tree, flows, embedded, check_flag("force", force))
-    first_flows = flows if first_flows is None else first_flows
-    if layout is not None and first_flows != flows:
-        raise ValueError(f"first_flows must be None with a tree, got {first_flows!r}")
+    force = check_flag("force", force)
+    given = flows if tree is None else None
+    layout, most = check_points(order, stages, tree, given, embedded, force, first_same_as_last)
+    if layout is not None:
+        if first_flows is not None:
+            raise ValueError(f"first_flows must be None with a tree, got {first_flows!r}")
+        embedded = layout.pair
+        first_flows = most - embedded
+        least = len({START, *layout.stage_points, layout.results[0]}) - 1
+        flows = first_flows if flows is None else check_integer("flows", flows, least, first_flows)
+    else:
+        flows, first_flows = most, most if first_flows is None else first_flows
     start = tree_start(order)
     return ConstructionSettings(
         order,
@@ -481,4 +512,5 @@ def _tree_settings(
         check_integer("first_flows", first_flows, flows, 10 * MOST_STAGES),
         check_flag("embedded", embedded),
         layout,
+        check_flag("first_same_as_last", first_same_as_last),
     )

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_integer, check_real
+from ..solve.singular import finish
 from ..solve.system import ConditionSystem, Structure
-from .candidate import Candidate, check_candidate, correct, solved
+from ..tree_shapes import held_weights
+from .candidate import Candidate, check_candidate, correct, movable, solved
 
 __all__ = ["drop_stage", "held", "solve_start"]
 
@@ -24,6 +26,8 @@ def held(system: ConditionSystem) -> list[int]:
     c_4 ~ ε^(1/4) and so on, C(2) holds at all stages as ε tends to zero, and the solver
     follows f to 1e-18 and below, but never to a zero.
     """
+    if system.rows is None:
+        return held_weights(system.order, system.layout)
     return [0] if system.order >= 5 and system.stages > 1 else []
 
 
@@ -34,6 +38,10 @@ def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> C
     first = correct(candidate, frozen, damping=1e-2, accurate=False, **options)
     if not 1e-26 < first.f <= promising:
         return first
+    if candidate.system.rows is None:
+        free = movable(candidate.system, frozen)
+        x, _ = finish(candidate.system, first.x, free)
+        return Candidate(candidate.system, x)
     return correct(first, frozen, damping=1e-15, accurate=True, **options)
 
 

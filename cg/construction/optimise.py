@@ -1,8 +1,8 @@
 """Better methods along the solution set.
 
 Each step solves a damped least-squares problem for the objective within the tangent
-space of the set, then moves back to the set by steps of least norm (Gauss–Newton on a
-manifold, with a correction as retraction).
+space of the set, then moves back to the set by Newton's steps of least norm (Gauss–Newton on a
+manifold).
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from scipy import linalg
 from .. import _core_r64
 from ..checks import check_integer, check_real
 from ..conditions import condition_trees, count
-from .candidate import RANK_TOLERANCE, Candidate, check_candidate, correct, movable, solved
+from ..solve.singular import Decomposition, decompose, retract
+from .candidate import Candidate, check_candidate, correct, movable, solved
 
 __all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
 
+_LONGEST_STEP = 1.0
 _ZEROS_FTOL = 1e-29  # with few entries left a near miss can look like a solution: ask for more
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -79,7 +81,7 @@ def optimise(
         Entries that keep their values.
     max_iterations : int, optional
     tolerance : float, optional
-        Stop when five iterations together gain less than this fraction.
+        Stop when eight iterations together gain less than this fraction.
     progress : callable, optional
         Called with the iteration and the objective.
 
@@ -111,36 +113,47 @@ def optimise(
     size, damping = float(values @ values), 1e-2
     history = [size]
     for iteration in range(max_iterations):
-        tangent = linalg.null_space(
-            candidate.system.jacobian(candidate.x)[:, free], rcond=RANK_TOLERANCE
-        )
+        near = decompose(candidate.system.jacobian(candidate.x)[:, free])
+        tangent = near.kernel
         if tangent.shape[1] == 0:
             break
         along = jac[:, free] @ tangent
-        gram, slope = along.T @ along, along.T @ values
-        scale = float(np.trace(gram)) / len(gram) + np.finfo(float).tiny
+        stretches, axes = linalg.eigh(along.T @ along)
+        slope = axes.T @ (along.T @ values)
+        scale = float(np.mean(stretches)) + np.finfo(float).tiny
         moved = None
         while damping < 1e8:
-            step = linalg.solve(gram + damping * scale * np.eye(len(gram)), -slope, assume_a="pos")
-            x = candidate.x.copy()
-            x[free] += tangent @ step
-            trial = correct(Candidate(candidate.system, x), frozen, max_iterations=40)
-            trial_values, trial_jac = _objective(trial, goals)
-            trial_size = float(trial_values @ trial_values)
-            if solved(trial) and trial_size < size:
-                moved = trial
-                break
-            damping *= 5
+            step = -axes @ (slope / (stretches + damping * scale))
+            trial = _back(candidate, free, near, tangent @ step)
+            if trial is not None:
+                trial_values, trial_jac = _objective(trial, goals)
+                trial_size = float(trial_values @ trial_values)
+                if trial_size < size:
+                    moved = trial
+                    break
+            damping *= 4
         if moved is None:
             break
         candidate, values, jac, size = moved, trial_values, trial_jac, trial_size
-        damping = max(damping / 5, 1e-12)
+        damping = max(damping / 6, 1e-12)
         history.append(size)
         if progress:
             progress(iteration, size)
-        if len(history) > 5 and history[-6] - size <= tolerance * size:
+        if len(history) > 8 and history[-9] - size <= tolerance * size:
             break
     return candidate
+
+
+def _back(
+    candidate: Candidate, free: NDArray[np.intp], near: Decomposition, step: NDArray[np.float64]
+) -> Candidate | None:
+    """Take a step along the tangent space and return to the set; None if that fails."""
+    if float(np.linalg.norm(step)) > _LONGEST_STEP:
+        return None
+    x = candidate.x.copy()
+    x[free] += step
+    found = retract(candidate.system, x, free, near)
+    return None if found is None else Candidate(candidate.system, found)
 
 
 def fewer_exponentials(

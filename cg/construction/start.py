@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..solve.system import ConditionSystem, Structure
+from ..tree_shapes import draw_guess
 from .candidate import Candidate
 from .drop import held
 
@@ -92,6 +93,8 @@ def random_candidate(
     system: ConditionSystem, width: float, random: np.random.Generator
 ) -> Candidate:
     """Return a guess that satisfies what is linear in the system's structure."""
+    if system.rows is None:
+        return Candidate(system, draw_guess(system.order, system.layout, width, random))
     x = random.uniform(-width, width, system.size)
     x[np.setdiff1d(np.arange(system.size), system.free)] = 0.0
     x[held(system)] = random.uniform(*_HELD)
