@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from cg.construction.construct import ConstructionSettings, construct, run_attempt
+from cg.construction import ConstructionSettings, construct, run_attempt
 
 from .contest import compete, contestants
 from .record import Aim, Result, Row

@@ -1,8 +1,9 @@
-"""Find commutator-free methods like the catalogue's of orders five and six, from random starts.
+"""Find commutator-free methods like the catalogue's of orders four to seven, from random starts.
 
-Each recipe has the tree of points that a search over drawn trees (``cg.search(..., flows=n)``)
-found to have methods. The conditions are solved from seeded random weights, and what is found
-moves along the solution set to a small principal error. The best is written.
+A recipe has the tree of points that a search over drawn trees (``cg.search(..., flows=n)``)
+found to have methods, or the numbers of starts whose drawn trees do. The conditions are solved from
+seeded random weights, points are left out until the wanted number of flows is left, and what is
+found moves along the solution set to a small principal error. The best is written.
 
     python tools/make_commutator_free_methods.py FOLDER [NAME ...]
 """
@@ -11,34 +12,37 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy import linalg
 from threadpoolctl import threadpool_limits
 
 import cg
 from cg.catalogue import save
 from cg.certification import CertificationError, certify
-from cg.conditions import count
 from cg.construction import (
     Candidate,
     ConditionSystem,
+    ConstructionSettings,
     Goals,
     NotExactError,
+    Structure,
     optimise,
     principal_error,
+    run_attempt,
     solved,
     to_method,
 )
-from cg.layout import Layout
 from cg.tree_shapes import layout_of
 
 SEED = 1
 GOALS = Goals(coefficients=2e-4, abscissae=0.2, bound_weight=0.03)
+ITERATIONS = 150
 LARGEST = 6.0  # weights of what is worth moving along
-CLEARLY = 3e-3  # least norm of the residuals of order q of a pair's second result
+CLEARLY = 3e-3  # least norm of the residuals of order q of a pair's second result, over its weights
+ESTIMATE = 5.0  # that norm over the principal error, where it can be chosen
 
 
 @dataclass(frozen=True)
@@ -49,19 +53,32 @@ class Recipe:
     ----------
     name : str
     order : int
-    tree : tuple
-        Parents, the points of stages, and results if there are two.
-    starts : int
-        Random starts.
+    tree : tuple or None
+        Parents, the points of stages, and results if there are two; None if it is drawn.
+    starts : int or sequence of int
+        How many random starts, or which.
     certified : bool
         Whether only what has a certificate counts.
+    flows : int or None
+        How many are to be left; None for those of the tree.
+    stages, first_flows : int
+        Of trees that are drawn.
+    pair : bool
+        Whether drawn trees have one more flow for an estimate, which uses the stage at the
+        result too; it is not among `stages`.
+    goals : Goals
     """
 
     name: str
     order: int
-    tree: tuple[tuple[int, ...] | int, ...]
-    starts: int
+    tree: tuple[tuple[int, ...] | int, ...] | None
+    starts: int | Sequence[int]
     certified: bool = False
+    flows: int | None = None
+    stages: int = 0
+    first_flows: int | None = None
+    pair: bool = False
+    goals: Goals = GOALS
 
 
 RECIPES = (
@@ -119,8 +136,52 @@ RECIPES = (
 )
 
 
+def attempts(recipe: Recipe) -> list[tuple[int, Candidate]]:
+    """Return the starts that reach the wanted number of flows, and their numbers."""
+    layout = None if recipe.tree is None else layout_of(recipe.tree)
+    settings = ConstructionSettings(
+        order=recipe.order,
+        stages=recipe.stages + recipe.pair if layout is None else layout.stages,
+        seed=SEED,
+        structure=Structure.GENERAL,
+        first_stages=recipe.stages,
+        width=0.4,
+        iterations=700 if recipe.order > 6 else 400,
+        promising=1e-11,
+        largest=LARGEST,
+        restarts=2,
+        full_rank=False,
+        flows=recipe.flows,
+        first_flows=recipe.first_flows if layout is None else len(layout.parents) - layout.pair,
+        embedded=recipe.pair,
+        tree=layout,
+        first_same_as_last=recipe.pair,
+    )
+    starts = range(recipe.starts) if isinstance(recipe.starts, int) else recipe.starts
+    tried = [run_attempt(settings, k) for k in starts]
+    return [
+        (one.index, Candidate(ConditionSystem(recipe.order, one.tree), np.array(one.x)))
+        for one in tried
+        if one.solved and one.flows == recipe.flows and one.tree is not None
+    ]
+
+
+def scaled(candidate: Candidate) -> Candidate:
+    """Return a pair whose estimate has a fitting size, where its last flow may have any."""
+    layout = candidate.system.layout
+    if not layout.pair or layout.parents[layout.results[1]] != layout.results[0]:
+        return candidate
+    x = candidate.x.copy()
+    # homogeneous conditions: the estimate is linear in these weights
+    x[layout.starts[-2] :] *= ESTIMATE * principal_error(candidate) / candidate.estimate
+    return Candidate(candidate.system, x)
+
+
 def solutions(recipe: Recipe) -> list[tuple[int, Candidate]]:
     """Return where the starts that reach the solution set end, and their numbers."""
+    if recipe.flows is not None:
+        return attempts(recipe)
+    assert isinstance(recipe.starts, int)
     layout = layout_of(recipe.tree)
     found = cg.search(recipe.order, layout.stages, recipe.starts, SEED, tree=recipe.tree)
     system = ConditionSystem(recipe.order, layout)
@@ -130,14 +191,6 @@ def solutions(recipe: Recipe) -> list[tuple[int, Candidate]]:
         if start.exact
     ]
     return [(k, p) for k, p in candidates if p.largest <= LARGEST and solved(p)]
-
-
-def second_residual(candidate: Candidate) -> float:
-    """Return the norm of the residuals of order q of a pair's second result."""
-    system, layout = candidate.system, candidate.system.layout
-    second = Layout(layout.parents, layout.weights, layout.stage_points, layout.results[1:])
-    values = ConditionSystem(system.order, second).residual(candidate.x, independent=False)
-    return float(linalg.norm(values[count(system.order - 1) :]))
 
 
 def merit(candidate: Candidate) -> float:
@@ -153,14 +206,21 @@ def method(recipe: Recipe) -> cg.CommutatorFree:
     """Return the best method."""
     found = solutions(recipe)
     print(f"{recipe.name}: {len(found)} of {recipe.starts} starts", flush=True)
-    moved = [(k, optimise(p, GOALS, max_iterations=80)) for k, p in found]
-    if moved and moved[0][1].system.embedded:
-        moved = [(k, p) for k, p in moved if second_residual(p) >= CLEARLY]
+    moved = [(k, scaled(optimise(p, recipe.goals, max_iterations=ITERATIONS))) for k, p in found]
+    if moved and moved[0][1].system.embedded and not recipe.pair:
+        moved = [(k, p) for k, p in moved if p.estimate >= CLEARLY]
     for k, candidate in sorted(moved, key=lambda one: merit(one[1])):
         source = (
             f"random start {k} of seed {SEED} with a tree that was drawn at random, "
             "moved along the solution set to a small principal error"
         )
+        if recipe.flows is not None:
+            most = recipe.first_flows if recipe.tree is None else len(recipe.tree[0])
+            source = (
+                f"random start {k} of seed {SEED} with a tree of {most} flows that was drawn at "
+                f"random, flows left out down to {recipe.flows}, moved along the solution set to "
+                "a small principal error"
+            )
         if candidate.system.embedded:
             source = f"both results solved for jointly, {source}"
         try:

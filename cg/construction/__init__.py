@@ -1,19 +1,22 @@
 """Tools on the set of methods of an order: construct, compose, eliminate, optimise."""
 
 from ..solve.system import ConditionSystem, Structure
+from .attempt import Attempt, run_attempt
 from .candidate import Candidate, NotExactError, correct, pack_method, refinable, solved, to_method
 from .compose import compose, triple_jump
-from .construct import Attempt, Construction, construct
+from .construct import Construction, construct
 from .drop import drop_stage
 from .drop_flow import drop_flow, drop_point_stage
 from .eliminate import eliminate, eliminate_stage, walk
 from .optimise import Goals, fewer_exponentials, optimise, principal_error
+from .settings import ConstructionSettings
 
 __all__ = [
     "Attempt",
     "Candidate",
     "ConditionSystem",
     "Construction",
+    "ConstructionSettings",
     "Goals",
     "NotExactError",
     "Structure",
@@ -30,6 +33,7 @@ __all__ = [
     "pack_method",
     "principal_error",
     "refinable",
+    "run_attempt",
     "solved",
     "to_method",
     "triple_jump",

@@ -12,6 +12,7 @@ from scipy import linalg
 
 from .. import quad
 from ..commutator_free import CommutatorFree
+from ..conditions import count
 from ..layout import Layout
 from ..method import Method
 from ..random_search import EXACT
@@ -75,6 +76,16 @@ class Candidate:
         """Rank of the Jacobian; all conditions are independent there if it is full."""
         values = self.singular_values()
         return int(np.sum(values > RANK_TOLERANCE * values[0]))
+
+    @property
+    def estimate(self) -> float:
+        """Norm of the residuals of order q of a pair's second result, the error estimate's."""
+        layout = self.system.layout
+        if not layout.pair or layout.rows is not None:
+            raise ValueError("candidate must be a pair of points")
+        second = replace(layout, results=layout.results[1:])
+        values = ConditionSystem(self.system.order, second).residual(self.x, independent=False)
+        return float(np.linalg.norm(values[count(self.system.order - 1) :]))
 
     def column(self, stage: int) -> NDArray[np.intp]:
         """Return the indices of the entries by which a stage (from 0) acts on others."""

@@ -1,8 +1,9 @@
 """Steps close to solutions, made of singular values of the Jacobian.
 
 Order conditions depend on each other, and trees of points often have fewer unknowns than there
-are conditions. Singular values that count go down to 1e-9 of the largest; those that don't are rounding. Normal
-equations, which square them, stall between sums of squares of 1e-15 and 1e-21; this goes on.
+are conditions. Singular values that count go down to 1e-9 of the largest; those that do not are
+rounding. Normal equations, which square them, stall between sums of squares of 1e-15 and 1e-21;
+what is here goes on.
 """
 
 from __future__ import annotations

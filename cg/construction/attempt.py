@@ -1,0 +1,187 @@
+"""One try of a construction: a random start, and how far down it came."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..conditions import count
+from ..layout import Layout
+from ..method import Method
+from ..solve.system import ConditionSystem
+from ..tree_shapes import draw_layout
+from .candidate import Candidate, NotExactError, refinable, solved, to_method
+from .drop import solve_start
+from .drop_flow import drop_flow
+from .eliminate import eliminate, walk
+from .settings import ConstructionSettings
+from .start import random_candidate
+
+__all__ = ["Attempt", "arrived", "refined", "run_attempt"]
+
+_LEAST_ESTIMATE = 1e-5  # a pair's second result is as good as the first where stages coincide
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One random start and how far down it came.
+
+    Attributes
+    ----------
+    index : int
+        With the seed it determines everything else.
+    stages : int
+        Fewest stages reached.
+    flows : int or None
+        Fewest flows reached, where they count.
+    solved : bool
+        Whether it is on the solution set there, within the bounds asked for.
+    f : float
+        Sum of squared residuals there, in double.
+    x : tuple of float
+        Packed coefficients there.
+    """
+
+    index: int
+    stages: int
+    solved: bool
+    f: float
+    x: tuple[float, ...] = field(repr=False)
+    flows: int | None = None
+    tree: Layout | None = field(default=None, repr=False)
+
+    def record(self) -> dict[str, Any]:
+        """Return it as plain data, floats in hexadecimal."""
+        return {**asdict(self), "f": self.f.hex(), "x": [entry.hex() for entry in self.x]}
+
+    @classmethod
+    def from_record(cls, record: dict[str, Any]) -> Attempt:
+        """Read what `record` wrote; ValueError if it isn't that."""
+        try:
+            x = tuple(map(float.fromhex, record["x"]))
+            return cls(
+                index=int(record["index"]),
+                stages=int(record["stages"]),
+                solved=bool(record["solved"]),
+                f=float.fromhex(record["f"]),
+                x=x,
+                flows=None if record["flows"] is None else int(record["flows"]),
+                tree=None if record["tree"] is None else _layout(record["tree"]),
+            )
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"not the record of an attempt: {str(record)[:80]}") from error
+
+
+def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
+    """Run one try alone."""
+    random = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
+    if settings.flows is not None:
+        return _run_tree(settings, index, random)
+    spread = max(0, settings.first_stages - settings.stages)
+    stages = settings.first_stages + (int(random.integers(0, 4)) if spread else 0)
+    system = ConditionSystem.tableau(settings.order, stages, structure=settings.structure)
+    guess = random_candidate(system, settings.width, random)
+    candidate = solve_start(guess, settings.iterations, promising=settings.promising)
+    if not _acceptable(settings, candidate):
+        return _attempt(settings, index, candidate)
+    for smaller in eliminate(
+        candidate,
+        settings.stages,
+        random=random,
+        largest=settings.largest,
+        restarts=settings.restarts,
+        accept=partial(_acceptable, settings),
+    ):
+        candidate = smaller
+    return _attempt(settings, index, candidate)
+
+
+def _run_tree(settings: ConstructionSettings, index: int, random: np.random.Generator) -> Attempt:
+    """Run one try for a method of points."""
+    layout = settings.tree
+    if layout is None:
+        assert settings.first_flows is not None
+        layout = draw_layout(
+            settings.stages,
+            settings.first_flows,
+            random,
+            embedded=settings.embedded,
+            first_same_as_last=settings.first_same_as_last,
+        )
+    system = ConditionSystem(settings.order, layout)
+    guess = random_candidate(system, settings.width, random)
+    candidate = solve_start(guess, settings.iterations, promising=settings.promising)
+    left = 0
+    while _acceptable(settings, candidate) and left <= settings.restarts:
+        if _flows(settings, candidate.system.layout) == settings.flows:
+            break
+        accept = partial(_acceptable, settings)
+        smaller = drop_flow(candidate, random, largest=settings.largest, accept=accept)
+        if smaller is None:
+            left += 1
+            candidate = walk(candidate, random, largest=settings.largest)
+        else:
+            candidate, left = smaller, 0
+    return _attempt(settings, index, candidate)
+
+
+def _flows(settings: ConstructionSettings, layout: Layout) -> int:
+    """Return the number of flows that is asked for: second results come on top."""
+    return len(layout.parents) - settings.embedded
+
+
+def arrived(settings: ConstructionSettings, attempt: Attempt) -> bool:
+    """Tell whether a try reached the stages and flows that are wanted."""
+    return (attempt.stages, attempt.flows) == (settings.stages, settings.flows)
+
+
+def _acceptable(settings: ConstructionSettings, candidate: Candidate) -> bool:
+    if not solved(candidate) or candidate.largest > settings.largest or not refinable(candidate):
+        return False
+    if settings.embedded and candidate.estimate < _LEAST_ESTIMATE:
+        return False
+    return not settings.full_rank or candidate.rank == count(settings.order, independent=True)
+
+
+def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -> Attempt:
+    good = _acceptable(settings, candidate)
+    layout, x = candidate.system.layout, tuple(candidate.x.tolist())
+    if layout.rows is not None:
+        return Attempt(index, layout.stages, good, candidate.f, x)
+    flows = _flows(settings, layout)
+    return Attempt(index, layout.stages, good, candidate.f, x, flows, layout)
+
+
+def refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
+    """Return the exact method of a try; None if there is none."""
+    layout = attempt.tree or Layout.tableau(attempt.stages)
+    system = ConditionSystem(settings.order, layout, settings.structure)
+    candidate = Candidate(system, _array(attempt.x))
+    size = f"{settings.stages} stages"
+    if settings.flows is not None:
+        size += f", {settings.flows} flows"
+    try:
+        return to_method(
+            candidate,
+            name=f"order {settings.order}, {size}, try {attempt.index}",
+            source=f"construct, seed {settings.seed}, try {attempt.index}",
+        )
+    except NotExactError:
+        return None
+
+
+def _layout(record: dict[str, Any]) -> Layout:
+    return Layout(
+        tuple(record["parents"]),
+        tuple(map(tuple, record["weights"])),
+        tuple(record["stage_points"]),
+        tuple(record["results"]),
+    )
+
+
+def _array(x: tuple[float, ...]) -> NDArray[np.float64]:
+    return np.array(x, dtype=np.float64)
