@@ -35,14 +35,14 @@ from cg.construction import (
     solved,
     to_method,
 )
-from cg.tree_shapes import layout_of
+from cg.tree_shapes import held_weights, layout_of
 
 SEED = 1
 GOALS = Goals(coefficients=2e-4, abscissae=0.2, bound_weight=0.03)
 ITERATIONS = 150
 LARGEST = 6.0  # weights of what is worth moving along
 CLEARLY = 3e-3  # least norm of the residuals of order q of a pair's second result, over its weights
-ESTIMATE = 5.0  # that norm over the principal error, where it can be chosen
+ESTIMATE = 10.0  # that norm over the principal error, where it can be chosen
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,41 @@ RECIPES = (
         ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 7), (-1, 0, 1, 3, 4, 5, 7), 8, 9),
         120,
     ),
+    Recipe("CF5(4)b", 5, None, (695, 827), flows=11, stages=6, first_flows=13, pair=True),
+    Recipe("CF6(5)", 6, None, (88,), flows=17, stages=8, first_flows=22, pair=True),
+    Recipe(
+        "CF7a",
+        7,
+        (
+            (
+                -1,
+                -1,
+                -1,
+                2,
+                3,
+                -1,
+                5,
+                6,
+                6,
+                8,
+                9,
+                10,
+                -1,
+                12,
+                12,
+                14,
+                15,
+                0,
+                17,
+                18,
+                17,
+                *range(20, 29),
+            ),
+            (-1, 0, 1, 4, 7, 9, 11, 13, 16, 19, 20),
+        ),
+        (13,),
+        flows=26,
+    ),
     Recipe(
         "CF6a",
         6,
@@ -166,10 +201,15 @@ def attempts(recipe: Recipe) -> list[tuple[int, Candidate]]:
     ]
 
 
+def held_estimate(candidate: Candidate) -> list[int]:
+    """Return the weight of an estimate that is held, since only their ratios count."""
+    return [k for k in held_weights(candidate.system.order, candidate.system.layout) if k]
+
+
 def scaled(candidate: Candidate) -> Candidate:
     """Return a pair whose estimate has a fitting size, where its last flow may have any."""
     layout = candidate.system.layout
-    if not layout.pair or layout.parents[layout.results[1]] != layout.results[0]:
+    if not held_estimate(candidate):
         return candidate
     x = candidate.x.copy()
     # homogeneous conditions: the estimate is linear in these weights
@@ -202,11 +242,18 @@ def merit(candidate: Candidate) -> float:
     return float(principal_error(candidate) * (1 + large + 2 * outside))
 
 
+def along(candidate: Candidate, goals: Goals) -> Candidate:
+    """Return where the way along the solution set leads."""
+    return optimise(
+        candidate, goals, frozen=held_estimate(candidate), max_iterations=ITERATIONS, tolerance=1e-3
+    )
+
+
 def method(recipe: Recipe) -> cg.CommutatorFree:
     """Return the best method."""
     found = solutions(recipe)
     print(f"{recipe.name}: {len(found)} of {recipe.starts} starts", flush=True)
-    moved = [(k, scaled(optimise(p, recipe.goals, max_iterations=ITERATIONS))) for k, p in found]
+    moved = [(k, scaled(along(p, recipe.goals))) for k, p in found]
     if moved and moved[0][1].system.embedded and not recipe.pair:
         moved = [(k, p) for k, p in moved if p.estimate >= CLEARLY]
     for k, candidate in sorted(moved, key=lambda one: merit(one[1])):

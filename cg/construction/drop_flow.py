@@ -16,6 +16,7 @@ from .drop import solve_start
 
 __all__ = ["drop_flow", "drop_point_stage"]
 
+_PROMISING = 1e-10  # sum of squares from which on the last stretch is tried
 _SPREAD = 0.6  # of the order in which ways are tried, in logarithms of f
 
 _Weights = list[dict[int, float]]
@@ -27,7 +28,7 @@ def drop_flow(
     *,
     largest: float = 4.0,
     tries: int = 16,
-    iterations: int = 200,
+    iterations: int = 400,
     accept: Callable[[Candidate], bool] = solved,
 ) -> Candidate | None:
     """Leave a point out that is neither a stage nor a result, and solve again.
@@ -72,7 +73,7 @@ def drop_point_stage(
     *,
     largest: float = 4.0,
     tries: int = 16,
-    iterations: int = 200,
+    iterations: int = 400,
     accept: Callable[[Candidate], bool] = solved,
 ) -> Candidate | None:
     """Leave a stage of a method of points out, and solve again.
@@ -128,7 +129,7 @@ def _first_solved(
     closeness = np.log([max(way.f, 1e-300) for way in ways])
     order = np.argsort(closeness + _SPREAD * random.standard_normal(len(ways)), kind="stable")
     for k in order[:tries]:
-        smaller = solve_start(ways[k], iterations, promising=1e-14)
+        smaller = solve_start(ways[k], iterations, promising=_PROMISING)
         if solved(smaller) and smaller.largest <= largest and accept(smaller):
             return smaller
     return None
