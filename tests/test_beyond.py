@@ -98,6 +98,8 @@ def test_documented_table_is_the_catalogue(catalogue):
         ("CF6a", "stages", 6),
         ("CF6b", "exponentials", 6),
         ("CF6c", "effort", 6),
+        ("CF7a", "stages", 7),
+        ("CF7a", "exponentials", 7),
     ],
 )
 def test_advice_is_right(catalogue, name, by, among):

@@ -7,10 +7,18 @@ import numpy as np
 import pytest
 
 import cg
-from cg.construction import Candidate, ConditionSystem, drop_flow, drop_point_stage, solved
+from cg.construction import (
+    Candidate,
+    ConditionSystem,
+    drop_flow,
+    drop_point_stage,
+    pack_method,
+    solved,
+)
 from cg.layout import Layout
 from cg.points import START, MethodError, check_tree
 from cg.random_search import run_start, start_layout
+from cg.solve.singular import decompose, finish, retract
 from cg.tree_shapes import draw_layout, layout_of
 
 CHAIN = (tuple(range(-1, 8)), (-1, 0, 1, 3, 4, 7))
@@ -59,6 +67,29 @@ def test_second_results_make_pairs():
     found = cg.search(4, 5, 10, 1, flows=6, embedded=True).methods
     assert found
     assert {(m.order, m.embedded_order, m.exponentials) for m in found} == {(4, 3, 6)}
+
+
+def test_estimates_of_drawn_pairs_start_from_the_result_and_differ_from_nothing():
+    found = cg.search(5, 7, 60, 1, flows=12, embedded=True, first_same_as_last=True, workers=2)
+    assert found.settings.first_same_as_last
+    assert len(found.methods) > 1
+    for method in found.methods:
+        layout = method.layout
+        assert (method.order, method.embedded_order, method.stages) == (5, 4, 7)
+        assert layout.stage_points[-1] == layout.results[0] == layout.parents[layout.results[1]]
+        last = method.coefficients[-1].value
+        assert abs(last) > 0.05
+        # the conditions are homogeneous in the estimate's weights
+        x = [float(entry.value) for entry in method.coefficients]
+        x[layout.starts[-2] :] = [3 * entry for entry in x[layout.starts[-2] :]]
+        assert np.abs(ConditionSystem(5, layout).residual(np.array(x))).max() < 1e-13
+
+
+def test_the_estimate_is_held_while_solving():
+    shape = {"flows": 12, "embedded": True, "first_same_as_last": True}
+    found = cg.search(5, 7, 12, 1, **shape, refine_below=0.0)
+    last = np.array([float(start.x[-1]) for start in found.starts])
+    assert ((last > 0.1) & (last < 0.2)).all()
 
 
 def test_checkpoints_go_on_where_they_ended(tmp_path):
@@ -184,6 +215,34 @@ def test_construct_takes_a_tree():
     found = cg.construct(4, 4, 1, tree=cg.methods["CF4"])
     assert (found.method.order, found.method.exponentials) == (4, 5)
     assert found.method.layout == cg.methods["CF4"].layout
+
+
+def test_construct_leaves_flows_of_a_tree_out():
+    tree = (tuple(range(-1, 10)), (-1, 0, 1, 3, 4, 7))
+    found = cg.construct(5, 6, 1, tree=tree, flows=10, tries=60)
+    assert (found.method.order, found.method.exponentials) == (5, 10)
+    with pytest.raises(ValueError, match="flows must be at most 11, got 12"):
+        cg.construct(5, 6, 1, tree=tree, flows=12)
+    with pytest.raises(ValueError, match="first_flows must be None with a tree"):
+        cg.construct(5, 6, 1, tree=tree, flows=10, first_flows=11)
+
+
+def test_the_last_stretch_ends_at_a_zero():
+    """Also where there are fewer unknowns than conditions, which depend on each other."""
+    candidate = pack_method(cg.methods["CF6c"])
+    system, free = candidate.system, candidate.system.free
+    assert free.size < system.equations
+    x = candidate.x + 1e-4 * np.random.default_rng(1).standard_normal(candidate.x.size)
+    before = float(np.sum(system.residual(x) ** 2))
+    found, f = finish(system, x, free)
+    assert before > 1e-10
+    assert f < 1e-26
+    assert np.abs(found - candidate.x).max() < 1
+    near = decompose(system.jacobian(candidate.x)[:, free])
+    assert near.rank == 67
+    back = retract(system, candidate.x + 1e-3 * near.kernel[:, 0], free, near)
+    assert np.sum(system.residual(back) ** 2) < 1e-27
+    assert retract(system, x + 1, free, near) is None
 
 
 def solution(order, **shape):

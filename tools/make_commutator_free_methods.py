@@ -115,7 +115,6 @@ RECIPES = (
         ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 7), (-1, 0, 1, 3, 4, 5, 7), 8, 9),
         120,
     ),
-    Recipe("CF5(4)b", 5, None, (695, 827), flows=11, stages=6, first_flows=13, pair=True),
     Recipe("CF6(5)", 6, None, (88,), flows=17, stages=8, first_flows=22, pair=True),
     Recipe(
         "CF7a",
