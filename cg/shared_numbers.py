@@ -53,6 +53,9 @@ class BlockKind(IntEnum):
     SE3 = 4  # 4 x 4 matrices of rigid motions, row by row
     SPHERE = 5  # the sphere in R^3: y' = v x y
     SU2 = 6  # complex 2 x 2 matrices, row by row
+    SO = 7  # rotation matrices of any size, row by row
+    SU = 8  # complex matrices of any size, row by row
+    U = 9  # likewise, of any determinant
 
 
 class BlockOption(IntEnum):

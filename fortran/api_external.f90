@@ -326,13 +326,14 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
 end subroutine frame_difference
 
 ! The derivatives of coordinates u that go with coefficients v
-subroutine frame_dexpinv(blocks, description, fields, u, v)
+subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   use algebra_r64, only: dexpinv
   use kinds_r64, only: wp
   use frames_r64, only: frame_t, make_frame
   implicit none
   integer, intent(in) :: blocks, fields
   integer, intent(in) :: description(3, blocks)
+  integer, intent(in) :: order               ! of the method
   real(wp), intent(in) :: u(fields)          ! (dimension, trajectories)
   real(wp), intent(inout) :: v(fields)
   type(frame_t) :: frame
@@ -341,7 +342,7 @@ subroutine frame_dexpinv(blocks, description, fields, u, v)
   call make_frame(description, 1, frame)
   associate (m => frame%dimension)
     do i = 0, fields / m - 1
-      call dexpinv(frame, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m))
+      call dexpinv(frame, order, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m))
     end do
   end associate
 end subroutine frame_dexpinv

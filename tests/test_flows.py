@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
+from cg.frames import GL, SE3, SO, SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
 from cg.integration.blocks import is_compiled
 from cg.integration.flows import _CompiledFlows, _Flows, difference_of, flows_of
 
@@ -19,6 +19,14 @@ FRAMES = [
     Sphere(2),
     SU(2),
     SU(2, "body"),
+    SO(2),
+    SO(4),
+    SO(5, "space"),
+    SU(3),
+    SU(4, "body"),
+    U(1),
+    U(3, "body"),
+    Product(SU(3), Euclidean(1), SO(4)),
     Euclidean(4),
     Product(SO3(), Euclidean(3), Product(Sphere(2), SU(2), SE3())),
 ]
@@ -118,6 +126,41 @@ def test_a_subclass_keeps_its_own_flow(frame):
     np.testing.assert_allclose(end, frame.flow(v, y0), rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("frame", [SO(4), Sphere(3), SU(3)], ids=repr)
+@pytest.mark.parametrize("frame", [GL(2), Sphere(3), SO(13)], ids=repr)
 def test_other_frames_are_moved_by_themselves(frame):
     assert not is_compiled(frame)
+
+
+MATRICES = [SO(2), SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(1), U(3, "body")]
+
+
+@pytest.mark.parametrize("size", [10.0, 1e3, 1e6, 1e9])
+@pytest.mark.parametrize("frame", MATRICES, ids=repr)
+def test_large_turns_stay_on_the_group(frame, size):
+    rng = np.random.default_rng(4)
+    y, v = frame.random_point(rng, 10), frame.random_vector(rng, 10)
+    v *= size / np.linalg.norm(v, axis=-1, keepdims=True)
+    moved = flows_of(frame)(v[:, None], y)
+    assert frame.membership_error(moved).max() < 2e-15
+    np.testing.assert_allclose(moved, frame.flow(v, y), rtol=0, atol=3e-15 * size)
+
+
+@pytest.mark.parametrize("frame", MATRICES, ids=repr)
+def test_no_difference_over_half_a_turn_is_wrong(frame):
+    """There is the one of the frame, or none."""
+    rng = np.random.default_rng(4)
+    y, v = frame.random_point(rng, 200), 3.0 * frame.random_vector(rng, 200)
+    far = flows_of(frame)(v[:, None], y)
+    found = difference_of(frame)(y, far)
+    known = np.isfinite(found).all(axis=-1)
+    assert known.any()
+    np.testing.assert_allclose(frame.flow(found[known], y[known]), far[known], rtol=0, atol=1e-13)
+    half = np.diag([-1.0, -1.0, *[1.0] * (frame.n - 2)]) if frame.n > 1 else -np.eye(1)
+    assert np.isnan(difference_of(frame)(np.eye(frame.n, dtype=frame.dtype), half + 0 * y[0])).all()
+
+
+def test_flows_that_are_no_numbers():
+    for frame in (SO(4), SU(3)):
+        v = np.full((1, frame.dim), np.inf)
+        moved = flows_of(frame)(v, frame.random_point(np.random.default_rng(0)))
+        assert np.isnan(moved).all()

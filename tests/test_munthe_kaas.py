@@ -22,18 +22,22 @@ from cg.frames import (
     CoadjointOrbit,
     Euclidean,
     MatrixFrame,
+    Power,
     Product,
     Sphere,
     Stiefel,
+    U,
     UnitQuaternion,
 )
 from cg.integration.built_in import integrate_affine
 from cg.integration.error_norm import ErrorNorm
+from cg.integration.flows import _Dexpinv, _Flows, dexpinv_of
 from cg.integration.problem import Problem
 from cg.integration.step import Step
 from cg.integration.stepper import error_exponent
 from cg.low_storage import from_two_registers
 from cg.points import MethodError
+from cg.problems.affine import AffineField
 
 METHODS = dict(munthe_kaas)
 EULER = cg.Tableau([[]], [1])
@@ -568,3 +572,60 @@ def test_a_function_may_write_into_its_point():
         options = {"frame": SO3(), "method": key, "h": 0.25}
         runs = [cg.integrate(g, (0, 1), np.eye(3), **options).y for g in (pointer(spoil), keep)]
         np.testing.assert_allclose(*runs, rtol=0, atol=1e-14)
+
+
+GROUPS = [SO(2), SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(1), U(2), Power(SU(3), 2)]
+
+
+@pytest.mark.parametrize("frame", GROUPS, ids=name)
+@pytest.mark.parametrize("key", [*METHODS, "CF4(3)", "CG4a"])
+def test_groups_of_matrices_in_compiled_code(frame, key):
+    f, y0 = generic(frame)
+    method = resolve_method(key)
+    fixed = {"frame": frame, "method": key, "h": 0.125}
+    tight = {"frame": frame, "method": key, "rtol": 1e-6, "atol": 1e-6}
+
+    def both():
+        yield cg.integrate(f, (0, 1), y0, **fixed)
+        if method.embedded_order:
+            yield cg.solve_ivp(f, (0, 1), y0, dense_output=True, **tight)
+
+    fast = list(both())
+    with (
+        patch.object(Problem, "in_compiled_code", property(lambda self: False)),
+        patch("cg.integration.step.flows_of", _Flows),
+        patch("cg.integration.step.dexpinv_of", _Dexpinv),
+    ):
+        slow = list(both())
+    np.testing.assert_allclose(fast[0].y, slow[0].y, rtol=0, atol=1e-13)
+    assert frame.membership_error(fast[0].y).max() < 2e-15
+    if method.embedded_order:
+        assert (fast[1].steps, fast[1].nfev) == (slow[1].steps, slow[1].nfev)
+        np.testing.assert_allclose(fast[1].y, slow[1].y, rtol=0, atol=1e-6)
+        t = np.linspace(0, 1, 5)
+        np.testing.assert_allclose(fast[1].sol(t), slow[1].sol(t), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", range(1, 13))
+@pytest.mark.parametrize("frame", GROUPS, ids=name)
+def test_the_series_in_compiled_code(frame, order):
+    u, v = np.random.default_rng(0).standard_normal((2, 3, frame.dim))
+    expected = frame.dexpinv(u, v, order=order)
+    found = dexpinv_of(frame, order)(u, v)
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("key", ORDERS)
+def test_slopes_on_matrices_in_quadruple_precision(key):
+    method, order = ORDERS[key]
+    problem = AffineField(SO(4, "space"), np.eye(4), seed=3)
+    counts = [8, 16, 32] if order > 5 else [64, 128]
+    ends = []
+    for n in counts:
+        run = integrate_affine(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
+        ends.append(np.array(run.exact(-1)))
+    fine = integrate_affine(problem, method="RKMK8(5,3)", h="1/200", steps=200, kind="real128")
+    exact = np.array(fine.exact(-1))
+    errors = [float(np.abs(end - exact).max()) for end in ends]
+    slope = observed_order(1 / np.array(counts), errors, floor=1e-27)
+    assert slope.order == pytest.approx(order, abs=0.3)

@@ -13,8 +13,11 @@ SCALAR_FIRST = int(BlockOption.SCALAR_FIRST)
 """Option of a block: its quaternions begin with their scalar part."""
 
 Blocks = tuple[tuple[int, int, int], ...]
-"""Of every block its kind, the dimension of Euclidean space (3 elsewhere), and the sum of its
+"""Of every block its kind, n of R^n, SO(n), SU(n) or U(n) (3 elsewhere), and the sum of its
 options."""
+
+LARGEST_MATRIX = 12
+"""Up to this size the flows of matrix groups are compiled; beyond, libraries are faster."""
 
 
 def axes_option(convention: str) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
-from cg.frames.block_kinds import BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import LARGEST_MATRIX, BlockKind, Blocks, axes_option
 from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
@@ -111,9 +111,10 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         return super()._dexpinv(u, v, order)
 
     def _blocks(self) -> Blocks | None:
-        if self.n != 3:
+        if self.n > LARGEST_MATRIX:
             return None
-        return ((BlockKind.SO3, 3, axes_option(self.convention)),)
+        kind = BlockKind.SO3 if self.n == 3 else BlockKind.SO
+        return ((kind, self.n, axes_option(self.convention)),)
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and for n = 3 the matrices of ``Rotation`` of SciPy."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
+from cg.frames.block_kinds import LARGEST_MATRIX, BlockKind, Blocks, axes_option
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
@@ -65,6 +66,11 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., n, n)``."""
         return unitary_exponential(self.algebra(v), special=self._special)
+
+    def _blocks(self) -> Blocks | None:
+        if self.n > LARGEST_MATRIX:
+            return None
+        return ((BlockKind.U, self.n, axes_option(self.convention)),)
 
     def _log1p(self, away: Points) -> Array:
         # Angles of the eigenvalues are in (-pi, pi], and in SU add up to zero.

@@ -9,7 +9,7 @@ from cg.frames.base import Frame
 
 __all__ = ["describe_blocks", "is_compiled"]
 
-_KNOWN = "SO3, UnitQuaternion, SU(2), SE3, Sphere(2), Euclidean and products of them"
+_KNOWN = "SO, SU, U, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them"
 
 
 def describe_blocks(frame: Frame) -> NDArray[np.int32]:

@@ -60,8 +60,8 @@ def integrate(
         void *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes, or
         a ``numba.cfunc``.  It is given one point, writes the coefficients, and returns zero, or
         else ends the call.  Explicit methods then run wholly in compiled code, without Python's
-        lock, on SO(3), unit quaternions, SU(2), SE(3), the sphere in space, Euclidean space and
-        their products.
+        lock, on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in space,
+        Euclidean space and their products.
     t_span
         Initial and final time.  If the final time is smaller, integration runs backward.
     y0

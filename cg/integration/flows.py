@@ -52,7 +52,7 @@ def difference_of(frame: Frame) -> Difference:
 
 def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
     """Return `Frame.dexpinv` for a method of some order."""
-    return _CompiledDexpinv(frame) if is_compiled(frame) else _Dexpinv(frame, order)
+    return _CompiledDexpinv(frame, order) if is_compiled(frame) else _Dexpinv(frame, order)
 
 
 class _Dexpinv:
@@ -116,20 +116,22 @@ class _CompiledDifference:
 
 
 class _CompiledDexpinv:
-    def __init__(self, frame: Frame) -> None:
+    def __init__(self, frame: Frame, order: int) -> None:
         import cg._external as core
 
         self.frame = frame
+        self.order = order
         self.dexpinv = core.dexpinv
         self.description = describe_blocks(frame)
 
     def __reduce__(self) -> tuple[Callable[[Frame, int], Dexpinv], tuple[Frame, int]]:
-        return dexpinv_of, (self.frame, 1)
+        return dexpinv_of, (self.frame, self.order)
 
     def __call__(self, u: Array, v: Array) -> Array:
         found = np.array(v, order="C")
         if found.size:
-            self.dexpinv(self.description, np.ascontiguousarray(u).reshape(-1), found.reshape(-1))
+            coordinates = np.ascontiguousarray(u).reshape(-1)
+            self.dexpinv(self.description, self.order, coordinates, found.reshape(-1))
         return found
 
 
