@@ -29,7 +29,7 @@ import numpy as np
 from flint import arb, ctx, fmpq
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core_r64
+from . import _core_r64, compiled_conditions
 from .checks import check_integer
 from .layout import Layout, Rows, check_rows, rows_of, unknowns
 from .points import START, PointTree, tree_of_rows
@@ -267,10 +267,7 @@ def weights_at(
     layout: Layout, x: NDArray[np.float64], order: int, independent: bool = False
 ) -> NDArray[np.float64]:
     """Return ``Φ(t)`` for the trees of `condition_trees`; arguments as for `residuals_at`."""
-    found: NDArray[np.float64] = _core_r64.weights(
-        order, layout.code, x, _trees(order, independent)
-    )
-    return found
+    return compiled_conditions.weights(order, layout, x, _trees(order, independent))
 
 
 def residuals_at(
@@ -292,9 +289,7 @@ def residuals_at(
     -------
     ndarray, shape (count(order, independent),)
     """
-    trees = _trees(order, independent)
-    found: NDArray[np.float64] = _core_r64.residuals(order, layout.code, x, trees)
-    return found
+    return compiled_conditions.residuals(order, layout, x, _trees(order, independent))
 
 
 def jacobian_at(
@@ -306,8 +301,8 @@ def jacobian_at(
     -------
     ndarray, shape (count(order, independent), layout.size)
     """
-    found = _core_r64.jacobian(order, layout.code, x, _trees(order, independent))
-    return np.ascontiguousarray(found)
+    trees = _trees(order, independent)
+    return np.ascontiguousarray(compiled_conditions.jacobian(order, layout, x, trees))
 
 
 def _trees(order: int, independent: bool) -> NDArray[np.intc]:

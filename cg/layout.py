@@ -255,6 +255,13 @@ class Layout:
         return PointTree(tuple(points), self.stage_points, *self.results)
 
     @cached_property
+    def segments(self) -> int:
+        """At most so many runs of points without a branch, a stage or a result between them."""
+        after = {m - 1 for m, parent in enumerate(self.parents) if parent != m - 1}
+        branches = {parent for m, parent in enumerate(self.parents) if parent != m - 1}
+        return len(({*self.ends, len(self.parents) - 1} | after | branches) - {START})
+
+    @cached_property
     def code(self) -> NDArray[np.intc]:
         """What the compiled core reads the layout from: see ``read_layout`` there."""
         second = self.results[1] + 1 if self.pair else 0

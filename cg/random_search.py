@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core_r64, _core_r128, quad
+from . import quad
 from .checkpoint import Checkpoint
 from .checks import LARGEST_COUNT, MOST_STAGES, WIDEST, check_flag, check_integer, check_real
 from .commutator_free import CommutatorFree
+from .compiled_conditions import fit_lmdif
 from .conditions import (
     Rows,
     check_rows,
@@ -380,10 +381,10 @@ def _run_lmdif(
     trees = np.array(table_rows(settings.order), dtype=np.intc)
     # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
-    shape = settings.order, layout.code
+    shape = settings.order, layout
     x, f, info, nfev = stoppable(
-        lambda stop_flag: _core_r64.fit_lmdif(
-            *shape, guess, trees, [1e-18], [1e-18], settings.maxfev, stop_flag
+        lambda stop_flag: fit_lmdif(
+            *shape, guess, trees, np.array([1e-18]), settings.maxfev, stop_flag
         )
     )
     double = Phase(_finite(f[0]), int(info), int(nfev))
@@ -392,8 +393,8 @@ def _run_lmdif(
         return double, None, bits
     tolerance = quad.from_float([1e-32]).T
     found, f, info, nfev = stoppable(
-        lambda stop_flag: _core_r128.fit_lmdif(
-            *shape, bits.T, trees, tolerance, tolerance, settings.refine_maxfev, stop_flag
+        lambda stop_flag: fit_lmdif(
+            *shape, bits.T, trees, tolerance, settings.refine_maxfev, stop_flag
         )
     )
     refined = Phase(_finite(quad.to_float(f.T)[0]), int(info), int(nfev))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .. import _core_r64
+from .. import compiled_conditions
 from ..checks import check_integer, check_real
 from ..conditions import condition_trees, count
 from ..solve.singular import Decomposition, decompose, retract
@@ -243,8 +243,7 @@ def _next_order(candidate: Candidate, derivative: bool) -> Terms:
     system = candidate.system
     order = system.order + 1
     trees = np.array(condition_trees(order)[count(system.order) :], dtype=np.intc)
-    shape = (order, system.layout.code)
-    values: NDArray[np.float64] = _core_r64.residuals(*shape, candidate.x, trees)
+    values = compiled_conditions.residuals(order, system.layout, candidate.x, trees)
     if not derivative:
         return values, np.empty((0, system.size))
-    return values, _core_r64.jacobian(*shape, candidate.x, trees)
+    return values, compiled_conditions.jacobian(order, system.layout, candidate.x, trees)

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core_r64
+from .. import compiled_conditions
 from ..conditions import HIGHEST_ORDER, condition_trees
 from ..layout import Layout
 from ..points import START
@@ -332,13 +332,13 @@ class Splitting:
     def residual(self, x: Vector) -> Vector:
         """Return the scaled residuals, shape (m,)."""
         trees, owner = self.conditions
-        found = _core_r64.residuals(self.order, self.layout.code, x, trees, owner=owner)
+        found = compiled_conditions.residuals(self.order, self.layout, x, trees, owner)
         return np.asarray(self.scale * found)
 
     def jacobian(self, x: Vector) -> Vector:
         """Return the derivatives of `residual` along `directions`, shape (m, unknowns)."""
         trees, owner = self.conditions
-        found = _core_r64.jacobian(self.order, self.layout.code, x, trees, owner=owner)
+        found = compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
         return np.asarray(self.scale[:, None] * (found @ self.directions))
 
     @cached_property

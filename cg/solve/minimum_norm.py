@@ -17,6 +17,7 @@ from scipy.linalg import cython_blas, cython_lapack
 from cg import _minimum_norm
 
 from ..checks import check_flag, check_integer
+from ..compiled_conditions import fit_minimum_norm
 from ..parallel import stoppable
 from ..shared_numbers import MinimumNormStatus
 from .system import ConditionSystem
@@ -106,11 +107,11 @@ def fit_conditions(
     accurate = check_flag("accurate", accurate)
     trees, owner = system.conditions(independent=True)
     moving = (indices + 1).astype(np.intc)
-    shape = (system.order, system.layout.code)
+    problem = (system.order, system.layout, x, trees, owner)
     most = max_iterations * trees.size**2 * moving.size  # for the Gram matrices
     found, f, iterations, evaluations, status = stoppable(
-        lambda stop_flag: _minimum_norm.fit_minimum_norm(
-            *shape, x, trees, owner, moving, ftol, damping, max_iterations, accurate, stop_flag
+        lambda stop_flag: fit_minimum_norm(
+            *problem, moving, ftol, damping, max_iterations, accurate, stop_flag
         ),
         brief=most <= _BRIEF,
     )

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core_r64, _core_r128, quad
+from .. import compiled_conditions, quad
 from ..checks import check_integer
 from ..conditions import HIGHEST_ORDER, condition_trees
 from ..layout import Layout, Rows
@@ -195,21 +195,16 @@ class ConditionSystem:
     def residual(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
         """Return the residuals at packed entries, shape (m,)."""
         trees, owner = self.conditions(independent)
-        found: NDArray[np.float64] = _core_r64.residuals(*self._shape, x, trees, owner=owner)
-        return found
+        return compiled_conditions.residuals(self.order, self.layout, x, trees, owner)
 
     def jacobian(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
         """Return the derivatives of `residual`, shape (m, size)."""
         trees, owner = self.conditions(independent)
-        found: NDArray[np.float64] = _core_r64.jacobian(*self._shape, x, trees, owner=owner)
-        return found
+        return compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
 
     def residual_quad(self, x: quad.Quads, independent: bool = False) -> NDArray[np.float64]:
         """Return the residuals as computed in real(16), rounded to double."""
         trees, owner = self.conditions(independent)
-        found = _core_r128.residuals(*self._shape, x.T, trees, owner=owner)
-        return quad.to_float(np.ascontiguousarray(found.T))
-
-    @property
-    def _shape(self) -> tuple[int, NDArray[np.intc]]:
-        return self.order, self.layout.code
+        return quad.to_float(
+            compiled_conditions.residuals_quad(self.order, self.layout, x, trees, owner)
+        )

@@ -1,0 +1,70 @@
+"""Memory for compiled calls: asked for before they begin.
+
+A failed ``allocate`` in Fortran stops the program, and so does an automatic array. What a call is
+going to allocate follows from its arguments, so that it is compared here with what can be had.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from .checks import memory
+
+__all__ = ["reserved"]
+
+_SLACK = 1 << 20  # f2py's and the allocator's own
+
+_changed = threading.Condition()
+_promised = {"bytes": 0}  # to calls that are running
+
+
+@contextmanager
+def reserved(needed: int, what: str) -> Iterator[None]:
+    """Run a compiled call only if the memory that it allocates can be had.
+
+    Calls in other threads that leave too little are waited for.
+
+    Parameters
+    ----------
+    needed : int
+        Bytes, no fewer than the call allocates at any one time.
+    what : str
+        What is asked for, for the message.
+
+    Raises
+    ------
+    MemoryError
+        If there is less: of physical memory, or below the limits of the process.
+    """
+    with _changed:
+        while not _available(needed + _promised["bytes"] + _SLACK):
+            if not _promised["bytes"]:
+                raise MemoryError(f"{what} needs {_in_words(needed)} of memory, which isn't there")
+            _changed.wait()
+        _promised["bytes"] += needed
+    try:
+        yield
+    finally:
+        with _changed:
+            _promised["bytes"] -= needed
+            _changed.notify_all()
+
+
+def _available(needed: int) -> bool:
+    if needed > memory():
+        return False
+    try:
+        np.empty(needed, dtype=np.uint8)  # asks for addresses; untouched, it takes no memory
+    except (MemoryError, ValueError):  # ValueError: beyond all addresses
+        return False
+    return True
+
+
+def _in_words(needed: int) -> str:
+    if needed >= 1 << 30:
+        return f"{needed / 2**30:.3g} GiB"
+    return f"{needed / 2**20:.3g} MiB"
