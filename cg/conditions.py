@@ -26,13 +26,14 @@ from math import factorial
 from typing import Any, Protocol
 
 import numpy as np
-from flint import arb, ctx, fmpq
+from flint import arb, fmpq
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core_r64, compiled_conditions
 from .checks import check_integer
 from .layout import Layout, Rows, check_rows, rows_of, unknowns
 from .points import START, PointTree, tree_of_rows
+from .precision import working_precision
 from .trees import MOST_NODES, forest
 
 __all__ = [
@@ -428,14 +429,10 @@ def ball_residuals_of(
     """
     order = _check_order(order, None)
     tree = _tree_of(method, False)
-    before = ctx.prec
-    ctx.prec = bits
-    try:
+    with working_precision(bits):
         found = exact_weights(tree, order, condition_trees(order, independent), _ball)
         sides = right_sides(order, independent)
         return tuple(phi - _ball(side) for phi, side in zip(found, sides, strict=True))
-    finally:
-        ctx.prec = before
 
 
 def exact_weights(

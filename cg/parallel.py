@@ -12,13 +12,22 @@ import os
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from typing import TypeVar
+from contextlib import contextmanager
+from typing import Any, TypeVar
 
 import numpy as np
+import threadpoolctl
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-__all__ = ["Stopped", "as_finished", "available_cores", "raise_if_stopped", "stoppable"]
+__all__ = [
+    "Stopped",
+    "as_finished",
+    "available_cores",
+    "raise_if_stopped",
+    "single_threads",
+    "stoppable",
+]
 
 Result = TypeVar("Result")
 
@@ -38,8 +47,43 @@ _worker = _Worker()
 
 
 def available_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    """Return the number of cores that this process may use; of all where that isn't told."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+_limit_lock = threading.Lock()
+_limited: dict[str, Any] = {"users": 0, "limits": None}
+
+
+@contextmanager
+def single_threads() -> Iterator[None]:
+    """Keep linear algebra to one thread each, so that results don't depend on their number.
+
+    The limit is one for the whole process: the first user sets it, the last one lifts it.
+    """
+    with _limit_lock:
+        if not _limited["users"]:
+            _take_control()
+            _limited["limits"] = threadpool_limits(1)
+        _limited["users"] += 1
+    try:
+        yield
+    finally:
+        with _limit_lock:
+            _limited["users"] -= 1
+            if not _limited["users"]:
+                _take_control()
+                _limited["limits"].restore_original_limits()
+                _take_control()
+
+
+def _take_control() -> None:
+    """Let any thread set the limit next: newer threadpoolctl ignores all but one thread."""
+    release = getattr(threadpoolctl.OpenBLASController, "clear_controlling_thread", None)
+    if release is not None:
+        release(force=True)
 
 
 def as_finished(
@@ -53,7 +97,7 @@ def as_finished(
     stop_flag = _new_flag()
     # one piece a core: threads inside the linear algebra would only be in each other's way
     with (
-        threadpool_limits(1),
+        single_threads(),
         ThreadPoolExecutor(workers, initializer=_work_for, initargs=(stop_flag,)) as pool,
     ):
         pending: dict[Future[Result], None] = {}  # in the order of submission

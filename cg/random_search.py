@@ -34,7 +34,7 @@ from .conditions import (
 )
 from .layout import Layout
 from .method import Method
-from .parallel import as_finished, available_cores, stoppable
+from .parallel import as_finished, available_cores, single_threads, stoppable
 from .search_records import Phase, RandomStart, SearchSettings
 from .solve.minimum_norm import fit_conditions
 from .solve.polish import polish
@@ -122,6 +122,7 @@ class SearchResult:
         """The start with the smallest residual, whether exact or not."""
         return min(self.starts, key=operator.attrgetter("largest_residual"))
 
+    @single_threads()
     def _method(self, start: RandomStart, layout: Layout) -> Method:
         settings = self.settings
         size = f"{settings.stages} stages"
@@ -336,6 +337,7 @@ def search(
     return SearchResult(settings, tuple(done[index] for index in range(starts)))
 
 
+@single_threads()
 def run_start(settings: SearchSettings, index: int) -> RandomStart:
     """Run one start alone: guess, solve in double, refine in real(16).
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from cg.parallel import available_cores
 
 from .blocks import Data
 
@@ -49,6 +50,6 @@ class Context:
 
     settings: Settings
     checkpoints: Path
-    workers: int = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    workers: int = field(default_factory=available_cores)
     progress: Progress = lambda done, total: None
     results: Mapping[str, Data] = field(default_factory=dict)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
+
+from cg.parallel import available_cores
 
 from .context import Progress, Settings
 from .item import Item
@@ -93,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
         "--seed", type=_at_least(0), default=0, help="seed of random starts (default: %(default)s)"
     )
     parser.add_argument(
-        "--workers", type=_at_least(1), default=len(os.sched_getaffinity(0)), metavar="N",
+        "--workers", type=_at_least(1), default=available_cores(), metavar="N",
         help="threads; they don't change the numbers (default: all cores, %(default)s)",
     )  # fmt: skip
     parser.add_argument("--list", action="store_true", help="list the items and exit")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
-from flint import arb, arb_mat, ctx, fmpq
+from flint import arb, arb_mat, fmpq
 from numpy.typing import NDArray
 from scipy import linalg
 
@@ -20,6 +19,7 @@ from ..conditions import HIGHEST_ORDER
 from ..layout import Layout
 from ..method import TOLERANCE_FACTOR, Method
 from ..munthe_kaas import MuntheKaas
+from ..precision import working_precision as precision
 from ..quad import to_decimal
 from .certificate import Beyond, Certificate, CertificationError
 from .explain import (
@@ -92,17 +92,6 @@ class Packed:
         held = [k for k, coefficient in enumerate(self.coefficients) if coefficient.value == 0]
         rows = map(self.layout.row, range(self.layout.stages, len(self.layout.ends)))
         return [frozenset(self.layout.stage_of[k].item() for k in held if k in row) for row in rows]
-
-
-@contextmanager
-def precision(bits: int) -> Iterator[None]:
-    """Set the precision of balls."""
-    before = ctx.prec
-    ctx.prec = bits
-    try:
-        yield
-    finally:
-        ctx.prec = before
 
 
 def certify(method: Method | str, order: int | None = None) -> Certificate:

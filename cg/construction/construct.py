@@ -11,7 +11,7 @@ from typing import Any
 from ..checkpoint import Checkpoint
 from ..checks import LARGEST_COUNT, check_flag, check_integer
 from ..method import Method
-from ..parallel import as_finished, available_cores
+from ..parallel import as_finished, available_cores, single_threads
 from ..solve.system import Structure
 from .attempt import Attempt, arrived, refined, run_attempt
 from .settings import ConstructionSettings, tableau_settings, tree_settings
@@ -46,6 +46,7 @@ class Construction:
         return self.method is not None
 
 
+@single_threads()
 def construct(
     order: int,
     stages: int,

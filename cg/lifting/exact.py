@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
-from flint import arb, ctx, fmpq
+from flint import arb, fmpq
 from numpy.typing import NDArray
 from scipy import linalg
 
 from ..conditions import condition_trees, exact_weights, right_sides
+from ..precision import working_precision
 from ..quad import DECIMAL_DIGITS, to_decimal
 from .splitting import Splitting
 
@@ -98,9 +99,7 @@ def _residuals(splitting: Splitting, free: Sequence[Fraction]) -> list[Fraction]
     for stage, order in splitting.assumptions:
         at = tree.stage_points[stage]
         claims.append((at, order, sum(tree.flat_row(at), Fraction(0))))
-    before = ctx.prec
-    ctx.prec = _BITS
-    try:
+    with working_precision(_BITS):
         found: list[Fraction] = []
         for end, order, c in claims:
             if order == 0:
@@ -117,8 +116,6 @@ def _residuals(splitting: Splitting, free: Sequence[Fraction]) -> list[Fraction]
                 mantissa, exponent = value.mid().man_exp()
                 found.append(int(mantissa) * Fraction(2) ** int(exponent))
         return found
-    finally:
-        ctx.prec = before
 
 
 def _ball(value: Fraction) -> arb:

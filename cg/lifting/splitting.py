@@ -350,14 +350,14 @@ class Splitting:
         """Return the residuals of the order above, of all words, not scaled."""
         trees, owner = self._principal
         return np.asarray(
-            _core_r64.residuals(self.order + 1, self.layout.code, x, trees, owner=owner)
+            compiled_conditions.residuals(self.order + 1, self.layout, x, trees, owner)
         )
 
     def principal_jacobian(self, x: Vector) -> Vector:
         """Return the derivatives of `principal_residual` by all weights."""
         trees, owner = self._principal
         return np.asarray(
-            _core_r64.jacobian(self.order + 1, self.layout.code, x, trees, owner=owner)
+            compiled_conditions.jacobian(self.order + 1, self.layout, x, trees, owner)
         )
 
     def merged(self, x: Vector, point: int) -> tuple[Splitting, Vector] | None:

@@ -8,7 +8,7 @@ from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
-from flint import acb, acb_mat, arb, ctx
+from flint import acb, acb_mat, arb
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames import SU, Power
@@ -17,6 +17,8 @@ from cg.problems.checks import ball, number
 from cg.problems.extrapolation import State, extrapolated
 from cg.problems.lattice import Lattice
 from cg.problems.taylor import Reference, Time, exact_midpoint, exact_times
+
+from ..precision import working_precision
 
 _Links = NDArray[np.complex128]
 
@@ -162,7 +164,7 @@ class GradientFlow:
             If a time isn't a finite number.
         """
         wanted = exact_times(times)
-        with ctx.workprec(bits):
+        with working_precision(bits):
             start = [_exponential(v) for v in self._logarithms]
             rough = extrapolated(self._tangents, start, wanted, Fraction(1, 32), 14)
             good = extrapolated(self._tangents, start, wanted, Fraction(1, 40), 15)

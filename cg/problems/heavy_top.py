@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import Literal
 
 import numpy as np
-from flint import arb, ctx, fmpq
+from flint import arb, fmpq
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
@@ -21,6 +21,8 @@ from cg.problems.taylor import (
     exact_midpoint,
     reference_solution,
 )
+
+from ..precision import working_precision
 
 _FRAME = Product(SO3(), Euclidean(3))
 
@@ -92,13 +94,13 @@ class HeavyTop:
     @property
     def mgl(self) -> Fraction:
         """Mass times gravity times length, right to more than 200 bits."""
-        with ctx.workprec(_BITS):
+        with working_precision(_BITS):
             return exact_midpoint(self._mgl())
 
     @property
     def y0_exact(self) -> tuple[Fraction, ...]:
         """The initial point, right to more than 200 bits, 12 numbers."""
-        with ctx.workprec(_BITS):
+        with working_precision(_BITS):
             return tuple(exact_midpoint(x) for x in self._initial())
 
     @property

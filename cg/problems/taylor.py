@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from flint import arb, ctx, fmpq
+from flint import arb, fmpq
 
 from cg.frames.arrays import Array
+
+from ..precision import working_precision
 
 Time = Fraction | float | int | str
 
@@ -111,7 +113,7 @@ def reference_solution(
             raise ValueError(f"{name} must be a positive integer, got {value!r}")
     if step <= 0:
         raise ValueError(f"step must be positive, got {step}")
-    with ctx.workprec(bits):
+    with working_precision(bits):
         system = build()
         coarse = _solve(system, exact, step, order)
         fine = _solve(system, exact, step * Fraction(2, 3), order + order // 5)
