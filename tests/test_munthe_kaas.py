@@ -1,19 +1,15 @@
 """Methods of Munthe-Kaas: what they are, their orders on all frames, their estimates and output."""
 
-import ctypes
 import pickle
-from unittest.mock import patch
 
 import numpy as np
 import pytest
 import scipy.integrate
-from compiled_examples import PROBLEMS
 from frame_examples import HEISENBERG, LARGEST_SCALE, name
 from test_brackets import HEISENBERG_GROUP, WITH
 
 import cg
-from cg.catalogue import dumps, load, loads, munthe_kaas, resolve_method, save
-from cg.convergence import observed_order
+from cg.catalogue import munthe_kaas
 from cg.frames import (
     SE3,
     SO,
@@ -22,26 +18,16 @@ from cg.frames import (
     CoadjointOrbit,
     Euclidean,
     MatrixFrame,
-    Power,
     Product,
     Sphere,
     Stiefel,
-    U,
     UnitQuaternion,
 )
-from cg.integration.built_in import integrate_affine
 from cg.integration.error_norm import ErrorNorm
-from cg.integration.flows import _Dexpinv, _Flows, dexpinv_of
-from cg.integration.problem import Problem
 from cg.integration.step import Step
 from cg.integration.stepper import error_exponent
-from cg.low_storage import from_two_registers
-from cg.points import MethodError
-from cg.problems.affine import AffineField
 
 METHODS = dict(munthe_kaas)
-EULER = cg.Tableau([[]], [1])
-HEUN = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0], name="Heun")
 
 
 def generic(frame, seed=11):
@@ -55,126 +41,6 @@ def generic(frame, seed=11):
         return np.sin(both @ weights.T + np.arange(frame.dim) + t)
 
     return f, y0
-
-
-class TestMethods:
-    def test_orders(self):
-        found = {key: (m.order, m.embedded_order, m.third_order) for key, m in METHODS.items()}
-        assert found == {
-            "RKMK3(2)": (3, 2, None),
-            "RKMK4": (4, None, None),
-            "RKMK5(4)": (5, 4, None),
-            "RKMK8(5,3)": (8, 5, 3),
-        }
-
-    def test_flows(self):
-        found = {key: (m.stages, m.exponentials, m.pair_exponentials) for key, m in METHODS.items()}
-        assert found == {
-            "RKMK3(2)": (4, 3, 3),
-            "RKMK4": (4, 4, 4),
-            "RKMK5(4)": (7, 6, 6),
-            "RKMK8(5,3)": (12, 12, 12),
-        }
-
-    @pytest.mark.parametrize("key", METHODS)
-    def test_they_can_be_written_and_read(self, key, tmp_path):
-        method = METHODS[key]
-        assert loads(dumps(method)) == method
-        save(method, tmp_path / "method.toml")
-        again = load(tmp_path / "method.toml")
-        assert (again, again.name, again.source) == (method, method.name, method.source)
-        assert pickle.loads(pickle.dumps(method)) == method
-        assert hash(again) == hash(method)
-        assert resolve_method(key) is method
-
-    def test_coefficients_of_scipy(self):
-        for key, theirs in (
-            ("RKMK3(2)", scipy.integrate.RK23),
-            ("RKMK5(4)", scipy.integrate.RK45),
-            ("RKMK8(5,3)", scipy.integrate.DOP853),
-        ):
-            method, stages = METHODS[key], len(theirs.B)
-            size = min(theirs.A.shape[1], stages)
-            a = theirs.A[:stages, :size]
-            np.testing.assert_allclose(method.a[:stages, :size], a, rtol=0, atol=1e-14)
-            np.testing.assert_allclose(method.b[:stages], theirs.B, rtol=0, atol=1e-15)
-        weights = np.array(METHODS["RKMK8(5,3)"].error_weights, dtype=float)
-        np.testing.assert_allclose(weights[0], scipy.integrate.DOP853.E5[:-1], rtol=0, atol=1e-15)
-        np.testing.assert_allclose(weights[1], scipy.integrate.DOP853.E3[:-1], rtol=0, atol=1e-15)
-
-    def test_one_of_a_user(self):
-        method = cg.MuntheKaas(HEUN)
-        assert (method.name, method.order, method.embedded_order, method.stages) == (
-            "Heun",
-            2,
-            1,
-            2,
-        )
-        assert method.exact == HEUN.exact
-        assert method.exact_embedded == (1, 0)
-        assert method.principal_error() == pytest.approx(np.sqrt(2.0) / 6.0)
-        assert method.largest_residual() == 0
-        assert method.largest_residual(3) == pytest.approx(1 / 6)
-        assert repr(method) == "<MuntheKaas Heun: 2 stages, explicit, a pair>"
-        assert method == cg.MuntheKaas(HEUN, name="other")
-        assert method != cg.MuntheKaas(EULER)
-        assert method != HEUN
-        assert method.embedded == cg.MuntheKaas(cg.Tableau([[], [1]], [1, 0]))
-
-    def test_the_weights_of_higher_order_make_the_steps(self):
-        swapped = cg.Tableau([[], [1]], [1, 0], b_embedded=["1/2", "1/2"])
-        f, y0 = generic(SO3())
-        options = {"frame": SO3(), "rtol": 1e-5, "atol": 1e-5}
-        runs = [
-            cg.solve_ivp(f, (0, 1), y0, method=cg.MuntheKaas(m), **options) for m in (HEUN, swapped)
-        ]
-        np.testing.assert_array_equal(runs[0].y, runs[1].y)
-
-    @pytest.mark.parametrize(
-        ("make", "message"),
-        [
-            (lambda: cg.MuntheKaas(cg.methods["CF4"]), "tableau must be a Tableau, got"),
-            (lambda: cg.MuntheKaas("RK4"), "tableau must be a Tableau, got 'RK4'"),
-            (lambda: cg.MuntheKaas(cg.methods["ImplicitMidpoint"]), "tableau must be explicit"),
-            (lambda: cg.MuntheKaas(EULER, third=[1]), "third must be None unless"),
-            (lambda: cg.MuntheKaas(HEUN, third=[1]), "third must have 2 entries, got 1"),
-            (lambda: cg.MuntheKaas(HEUN, third=[1, 0]), "third must differ"),
-            (lambda: cg.MuntheKaas(HEUN, third="ab"), "third must be a sequence"),
-            (lambda: cg.MuntheKaas(HEUN, third=["x", 0]), "third_1: expected a finite real"),
-            (lambda: cg.MuntheKaas(cg.Tableau([[]], [0])), "result must depend on a stage"),
-            (lambda: cg.MuntheKaas(HEUN, name=3), "name must be a str"),
-            (lambda: loads(dumps(METHODS["RKMK4"]).replace("e-K", "e-k")), "kind must be"),
-        ],
-    )
-    def test_what_is_refused(self, make, message):
-        with pytest.raises(MethodError, match=message):
-            make()
-
-    def test_there_are_no_certificates(self):
-        with pytest.raises(TypeError, match="method must be a Tableau or CommutatorFree, got <Mun"):
-            cg.certify("RKMK4")
-
-    def test_a_name_that_is_none(self):
-        with pytest.raises(ValueError, match=r"method must be one of .*RKMK5\(4\).*, got 'RKMK9'"):
-            resolve_method("RKMK9")
-
-    def test_it_is_no_method_of_two_registers(self):
-        chain = from_two_registers([0], ["1"])
-        euler = cg.MuntheKaas(cg.Tableau([[]], chain.exact[1]))
-        f, y0 = generic(SO3())
-        runs = [cg.integrate(f, (0, 1), y0, frame=SO3(), method=m, h=0.5) for m in (chain, euler)]
-        np.testing.assert_allclose(runs[0].y, runs[1].y, rtol=0, atol=1e-15)
-
-    def test_warnings_of_pairs(self):
-        close = cg.Tableau(
-            [[], [1]], ["1/2", "1/2"], b_embedded=["50000001/100000000", "49999999/100000000"]
-        )
-        f, y0 = generic(SO3())
-        with pytest.warns(UserWarning, match="both its results|nearly coincide"):
-            cg.solve_ivp(f, (0, 1), y0, frame=SO3(), method=cg.MuntheKaas(close))
-        nothing = cg.MuntheKaas(cg.Tableau([[], [1]], ["1/2", "1/4"]))
-        with pytest.warns(UserWarning, match="has order 0"):
-            cg.integrate(f, (0, 1), y0, frame=SO3(), method=nothing, h=0.5)
 
 
 STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}
@@ -197,46 +63,6 @@ def test_order_on_all_frames_with_brackets(frame):
         else:
             assert max(errors) < 1e-8  # next to exact: one field, or flows that commute
     assert frame.distance(solution("CF5a", 3), fine).max() < 1e-6
-
-
-ORDERS = {
-    **{key: (m, m.order) for key, m in METHODS.items()},
-    **{
-        f"{key}, second": (m.embedded, m.embedded_order) for key, m in METHODS.items() if m.embedded
-    },
-}
-
-
-@pytest.fixture(scope="module", params=["SO3 body", "SE3 space"])
-def solved(request):
-    problem = PROBLEMS[request.param]
-    return problem, problem.reference([1], bits=128).values[0][:-1]
-
-
-@pytest.mark.parametrize("key", ORDERS)
-def test_slopes_in_quadruple_precision(solved, key):
-    (problem, exact), (method, order) = solved, ORDERS[key]
-    counts = [8, 16, 32] if order > 5 else [64, 128, 256]
-    errors = []
-    for n in counts:
-        end = integrate_affine(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
-        errors.append(float(max(abs(x - y) for x, y in zip(end.exact(-1), exact, strict=True))))
-    slope = observed_order(1 / np.array(counts), errors, floor=1e-31)
-    assert slope.order == pytest.approx(order, abs=0.25)
-
-
-@pytest.mark.parametrize("key", METHODS)
-@pytest.mark.parametrize("problem", PROBLEMS)
-def test_compiled_code_and_python_take_the_same_steps(problem, key):
-    problem, method = PROBLEMS[problem], METHODS[key]
-    run = cg.integrate(problem.f, (0, 1), problem.y0, frame=problem.frame, method=key, h=0.25)
-    step = Step(problem.f, problem.frame, method)
-    point = problem.y0
-    for k in range(4):
-        point = step(0.25 * k, point, 0.25)
-    np.testing.assert_allclose(run.y[-1], point, rtol=1e-14, atol=1e-14)
-    assert (run.nfev, run.nexp) == (step.counts.nfev, step.counts.nexp)
-    assert run.nexp == 4 * method.exponentials
 
 
 def test_reuse_of_the_last_stage():
@@ -502,37 +328,6 @@ def test_third_weights_make_the_estimate_smaller():
     assert second < first
 
 
-@pytest.mark.parametrize("key", ["RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)"])
-@pytest.mark.parametrize("entry", ["product", "SE3 body", "sphere", "SU2 body"])
-def test_a_function_in_c_takes_the_steps_of_the_loop_in_python(entry, key, affine):
-    problem = PROBLEMS[entry]
-    f, _keep = affine(problem)
-    options = {"frame": problem.frame, "method": key, "rtol": 1e-6, "atol": 1e-6}
-    fast = cg.solve_ivp(f, (0.2, 2.0), problem.y0, dense_output=True, **options)
-    with patch.object(Problem, "in_compiled_code", property(lambda self: False)):
-        slow = cg.solve_ivp(f, (0.2, 2.0), problem.y0, dense_output=True, **options)
-    assert (fast.steps, fast.nrejected) == (slow.steps, slow.nrejected)
-    assert (fast.nfev, fast.nexp) == (slow.nfev, slow.nexp)
-    # the estimate of a tiny first step is not far from rounding
-    np.testing.assert_allclose(fast.t, slow.t, rtol=1e-6)
-    t = np.linspace(0.2, 2.0, 7)
-    np.testing.assert_allclose(fast.sol(t), slow.sol(t), rtol=0, atol=1e-9)
-
-
-def test_members_of_a_function_in_c_take_steps_of_their_own(affine):
-    problem = PROBLEMS["SE3 body"]
-    f, _keep = affine(problem)
-    points = problem.frame.random_point(np.random.default_rng(2), 5)
-    options = {"frame": problem.frame, "method": "RKMK8(5,3)", "rtol": 1e-8, "atol": 1e-8}
-    whole = cg.solve_ivp(f, (0, 1), points, t_eval=[0.5, 1.0], **options)
-    for i, point in enumerate(points):
-        alone = cg.solve_ivp(f, (0, 1), point, t_eval=[0.5, 1.0], **options)
-        np.testing.assert_array_equal(whole.y[:, i], alone.y)
-    fixed = {"frame": problem.frame, "method": "RKMK5(4)", "h": 0.01}
-    runs = [cg.integrate(f, (0, 1), points, workers=w, **fixed).y for w in (1, 2)]
-    np.testing.assert_array_equal(*runs)
-
-
 @pytest.mark.parametrize("frame", [SO3(), SO(4)], ids=name)
 def test_rows_that_repeat_or_are_zero(frame):
     """A stage at the initial point, two at one point, and one at the result that isn't the last."""
@@ -552,79 +347,3 @@ def test_rows_that_repeat_or_are_zero(frame):
     np.testing.assert_allclose(one.y, other.y, rtol=0, atol=1e-14)
     t = np.linspace(0, 1, 23)
     np.testing.assert_allclose(one.sol(t), other.sol(t), rtol=0, atol=1e-13)
-
-
-def test_a_function_may_write_into_its_point():
-    def spoil(t, y, f, data):
-        for i in range(3):
-            f[i] = 0.3 * (i + 1) + y[i]
-        for i in range(9):
-            y[i] = 7.0
-        return 0
-
-    def keep(t, y):
-        return 0.3 * np.arange(1.0, 4.0) + y.ravel()[:3]
-
-    doubles = ctypes.POINTER(ctypes.c_double)
-    pointer = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, doubles, doubles, ctypes.c_void_p)
-    for key in METHODS:
-        options = {"frame": SO3(), "method": key, "h": 0.25}
-        runs = [cg.integrate(g, (0, 1), np.eye(3), **options).y for g in (pointer(spoil), keep)]
-        np.testing.assert_allclose(*runs, rtol=0, atol=1e-14)
-
-
-GROUPS = [SO(2), SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(1), U(2), Power(SU(3), 2)]
-
-
-@pytest.mark.parametrize("frame", GROUPS, ids=name)
-@pytest.mark.parametrize("key", [*METHODS, "CF4(3)", "CG4a"])
-def test_groups_of_matrices_in_compiled_code(frame, key):
-    f, y0 = generic(frame)
-    method = resolve_method(key)
-    fixed = {"frame": frame, "method": key, "h": 0.125}
-    tight = {"frame": frame, "method": key, "rtol": 1e-6, "atol": 1e-6}
-
-    def both():
-        yield cg.integrate(f, (0, 1), y0, **fixed)
-        if method.embedded_order:
-            yield cg.solve_ivp(f, (0, 1), y0, dense_output=True, **tight)
-
-    fast = list(both())
-    with (
-        patch.object(Problem, "in_compiled_code", property(lambda self: False)),
-        patch("cg.integration.step.flows_of", _Flows),
-        patch("cg.integration.step.dexpinv_of", _Dexpinv),
-    ):
-        slow = list(both())
-    np.testing.assert_allclose(fast[0].y, slow[0].y, rtol=0, atol=1e-13)
-    assert frame.membership_error(fast[0].y).max() < 2e-15
-    if method.embedded_order:
-        assert (fast[1].steps, fast[1].nfev) == (slow[1].steps, slow[1].nfev)
-        np.testing.assert_allclose(fast[1].y, slow[1].y, rtol=0, atol=1e-6)
-        t = np.linspace(0, 1, 5)
-        np.testing.assert_allclose(fast[1].sol(t), slow[1].sol(t), rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("order", range(1, 13))
-@pytest.mark.parametrize("frame", GROUPS, ids=name)
-def test_the_series_in_compiled_code(frame, order):
-    u, v = np.random.default_rng(0).standard_normal((2, 3, frame.dim))
-    expected = frame.dexpinv(u, v, order=order)
-    found = dexpinv_of(frame, order)(u, v)
-    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
-
-
-@pytest.mark.parametrize("key", ORDERS)
-def test_slopes_on_matrices_in_quadruple_precision(key):
-    method, order = ORDERS[key]
-    problem = AffineField(SO(4, "space"), np.eye(4), seed=3)
-    counts = [8, 16, 32] if order > 5 else [64, 128]
-    ends = []
-    for n in counts:
-        run = integrate_affine(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
-        ends.append(np.array(run.exact(-1)))
-    fine = integrate_affine(problem, method="RKMK8(5,3)", h="1/200", steps=200, kind="real128")
-    exact = np.array(fine.exact(-1))
-    errors = [float(np.abs(end - exact).max()) for end in ends]
-    slope = observed_order(1 / np.array(counts), errors, floor=1e-27)
-    assert slope.order == pytest.approx(order, abs=0.3)
