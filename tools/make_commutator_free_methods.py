@@ -89,6 +89,9 @@ RECIPES = (
         60,
         certified=True,
     ),
+    Recipe("CF4c", 4, ((-1, 0, 1, 2, 3), (-1, 0, 1, 2, 3)), 60, certified=True),
+    Recipe("CF4d", 4, ((-1, 0, 0, -1, 3), (-1, 0, 1, 2)), 60),
+    Recipe("CF5e", 5, None, (25, 174), flows=10, stages=7, first_flows=10),
     Recipe("CF5d", 5, ((-1, 0, 1, 2, 3, 4, 5, 6, 7), (-1, 0, 1, 2, 3, 4, 7)), 200),
     Recipe(
         "CF5a",
@@ -262,10 +265,10 @@ def method(recipe: Recipe) -> cg.CommutatorFree:
         )
         if recipe.flows is not None:
             most = recipe.first_flows if recipe.tree is None else len(recipe.tree[0])
+            left = f"flows left out down to {recipe.flows}, " if most > recipe.flows else ""
             source = (
                 f"random start {k} of seed {SEED} with a tree of {most} flows that was drawn at "
-                f"random, flows left out down to {recipe.flows}, moved along the solution set to "
-                "a small principal error"
+                f"random, {left}moved along the solution set to a small principal error"
             )
         if candidate.system.embedded:
             source = f"both results solved for jointly, {source}"
