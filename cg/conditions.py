@@ -34,6 +34,7 @@ from .checks import check_integer
 from .layout import Layout, Rows, check_rows, rows_of, unknowns
 from .points import START, PointTree, tree_of_rows
 from .precision import working_precision
+from .texts import read_fraction
 from .trees import MOST_NODES, forest
 
 __all__ = [
@@ -518,7 +519,7 @@ def _rationals(entries: Any, name: str) -> list[Fraction]:
 
 def _rational(entry: Any, name: str) -> Fraction:
     try:
-        return Fraction(entry.item() if isinstance(entry, np.generic) else entry)
+        return read_fraction(entry.item() if isinstance(entry, np.generic) else entry)
     except (TypeError, ValueError, OverflowError, ZeroDivisionError):
         raise ValueError(f"{name} must hold finite real numbers, got {entry!r}") from None
 

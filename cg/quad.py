@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .checks import check_integer
+from .texts import read_fraction
 
 __all__ = ["DECIMAL_DIGITS", "Quads", "decode", "encode", "from_float", "to_decimal", "to_float"]
 
@@ -56,7 +57,7 @@ def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
 
 def _exact(value: Any) -> Fraction:
     try:
-        return Fraction(value)
+        return read_fraction(value)
     except (TypeError, ValueError, OverflowError, ZeroDivisionError):
         raise ValueError(f"values must be finite real numbers, got {value!r}") from None
 

@@ -14,7 +14,7 @@ in a folder of their own: their orders are those of vector spaces.
 from __future__ import annotations
 
 import json
-import tomllib
+import re
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -28,6 +28,7 @@ from ..method import Method
 from ..munthe_kaas import MuntheKaas
 from ..points import MethodError
 from ..tableau import Tableau, TableauError
+from ..texts import file_in, read_toml
 
 __all__ = [
     "Catalogue",
@@ -48,6 +49,7 @@ _REQUIRED_OF_POINTS = {"name", "source", "points", "stage_points", "result"}
 _OPTIONAL_OF_POINTS = {"embedded_result", "nominal"}
 _POINT = {"parent", "weights"}
 _NOMINAL = {"order", "residual"}
+_STAGE = re.compile(r"\d{1,6}", re.ASCII)
 
 
 def loads(text: str) -> Method:
@@ -61,10 +63,7 @@ def loads(text: str) -> Method:
     """
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
-    try:
-        entry = tomllib.loads(text, parse_float=str)
-    except tomllib.TOMLDecodeError as error:
-        raise TableauError(f"not a TOML file: {error}") from None
+    entry = read_toml(text, TableauError, parse_float=str)
     points = "points" in entry
     if "kind" in entry:
         return _read_munthe_kaas(entry)
@@ -101,7 +100,7 @@ def _read_points(tables: Any) -> list[Any]:
             raise MethodError(f"point {m} must be a table with one of weights, got {table!r}")
         _check_keys(table, _POINT, set(), f"point {m}")
         stages = table["weights"]
-        if wrong := [stage for stage in stages if not stage.isdecimal()]:
+        if wrong := [stage for stage in stages if not _STAGE.fullmatch(stage)]:
             raise MethodError(f"weights of point {m} must be on stages, got one on {wrong[0]!r}")
         points.append((table["parent"], {int(k): weight for k, weight in stages.items()}))
     return points
@@ -183,9 +182,25 @@ def _quoted(text: str) -> str:
 
 
 def save(method: Method, path: str | PathLike[str]) -> None:
-    """Write a method to a catalogue file."""
-    text = dumps(method)
-    _path(path).write_text(text, encoding="utf-8")
+    """Write a method to a catalogue file.
+
+    Parameters
+    ----------
+    method : Method
+    path : path
+        Of the file, or a folder that gets a file named like the method.
+
+    Raises
+    ------
+    ValueError
+        If it is a folder and the name isn't fit for a file's name.
+    OSError
+        If the file can't be written.
+    """
+    text, path = dumps(method), _path(path)
+    if path.is_dir():
+        path = file_in(path, method.name)
+    path.write_text(text, encoding="utf-8")
 
 
 class Catalogue(Mapping[str, Method]):

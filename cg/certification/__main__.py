@@ -11,6 +11,7 @@ from pathlib import Path
 from ..catalogue import load, methods
 from ..method import Method
 from ..points import MethodError
+from ..texts import file_in
 from .certificate import CertificationError
 from .files import certificate_names, certificate_of, check_file
 from .prove import certify, check
@@ -46,7 +47,7 @@ def _run(items: Sequence[str], prove: Callable[[str], str]) -> int:
         begin = time.perf_counter()
         try:
             message = prove(item)
-        except (CertificationError, MethodError, OSError, KeyError) as error:
+        except (CertificationError, MethodError, OSError, KeyError, ValueError) as error:
             failed += 1
             message = f"FAILED {item}: {error}"
         print(f"{message} [{time.perf_counter() - begin:.1f} s]", flush=True)
@@ -68,7 +69,7 @@ def _certify(item: str, output: str | None) -> str:
     certificate = certify(method)
     if output is None:
         return f"{certificate.dumps()}\nproved {certificate}"
-    certificate.save(Path(output) / f"{method.name}.toml")
+    certificate.save(file_in(output, method.name))
     return f"proved {certificate}"
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from dataclasses import dataclass
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from ..texts import read_fraction, read_toml
+
 __all__ = ["Beyond", "Certificate", "CertificationError"]
+
+_LARGEST = Fraction(10) ** 4000  # more digits of an integer Python doesn't write by default
 
 
 class CertificationError(ArithmeticError):
@@ -49,6 +52,9 @@ class Beyond:
 
     tree: str
     bound: str
+
+    def __post_init__(self) -> None:
+        _decimal(self.bound)
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,9 @@ class Certificate:
     fixed: tuple[str, ...]
     beyond: Beyond
     embedded_beyond: Beyond | None
+
+    def __post_init__(self) -> None:
+        _decimal(self.radius)
 
     def __str__(self) -> str:
         pair = f"({self.embedded_order})" if self.embedded_order else ""
@@ -131,10 +140,7 @@ class Certificate:
         CertificationError
             If a key is missing, unknown, or has a value of the wrong kind.
         """
-        try:
-            entry = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise CertificationError(f"not a TOML file: {error}") from None
+        entry = read_toml(text, CertificationError)
         kinds: dict[str, type] = {
             "name": str,
             "order": int,
@@ -151,7 +157,7 @@ class Certificate:
             name=entry["name"],
             order=entry["order"],
             embedded_order=embedded.pop("order", None) if embedded else None,
-            radius=_decimal(entry["radius"]),
+            radius=entry["radius"],
             bits=entry["bits"],
             identities=tuple(map(str, entry["identities"])),
             fixed=tuple(map(str, entry["fixed"])),
@@ -188,16 +194,19 @@ def _check(table: dict[str, Any], kinds: dict[str, type], where: str) -> None:
 
 def _read_beyond(table: dict[str, Any], where: str) -> Beyond:
     _check(table, {"tree": str, "bound": str}, where)
-    return Beyond(table["tree"], _decimal(table["bound"]))
+    return Beyond(table["tree"], table["bound"])
 
 
 def _decimal(text: str) -> str:
     try:
-        if Fraction(text) >= 0:
+        value = read_fraction(text)
+        if value == 0 or 1 / _LARGEST <= value <= _LARGEST:
             return text
-    except (ValueError, ZeroDivisionError):
+    except (TypeError, ValueError, ZeroDivisionError):
         pass
-    raise CertificationError(f"expected a decimal number, not negative, got {text!r}")
+    raise CertificationError(
+        f"expected a decimal number, zero or between 1e-4000 and 1e4000, got {str(text)[:80]!r}"
+    )
 
 
 def _beyond(found: Beyond) -> list[str]:

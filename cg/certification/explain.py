@@ -16,6 +16,7 @@ from scipy import linalg
 
 from ..layout import Layout, Rows
 from ..quad import to_decimal
+from ..texts import read_fraction
 from .composition import MidpointSteps
 from .identities import MiddleAbscissae, OfFirstWeights, PathOrderTwo, StageOrderTwo
 from .krawczyk import to_double
@@ -58,7 +59,7 @@ def read_identity(name: str) -> Identity:
         If no such identity is known.
     """
     heading, _, values = name.partition(": ")
-    parameters = tuple(map(Fraction, values.split()))
+    parameters = tuple(map(read_fraction, values.split()))
     stage = re.fullmatch(r"C\(2\) except at stage ([1-9]\d*)", heading)
     found: Identity
     if stage and not parameters:

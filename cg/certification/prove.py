@@ -56,6 +56,7 @@ __all__ = [
 
 _GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
 _MOST_BITS = 1 << 14
+_MOST_IDENTITIES = 100
 _LEAST_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
 
 
@@ -184,6 +185,8 @@ def check(certificate: Certificate, method: Method) -> None:
         if Fraction(certificate.radius) == 0:
             if len(certificate.fixed) != packed.layout.size:
                 raise CertificationError("a radius of 0 needs all coefficients fixed")
+            if certificate.identities:
+                raise CertificationError("a radius of 0 needs no identities")
             check_rational(packed, certificate)
         else:
             prove_box(packed, certificate)
@@ -198,10 +201,13 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
         faults.append(f"it is for {certificate.name!r}, not for {method.name!r}")
     if pair != method.layout.pair:
         faults.append("second weights must be proved, and those of pairs only")
-    if certificate.order < 1 or (pair and not certificate.embedded_order):
-        faults.append("orders must be at least 1")
+    orders = _orders(certificate)
+    if not all(type(order) is int and 1 <= order <= HIGHEST_ORDER for order in orders):
+        faults.append(f"orders must be between 1 and {HIGHEST_ORDER}")
     if not 53 <= certificate.bits <= _MOST_BITS:
         faults.append(f"bits must be between 53 and {_MOST_BITS}, got {certificate.bits}")
+    if len(certificate.identities) > _MOST_IDENTITIES:
+        faults.append(f"there may be at most {_MOST_IDENTITIES} identities")
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
     packed = Packed.of(method)
@@ -475,7 +481,8 @@ def _find_beyond(packed: Packed, draft: Certificate) -> Certificate:
 def _check_beyond(packed: Packed, certificate: Certificate) -> None:
     claims = [certificate.beyond, certificate.embedded_beyond]
     for r, (order, claim) in enumerate(zip(_orders(certificate), claims, strict=False)):
-        assert claim is not None
+        if claim is None:
+            raise CertificationError("second weights need a condition that they violate")
         try:
             word = parse(claim.tree)
         except ValueError as error:

@@ -14,7 +14,7 @@ from functools import cache
 from typing import Any
 
 from ..conditions import condition_trees
-from ..trees import OrderedTree, forest
+from ..trees import MOST_NODES, OrderedTree, forest
 
 __all__ = [
     "Letter",
@@ -112,8 +112,11 @@ def parse(tree: str) -> Word:
     Raises
     ------
     ValueError
-        If the text isn't one tree in balanced brackets.
+        If the text isn't one tree in balanced brackets, or the tree has more than
+        `cg.trees.MOST_NODES` nodes.
     """
+    if tree.count("[") > MOST_NODES:
+        raise ValueError(f"a tree must have at most {MOST_NODES} nodes, got {tree[:80]!r}")
 
     def convert(found: OrderedTree) -> Word:
         return tuple(convert(child) for child in found.children)

@@ -7,7 +7,6 @@ out, in exact rational arithmetic.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -15,6 +14,7 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Any
 
+from ..texts import read_toml
 from ..trees import OrderedTree
 from .ring import Polynomial, Ring
 from .shapes import Shape, TableauShape, orderings, point_shapes, read_shape
@@ -147,7 +147,7 @@ def read_proof(name: str) -> Proof:
     """
     if name not in proof_names():
         raise KeyError(f"there is no proof {name!r}; there are {', '.join(proof_names())}")
-    table = tomllib.loads((_folder() / f"{name}.toml").read_text(encoding="utf-8"))
+    table = read_toml((_folder() / f"{name}.toml").read_text(encoding="utf-8"), ImpossibilityError)
     return Proof(
         table["order"],
         table.get("stages", 0),

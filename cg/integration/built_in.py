@@ -24,6 +24,7 @@ from cg.method import Method
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
 from cg.shared_numbers import Stop
+from cg.texts import read_fraction
 
 Kind = Literal["real64", "real128"]
 
@@ -167,7 +168,8 @@ def _integrate(
     try:
         if isinstance(h, bool | np.bool_):
             raise TypeError
-        size = Fraction(h)
+        size = read_fraction(h)
+        float(size)
     except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
         raise ValueError(f"h must be a finite number, got {h!r}") from error
     if size <= 0:

@@ -23,6 +23,7 @@ from cg.problems.taylor import (
 )
 
 from ..precision import working_precision
+from ..texts import read_fraction
 
 _FRAME = Product(SO3(), Euclidean(3))
 
@@ -78,8 +79,8 @@ class HeavyTop:
         if self.reading not in ("momentum", "velocity"):
             raise ValueError(f'reading must be "momentum" or "velocity", got {self.reading!r}')
         try:
-            angle = Fraction(self.phi_over_pi)
-        except (TypeError, ValueError, OverflowError) as error:
+            angle = read_fraction(self.phi_over_pi)
+        except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
             raise ValueError(f"phi_over_pi must be rational, got {self.phi_over_pi!r}") from error
         object.__setattr__(self, "phi_over_pi", angle)
         # The right side runs once a stage, so its constants are converted once.

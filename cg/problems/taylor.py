@@ -16,6 +16,7 @@ from flint import arb, fmpq
 from cg.frames.arrays import Array
 
 from ..precision import working_precision
+from ..texts import read_fraction
 
 Time = Fraction | float | int | str
 
@@ -128,8 +129,8 @@ def reference_solution(
 def exact_times(times: Sequence[Time]) -> tuple[Fraction, ...]:
     """Return times exactly; ValueError if one isn't a finite number."""
     try:
-        return tuple(Fraction(t) for t in times)
-    except (ValueError, OverflowError, TypeError) as error:
+        return tuple(map(read_fraction, times))
+    except (ValueError, OverflowError, TypeError, ZeroDivisionError) as error:
         raise ValueError(f"times must be finite numbers, got {times!r}") from error
 
 

@@ -1,0 +1,108 @@
+"""What is read from text, and file names made of names: bounded, or a clear error."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from decimal import Decimal
+from fractions import Fraction
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+__all__ = ["MOST_CHARACTERS", "MOST_EXPONENT", "file_in", "read_fraction", "read_toml"]
+
+MOST_CHARACTERS = 10_000_000
+"""Of a file; a method of 200 stages whose coefficients have 200 digits has four million."""
+
+MOST_EXPONENT = 9999
+"""Of ten, in a number: binary128 ends at 4932, and larger powers only take time and memory."""
+
+_EXPONENT = re.compile(r"[eE]([+-]?[\d_]+)\s*$")
+_DEEPEST = 20
+_LONGEST_NAME = 200  # bytes; file systems take 255, with suffixes
+_UNFIT = re.compile(r'[/\\:*?"<>|\x00-\x1f\x7f]')
+_DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+
+
+def read_fraction(value: Any) -> Fraction:
+    """Return what `fractions.Fraction` makes of a value, unless it takes a power beyond reason.
+
+    Parameters
+    ----------
+    value : Fraction, int, float, Decimal or str
+
+    Raises
+    ------
+    TypeError, ValueError, OverflowError, ZeroDivisionError
+        As from `fractions.Fraction`; ValueError also where an exponent exceeds `MOST_EXPONENT`
+        or there are more digits than Python reads.
+    """
+    exponent = 0
+    if isinstance(value, str):
+        found = _EXPONENT.search(value)
+        if found:
+            digits = found[1].lstrip("+-").replace("_", "").lstrip("0")
+            exponent = int(digits or 0) if len(digits) < 10 else 10**10
+    elif isinstance(value, Decimal) and value.is_finite():
+        exponent = abs(int(value.as_tuple().exponent))
+    if exponent > MOST_EXPONENT:
+        raise ValueError(f"exponents must be at most {MOST_EXPONENT}, got {str(value)[:80]!r}")
+    return Fraction(value)
+
+
+def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, Any]:
+    """Return the table that a TOML text is.
+
+    Parameters
+    ----------
+    text : str
+    error : type of exception
+        Raised where the text isn't TOML, is longer than `MOST_CHARACTERS`, has a number of too
+        many digits, or is nested too deeply.
+    **options
+        Those of `tomllib.loads`.
+    """
+    if len(text) > MOST_CHARACTERS:
+        raise error(f"a file must have at most {MOST_CHARACTERS} characters, got {len(text)}")
+    try:
+        table = tomllib.loads(text, **options)
+    except tomllib.TOMLDecodeError as problem:
+        raise error(f"not a TOML file: {problem}") from None
+    except RecursionError:
+        raise error("not a file of this kind: tables or arrays are nested too deeply") from None
+    except ValueError as problem:  # a number with too many digits
+        raise error(f"not a file of this kind: {problem}") from None
+    # what stands too deep would overrun the stack where it is shown
+    level: list[Any] = [table]
+    for _ in range(_DEEPEST):
+        level = [
+            part
+            for whole in level
+            if isinstance(whole, dict | list)
+            for part in (whole.values() if isinstance(whole, dict) else whole)
+        ]
+    if level:
+        raise error("not a file of this kind: tables or arrays are nested too deeply")
+    return table
+
+
+def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Path:
+    """Return the path of the file in a folder that is named like something.
+
+    Raises
+    ------
+    ValueError
+        If the name can't be a file's on some system, or would lead out of the folder.
+    """
+    fit = (
+        0 < len(name.encode("utf-8", "replace")) <= _LONGEST_NAME
+        and not _UNFIT.search(name)
+        and not name.startswith(".")
+        and name.strip(" ") == name
+        and not name.endswith(".")
+        and not _DEVICE.fullmatch(name)
+    )
+    if not fit:
+        raise ValueError(f"name must be fit for a file's name, got {name[:80]!r}")
+    return Path(folder) / f"{name}{suffix}"
