@@ -171,6 +171,7 @@ def test_certificates_that_leave_out_something_else():
 def test_names_are_read_again():
     conditions = conditions_of([3, 2])
     assert len(conditions) == 7
-    for flat in (False, True):
-        assert read_left_out(names_of_left_out(conditions, flat)) == (conditions, flat)
-    assert read_left_out(["middle abscissae"]) == read_left_out([]) == ([], False)
+    for structure in ("", "flat tableau", "two registers"):
+        names = names_of_left_out(conditions, structure)
+        assert read_left_out(names) == (conditions, structure)
+    assert read_left_out(["middle abscissae"]) == read_left_out([]) == ([], "")

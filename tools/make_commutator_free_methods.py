@@ -35,12 +35,14 @@ from cg.construction import (
     solved,
     to_method,
 )
+from cg.random_search import start_layout
 from cg.tree_shapes import held_weights, layout_of
 
 SEED = 1
 GOALS = Goals(coefficients=2e-4, abscissae=0.2, bound_weight=0.03)
 ITERATIONS = 150
 LARGEST = 6.0  # weights of what is worth moving along
+NOTHING = 1e-12  # weights that are zero at a solution stay so
 CLEARLY = 3e-3  # least norm of the residuals of order q of a pair's second result, over its weights
 ESTIMATE = 10.0  # that norm over the principal error, where it can be chosen
 
@@ -67,18 +69,21 @@ class Recipe:
         Whether drawn trees have one more flow for an estimate, which uses the stage at the
         result too; it is not among `stages`.
     goals : Goals
+    seed : int
+        Of the starts.
     """
 
     name: str
     order: int
     tree: tuple[tuple[int, ...] | int, ...] | None
     starts: int | Sequence[int]
-    certified: bool = False
+    certified: bool = True
     flows: int | None = None
     stages: int = 0
     first_flows: int | None = None
     pair: bool = False
     goals: Goals = GOALS
+    seed: int = SEED
 
 
 RECIPES = (
@@ -87,7 +92,6 @@ RECIPES = (
         4,
         ((-1, 0, 1, 2, 3, 4, 1), (-1, 0, 1, 3, 4), 5, 6),
         60,
-        certified=True,
     ),
     Recipe("CF4c", 4, ((-1, 0, 1, 2, 3), (-1, 0, 1, 2, 3)), 60, certified=True),
     Recipe("CF4d", 4, ((-1, 0, 0, -1, 3), (-1, 0, 1, 2)), 60),
@@ -98,7 +102,6 @@ RECIPES = (
         5,
         ((-1, 0, 1, 2, 3, 4, 5, 5, 7), (-1, 0, 1, 2, 3, 6)),
         120,
-        certified=True,
     ),
     Recipe(
         "CF5b",
@@ -155,14 +158,18 @@ RECIPES = (
     Recipe(
         "CF6a",
         6,
-        ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14), (-1, 0, 2, 4, 6, 11, 14)),
-        400,
+        None,
+        27,
+        stages=7,
+        first_flows=16,
+        seed=101,
     ),
     Recipe(
         "CF6b",
         6,
         ((-1, 0, 1, 2, 3, 4, 5, -1, 7, 8, 9, 10, 11, 12, 13), (-1, 0, 1, 3, 6, 8, 13)),
         60,
+        certified=False,
     ),
     Recipe(
         "CF6c",
@@ -179,7 +186,7 @@ def attempts(recipe: Recipe) -> list[tuple[int, Candidate]]:
     settings = ConstructionSettings(
         order=recipe.order,
         stages=recipe.stages + recipe.pair if layout is None else layout.stages,
-        seed=SEED,
+        seed=recipe.seed,
         structure=Structure.GENERAL,
         first_stages=recipe.stages,
         width=0.4,
@@ -224,14 +231,16 @@ def solutions(recipe: Recipe) -> list[tuple[int, Candidate]]:
     if recipe.flows is not None:
         return attempts(recipe)
     assert isinstance(recipe.starts, int)
-    layout = layout_of(recipe.tree)
-    found = cg.search(recipe.order, layout.stages, recipe.starts, SEED, tree=recipe.tree)
-    system = ConditionSystem(recipe.order, layout)
-    candidates = [
-        (start.index, Candidate(system, np.array(start.x, dtype=float)))
-        for start in found.starts
-        if start.exact
-    ]
+    stages = recipe.stages if recipe.tree is None else layout_of(recipe.tree).stages
+    drawn = {"flows": recipe.first_flows} if recipe.tree is None else {"tree": recipe.tree}
+    found = cg.search(recipe.order, stages, recipe.starts, recipe.seed, **drawn)
+    candidates = []
+    for start in found.starts:
+        if start.exact:
+            system = ConditionSystem(recipe.order, start_layout(found.settings, start.index))
+            x = np.array(start.x, dtype=float)
+            x[np.abs(x) < NOTHING] = 0
+            candidates.append((start.index, Candidate(system, x)))
     return [(k, p) for k, p in candidates if p.largest <= LARGEST and solved(p)]
 
 
@@ -247,7 +256,11 @@ def merit(candidate: Candidate) -> float:
 def along(candidate: Candidate, goals: Goals) -> Candidate:
     """Return where the way along the solution set leads."""
     return optimise(
-        candidate, goals, frozen=held_estimate(candidate), max_iterations=ITERATIONS, tolerance=1e-3
+        candidate,
+        goals,
+        frozen=[*held_estimate(candidate), *np.flatnonzero(candidate.x == 0)],
+        max_iterations=ITERATIONS,
+        tolerance=1e-3,
     )
 
 
@@ -260,15 +273,15 @@ def method(recipe: Recipe) -> cg.CommutatorFree:
         moved = [(k, p) for k, p in moved if p.estimate >= CLEARLY]
     for k, candidate in sorted(moved, key=lambda one: merit(one[1])):
         source = (
-            f"random start {k} of seed {SEED} with a tree that was drawn at random, "
+            f"random start {k} of seed {recipe.seed} with a tree that was drawn at random, "
             "moved along the solution set to a small principal error"
         )
         if recipe.flows is not None:
             most = recipe.first_flows if recipe.tree is None else len(recipe.tree[0])
             left = f"flows left out down to {recipe.flows}, " if most > recipe.flows else ""
             source = (
-                f"random start {k} of seed {SEED} with a tree of {most} flows that was drawn at "
-                f"random, {left}moved along the solution set to a small principal error"
+                f"random start {k} of seed {recipe.seed} with a tree of {most} flows that was drawn "
+                f"at random, {left}moved along the solution set to a small principal error"
             )
         if candidate.system.embedded:
             source = f"both results solved for jointly, {source}"

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from flint import arb, arb_mat, fmpq
@@ -18,16 +18,20 @@ from ..layout import Layout, Rows
 from ..quad import to_decimal
 from ..texts import read_fraction
 from .composition import MidpointSteps
+from .flat_rows import FlatRows
 from .identities import MiddleAbscissae, OfFirstWeights, PathOrderTwo, StageOrderTwo
 from .krawczyk import to_double
-from .orthogonality import Condition, conditions_of
+from .orthogonality import Condition, Known, conditions_of
 from .parametric import Columns, Letters, Path
+from .registers import TwoRegisters
 from .relations import Identity, kept_words
 from .systems import Equation, EquationSystem, condition
 from .weights import Quantity, Weights
 from .words import Word, condition_words, nodes, parse, reciprocal_density, text
 
 __all__ = [
+    "STRUCTURES",
+    "Structure",
     "augment",
     "find_identities",
     "name_of",
@@ -41,7 +45,25 @@ _THRESHOLD = 1e-11  # singular values below this fraction of the largest count a
 _SMALL = 1e-20  # what counts as zero when identities are looked for, not when they are proved
 _DIGITS = 60  # of parameters
 _ORTHOGONAL = "orthogonality:"
-_FLAT = "flat tableau"
+
+STRUCTURES: dict[str, type[FlatRows | TwoRegisters]] = {
+    "flat tableau": FlatRows,
+    "two registers": TwoRegisters,
+}
+"""What makes further conditions follow, if its equations are held, by name."""
+
+
+class Structure(Protocol):
+    """Something that a method has, whose equations make further conditions follow."""
+
+    def satisfied(self) -> bool:
+        """Tell whether the method has it, as far as its places can tell."""
+
+    def equations(self) -> list[Equation]:
+        """Return what is to be proved of the coefficients."""
+
+    def relations(self) -> Iterator[Known]:
+        """Return combinations of residuals that are zero then."""
 
 
 def name_of(identity: Identity) -> str:
@@ -201,17 +223,17 @@ def _ratio(word: Word, bush: Word) -> Any:
     return fmpq(ratio.numerator, ratio.denominator)
 
 
-def names_of_left_out(conditions: Sequence[Condition], flat: bool = False) -> tuple[str, ...]:
+def names_of_left_out(conditions: Sequence[Condition], structure: str = "") -> tuple[str, ...]:
     """Write which conditions follow from others by orthogonality, for `read_left_out`.
 
-    With `flat`, the rows add up to a flat tableau as well.
+    And by a structure, one of `STRUCTURES`, whose equations are held as well.
     """
     trees = " ".join(f"{row * '*'}{text(word)}" for row, word in conditions)
-    return (*[_FLAT] * flat, f"{_ORTHOGONAL} {trees}")
+    return (*filter(None, [structure]), f"{_ORTHOGONAL} {trees}")
 
 
-def read_left_out(names: Sequence[str]) -> tuple[list[Condition], bool]:
-    """Return the conditions that follow by orthogonality, and whether a tableau is flat.
+def read_left_out(names: Sequence[str]) -> tuple[list[Condition], str]:
+    """Return the conditions that follow by orthogonality, and the structure's name, if any.
 
     No conditions if the identities are others.
 
@@ -220,12 +242,12 @@ def read_left_out(names: Sequence[str]) -> tuple[list[Condition], bool]:
     ValueError
         If a name has anything else.
     """
-    flat = list(names[:1]) == [_FLAT]
-    rest = list(names[flat:])
+    structure = names[0] if names and names[0] in STRUCTURES else ""
+    rest = list(names[bool(structure) :])
     if len(rest) != 1 or not rest[0].startswith(f"{_ORTHOGONAL} "):
-        return [], False
+        return [], ""
     trees = rest[0].removeprefix(_ORTHOGONAL).split()
-    return [(int(one.startswith("*")), parse(one.removeprefix("*"))) for one in trees], flat
+    return [(int(one.startswith("*")), parse(one.removeprefix("*"))) for one in trees], structure
 
 
 def without(

@@ -23,6 +23,8 @@ from ..precision import working_precision as precision
 from ..quad import to_decimal
 from .certificate import Beyond, Certificate, CertificationError
 from .explain import (
+    STRUCTURES,
+    Structure,
     augment,
     find_identities,
     name_of,
@@ -31,9 +33,8 @@ from .explain import (
     read_left_out,
     without,
 )
-from .flat_rows import FlatRows
 from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
-from .orthogonality import Condition, conditions_of, find_relations, follow
+from .orthogonality import Condition, Known, conditions_of, find_relations, follow
 from .parametric import RELATION_RADIUS
 from .relations import Identity
 from .systems import EquationSystem, exact_residuals, order_system
@@ -225,11 +226,12 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
     """Return the equations of a certificate."""
     if not certificate.identities:
         return order_system(packed.layout, certificate.order, certificate.embedded_order)
-    left_out, flat = _left_out(certificate)
+    left_out, name = _left_out(certificate)
     if left_out:
-        sums = _flat_rows(packed, certificate).equations() if flat else []
+        structure = _structure(packed, certificate, name)
+        more = structure.equations() if structure else []
         try:
-            return without(packed.layout, _orders(certificate), left_out, sums)
+            return without(packed.layout, _orders(certificate), left_out, more)
         except ValueError as error:
             raise CertificationError(str(error)) from None
     if Fraction(certificate.radius) >= Fraction(RELATION_RADIUS):
@@ -241,12 +243,18 @@ def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
         raise CertificationError(str(error)) from None
 
 
-def _flat_rows(packed: Packed, certificate: Certificate) -> FlatRows:
-    return FlatRows(packed.layout, _orders(certificate), packed.values)
+def _structure(packed: Packed, certificate: Certificate, name: str) -> Structure | None:
+    """Return the structure of a method; CertificationError if it hasn't that one."""
+    if not name:
+        return None
+    found: Structure = STRUCTURES[name](packed.layout, _orders(certificate), packed.values)
+    if not found.satisfied():
+        raise CertificationError(f"{certificate.name}: it has no {name} of this order")
+    return found
 
 
-def _left_out(certificate: Certificate) -> tuple[list[Condition], bool]:
-    """Return the conditions that follow by orthogonality, and whether a tableau is flat."""
+def _left_out(certificate: Certificate) -> tuple[list[Condition], str]:
+    """Return the conditions that follow by orthogonality, and the name of a structure."""
     try:
         return read_left_out(certificate.identities)
     except ValueError as error:
@@ -307,11 +315,9 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
 
 def _check_left_out(packed: Packed, certificate: Certificate) -> None:
     """Prove that the conditions that are left out follow from the others."""
-    left_out, flat = _left_out(certificate)
-    rows = _flat_rows(packed, certificate)
-    if flat and not rows.satisfied():
-        raise CertificationError(f"{certificate.name}: the rows add up to no tableau of this order")
-    known = list(rows.relations()) if flat else []
+    left_out, name = _left_out(certificate)
+    structure = _structure(packed, certificate, name)
+    known = list(structure.relations()) if structure else []
     around = box(packed, certificate)
     if left_out and not follow(packed.layout, _orders(certificate), around, left_out, known):
         raise CertificationError(
@@ -394,13 +400,14 @@ def _orthogonal(
     """
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     orders = _orders(draft)
-    rows = _flat_rows(packed, draft)
-    flat = rows.satisfied()
-    known = list(rows.relations()) if flat else []
+    every = {name: make(packed.layout, orders, packed.values) for name, make in STRUCTURES.items()}
+    name = next((name for name, one in every.items() if one.satisfied()), "")
+    known: list[Known] = []
     along = jacobian[:, nonzero]
-    if flat:
-        sums = EquationSystem(packed.layout, tuple(rows.equations()))
-        held = to_double(sums.linearise(packed.balls())[1])[:, nonzero]
+    if name:
+        known = list(every[name].relations())
+        system = EquationSystem(packed.layout, tuple(every[name].equations()))
+        held = to_double(system.linearise(packed.balls())[1])[:, nonzero]
         along = along @ linalg.null_space(held)
     dependent = len(jacobian) - numerical_rank(along)[0]
     relations = find_relations(packed.layout, orders, packed.balls(), dependent, known)
@@ -409,7 +416,7 @@ def _orthogonal(
     pivots = linalg.qr(relations, mode="r", pivoting=True)[1][:dependent]
     conditions = conditions_of(orders)
     left_out = [conditions[k] for k in sorted(map(int, pivots))]
-    return replace(draft, identities=names_of_left_out(left_out, flat)), dependent
+    return replace(draft, identities=names_of_left_out(left_out, name)), dependent
 
 
 def _try(
