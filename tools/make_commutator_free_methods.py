@@ -280,8 +280,8 @@ def method(recipe: Recipe) -> cg.CommutatorFree:
             most = recipe.first_flows if recipe.tree is None else len(recipe.tree[0])
             left = f"flows left out down to {recipe.flows}, " if most > recipe.flows else ""
             source = (
-                f"random start {k} of seed {recipe.seed} with a tree of {most} flows that was drawn "
-                f"at random, {left}moved along the solution set to a small principal error"
+                f"random start {k} of seed {recipe.seed} with a tree of {most} flows that was "
+                f"drawn at random, {left}moved along the solution set to a small principal error"
             )
         if candidate.system.embedded:
             source = f"both results solved for jointly, {source}"
