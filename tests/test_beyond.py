@@ -96,7 +96,7 @@ def test_documented_table_is_the_catalogue(catalogue):
         ("CF5d", "effort", 5),
         ("CF5e", "principal_error", 5),
         ("CF6a", "stages", 6),
-        ("CF6b", "exponentials", 6),
+        ("CF6d", "exponentials", 6),
         ("CF6b", "effort", 6),
         ("CF7a", "stages", 7),
         ("CF7a", "exponentials", 7),

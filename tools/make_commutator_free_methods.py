@@ -121,6 +121,17 @@ RECIPES = (
         ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 7), (-1, 0, 1, 3, 4, 5, 7), 8, 9),
         120,
     ),
+    Recipe(
+        "CF6d",
+        6,
+        None,
+        (98,),
+        flows=13,
+        stages=9,
+        first_flows=18,
+        goals=Goals(coefficients=1e-4, abscissae=1.0, bound_weight=0.03),
+    ),
+    Recipe("CF6e", 6, None, (332,), flows=14, stages=8, first_flows=18),
     Recipe("CF6(5)", 6, None, (88,), flows=17, stages=8, first_flows=22, pair=True),
     Recipe(
         "CF7a",
