@@ -131,7 +131,6 @@ RECIPES = (
         first_flows=18,
         goals=Goals(coefficients=1e-4, abscissae=1.0, bound_weight=0.03),
     ),
-    Recipe("CF6e", 6, None, (332,), flows=14, stages=8, first_flows=18),
     Recipe("CF6(5)", 6, None, (88,), flows=17, stages=8, first_flows=22, pair=True),
     Recipe(
         "CF7a",
