@@ -25,7 +25,7 @@ NAMES = (
     "adaptive",
     "ensemble",
     "output",
-    "work_precision",
+    "rivals",
 )
 """All benchmarks, each a module with ``run(quick, figures)``."""
 

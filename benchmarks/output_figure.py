@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from .work_figure import RC
+from .rival_figure import RC
 
 __all__ = ["OutputError", "draw"]
 

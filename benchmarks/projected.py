@@ -2,85 +2,144 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from cg.frames import SO3, Product, Sphere
+from cg.frames import SO3, Euclidean, Frame, MatrixGroup, Power, Product, Sphere, UnitQuaternion
 
 __all__ = ["integrate", "project"]
 
-Array = NDArray[np.float64]
+Points = NDArray[Any]
+Tangent = Callable[[Any, Any], Points]
+Field = Callable[[float, Points], Sequence[float] | NDArray[np.float64]]
 
 
-def project(frame: Product, y: Array) -> Array:
-    """Return the nearest point of a product of ``SO3``, ``Sphere`` and Euclidean spaces."""
-    parts = []
-    for factor, part in zip(frame.factors, frame.split(y), strict=True):
-        nearest = part
-        if isinstance(factor, SO3):
-            left, _, right = np.linalg.svd(part)
-            nearest = left @ right
-        elif isinstance(factor, Sphere):
-            nearest = part / np.linalg.norm(part)
-        parts.append(nearest)
-    return frame.join(*parts)
+def project(frame: Frame, y: Points) -> Points:
+    """Return the nearest point, by hand where that is faster than `Frame.project`."""
+    if isinstance(frame, Product):
+        parts = zip(frame.factors, frame.split(y), strict=True)
+        return frame.join(*(project(factor, part) for factor, part in parts))
+    if isinstance(frame, SO3):
+        left, _, right = np.linalg.svd(y)
+        return np.asarray(left @ right)
+    if isinstance(frame, Sphere | UnitQuaternion):
+        return np.asarray(y / np.sqrt(y @ y))
+    return y if isinstance(frame, Euclidean) else frame.project(y)
 
 
 def integrate(
-    f: Callable[[float, Array], Array],
-    end: float,
-    y0: Array,
-    frame: Product,
-    tolerance: float,
-    *,
-    projected: bool,
-) -> Array:
-    """Return all points from time 0 on, shape ``(steps + 1, n)``.
+    f: Field, end: float, y0: Points, frame: Frame, tolerance: float, *, projected: bool
+) -> tuple[Points, int]:
+    """Return all points from time 0 on, shape ``(steps + 1, *y0.shape)``, and the evaluations.
+
+    The derivative at the end of a step is that before projection, so that a step takes no
+    evaluation more than it has.
 
     Parameters
     ----------
     f : callable
         The coefficients, of which the frame makes the derivatives of the entries.
     end : float
-    y0 : ndarray, shape (n,)
-    frame : Product
+    y0 : ndarray
+    frame : Frame
     tolerance : float
         ``rtol`` and ``atol``.
     projected : bool
         Whether points are projected.
     """
+    tangent = _tangent(frame)
+    shape = y0.shape
 
-    def derivatives(t: float, y: Array) -> Array:
-        # by hand, since the general fields of a frame take several times as long
-        rates = np.asarray(f(t, y), dtype=np.float64)
-        found = np.empty_like(y)
-        begin, first = 0, 0
-        for factor in frame.factors:
-            v = rates[begin : begin + factor.dim]
-            size = int(np.prod(factor.point_shape))
-            part = slice(first, first + size)
-            if isinstance(factor, SO3):
-                x, z, w = v.tolist()
-                found[part] = (y[part].reshape(3, 3) @ [[0, -w, z], [w, 0, -x], [-z, x, 0]]).ravel()
-            elif isinstance(factor, Sphere):
-                (a, b, c), (x, z, w) = v.tolist(), y[part].tolist()
-                found[part] = b * w - c * z, c * x - a * w, a * z - b * x
-            else:
-                found[part] = v
-            begin, first = begin + factor.dim, first + size
-        return found
+    def derivatives(t: float, y: Points) -> Points:
+        point = y.reshape(shape)
+        return tangent(np.asarray(f(t, point), dtype=np.float64), point).ravel()
 
-    solver = DOP853(derivatives, 0.0, y0, end, rtol=tolerance, atol=tolerance)
+    solver = DOP853(derivatives, 0.0, y0.ravel(), end, rtol=tolerance, atol=tolerance)
     points = [y0]
     while solver.status == "running":
         solver.step()
         if projected:
-            solver.y = project(frame, solver.y)
-            solver.f = derivatives(solver.t, solver.y)
-        points.append(solver.y)
+            solver.y = project(frame, solver.y.reshape(shape)).ravel()
+        points.append(solver.y.reshape(shape))
     if solver.status == "failed":
         raise RuntimeError("DOP853 failed")
-    return np.array(points)
+    return np.array(points), solver.nfev
+
+
+def _tangent(frame: Frame) -> Tangent:
+    """Return what makes derivatives of coefficients, by hand: frames check their arguments."""
+    found: Tangent = frame.field
+    match frame:
+        case Product():
+            found = _tangent_of_product(frame)
+        case SO3(convention="body"):
+            found = _turned
+        case Sphere(n=2):
+            found = _moved
+        case UnitQuaternion(convention="body", scalar_first=False):
+            found = _half_product
+        case Euclidean():
+            found = _same
+        case MatrixGroup(convention="space"):
+            found = _tangent_of_group(frame, ())
+        case Power(factor=MatrixGroup(convention="space") as group, n=n):
+            found = _tangent_of_group(group, (n,))
+    return found
+
+
+def _tangent_of_group(group: MatrixGroup, lead: tuple[int, ...]) -> Tangent:
+    size, basis = group.size, group.basis.reshape(group.dim, -1)
+
+    def tangent(v: NDArray[np.float64], y: Points) -> Points:
+        matrices = v.reshape(*lead, -1) @ basis
+        return np.asarray(matrices.reshape(*lead, size, size) @ y)
+
+    return tangent
+
+
+def _tangent_of_product(frame: Product) -> Tangent:
+    parts = []
+    begin = first = 0
+    for factor in frame.factors:
+        size = int(np.prod(factor.point_shape))
+        coefficients, entries = slice(begin, begin + factor.dim), slice(first, first + size)
+        parts.append((_tangent(factor), coefficients, entries, factor.point_shape))
+        begin, first = begin + factor.dim, first + size
+
+    def tangent(v: NDArray[np.float64], y: Points) -> Points:
+        found = np.empty_like(y)
+        for one, coefficients, entries, shape in parts:
+            found[entries] = one(v[coefficients], y[entries].reshape(shape)).ravel()
+        return found
+
+    return tangent
+
+
+def _same(v: NDArray[np.float64], y: Points) -> Points:
+    return v
+
+
+def _turned(v: NDArray[np.float64], y: Points) -> Points:
+    a, b, c = v.tolist()
+    return np.asarray(y @ [[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
+
+
+def _moved(v: NDArray[np.float64], y: Points) -> Points:
+    (a, b, c), (x, z, w) = v.tolist(), y.tolist()
+    return np.array([b * w - c * z, c * x - a * w, a * z - b * x])
+
+
+def _half_product(v: NDArray[np.float64], y: Points) -> Points:
+    (a, b, c), (x, z, w, s) = (0.5 * v).tolist(), y.tolist()
+    return np.array(
+        [
+            s * a + z * c - w * b,
+            s * b + w * a - x * c,
+            s * c + x * b - z * a,
+            -x * a - z * b - w * c,
+        ]
+    )

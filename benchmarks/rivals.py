@@ -1,0 +1,173 @@
+"""All methods against their strongest rivals, problem by problem: error against work."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from statistics import median
+
+import cg
+
+from .cases import Case, cases
+from .record import Aim, Figure, Result, Row
+from .rival_figure import draw
+from .solvers import Solver, solvers
+from .work_curves import QUANTITIES, Curve, Point
+
+_ERRORS = (1e-8, 1e-11)
+_QUICK = ("heavy_top", "two_levels")
+_DEFAULT = "default of solve_ivp"
+_PROJECTED = "DOP853, projected"
+_SLOWEST = 20.0  # seconds for a run, after which finer settings are left out
+
+
+def run(quick: bool, figures: Path | None) -> Result:
+    """Run all solvers with many settings on all problems."""
+    rounds = 1 if quick else 3
+    rows: list[Row] = []
+    notes: list[str] = []
+    drawn: list[Figure] = []
+    won: dict[str, list[int]] = {}
+    for case in cases(_QUICK if quick else None):
+        curves = [_curve(case, solver, rounds) for solver in solvers(case, quick)]
+        rows += _rows(case, curves)
+        notes.append(_table(case, curves))
+        _count(curves, won)
+        if figures is not None:
+            draw(curves, case.title, f"rivals_{case.name}", figures)
+        caption = (
+            f"{case.title[0].upper()}{case.title[1:]}, t = 0 … {case.end:g}: error at the end "
+            "against evaluations, flows and processor time, and the drift off the manifold."
+        )
+        drawn.append(Figure(f"rivals_{case.name}", caption))
+    notes.insert(0, _verdicts(won))
+    return Result(
+        "Rivals",
+        "All explicit pairs and methods of order four and more, Munthe-Kaas methods, Magnus "
+        "methods where the equation is linear, and SciPy's DOP853 with projection after each step, "
+        "with the same right-hand side in Python, for tolerances from 1e-3 to 1e-13 or as many "
+        f"step sizes. Numbers are for an error at the end, by interpolation; medians of {rounds} "
+        "rounds.",
+        tuple(rows),
+        tuple(notes),
+        tuple(drawn),
+    )
+
+
+def _curve(case: Case, solver: Solver, rounds: int) -> Curve:
+    points: list[Point] = []
+    for setting in solver.settings:
+        seconds = []
+        try:
+            for _ in range(rounds):
+                begin = time.process_time()
+                found = solver.solve(setting)
+                seconds.append(time.process_time() - begin)
+        except (OverflowError, RuntimeError, cg.ConvergenceError):
+            continue  # a step too long for it
+        # rounding alone may leave nothing, which has no logarithm
+        error = max(case.error(found.points[-1]), 1e-17)
+        drift = max(float(case.frame.membership_error(found.points).max()), 1e-17)
+        points.append(Point(error, median(seconds), found.evaluations, found.flows, drift))
+        if seconds[-1] > _SLOWEST:
+            break
+    return Curve.of(solver.name, solver.kind, solver.order, points)
+
+
+def _best(curves: list[Curve], kinds: tuple[str, ...], error: float, quantity: str) -> str | None:
+    """Return the name of the solver of some kinds that needs least."""
+    reached = [(c.at(error, quantity), c.name) for c in curves if c.kind in kinds]
+    return min((pair for pair in reached if not math.isnan(pair[0])), default=(0.0, None))[1]
+
+
+def _rows(case: Case, curves: list[Curve]) -> list[Row]:
+    """Compare with the rivals where an aim was set."""
+    named = {curve.name: curve for curve in curves}
+    rows: list[Row] = []
+
+    def compare(name: str | None, other: str, quantity: str, error: float, aim: float) -> None:
+        if name in named and other in named:
+            row = _row(case, named[name], named[other], quantity, error, aim)
+            rows.extend([] if row is None else [row])
+
+    fastest = _best(curves, ("pair", "fixed"), 1e-8, "time")
+    compare(fastest, _PROJECTED, "time", 1e-8, 3.0 if case.name == "heavy_top" else 1.0)
+    for error in (1e-6, *_ERRORS):
+        compare(_DEFAULT, _PROJECTED, "time", error, 1.0)
+    fewest = _best(curves, ("pair", "fixed"), 1e-8, "flows")
+    compare(fewest, "RKMK4", "flows", 1e-8, 1.0)
+    for error in _ERRORS:
+        least = _best(curves, ("pair", "fixed"), error, "evaluations")
+        for other in ("RKMK8(5,3)", _PROJECTED):
+            compare(least, other, "evaluations", error, 1.0)
+    return rows
+
+
+def _row(
+    case: Case, own: Curve, other: Curve, quantity: str, error: float, aim: float
+) -> Row | None:
+    work, against = own.at(error, quantity), other.at(error, quantity)
+    if math.isnan(work) or math.isnan(against):
+        return None
+    scale, unit = (1e3, "ms") if quantity == "time" else (1.0, quantity)
+    what = f"{case.title}, {own.name}, error {error:g}"
+    here, there, ratio = scale * work, scale * against, against / work
+    return Row(what, here, unit, other.name, there, ratio, aim=Aim(aim, True))
+
+
+def _count(curves: list[Curve], won: dict[str, list[int]]) -> None:
+    """Count at how many errors the best of the catalogue needs least of all solvers."""
+    for quantity in QUANTITIES:
+        for error in _ERRORS:
+            own = _best(curves, ("pair", "fixed"), error, quantity)
+            best = _best(curves, ("pair", "fixed", "rkmk", "rival"), error, quantity)
+            if best is not None:
+                counts = won.setdefault(quantity, [0, 0])
+                counts[0] += own == best
+                counts[1] += 1
+
+
+def _verdicts(won: dict[str, list[int]]) -> str:
+    lines = [
+        f"- By {quantity} a method of the catalogue needs least in {count} of {total} contests "
+        "(a problem and an error), and a rival in the others."
+        for quantity, (count, total) in won.items()
+    ]
+    return "\n".join(lines)
+
+
+def _table(case: Case, curves: list[Curve]) -> str:
+    """Return a table of the best of each kind, and of all rivals."""
+    named = {curve.name: curve for curve in curves}
+    shown: dict[str, None] = {}
+    for kinds in (("pair",), ("fixed",)):
+        for quantity in QUANTITIES:
+            for error in _ERRORS:
+                best = _best(curves, kinds, error, quantity)
+                if best is not None:
+                    shown[best] = None
+    for name in (_DEFAULT, "DP5(4)", "DOP853", "CF4"):
+        if name in named:
+            shown[name] = None
+    rivals = [curve.name for curve in curves if curve.kind in ("rkmk", "rival")]
+    heads = [f"{quantity}, {error:g}" for error in _ERRORS for quantity in QUANTITIES]
+    lines = [
+        f"**{case.title[0].upper()}{case.title[1:]}**, t = 0 … {case.end:g}; time in ms:",
+        "",
+        f"| | {' | '.join(heads)} | drift |",
+        "|---" * (len(heads) + 2) + "|",
+    ]
+    for name in (*shown, *rivals):
+        curve = named[name]
+        cells = []
+        for error in _ERRORS:
+            for quantity in QUANTITIES:
+                work = curve.at(error, quantity) * (1e3 if quantity == "time" else 1.0)
+                cells.append("" if math.isnan(work) else f"{work:.3g}")
+        if any(cells):
+            drift = curve.drift(_ERRORS[0])
+            cells.append("" if math.isnan(drift) else f"{drift:.0e}")
+            label = f"`{name}`" if curve.kind in ("pair", "fixed", "rkmk") else name
+            lines.append(f"| {label} | {' | '.join(cells)} |")
+    return "\n".join(lines)
