@@ -64,7 +64,9 @@ def _curve(case: Case, solver: Solver, rounds: int) -> Curve:
                 begin = time.process_time()
                 found = solver.solve(setting)
                 seconds.append(time.process_time() - begin)
-        except (OverflowError, RuntimeError, cg.ConvergenceError):
+        except (ArithmeticError, RuntimeError, ValueError, cg.ConvergenceError) as error:
+            if isinstance(error, ValueError) and "finite" not in str(error):
+                raise
             continue  # a step too long for it
         # rounding alone may leave nothing, which has no logarithm
         error = max(case.error(found.points[-1]), 1e-17)

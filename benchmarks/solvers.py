@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cg
+from cg.catalogue import munthe_kaas
 
 from . import projected
 from .cases import Case
@@ -63,11 +64,10 @@ class Solver:
 def solvers(case: Case, quick: bool) -> Iterator[Solver]:
     """Yield all solvers that can solve a case."""
     tolerances = tuple(10.0**-k for k in range(3, 9 if quick else 14))
-    for name in cg.methods:
-        method = cg.methods[name]
+    for name, method in (*cg.methods.items(), *munthe_kaas.items()):
         if not method.explicit:
             continue
-        kind: Kind = "rkmk" if isinstance(method, getattr(cg, "MuntheKaas", ())) else "pair"
+        kind: Kind = "rkmk" if name in munthe_kaas else "pair"
         if method.embedded_order is not None and method.embedded_order > 0:
             yield Solver(name, kind, method.order, tolerances, _adaptive(case, name))
         if method.order >= _LEAST_ORDER:

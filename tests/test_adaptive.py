@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from frame_examples import HEISENBERG
 
 import cg
 from cg import _external
@@ -114,10 +115,20 @@ def test_error_is_proportional_to_the_tolerance(name, rotations):
     assert work == pytest.approx(1.0 / order, abs=0.08)
 
 
-def test_default_is_the_best_small_pair():
-    names = [name for name in ("CG4(3)", "CG2(3)") if name in cg.methods]
-    solution = cg.solve_ivp(PROBLEM.f, (0, 1), PROBLEM.y0, frame=SO3())
-    assert solution.method is cg.methods[names[0]]
+def test_the_default_is_chosen_by_frame_and_tolerance():
+    def chosen(frame, **options):
+        f, y0 = generic(frame)
+        return cg.solve_ivp(f, (0, 0.1), y0, frame=frame, **options).method.name
+
+    for frame in (SO3(), Sphere(2), SO(4), Product(SO3(), Euclidean(2))):
+        assert chosen(frame) == chosen(frame, rtol=1e-4) == "RKMK5(4)"
+        assert chosen(frame, h=0.05) == "RKMK5(4)"
+        assert chosen(frame, rtol=9e-5) == chosen(frame, rtol=1e-12, method="auto") == "RKMK8(5,3)"
+        assert chosen(frame, rtol=1e-12, method="CF4(3)") == "CF4(3)"
+
+    assert isinstance(HEISENBERG, cg.frames.FieldFrame)
+    for options in ({}, {"rtol": 1e-8}, {"h": 0.05}):
+        assert chosen(HEISENBERG, **options) == "CF5(4)"
 
 
 def test_the_weights_of_higher_order_make_the_step():
@@ -283,9 +294,10 @@ def test_norm_without_logarithm_is_that_of_the_ambient_space():
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_every_kind_of_frame_is_integrated_to_its_tolerance(frame):
     f, y0 = generic(frame)
-    solution = cg.solve_ivp(f, (0, 1), y0, frame=frame, rtol=1e-6, atol=1e-6)
-    truth = cg.integrate(f, (0, 1), y0, frame=frame, method="CG5a", h=0.02).y[-1]
-    assert 1e-9 < frame.distance(solution.y[-1], truth) < 1e-5
+    truth = cg.integrate(f, (0, 1), y0, frame=frame, method="CF6c", h=0.02).y[-1]
+    for method, least in (("CG4(3)", 1e-9), ("auto", 0.0)):
+        solution = cg.solve_ivp(f, (0, 1), y0, frame=frame, method=method, rtol=1e-6, atol=1e-6)
+        assert least < frame.distance(solution.y[-1], truth) < 1e-5
     assert frame.membership_error(solution.y).max() < 1e-12
 
 

@@ -178,6 +178,15 @@ def check_problem(f: object, frame: object, method: str | Method) -> Method:
     return resolve_method(method)
 
 
+def has_brackets(frame: Frame) -> bool:
+    """Tell whether the fields of a frame make a Lie algebra that it knows."""
+    try:
+        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
+    except NotImplementedError:
+        return False
+    return True
+
+
 def check_algebra(frame: Frame, method: Method) -> None:
     """Raise ValueError if the fields of a frame make no Lie algebra for a method to work in."""
     try:
