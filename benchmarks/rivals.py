@@ -64,8 +64,8 @@ def _curve(case: Case, solver: Solver, rounds: int) -> Curve:
                 begin = time.process_time()
                 found = solver.solve(setting)
                 seconds.append(time.process_time() - begin)
-        except (ArithmeticError, RuntimeError, ValueError, cg.ConvergenceError) as error:
-            if isinstance(error, ValueError) and "finite" not in str(error):
+        except (ArithmeticError, RuntimeError, ValueError, cg.ConvergenceError) as failure:
+            if isinstance(failure, ValueError) and "finite" not in str(failure):
                 raise
             continue  # a step too long for it
         # rounding alone may leave nothing, which has no logarithm

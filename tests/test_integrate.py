@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from cg.catalogue import methods
@@ -173,6 +173,7 @@ def test_empty_span_is_the_initial_point():
     h=st.floats(1e-4, 10.0),
     backward=st.booleans(),
 )
+@example(start=7.0, steps=155, h=3.3458908554794844, backward=True)
 def test_grid_of_whole_steps_has_no_sliver_at_the_end(start, steps, h, backward):
     stop = start - steps * h if backward else start + steps * h
     t = make_grid((start, stop), h).times

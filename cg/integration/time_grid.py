@@ -79,14 +79,16 @@ def make_grid(t_span: Sequence[float], h: float) -> TimeGrid:
         return TimeGrid(start, stop, signed, 0, signed)
     resolution = math.ulp(max(abs(start), abs(stop)))
     ratio = span / size
+    exact = abs(Fraction(stop) - Fraction(start))
     if ratio > _MOST_STEPS or (ratio > 1.0 and size < resolution):
         raise ValueError(f"h is too small for t_span {t_span!r}: its times coincide, got {h!r}")
-    # Each end carries half a unit of its rounding, and each step half one of h.
-    slack = resolution + 0.5 * ratio * math.ulp(size)
+    # Each end carries half a unit of its rounding, the span from which an end was computed
+    # another, and each step half one of h.
+    slack = max(resolution, math.ulp(span)) + 0.5 * ratio * math.ulp(size)
     nearest = round(ratio)
-    divides = abs(ratio - nearest) * size <= slack
+    divides = abs(exact - nearest * Fraction(size)) <= Fraction(slack)
     steps = max(1, nearest if divides else math.ceil(ratio))
-    rest = abs(Fraction(stop) - Fraction(start)) - (steps - 1) * Fraction(size)
+    rest = exact - (steps - 1) * Fraction(size)
     last = size if abs(rest - Fraction(size)) <= Fraction(slack) else float(rest)
     return TimeGrid(start, stop, signed, steps, math.copysign(last, signed))
 
