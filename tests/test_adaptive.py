@@ -127,8 +127,8 @@ def test_the_default_is_chosen_by_frame_and_tolerance():
         assert chosen(frame, rtol=1e-12, method="CF4(3)") == "CF4(3)"
 
     assert isinstance(HEISENBERG, cg.frames.FieldFrame)
-    for options in ({}, {"rtol": 1e-8}, {"h": 0.05}):
-        assert chosen(HEISENBERG, **options) == "CF5(4)"
+    for options, name in (({}, "CF5(4)"), ({"h": 0.05}, "CF5(4)"), ({"rtol": 1e-8}, "CF6(5)")):
+        assert chosen(HEISENBERG, **options) == name
 
 
 def test_the_weights_of_higher_order_make_the_step():

@@ -89,9 +89,9 @@ def solve_ivp(
     method
         Name of a method of the catalogue, or a method.  Of a pair the weights of higher order
         make the steps.  Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with
-        brackets.  By default, ``"auto"``, the pair that measured best: on frames with brackets
-        ``"RKMK8(5,3)"`` for ``rtol`` below 1e-4, else ``"RKMK5(4)"``; on others ``"CF5(4)"``.
-        ``solution.method`` tells which it was.
+        brackets.  By default, ``"auto"``, the pair that measured best: for ``rtol`` below 1e-4
+        ``"RKMK8(5,3)"`` on frames with brackets and ``"CF6(5)"`` on others, else ``"RKMK5(4)"``
+        and ``"CF5(4)"``.  ``solution.method`` tells which it was.
     h
         Size of fixed steps, positive; the last may be shorter.  No error is estimated.
     rtol, atol
