@@ -12,7 +12,7 @@ import pytest
 import cg
 from cg import conditions
 from cg.convergence import observed_order
-from cg.problems import FreeRigidBody, HeavyTop
+from cg.problems import HeavyTop
 
 ROOT = Path(__file__).parent.parent
 
@@ -45,22 +45,6 @@ def test_leastsq_has_the_derivatives_of_its_residual():
         d = step * np.eye(15)[j]
         np.testing.assert_allclose((residual(x + d) - residual(x - d)) / (2 * step), column,
                                    rtol=0, atol=1e-7)  # fmt: skip
-
-
-@pytest.mark.parametrize("problem", [HeavyTop(), FreeRigidBody()], ids=repr)
-def test_rkmk_has_order_four(problem):
-    from benchmarks.rkmk import RKMK4
-
-    exact = np.array(problem.reference([1.0]).y)[0]
-    counts = (20, 40, 80)
-    errors = []
-    for count in counts:
-        method = RKMK4(problem.f, problem.frame)
-        end = method.integrate((0.0, 1.0), problem.y0, count)[-1]
-        assert method.nexp == 4 * count
-        assert problem.frame.membership_error(end) < 1e-13
-        errors.append(np.abs(end - exact).max())
-    assert observed_order([1 / n for n in counts], errors).order == pytest.approx(4, abs=0.15)
 
 
 @pytest.mark.parametrize("projected", [True, False])

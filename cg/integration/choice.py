@@ -35,7 +35,8 @@ def choose_method(frame: object, rtol: float | None) -> str:
         The frame; it matters whether it has brackets.
     rtol
         The relative tolerance: at 1e-4 or more the pair is one of order five, below it of order
-        eight where there are brackets and six where there are none. None for fixed steps, which are taken as loose.
+        eight where there are brackets and six where there are none. None for fixed steps, which
+        are taken as loose.
     """
     brackets = isinstance(frame, Frame) and has_brackets(frame)
     loose, tight = _WITH_BRACKETS if brackets else _WITHOUT
