@@ -33,7 +33,10 @@ HERE = Path(__file__).parent
 FLAT = HERE / "flat_pairs.toml"
 START = HERE / "dop853_order8_start.toml"
 
-RECIPES: dict[str, dict[str, Any]] = {}
+RECIPES: dict[str, dict[str, Any]] = {
+    "DVERK6(5)": {"chains": [1, 2, 3, 3, 3, 3, 3, 5], "hits": 7, "improve": True},
+    "Verner7(6)": {"chains": [1, 1, 2, 3, 3, 3, 3, 3, 3, 8], "improve": True},
+}
 NOTE = "; lifted: the flat pair stays exact, its rows split into flows"
 _ROOT = Fraction(isqrt(6 * 10**160), 10**80)
 _IRRATIONAL = re.compile(r"(?P<p>\S+) (?P<sign>[+-]) (?P<q>\S+) r6")
