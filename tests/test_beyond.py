@@ -98,7 +98,8 @@ def test_documented_table_is_the_catalogue(catalogue):
         ("CF6a", "stages", 6),
         ("CF6d", "exponentials", 6),
         ("CF6b", "effort", 6),
-        ("CF7a", "stages", 7),
+        ("Verner7(6)", "stages", 7),
+        ("DOP853", "stages", 8),
         ("CF7a", "exponentials", 7),
     ],
 )
