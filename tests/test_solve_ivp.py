@@ -195,6 +195,8 @@ HALVES = Tableau([["1/2"]], ["1"])
         ({"f": 3}, TypeError, "f must be callable"),
         ({"frame": "SO3"}, TypeError, "frame must be a Frame"),
         ({"method": "RK45"}, ValueError, "method must be one of .*got 'RK45'"),
+        ({"method": "DOP835"}, ValueError, "got 'DOP835'; near it are DOP853"),
+        ({"method": "rkmk5"}, ValueError, r"got 'rkmk5'; near it are .*RKMK5\(4\)"),
         ({"method": "CG4a"}, ValueError, "method must be a pair unless h .*'CG4a'"),
         ({"method": HALVES, "h": 0.1, "stage_solver": "hope"}, ValueError, "stage_solver must"),
         ({"t_span": (0.0, 1.0, 2.0)}, ValueError, "t_span must be two numbers"),

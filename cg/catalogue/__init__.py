@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
@@ -267,7 +268,8 @@ def resolve_method(method: str | Method) -> Method:
     Raises
     ------
     ValueError
-        If no method of the catalogue has that name; the message lists those there are.
+        If no method of the catalogue has that name; the message lists those there are, and says
+        which are near it.
     TypeError
         If `method` is neither a name nor a method.
     """
@@ -278,6 +280,8 @@ def resolve_method(method: str | Method) -> Method:
     if method in munthe_kaas:
         return munthe_kaas[method]
     if method not in methods:
-        known = ", ".join([*methods, *munthe_kaas])
-        raise ValueError(f"method must be one of {known}, got {method!r}")
+        known = [*methods, *munthe_kaas]
+        near = get_close_matches(method.upper(), known, n=3, cutoff=0.5)
+        hint = f"; near it are {', '.join(near)}" if near else ""
+        raise ValueError(f"method must be one of {', '.join(known)}, got {method!r}{hint}")
     return methods[method]

@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Points, check_size
 from cg.frames.user import Function, UserFrame
 
+# Of the largest term of an identity
+_BRACKET_ROUNDING = 1e-9
+
 
 class FieldFrame(UserFrame):
     r"""Vector fields given as functions, together with the flow of their combinations.
@@ -118,6 +121,26 @@ class FieldFrame(UserFrame):
             random_point=random_point,
             bracket=bracket,
         )
+        if bracket is not None:
+            self._check_bracket()
+
+    def _check_bracket(self) -> None:
+        """Raise ValueError if the bracket isn't that of a Lie algebra, as three vectors tell."""
+        u, v, w = np.random.default_rng(0).standard_normal((3, self.dim))
+        b = self.bracket
+        one, other = b(u, v), b(v, u)
+        size = float(np.abs([one, other]).max())
+        if not np.abs(one + other).max() <= _BRACKET_ROUNDING * size:
+            raise ValueError(
+                "bracket must change its sign when its arguments are exchanged, got "
+                f"{one.tolist()} and {other.tolist()} for {u.tolist()} and {v.tolist()}"
+            )
+        terms = np.array([b(u, b(v, w)), b(v, b(w, u)), b(w, b(u, v))])
+        if not np.abs(terms.sum(axis=0)).max() <= _BRACKET_ROUNDING * np.abs(terms).max():
+            raise ValueError(
+                "bracket must satisfy Jacobi's identity, [u, [v, w]] + [v, [w, u]] + [w, [u, v]] = "
+                f"0; got {terms.sum(axis=0).tolist()} for {u.tolist()}, {v.tolist()}, {w.tolist()}"
+            )
 
     def __repr__(self) -> str:
         names = ", ".join(getattr(f, "__name__", repr(f)) for f in self._fields)
