@@ -25,12 +25,14 @@ _DASHES: dict[str, Any] = {
     "fixed": (0, (5, 1.5)),
     "rkmk": (0, (1, 1.2)),
     "rival": (0, (3, 1, 1, 1)),
+    "default": "-",
 }
 _KINDS = {
     "pair": "pairs",
     "fixed": "fixed steps",
     "rkmk": "Munthe-Kaas",
     "rival": "others",
+    "default": "pairs",
 }
 _SHOWN = {"pair": 4, "fixed": 4, "rkmk": 4, "rival": 4}
 _ERROR = 1e-8

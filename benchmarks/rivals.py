@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
 import cg
+from cg.problems import HeavyTop
 
 from .cases import Case, cases
+from .compiled_top import CompiledTop
 from .record import Aim, Figure, Result, Row
 from .rival_figure import draw
 from .solvers import Solver, solvers
@@ -29,8 +33,13 @@ def run(quick: bool, figures: Path | None) -> Result:
     notes: list[str] = []
     drawn: list[Figure] = []
     won: dict[str, list[int]] = {}
-    for case in cases(_QUICK if quick else None):
-        curves = [_curve(case, solver, rounds) for solver in solvers(case, quick)]
+    found = cases(_QUICK if quick else None)
+    with tempfile.TemporaryDirectory() as folder:
+        compiled = CompiledTop(HeavyTop(), Path(folder))
+        in_c = {"name": "heavy_top_c", "title": "heavy top, f in C", "f": compiled.f}
+        found += [replace(case, **in_c) for case in found if case.name == "heavy_top"]
+        contests = [(case, _contest(case, rounds, quick)) for case in found]
+    for case, curves in contests:
         rows += _rows(case, curves)
         notes.append(_table(case, curves))
         _count(curves, won)
@@ -53,6 +62,12 @@ def run(quick: bool, figures: Path | None) -> Result:
         tuple(notes),
         tuple(drawn),
     )
+
+
+def _contest(case: Case, rounds: int, quick: bool) -> list[Curve]:
+    """Run all solvers; a function in C is for those alone that call it from compiled code."""
+    called = [s for s in solvers(case, quick) if callable(case.f) or s.kind != "rival"]
+    return [_curve(case, solver, rounds) for solver in called]
 
 
 def _curve(case: Case, solver: Solver, rounds: int) -> Curve:

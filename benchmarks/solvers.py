@@ -18,8 +18,9 @@ from .magnus import Magnus
 
 __all__ = ["Kind", "Run", "Solver", "solvers"]
 
-Kind = Literal["pair", "fixed", "rkmk", "rival"]
-"""Pairs of the catalogue, methods with fixed steps, Munthe-Kaas methods, all else."""
+Kind = Literal["pair", "fixed", "rkmk", "rival", "default"]
+"""Pairs of the catalogue, methods with fixed steps, Munthe-Kaas methods, other rivals, and what
+`cg.solve_ivp` chooses."""
 
 _LEAST_ORDER = 4
 
@@ -75,7 +76,7 @@ def solvers(case: Case, quick: bool) -> Iterator[Solver]:
             label = f"{name}, fixed" if method.embedded_order else name
             fixed: Kind = "rkmk" if kind == "rkmk" else "fixed"
             yield Solver(label, fixed, method.order, steps, _fixed(case, name))
-    yield Solver("default of solve_ivp", "pair", 0, tolerances, _adaptive(case, None))
+    yield Solver("default of solve_ivp", "default", 0, tolerances, _adaptive(case, None))
     for label, wanted in (("DOP853, projected", True), ("DOP853, not projected", False)):
         yield Solver(label, "rival", 8, tolerances, _dop853(case, wanted))
     if case.linear:
