@@ -66,6 +66,7 @@ HIGHEST_ORDER: int = int(_core_r64.highest_order())
 """Highest order that the compiled tables of trees hold (a build option)."""
 
 _MOST_TREES_ORDER = MOST_NODES - 1
+_MOST_CLASSICAL = 2000
 
 ExactRows = Sequence[Sequence[Any]]
 
@@ -125,15 +126,19 @@ def count_classical(order: int) -> int:
 
     A rooted tree is a multiset of rooted trees under a root; this counts such
     multisets by the usual recurrence over divisors.
+
+    Parameters
+    ----------
+    order : int
+        At most 2000.
     """
-    order = check_integer("order", order, 1)
+    order = check_integer("order", order, 1, _MOST_CLASSICAL)
     trees = [0, 1]
+    of_size = [0] * (order + 1)  # Σ d t_d over the divisors d of each k
     for n in range(1, order):
-        total = 0
-        for k in range(1, n + 1):
-            of_size = sum(d * trees[d] for d in range(1, k + 1) if k % d == 0)
-            total += of_size * trees[n - k + 1]
-        trees.append(total // n)
+        for k in range(n, order + 1, n):
+            of_size[k] += n * trees[n]
+        trees.append(sum(of_size[k] * trees[n - k + 1] for k in range(1, n + 1)) // n)
     return sum(trees)
 
 
@@ -149,7 +154,10 @@ def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDA
         try:
             if np.ma.is_masked(value):
                 raise TypeError("masked")
-            array = np.array(value, dtype=np.float64)
+            given = np.asarray(value)
+            if given.dtype.kind not in "iufO":  # complex numbers would lose a part
+                raise TypeError("not real")
+            array = given.astype(np.float64)
         except (TypeError, ValueError, OverflowError):
             raise ValueError(f"{name} must be an array of real numbers, got {value!r}") from None
         if not np.isfinite(array).all():

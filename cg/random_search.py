@@ -85,7 +85,7 @@ _PROMISING = 1e-11  # sum of squares from which on the last stretch is tried, wi
 _NOTHING = Fraction(1, 10**40)  # corrections leave this much of a coefficient that is zero
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SearchResult:
     """All starts of a search, in the order of their index.
 
@@ -97,6 +97,14 @@ class SearchResult:
 
     settings: SearchSettings
     starts: tuple[RandomStart, ...]
+
+    def __repr__(self) -> str:
+        settings = self.settings
+        exact = sum(start.exact for start in self.starts)
+        return (
+            f"<SearchResult: order {settings.order}, {settings.stages} stages, seed "
+            f"{settings.seed}: {exact} of {len(self.starts)} starts exact>"
+        )
 
     @cached_property
     def methods(self) -> tuple[Method, ...]:

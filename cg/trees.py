@@ -8,14 +8,14 @@ standard library, since the build runs it too.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from math import comb
 
 __all__ = ["Forest", "OrderedTree", "catalan", "forest"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OrderedTree:
     """An ordered rooted tree, immutable and hashable.
 
@@ -23,6 +23,11 @@ class OrderedTree:
     ----------
     children : tuple of OrderedTree
         The subtrees of the root, from left to right.
+
+    Attributes
+    ----------
+    nodes : int
+        Number of nodes ``|t|``, the root included.
 
     Examples
     --------
@@ -34,12 +39,33 @@ class OrderedTree:
     """
 
     children: tuple[OrderedTree, ...] = ()
+    nodes: int = field(init=False, repr=False)
+    _hash: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.children, tuple) or not all(
             isinstance(child, OrderedTree) for child in self.children
         ):
             raise TypeError(f"children must be a tuple of OrderedTree, got {self.children!r}")
+        # of the children's own, so that no depth is too large
+        object.__setattr__(self, "_hash", hash(tuple(child._hash for child in self.children)))
+        object.__setattr__(self, "nodes", 1 + sum(child.nodes for child in self.children))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, OrderedTree):
+            return NotImplemented
+        pending = [(self, other)]
+        while pending:
+            left, right = pending.pop()
+            if left is right:
+                continue
+            if left._hash != right._hash or len(left.children) != len(right.children):
+                return False
+            pending += zip(left.children, right.children, strict=True)
+        return True
 
     @classmethod
     def parse(cls, text: str) -> OrderedTree:
@@ -68,23 +94,31 @@ class OrderedTree:
         return finished[0][0]
 
     def __str__(self) -> str:
-        return "[" + "".join(map(str, self.children)) + "]"
+        parts: list[str] = []
+        pending: list[OrderedTree | str] = [self]
+        while pending:
+            part = pending.pop()
+            if isinstance(part, str):
+                parts.append(part)
+            else:
+                parts.append("[")
+                pending += ["]", *reversed(part.children)]
+        return "".join(parts)
 
     def __repr__(self) -> str:
         return f"OrderedTree.parse({str(self)!r})"
 
     @cached_property
-    def nodes(self) -> int:
-        """Number of nodes ``|t|``, the root included."""
-        return 1 + sum(child.nodes for child in self.children)
-
-    @cached_property
     def density(self) -> int:
         """Density ``γ(t) = Π_k (|t_1|+…+|t_k|) γ(t_k)``, and 1 for ``τ`` ([13] of the paper)."""
-        product, nodes = 1, 0
-        for child in self.children:
-            nodes += child.nodes
-            product *= nodes * child.density
+        product = 1
+        pending = [self]
+        while pending:
+            tree, nodes = pending.pop(), 0
+            for child in tree.children:
+                nodes += child.nodes
+                product *= nodes
+            pending += tree.children
         return product
 
 

@@ -33,7 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, or 2 if the output folder can't be used, or 130 after an interrupt.
+        Exit status: 0, or 2 if the output folder can't be used or is full, or 130 after an
+        interrupt.
 
     Raises
     ------
@@ -62,6 +63,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             display.begin,
             display.finish,
         )
+    except OSError as error:
+        print(
+            f"\nreproduce-paper: error: {error}; finished items are kept in {options.out}",
+            file=sys.stderr,
+        )
+        return _UNUSABLE
     except KeyboardInterrupt:
         print(
             f"\ninterrupted; finished items and searches are kept in {options.out}",

@@ -64,7 +64,8 @@ class Candidate:
     @property
     def f(self) -> float:
         """Sum of squared residuals of the independent conditions."""
-        return float(np.sum(self.system.residual(self.x) ** 2))
+        with np.errstate(over="ignore", invalid="ignore"):  # far away it is infinite
+            return float(np.sum(self.system.residual(self.x) ** 2))
 
     def singular_values(self) -> NDArray[np.float64]:
         """Singular values of the Jacobian of the independent conditions."""

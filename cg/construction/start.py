@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,17 @@ def default_start(order: int, structure: Structure) -> StartSettings:
     Those are orders four, five and seven with ``STAGE_ORDER_TWO``, and order seven in
     general, for which no random start succeeded.
     """
-    return (_GENERAL, _STAGE_ORDER_TWO, _MIDDLE)[structure][order]
+    known = (_GENERAL, _STAGE_ORDER_TWO, _MIDDLE)[structure]
+    if order in known:
+        return known[order]
+    # what was tried last, with as many stages as there are equations for
+    last = known[max(known)]
+    stages = last.stages
+    while True:
+        system = ConditionSystem.tableau(order, stages, structure=structure)
+        if system.free.size > system.equations:
+            return replace(last, stages=stages)
+        stages += 1
 
 
 def tree_start(order: int) -> StartSettings:

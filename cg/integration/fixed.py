@@ -17,6 +17,7 @@ from cg.integration.problem import make_problem
 from cg.integration.python_rhs import Coefficients
 from cg.integration.recorder import Recorder
 from cg.integration.results import Trajectory
+from cg.integration.stop_iteration import keeping_stop_iteration
 from cg.integration.time_grid import make_grid
 from cg.method import Method
 from cg.pairs import check_order
@@ -24,6 +25,7 @@ from cg.pairs import check_order
 __all__ = ["integrate"]
 
 
+@keeping_stop_iteration
 def integrate(
     f: Coefficients | LowLevelCallable[Any, Any],
     t_span: Sequence[float],

@@ -33,6 +33,7 @@ from cg.integration.python_rhs import Coefficients
 from cg.integration.recorder import Recorder
 from cg.integration.results import Solution
 from cg.integration.stepper import AdaptiveSchedule, Stepper
+from cg.integration.stop_iteration import keeping_stop_iteration
 from cg.integration.time_grid import TimeGrid, make_grid
 from cg.method import Method
 from cg.pairs import check_order, check_pair
@@ -43,6 +44,7 @@ Logs = dict[tuple[int, ...], EventLog]
 """The events of every member of an ensemble, those of a single point under the index ()."""
 
 
+@keeping_stop_iteration
 def solve_ivp(
     f: Coefficients | LowLevelCallable[Any, Any],
     t_span: Sequence[float],

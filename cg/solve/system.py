@@ -23,8 +23,8 @@ __all__ = ["ConditionSystem", "Structure"]
 
 _STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
 _REMAINING = {
-    1: (1, 1, 2, 6, 19, 56, 176),
-    2: (1, 0, 1, 4, 12, 36, 112),
+    1: (1, 1, 2, 6, 19, 56, 176, 550),
+    2: (1, 0, 1, 4, 12, 36, 112, 352),
 }
 """Conditions on 1, 2, ... nodes that don't follow from a structure and smaller ones."""
 
@@ -94,6 +94,10 @@ class ConditionSystem:
             raise ValueError(
                 f"structure = {structure.name} is for explicit tableaux of order 4 or more, "
                 f"got order {order}, rows {self.rows!r}"
+            )
+        if structure and order > len(_REMAINING[structure]):
+            raise ValueError(
+                f"order must be at most {len(_REMAINING[structure])} with a structure, got {order}"
             )
         if structure and self.stages < 3:
             raise ValueError(f"stages must be at least 3 with a structure, got {self.stages}")
