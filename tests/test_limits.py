@@ -175,3 +175,18 @@ def test_floors_of_versions_are_those_that_the_code_needs() -> None:
     floors = dict(entry.split(">=") for entry in project["project"]["dependencies"])
     assert floors["python-flint"] >= "0.7"  # polynomials of several variables
     assert floors["matplotlib"] >= "3.9"
+
+
+def test_warnings_of_integrations_are_about_the_caller() -> None:
+    method = cg.Tableau([[]], ["1/2"], name="half")
+    for call in (cg.integrate, cg.solve_ivp):
+        with pytest.warns(UserWarning, match="has order 0") as caught:
+            call(
+                lambda t, y: np.zeros(3),
+                (0, 1),
+                np.eye(3),
+                frame=cg.frames.SO3(),
+                method=method,
+                h=0.5,
+            )
+        assert caught[0].filename == __file__

@@ -163,7 +163,7 @@ def movable(system: ConditionSystem, frozen: Sequence[int] | NDArray[np.intp]) -
 
 def solved(candidate: Candidate) -> bool:
     """Tell whether the conditions hold to rounding in double."""
-    return candidate.f <= SOLVED * max(1.0, candidate.largest) ** 2
+    return candidate.f / max(1.0, candidate.largest) <= SOLVED * max(1.0, candidate.largest)
 
 
 def refinable(candidate: Candidate) -> bool:

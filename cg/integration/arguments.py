@@ -114,7 +114,7 @@ def check_rtol(rtol: Any) -> float:
     if value < _SMALLEST_RTOL:
         warnings.warn(
             f"rtol = {value:g} is too small to be attained and is raised to {_SMALLEST_RTOL:.3g}",
-            stacklevel=3,
+            stacklevel=4,
         )
     return max(value, _SMALLEST_RTOL)
 

@@ -128,7 +128,7 @@ def integrate(
     array([0., 1., 0.])
     """
     problem = make_problem(f, frame, method, y0, parameters=parameters, stage_solver=stage_solver)
-    check_order(problem.method)
+    check_order(problem.method, stacklevel=3)
     save_every = check_count(save_every, "save_every")
     workers = check_count(workers, "workers")
     if workers != 1 and not (isinstance(problem.rhs, CompiledRhs) and problem.in_compiled_code):
@@ -146,7 +146,7 @@ def integrate(
         warnings.warn(
             f"{len(stepper.failures)} members of the ensemble failed, y0{list(index)} since "
             f"{reason}",
-            stacklevel=2,
+            stacklevel=3,
         )
     counts = stepper.counts
     return Trajectory(

@@ -184,7 +184,7 @@ def solve_ivp(
     schedule: TimeGrid | AdaptiveSchedule
     if h is not None:
         check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
-        check_order(problem.method)
+        check_order(problem.method, stacklevel=3)
         schedule = make_grid((start, stop), h)
         if float(h) > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
@@ -198,7 +198,7 @@ def solve_ivp(
                 f"method must be a pair unless h gives the step size, got {method!r}, which has "
                 "no embedded weights"
             )
-        check_pair(problem.method)
+        check_pair(problem.method, stacklevel=3)
         norm = ErrorNorm(frame, problem.points, relative, check_atol(atol))
         first = None if first_step is None else check_step(first_step, "first_step")
         if first is not None and first > abs(stop - start):
