@@ -47,7 +47,7 @@ class Checkpoint:
         ValueError
             If it isn't a file, belongs to other settings, or has a damaged line before its last.
         OSError
-            If it can't be written.
+            If it can't be written, or is in use by another run.
         """
         if not isinstance(path, str | os.PathLike):
             raise TypeError(f"checkpoint must be a path, got {path!r}")
@@ -58,6 +58,7 @@ class Checkpoint:
         header = json.dumps({"format": _FORMAT, **settings})
         stream = path.open("a+", encoding="utf-8")
         try:
+            _lock(stream, path)
             stream.seek(0)
             try:
                 text = stream.read()
@@ -92,6 +93,20 @@ class Checkpoint:
         self._stream.write(line + "\n")
         self._stream.flush()
         os.fsync(self._stream.fileno())
+
+
+def _lock(stream: TextIO, path: Path) -> None:
+    """Refuse a file that another run, of this process or another, has open."""
+    try:
+        import fcntl
+    except ImportError:  # no such locks on this system
+        return
+    try:
+        fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise BlockingIOError(
+            error.errno, "checkpoint is in use by another run", str(path)
+        ) from None
 
 
 def _read(line: str, path: Path) -> dict[str, Any]:

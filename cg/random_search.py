@@ -295,7 +295,7 @@ def search(
         If an argument is out of its range, there are too few stages, or the checkpoint
         belongs to other settings.
     OSError
-        If the checkpoint can't be written.
+        If the checkpoint can't be written, or is in use by another run.
 
     Examples
     --------
@@ -330,7 +330,7 @@ def search(
     )
     try:
         records = map(RandomStart.from_record, checkpoint_file.records if checkpoint_file else ())
-        done = {start.index: start for start in records}
+        done = {start.index: check_start(settings, start) for start in records}
         missing = [index for index in range(starts) if index not in done]
         with closing(as_finished(partial(run_start, settings), missing, workers)) as running:
             for start in running:
@@ -343,6 +343,42 @@ def search(
         if checkpoint_file:
             checkpoint_file.close()
     return SearchResult(settings, tuple(done[index] for index in range(starts)))
+
+
+def check_start(settings: SearchSettings, start: RandomStart) -> RandomStart:
+    """Return a start that was read, after computing again what it says of its coefficients.
+
+    Raises
+    ------
+    ValueError
+        If its index is none, or the residual of its coefficients is another.
+    """
+    where = f"not the record of a start: start {start.index}"
+    if not 0 <= start.index <= LARGEST_COUNT:
+        raise ValueError(f"{where} can't be")
+    system = ConditionSystem(settings.order, start_layout(settings, start.index))
+    try:
+        bits = quad.encode(start.x)
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{where}: {error}") from None
+    if len(bits) != system.size:
+        raise ValueError(f"{where} has {len(bits)} coefficients, not {system.size}")
+    largest, exact = _judged(system, bits)
+    if (largest, exact) != (start.largest_residual, start.exact):
+        raise ValueError(
+            f"{where} says that its largest residual is {start.largest_residual!r}, exact: "
+            f"{start.exact}; it is {largest!r}, exact: {exact}"
+        )
+    return start
+
+
+def _judged(system: ConditionSystem, bits: quad.Quads) -> tuple[float, bool]:
+    """Return the largest residual at binary128 coefficients, and whether they are exact."""
+    largest = float(np.abs(system.residual_quad(bits)).max())
+    if not np.isfinite(largest):
+        largest = np.inf
+    scale = max(1.0, float(np.abs(quad.to_float(bits)).max()))
+    return largest, largest <= EXACT * scale
 
 
 @single_threads()
@@ -378,11 +414,7 @@ def run_start(settings: SearchSettings, index: int) -> RandomStart:
     else:
         decimals = tuple(map(quad.to_decimal, quad.decode(bits)))
         bits = quad.encode(map(Fraction, decimals))
-    largest = float(np.abs(system.residual_quad(bits)).max())
-    if not np.isfinite(largest):
-        largest = np.inf
-    scale = max(1.0, float(np.abs(quad.to_float(bits)).max()))
-    return RandomStart(index, double, refined, decimals, largest, largest <= EXACT * scale)
+    return RandomStart(index, double, refined, decimals, *_judged(system, bits))
 
 
 def _run_lmdif(

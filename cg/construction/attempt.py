@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import LARGEST_COUNT
 from ..conditions import count
 from ..layout import Layout
 from ..method import Method
@@ -74,6 +75,29 @@ class Attempt:
             )
         except (KeyError, TypeError) as error:
             raise ValueError(f"not the record of an attempt: {str(record)[:80]}") from error
+
+
+def check_attempt(settings: ConstructionSettings, attempt: Attempt) -> Attempt:
+    """Return a try that was read, after computing again what it says of its coefficients.
+
+    Raises
+    ------
+    ValueError
+        If it isn't borne out.
+    """
+    where = f"not the record of an attempt: try {attempt.index}"
+    try:
+        layout = attempt.tree or Layout.tableau(attempt.stages)
+        system = ConditionSystem(settings.order, layout, settings.structure)
+        if not 0 <= attempt.index <= LARGEST_COUNT or len(attempt.x) != system.size:
+            raise ValueError("wrong index or number of coefficients")
+        again = _attempt(settings, attempt.index, Candidate(system, _array(attempt.x)))
+    except (TypeError, ValueError, IndexError) as error:
+        raise ValueError(f"{where}: {error}") from None
+    said, found = ((one.solved, one.f.hex(), one.stages, one.flows) for one in (attempt, again))
+    if said != found:
+        raise ValueError(f"{where} says {said} of its coefficients, which give {found}")
+    return attempt
 
 
 def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:

@@ -13,7 +13,7 @@ from ..checks import LARGEST_COUNT, check_flag, check_integer
 from ..method import Method
 from ..parallel import as_finished, available_cores, single_threads
 from ..solve.system import Structure
-from .attempt import Attempt, arrived, refined, run_attempt
+from .attempt import Attempt, arrived, check_attempt, refined, run_attempt
 from .settings import ConstructionSettings, tableau_settings, tree_settings
 
 __all__ = ["Construction", "construct"]
@@ -169,7 +169,7 @@ def construct(
     checkpoint_file = Checkpoint.open(checkpoint, header) if checkpoint is not None else None
     try:
         records = map(Attempt.from_record, checkpoint_file.records if checkpoint_file else ())
-        done = {attempt.index: attempt for attempt in records}
+        done = {attempt.index: check_attempt(settings, attempt) for attempt in records}
         method = None
         for attempt in _in_order(settings, tries, workers, done, checkpoint_file, progress):
             if attempt.solved and arrived(settings, attempt):
