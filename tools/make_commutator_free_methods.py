@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,8 @@ from cg.construction import (
     Goals,
     NotExactError,
     Structure,
+    drop_flow,
+    drop_point_stage,
     optimise,
     principal_error,
     run_attempt,
@@ -63,7 +65,9 @@ class Recipe:
         Whether only what has a certificate counts.
     flows : int or None
         How many are to be left; None for those of the tree.
-    stages, first_flows : int
+    stages : int
+        Of trees that are drawn; with a given tree how many are to be left, or 0 for all.
+    first_flows : int
         Of trees that are drawn.
     pair : bool
         Whether drawn trees have one more flow for an estimate, which uses the stage at the
@@ -85,6 +89,15 @@ class Recipe:
     goals: Goals = GOALS
     seed: int = SEED
 
+
+SEVEN = (
+    (
+        *(-1, -1, -1, 2, 3, -1, 5, 6, 6, 8, 9, 10, -1, 12),
+        *(12, 14, 15, 0, 17, 18, 17, *range(20, 29)),
+    ),
+    (-1, 0, 1, 4, 7, 9, 11, 13, 16, 19, 20),
+)
+"""The tree of points that order seven starts from: 11 stages, 30 flows."""
 
 RECIPES = (
     Recipe(
@@ -135,36 +148,12 @@ RECIPES = (
     Recipe(
         "CF7a",
         7,
-        (
-            (
-                -1,
-                -1,
-                -1,
-                2,
-                3,
-                -1,
-                5,
-                6,
-                6,
-                8,
-                9,
-                10,
-                -1,
-                12,
-                12,
-                14,
-                15,
-                0,
-                17,
-                18,
-                17,
-                *range(20, 29),
-            ),
-            (-1, 0, 1, 4, 7, 9, 11, 13, 16, 19, 20),
-        ),
+        SEVEN,
         (13,),
         flows=26,
     ),
+    Recipe("CF7b", 7, SEVEN, (12,), flows=25, stages=10),
+    Recipe("CF7c", 7, SEVEN, (13,), flows=28, stages=9),
     Recipe(
         "CF6a",
         6,
@@ -189,9 +178,29 @@ RECIPES = (
 )
 
 
+def fewer(recipe: Recipe) -> list[tuple[int, Candidate]]:
+    """Return what is left of the starts with a given tree when stages and flows are left out."""
+    assert recipe.tree is not None
+    assert recipe.flows is not None
+    all_flows = replace(recipe, flows=len(layout_of(recipe.tree).parents), stages=0)
+    found = []
+    for k, start in attempts(all_flows):
+        random = np.random.default_rng(k)
+        candidate: Candidate | None = start
+        while candidate and candidate.system.stages > recipe.stages:
+            candidate = drop_point_stage(candidate, random, largest=LARGEST)
+        while candidate and len(candidate.system.layout.parents) > recipe.flows:
+            candidate = drop_flow(candidate, random, largest=LARGEST)
+        if candidate:
+            found.append((k, candidate))
+    return found
+
+
 def attempts(recipe: Recipe) -> list[tuple[int, Candidate]]:
     """Return the starts that reach the wanted number of flows, and their numbers."""
     layout = None if recipe.tree is None else layout_of(recipe.tree)
+    if layout is not None and 0 < recipe.stages < layout.stages:
+        return fewer(recipe)
     settings = ConstructionSettings(
         order=recipe.order,
         stages=recipe.stages + recipe.pair if layout is None else layout.stages,
@@ -286,8 +295,10 @@ def method(recipe: Recipe) -> cg.CommutatorFree:
             "moved along the solution set to a small principal error"
         )
         if recipe.flows is not None:
-            most = recipe.first_flows if recipe.tree is None else len(recipe.tree[0])
+            most = recipe.first_flows or len(layout_of(recipe.tree).parents)
             left = f"flows left out down to {recipe.flows}, " if most > recipe.flows else ""
+            if recipe.tree is not None and recipe.stages:
+                left = f"stages left out down to {recipe.stages}, {left}"
             source = (
                 f"random start {k} of seed {recipe.seed} with a tree of {most} flows that was "
                 f"drawn at random, {left}moved along the solution set to a small principal error"
