@@ -98,9 +98,10 @@ def test_documented_table_is_the_catalogue(catalogue):
         ("CF6a", "stages", 6),
         ("CF6d", "exponentials", 6),
         ("CF6b", "effort", 6),
-        ("Verner7(6)", "stages", 7),
+        ("CF7c", "stages", 7),
         ("DOP853", "stages", 8),
-        ("CF7a", "exponentials", 7),
+        ("CF7b", "exponentials", 7),
+        ("CF7b", "effort", 7),
     ],
 )
 def test_advice_is_right(catalogue, name, by, among):
