@@ -1,0 +1,197 @@
+"""A second proof of certificates without identities, which shares no code with `cg.certification`.
+
+From the text of a method and of its certificate, with the trees of `cg.trees`: weights by their
+definition and derivatives carried along, in balls; then Krawczyk's test in the certificate's box.
+Conditions of Lyndon words imply all others. ``python tests/independent_verifier.py FOLDER`` proves
+all that are there: methods in it, certificates in ``certificates`` below.
+"""
+
+import sys
+import tomllib
+from fractions import Fraction
+from math import factorial
+from pathlib import Path
+
+import numpy as np
+from flint import arb, arb_mat, ctx, fmpq
+
+from cg.trees import OrderedTree, forest
+
+
+class NotProvedError(Exception):
+    """What a certificate says isn't proved."""
+
+
+class Dual:
+    """A ball with its derivatives by the free unknowns."""
+
+    def __init__(self, value, slope):
+        self.value, self.slope = value, slope
+
+    def __add__(self, other):
+        return Dual(self.value + other.value, self.slope + other.slope)
+
+    def __mul__(self, other):
+        slope = self.slope * other.value + other.slope * self.value
+        return Dual(self.value * other.value, slope)
+
+    def __truediv__(self, number):
+        return Dual(self.value / number, self.slope / number)
+
+
+def read_points(entry):
+    """Return points as (parent, [(stage, name, number)]), where stages are, and both results."""
+    if "points" in entry:
+        points = [
+            (p["parent"], [(int(k), f"w_{m},{int(k) + 1}", w) for k, w in p["weights"].items()])
+            for m, p in enumerate(entry["points"], 1)
+        ]
+        results = [entry["result"], entry.get("embedded_result")]
+        return points, entry["stage_points"], [r for r in results if r is not None]
+    points, ends = [], []
+    rows = [(f"a_{i},", row) for i, row in enumerate(entry["a"], 1)] + [("b_", entry["b"])]
+    if "b_embedded" in entry:
+        rows.append(("b_embedded_", entry["b_embedded"]))
+    for label, row in rows:
+        at = -1
+        for stage, number in enumerate(row):
+            points.append((at, [(stage, f"{label}{stage + 1}", number)]))
+            at = len(points) - 1
+        ends.append(at)
+    stages = len(entry["b"])
+    return points, ends[:stages], ends[stages:]
+
+
+def exact(number):
+    """Return the number that a text says."""
+    text = str(number)
+    return Fraction(float.fromhex(text)) if "0x" in text else Fraction(text)
+
+
+class Problem:
+    """The conditions of a method in the free unknowns of a certificate."""
+
+    def __init__(self, entry, certificate):
+        self.points, self.at, self.results = read_points(entry)
+        fixed = set(certificate["fixed"])
+        self.start = {n: exact(x) for _, terms in self.points for _, n, x in terms}
+        self.free = [name for name in self.start if name not in fixed]
+        self.orders = [certificate["order"]]
+        if "embedded" in certificate:
+            self.orders.append(certificate["embedded"]["order"])
+        self.trees = forest(max(self.orders) + 2)
+
+    def duals(self, radius):
+        """Return all coefficients, the free ones in their box."""
+        size = len(self.free)
+        made = {}
+        for name, value in self.start.items():
+            slope = arb_mat(1, size)
+            ball = arb(fmpq(value.numerator, value.denominator))
+            if name in self.free:
+                slope[0, self.free.index(name)] = 1
+                ball = ball + arb(0, radius)
+            made[name] = Dual(ball, slope)
+        return made
+
+    def weights(self, x, wanted, zero, one):
+        """Return the weights of trees at results, for pairs (result, tree)."""
+        letters = {}  # by tree, at each point
+
+        def ends_of(word, points):
+            taken = {-1: [one] + [zero] * len(word)}  # by letters taken
+            for m in points:
+                parent = taken[self.points[m][0]]
+                row = list(parent)
+                for begin in range(len(word)):
+                    product = parent[begin]
+                    for end in range(begin + 1, len(word) + 1):
+                        product = product * letters[word[end - 1]][m]
+                        row[end] = row[end] + product / factorial(end - begin)
+                taken[m] = row
+            return taken
+
+        def add_letter(tree, phi):
+            letters[tree] = []
+            for _, terms in self.points:
+                total = zero
+                for stage, name, _ in terms:
+                    total = total + x[name] * phi[stage]
+                letters[tree].append(total)
+
+        def path(point):
+            return [] if point < 0 else [*path(self.points[point][0]), point]
+
+        inner = sorted({m for at in self.at for m in path(at)})
+        most = max(self.trees.nodes[tree - 1] for _, tree in wanted) - 1
+        for tree in range(1, self.trees.with_nodes(most).stop):
+            ends = ends_of(self.trees.children[tree - 1], inner)
+            add_letter(tree, [ends[at][-1] for at in self.at])
+        found = []
+        for result, tree in wanted:
+            end = self.results[result]
+            found.append(ends_of(self.trees.children[tree - 1], path(end))[end][-1])
+        return found
+
+    def conditions(self):
+        """Return the pairs of results and trees whose conditions are to hold."""
+        return [
+            (result, tree)
+            for result, order in enumerate(self.orders)
+            for tree in range(2, self.trees.with_nodes(order + 1).stop)
+            if self.trees.is_independent(tree)
+        ]
+
+    def residuals(self, radius, wanted):
+        """Return residuals in the box, with their derivatives."""
+        size = len(self.free)
+        zero, one = Dual(arb(0), arb_mat(1, size)), Dual(arb(1), arb_mat(1, size))
+        found = self.weights(self.duals(radius), wanted, zero, one)
+        targets = [arb(1) / self.trees.density[tree - 1] for _, tree in wanted]
+        return [Dual(w.value - t, w.slope) for w, t in zip(found, targets, strict=True)]
+
+
+def verify(entry, certificate):
+    """Prove a certificate; NotProvedError if that fails."""
+    problem = Problem(entry, certificate)
+    if certificate["identities"] or certificate["name"] != entry["name"]:
+        raise NotProvedError("it has identities, or another name")
+    ctx.prec = certificate["bits"]
+    wanted, radius = problem.conditions(), exact(certificate["radius"])
+    ball = arb(fmpq(radius.numerator, radius.denominator))
+    if radius == 0:
+        x = {n: fmpq(v.numerator, v.denominator) for n, v in problem.start.items()}
+        for (_, tree), w in zip(wanted, problem.weights(x, wanted, fmpq(0), fmpq(1)), strict=True):
+            if problem.free or w * problem.trees.density[tree - 1] != 1:
+                raise NotProvedError("a condition is violated, or coefficients aren't fixed")
+    else:
+        size = len(wanted)
+        if size != len(problem.free):
+            raise NotProvedError("there must be as many unknowns as conditions")
+        at, around = problem.residuals(0, wanted), problem.residuals(ball.upper(), wanted)
+        slopes = [[float(r.slope[0, k].mid()) for k in range(size)] for r in at]
+        inverse = arb_mat(np.linalg.inv(np.array(slopes)).tolist())
+        steps = inverse * arb_mat([[r.value] for r in at])
+        enclosed = arb_mat([[r.slope[0, k] for k in range(size)] for r in around])
+        product = inverse * enclosed
+        for i in range(size):
+            total = sum((abs(product[i, j] - int(i == j)) for j in range(size)), arb(0))
+            if not abs(steps[i, 0]) + ball * total < ball:
+                raise NotProvedError(f"the image isn't inside the box at {problem.free[i]}")
+    claims = [certificate["beyond"], certificate.get("embedded")]
+    for result, order in enumerate(problem.orders):
+        tree = problem.trees.index(OrderedTree.parse(claims[result]["tree"]))
+        bound = exact(claims[result]["bound"])
+        residual = problem.residuals(ball.upper(), [(result, tree)])[0].value
+        if problem.trees.nodes[tree - 1] != order + 2 or bound <= 0:
+            raise NotProvedError("the violated condition must be one of the next order")
+        if not abs(residual) >= arb(fmpq(bound.numerator, bound.denominator)):
+            raise NotProvedError("the condition isn't violated by as much")
+
+
+if __name__ == "__main__":
+    for path in sorted(Path(sys.argv[1]).glob("certificates/*.toml")):
+        text = tomllib.loads(path.read_text("utf-8"))
+        if not text["identities"]:
+            verify(tomllib.loads((path.parent.parent / path.name).read_text("utf-8")), text)
+            print("proved", text["name"], flush=True)
