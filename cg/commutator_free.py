@@ -12,16 +12,18 @@ import numpy as np
 
 from . import quad
 from .coefficients import Coefficient
+from .flat import flat_order
 from .layout import Layout
 from .method import Method, read_coefficient, read_texts
 from .points import MethodError, Point, PointTree, check_tree
+from .tableau import Tableau
 
 __all__ = ["CommutatorFree"]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class CommutatorFree(Method):
-    """An explicit method whose flows are those of combinations of frozen fields [1]_.
+    r"""An explicit method whose flows are those of combinations of frozen fields [1]_.
 
     Point m of a step is reached by the flow of ``Σ_k α_mk F_k`` from an earlier point, where
     F_k is the field frozen at stage k, which is one of the points before. Methods of
@@ -39,7 +41,12 @@ class CommutatorFree(Method):
     result : int, optional
         The point that the step leads to, by default the last.
     embedded_result : int, optional
-        A second result that makes the method a pair.
+        A second result that makes the method a pair. If it is one flow from the result, the error
+        is estimated by the combination of frozen fields that this flow is along, and takes none.
+    third : sequence of s numbers, optional
+        Third weights of such a pair, of lower order than the second: the estimate then is
+        :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}`, with :math:`e_3` the combination of frozen
+        fields with the sums of weights that lead to the result less these, as DOP853 has it [2]_.
     name, source : str, optional
         What the method is called and where it is from.
     nominal_order, nominal_residual : optional
@@ -50,13 +57,16 @@ class CommutatorFree(Method):
     MethodError
         If a parent or a stage is no point, a parent comes after its child, the first stage
         isn't at the initial point, a weight is on a stage that isn't evaluated by then, no
-        stage influences a result, both results are the same, a number isn't finite, or a
-        nominal order isn't borne out.
+        stage influences a result, both results are the same, a number isn't finite, a nominal
+        order isn't borne out, or third weights have a wrong length or belong to no pair whose
+        second result is one flow from the first.
 
     References
     ----------
     .. [1] E. Celledoni, A. Marthinsen, B. Owren, "Commutator-free Lie group methods", Future
        Generation Computer Systems 19 (2003), 341-352.
+    .. [2] E. Hairer, S. P. Nørsett, G. Wanner, "Solving Ordinary Differential Equations I", 2nd
+       ed., Springer, 1993, section II.5.
 
     Examples
     --------
@@ -70,6 +80,7 @@ class CommutatorFree(Method):
     source: str
     tree: PointTree
     coefficients: tuple[Coefficient, ...]
+    third_weights: tuple[Coefficient, ...] | None
     nominal_order: int | None
     nominal_residual: Coefficient | None
 
@@ -80,6 +91,7 @@ class CommutatorFree(Method):
         result: int | None = None,
         *,
         embedded_result: int | None = None,
+        third: Iterable[Any] | None = None,
         name: str = "",
         source: str = "",
         nominal_order: int | None = None,
@@ -104,6 +116,7 @@ class CommutatorFree(Method):
             for point, (_, row) in zip(tree.points, read, strict=True)
             for stage in point.weights
         )
+        values["third_weights"] = None if third is None else _read_third(third, tree)
         for field, value in values.items():
             object.__setattr__(self, field, value)
         if self.nominal_order is not None:
@@ -138,10 +151,12 @@ class CommutatorFree(Method):
         return {field.name: self.__dict__[field.name] for field in fields(self)}
 
     def __eq__(self, other: object) -> bool:
-        return self.tree == other.tree if isinstance(other, CommutatorFree) else NotImplemented
+        if not isinstance(other, CommutatorFree):
+            return NotImplemented
+        return (self.tree, self.third_weights) == (other.tree, other.third_weights)
 
     def __hash__(self) -> int:
-        return hash(self.tree)
+        return hash((self.tree, self.third_weights))
 
     @cached_property
     def layout(self) -> Layout:
@@ -166,6 +181,39 @@ class CommutatorFree(Method):
             name=f"{self.name}, embedded" if self.name else "",
             source=self.source,
         )
+
+    @cached_property
+    def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
+        """Weights on frozen fields of the error estimates, if these take no flow; else empty."""
+        second = self.tree.embedded_result
+        if second is None or self.tree.points[second].parent != self.tree.result:
+            return ()
+        flow = self.tree.points[second].weights
+        rows = [tuple(-flow.get(k, Fraction(0)) for k in range(self.stages))]
+        if self.third_weights is not None:
+            sums = self.tree.flat_row(self.tree.result)
+            rows.append(tuple(b - w.value for b, w in zip(sums, self.third_weights, strict=True)))
+        return tuple(rows)
+
+    @cached_property
+    def third_order(self) -> int | None:
+        """Order of the third weights where flows commute; None without."""
+        if self.third_weights is None:
+            return None
+        # Sums of weights that are rounded are right to their last place.
+        rows = [[quad.to_decimal(entry) for entry in row] for row in self.exact[0]]
+        return flat_order(Tableau(rows, self.third_weights))
+
+
+def _read_third(third: Iterable[Any], tree: PointTree) -> tuple[Coefficient, ...]:
+    """Return third weights; MethodError if they aren't as many numbers, or have no place."""
+    second = tree.embedded_result
+    if second is None or tree.points[second].parent != tree.result:
+        raise MethodError("third must be None unless embedded_result is one flow from the result")
+    entries = _listed(third, "third")
+    if len(entries) != len(tree.stage_points):
+        raise MethodError(f"third must have {len(tree.stage_points)} entries, got {len(entries)}")
+    return tuple(read_coefficient(entry, f"third_{k}") for k, entry in enumerate(entries, 1))
 
 
 def _listed(value: Any, label: str) -> list[Any]:

@@ -130,10 +130,26 @@ class Method(ABC):
         """
         return self.tree.flows([*self.tree.stage_points, self.tree.result])
 
+    @property
+    def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
+        """Weights on frozen fields of the error estimates, if these take no flow; else empty."""
+        return ()
+
+    @property
+    def third_order(self) -> int | None:
+        """Order of third weights, which refine the estimate of a pair; None without."""
+        return None
+
     @cached_property
     def pair_exponentials(self) -> int:
-        """Flows that a trial step takes: `exponentials`, and those to the second result."""
+        """Flows that a trial step takes: `exponentials`, and those to the second result.
+
+        A second result that is one flow from the first isn't gone to, since the error is what this
+        flow is along.
+        """
         tree = self.tree
+        if self.error_weights and not (self.embedded_order or 0) > self.order:
+            return self.exponentials
         if not self.explicit:
             return self.exponentials + sum(entry != 0 for entry in self.exact_embedded or ())
         second = [] if tree.embedded_result is None else [tree.embedded_result]

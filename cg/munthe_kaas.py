@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from .coefficients import Coefficient
+from .flat import flat_order
 from .layout import Layout
-from .lifting.flat import flat_order
 from .low_storage import flat_residuals, rooted_trees
 from .method import Method, read_coefficient, read_texts
 from .points import START, MethodError, Point, PointTree, check_tree

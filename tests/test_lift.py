@@ -10,8 +10,11 @@ from scipy.integrate._ivp import dop853_coefficients
 import cg
 from cg import conditions
 from cg.catalogue import methods
+from cg.flat import flat_order, rooted_trees, stage_orders
+from cg.integration.error_norm import ErrorNorm
+from cg.integration.step import Step
+from cg.integration.stepper import error_exponent
 from cg.layout import Layout
-from cg.lifting.flat import flat_order, rooted_trees, stage_orders
 from cg.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
 
 KUTTA = cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"], name="Kutta")
@@ -249,6 +252,22 @@ class TestAgainstSciPy:
         found = cg.integrate(field, (0.0, h * steps), y0, frame=frame, method=name, h=h)
         rounding = 32 * np.finfo(float).eps
         np.testing.assert_allclose(found.y, expected, rtol=rounding, atol=rounding)
+
+    def test_estimates(self, name):
+        """Those of SciPy's steps, with the same power of them that a step is proportional to."""
+        y0, frame = np.array([0.3, 1.0, 0.7]), cg.frames.Euclidean(3)
+        theirs = SCIPY[name](field, 0.0, y0, 5.0, rtol=1e-6, atol=1e-8)
+        step = Step(field, frame, methods[name])
+        norm = ErrorNorm(frame, y0, 1e-6, np.array(1e-8))
+        while theirs.status == "running":
+            theirs.step()
+            h = theirs.t - theirs.t_old
+            y, error = step.trial(theirs.t_old, theirs.y_old, h, norm)
+            np.testing.assert_allclose(y, theirs.y, rtol=1e-14, atol=1e-15)
+            scale = 1e-8 + 1e-6 * np.maximum(np.abs(theirs.y_old), np.abs(theirs.y))
+            expected = theirs._estimate_error_norm(theirs.K, h, scale)
+            assert error == pytest.approx(expected, rel=1e-6)
+        assert error_exponent(methods[name]) == -theirs.error_exponent
 
     def test_all_conditions_hold(self, name):
         method = methods[name]

@@ -650,3 +650,40 @@ def test_points_are_values():
     assert repr(one) == "Point(-1, {1: 1/2})"
     with pytest.raises(TypeError):
         one.weights[0] = 1
+
+
+class TestThirdWeights:
+    def make(self, third, **options):
+        pair = methods["DP5(4)"]
+        parents = [point.parent for point in pair.points]
+        given = {"result": pair.result, "embedded_result": pair.embedded_result} | options
+        points = zip(parents, pair.point_coefficients, strict=True)
+        return CommutatorFree(points, pair.stage_points, third=third, **given)
+
+    def test_they_make_an_estimate(self, tmp_path):
+        third = ["1", "0", "0", "0", "0", "0", "0"]
+        pair = self.make(third)
+        first, second = pair.error_weights
+        assert first == methods["DP5(4)"].error_weights[0]
+        assert second == tuple(b - (k == 0) for k, b in enumerate(pair.exact[1]))
+        assert pair.third_order == 1
+        assert pair != methods["DP5(4)"]
+        assert pair.pair_exponentials == pair.exponentials
+        again = loads(dumps(pair))
+        assert again == pair
+        assert hash(again) == hash(pair)
+        assert again.third_weights == pair.third_weights
+        assert methods["DP5(4)"].third_order is None
+
+    @pytest.mark.parametrize(
+        ("third", "options", "message"),
+        [
+            (["1"], {}, "third must have 7 entries, got 1"),
+            ("1234567", {}, "third must be a sequence"),
+            ([1, 0, 0, 0, 0, 0, "x"], {}, "third_7"),
+            ([1] * 7, {"embedded_result": None}, "third must be None unless embedded_result"),
+        ],
+    )
+    def test_bad_ones(self, third, options, message):
+        with pytest.raises(MethodError, match=message):
+            self.make(third, **options)

@@ -22,9 +22,9 @@ from threadpoolctl import threadpool_limits
 
 import cg
 from cg.catalogue import save
+from cg.flat import stage_orders
 from cg.layout import Layout
 from cg.lifting.exact import refined
-from cg.lifting.flat import stage_orders
 from cg.lifting.lift import split_method
 from cg.lifting.splitting import FlatRows, Splitting
 from cg.quad import DECIMAL_DIGITS, to_decimal
@@ -55,6 +55,8 @@ def main() -> None:
             lifted = cg.lift(flat, **RECIPES[name])
             print(f"{name}: start {lifted.index} of {lifted.starts}, {lifted.hits} hits")
             method = lifted.method
+        if (third := third_weights(name)) is not None:
+            method = with_third(method, third)
         save(method, Path(folder) / f"{name}.toml")
         seconds = time.process_time() - start
         print(
@@ -76,6 +78,26 @@ def tableaux() -> dict[str, cg.Tableau]:
         )
         for name, pair in pairs.items()
     }
+
+
+def third_weights(name: str) -> list[str] | None:
+    """Return the third weights of a flat pair, if it has any."""
+    found: list[str] | None = tomllib.loads(FLAT.read_text(encoding="utf-8"))[name].get("b_third")
+    return found
+
+
+def with_third(method: cg.CommutatorFree, third: list[str]) -> cg.CommutatorFree:
+    """Return a method with third weights."""
+    parents = [point.parent for point in method.points]
+    return cg.CommutatorFree(
+        zip(parents, method.point_coefficients, strict=True),
+        method.stage_points,
+        method.result,
+        embedded_result=method.embedded_result,
+        third=third,
+        name=method.name,
+        source=method.source,
+    )
 
 
 def number(text: str) -> str:

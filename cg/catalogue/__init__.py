@@ -47,7 +47,7 @@ _OPTIONAL = {"b_embedded", "nominal"}
 _OPTIONAL_OF_ALGEBRAS = {"kind", "b_embedded", "b_third"}
 _KIND = "Munthe-Kaas"
 _REQUIRED_OF_POINTS = {"name", "source", "points", "stage_points", "result"}
-_OPTIONAL_OF_POINTS = {"embedded_result", "nominal"}
+_OPTIONAL_OF_POINTS = {"embedded_result", "b_third", "nominal"}
 _POINT = {"parent", "weights"}
 _NOMINAL = {"order", "residual"}
 _STAGE = re.compile(r"\d{1,6}", re.ASCII)
@@ -80,7 +80,8 @@ def loads(text: str) -> Method:
         _check_keys(table, _NOMINAL, set(), "nominal")
         nominal = {f"nominal_{key}": value for key, value in table.items()}
     if points:
-        return CommutatorFree(_read_points(entry.pop("points")), **entry, **nominal)
+        third = entry.pop("b_third", None)
+        return CommutatorFree(_read_points(entry.pop("points")), third=third, **entry, **nominal)
     return Tableau(entry.pop("a"), entry.pop("b"), **entry, **nominal)
 
 
@@ -154,8 +155,6 @@ def dumps(method: Method) -> str:
             lines.append(f"{label} = {_array(row)}")
         if isinstance(method, MuntheKaas):
             lines.insert(0, f"kind = {_quoted(_KIND)}")
-            if method.third_weights is not None:
-                lines.append(f"b_third = {_array(method.third_weights)}")
     elif isinstance(method, CommutatorFree):
         lines.append("points = [")
         for point, weights in zip(method.points, method.point_coefficients, strict=True):
@@ -166,6 +165,8 @@ def dumps(method: Method) -> str:
             lines.append(f"embedded_result = {method.embedded_result}")
     else:
         raise TypeError(f"method must be a Tableau, CommutatorFree or MuntheKaas, got {method!r}")
+    if isinstance(method, CommutatorFree | MuntheKaas) and method.third_weights is not None:
+        lines.append(f"b_third = {_array(method.third_weights)}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]
         lines.append(f"residual = {_quoted(method.nominal_residual.text)}")

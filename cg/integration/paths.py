@@ -53,8 +53,8 @@ class MethodPaths:
     stages
         The path to each stage.
     result, embedded
-        The paths to the result of the step, and to the second result of a pair (0 without).  The
-        one of higher order is the result.
+        The paths to the result of the step, and to the second result of a pair (0 without, or if
+        the estimate takes no flow).  The one of higher order is the result.
     final_stage
         The stage (from 1) that is evaluated at the end of the step and so begins the next one, or
         0 if there is none.
@@ -65,9 +65,10 @@ class MethodPaths:
     series
         Of a method on a Lie algebra, the order up to which dexp⁻¹ is needed where it is a series;
         0 of others.  Coefficients at stages become derivatives of the coordinates that lead
-        there, and errors are estimated by combinations of these.
+        there.
     errors
-        The weights of these combinations.
+        Weights on the coefficients at stages of the combinations by which errors are estimated;
+        none if results are compared.
     """
 
     paths: tuple[Path, ...]
@@ -132,14 +133,16 @@ class MethodPaths:
 def paths_of(method: Method) -> MethodPaths:
     """Return the paths of an explicit method."""
     series = 0
-    errors: tuple[tuple[Fraction, ...], ...] = ()
     if isinstance(method, MuntheKaas):
         method = method.advancing
-        series, errors = max(method.order, 1), method.error_weights
+        series = max(method.order, 1)
+    errors = method.error_weights
     result, embedded = method.result, method.embedded_result
     if embedded is not None and (method.embedded_order or 0) > method.order:
         result, embedded = embedded, result
-    builder = _Builder(method)
+    if errors:
+        embedded = None
+    builder = _Builder(method, {result} if embedded is None else {result, embedded})
     stages = tuple(builder.path_to(point) for point in method.stage_points)
     result_path = builder.path_to(result)
     c = _abscissae(method)
@@ -159,11 +162,9 @@ def paths_of(method: Method) -> MethodPaths:
 
 
 class _Builder:
-    def __init__(self, method: Method) -> None:
+    def __init__(self, method: Method, results: set[int]) -> None:
         self.points = method.points
-        ends = {*method.stage_points, method.result}
-        if method.embedded_result is not None:
-            ends.add(method.embedded_result)
+        ends = results.union(method.stage_points)
         used: set[int] = set()
         pending = list(ends)
         while pending:

@@ -78,6 +78,7 @@ class Step:
         self._final: tuple[Points, Array] | None = None
         self.solvers: list[StageSolver] | None = None
         self.series = 0
+        self.error_weights = np.empty((0, 0))
         if isinstance(method, Tableau) and not method.explicit:
             self._prepare_rows(method, stage_solver)
         else:
@@ -122,6 +123,10 @@ class Step:
         """
         if self.method.embedded_order is None:
             raise ValueError(f"method must have embedded weights, got {self.method!r}")
+        if self.error_weights.size and not self.series:
+            (result,) = self._take(t, point, h, 1)
+            difference = -h * (self.error_weights[0] @ self._stage_fields)
+            return result, self.frame.flow(difference, result)
         result, other = self._take(t, point, h, 2)
         return result, other
 
@@ -132,9 +137,9 @@ class Step:
 
         The point is None where there is no error that is finite.
         """
-        if self.series:
+        if self.error_weights.size:
             (reached,) = self._take(t, point, h, 1)
-            differences = h * (self.error_weights @ self._stage_fields)
+            differences = _combined(h * self.error_weights, self._stage_fields)
             if not np.isfinite(reached).all() or not np.isfinite(differences).all():
                 return None, math.inf
             error = norm.estimate(np.moveaxis(differences, -2, 0), reached, point)

@@ -148,8 +148,9 @@ def advances_by_embedded(method: Method) -> bool:
 
 def error_exponent(method: Method) -> float:
     """Return the power of an error that a step is proportional to, by the order of a pair."""
-    if isinstance(method, MuntheKaas) and method.third_order is not None:
-        second, third = method.advancing.embedded_order or 0, method.third_order
+    if method.third_order is not None:
+        advancing = method.advancing if isinstance(method, MuntheKaas) else method
+        second, third = advancing.embedded_order or 0, method.third_order
         return 1.0 / max(2 * (second + 1) - (third + 1), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)

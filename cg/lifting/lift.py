@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ..checks import check_flag, check_integer
 from ..commutator_free import CommutatorFree
 from ..conditions import HIGHEST_ORDER
+from ..flat import flat_order, stage_orders
 from ..layout import Layout
 from ..parallel import raise_if_stopped
 from ..tableau import Tableau
 from .exact import refined
-from .flat import flat_order, stage_orders
 from .improvement import improved
 from .merging import reduced
 from .solver import Fit, fit

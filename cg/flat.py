@@ -8,9 +8,9 @@ from functools import cache
 
 from flint import fmpq, fmpq_mat
 
-from ..coefficients import Coefficient
-from ..conditions import HIGHEST_ORDER
-from ..tableau import Tableau
+from .coefficients import Coefficient
+from .conditions import HIGHEST_ORDER
+from .tableau import Tableau
 
 __all__ = ["flat_order", "rooted_trees", "stage_orders"]
 
