@@ -174,7 +174,8 @@ def test_sizes_of_coordinates():
         (Euclidean(4), ((BlockKind.EUCLIDEAN, 4, 0),)),
         (SO3(), ((BlockKind.SO3, 3, 0),)),
         (SO(3, "space"), ((BlockKind.SO3, 3, SPACE_AXES),)),
-        (SO(4), None),
+        (SO(4), ((BlockKind.SO, 4, 0),)),
+        (SO(13), None),
         (
             UnitQuaternion("space", scalar_first=True),
             ((BlockKind.QUATERNION, 3, SPACE_AXES + SCALAR_FIRST),),
@@ -186,7 +187,8 @@ def test_sizes_of_coordinates():
         (Sphere(3), None),
         (SU(2, "body"), ((BlockKind.SU2, 3, 0),)),
         (SU(2), ((BlockKind.SU2, 3, SPACE_AXES),)),
-        (SU(3), None),
+        (SU(3), ((BlockKind.SU, 3, SPACE_AXES),)),
+        (SU(13), None),
         (Stiefel(3, 2), None),
         (
             Product(Euclidean(1), Product(SO3(), Sphere(2))),

@@ -11,7 +11,7 @@ from quad_core import residuals_quad
 import cg
 from cg import conditions, quad
 from cg.catalogue import methods
-from cg.conditions import Rows, residuals_exact, unknowns, unpack
+from cg.conditions import HIGHEST_ORDER, Rows, residuals_exact, unknowns, unpack
 from cg.layout import Layout
 from cg.random_search import EXACT, random_start, run_start, search
 from cg.shared_numbers import MinimumNormStatus, Status
@@ -352,7 +352,7 @@ class TestArguments:
         ("change", "message"),
         [
             ({"order": 0}, "order must be at least 1, got 0"),
-            ({"order": 99}, "order must be at most 8 in this build, got 99"),
+            ({"order": 99}, f"order must be at most {HIGHEST_ORDER} in this build, got 99"),
             ({"stages": 0}, "stages must be at least 1, got 0"),
             ({"starts": 0}, "starts must be at least 1, got 0"),
             ({"starts": -3}, "starts must be at least 1, got -3"),
@@ -493,7 +493,7 @@ class TestRefine:
             ({"free": [-1]}, "free must hold indices from 0 to 5"),
             ({"free": [0, 6]}, "free must hold indices from 0 to 5"),
             ({"free": [0.5]}, "free must hold integers"),
-            ({"order": 9}, "order must be at most 8"),
+            ({"order": HIGHEST_ORDER + 1}, f"order must be at most {HIGHEST_ORDER}"),
             ({"order": 0}, "order must be at least 1"),
             ({"stages": 4}, "must have"),
             ({"stages": 0}, "stages must be at least 1"),

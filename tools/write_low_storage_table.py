@@ -164,6 +164,11 @@ def _power(number: Fraction) -> str:
     return f"{digit}e{int(power)}".replace("-", "−")
 
 
+def _bound(number: Fraction) -> str:
+    """Return a residual after corrections, whose last digits depend on the machine."""
+    return "0" if number == 0 else "< 1e−55" if number < Fraction(1, 10**55) else _power(number)
+
+
 def markdown(rows: Sequence[Row]) -> str:
     """Return the table as it stands in the page."""
     lines = [
@@ -172,8 +177,9 @@ def markdown(rows: Sequence[Row]) -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for found in rows:
-        numbers = [found.flat, found.own, found.moved, found.flat_refined, found.refined]
-        cells = [found.name, found.stages, found.flat_order, *map(_power, numbers), found.order]
+        numbers = map(_power, (found.flat, found.own, found.moved))
+        refined = map(_bound, (found.flat_refined, found.refined))
+        cells = [found.name, found.stages, found.flat_order, *numbers, *refined, found.order]
         lines.append(f"| {' | '.join(map(str, cells))} | {found.source} |")
     return "\n".join(lines) + "\n"
 

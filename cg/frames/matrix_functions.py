@@ -208,8 +208,8 @@ def determinant_correction(y: Points) -> Points:
 
 
 def _rounding(singular: Array) -> Array:
-    """Return how far singular values may be off, shape ``(..., 1)``; never zero."""
-    return np.maximum(np.finfo(np.float64).eps * singular[..., :1], np.finfo(np.float64).tiny)
+    """Return how far singular values may be off, shape ``(..., 1)``."""
+    return np.asarray(np.finfo(np.float64).eps * singular[..., :1])
 
 
 def symplectic_correction(y: Points, form: Array) -> Points:
