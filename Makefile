@@ -5,7 +5,7 @@ STAMP := $(VENV)/.installed
 OUT ?= reproduce/out
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks lint benchmarks catalogue clean
+.PHONY: all build reproduce test test-all test-checks lint benchmarks catalogue reliability clean
 
 all: build
 
@@ -43,6 +43,9 @@ benchmarks: build
 
 catalogue: build
 	$(PY) tools/update_catalogue.py
+
+reliability: build
+	$(PY) tests/reliability.py
 
 lint: build
 	$(VENV)/bin/ruff check .
