@@ -162,3 +162,25 @@ def test_a_call_waits_for_others_if_there_is_too_little_for_both(
     assert most == 1
     with pytest.raises(MemoryError), reserved(100_000_000, "a call"):
         pass
+
+
+_INTEGRATIONS = """
+y0 = np.zeros((200000, 3))
+frame = cg.frames.Euclidean(3)
+f = lambda t, y: -y
+cg.integrate(f, (0, 1), y0[:2], frame=frame, method="CG4a", h=0.5)
+for case in (
+    "cg.integrate(f, (0, 1), y0, frame=frame, method='CG4a', h=0.5)",
+    "cg.solve_ivp(f, (0, 1), y0, frame=frame, rtol=1e-3, dense_output=True)",
+):
+    for k in range(30):
+        print(outcome(case, in_use() + (k * 6 << 20)))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
+def test_integrations_below_any_limit_are_done_or_refused() -> None:
+    found = _run(_INTEGRATIONS)
+    assert len(found) == 60
+    assert not [line for line in found if line != "done" and not line.startswith("MemoryError")]
+    assert {"done"} < set(found)

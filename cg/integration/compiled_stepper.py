@@ -27,6 +27,7 @@ from cg.integration.stepper import (
     error_exponent,
 )
 from cg.integration.time_grid import TimeGrid, stored_count
+from cg.memory import reserved
 from cg.method import Method
 from cg.shared_numbers import Stop
 
@@ -113,11 +114,18 @@ class CompiledStepper(Stepper):
             self._piece[0][0], self._piece[1][0] = schedule.start, points
         self._core = core
         self._reached = schedule.start
-        self._address: int = core.open(
-            describe_blocks(frame), math.prod(batch) if in_python else 1, paths.integers,
-            np.array(paths.weights, dtype=np.float64), np.array(paths.c, dtype=np.float64),
-            *data, schedule.start, rows.T, first,
-        )  # fmt: skip
+        members = math.prod(batch) if in_python else 1
+        frame_blocks = describe_blocks(frame)
+        # blocks of a product's members, each trajectory with its point and slope, and copies
+        needed = 64 * members * frame_blocks.shape[1] + self.trajectories * (
+            1024 + 32 * (self.width + self.dim)
+        )
+        with reserved(needed, f"{self.trajectories} trajectories of {self.width} numbers"):
+            self._address: int = core.open(
+                frame_blocks, members, paths.integers,
+                np.array(paths.weights, dtype=np.float64), np.array(paths.c, dtype=np.float64),
+                *data, schedule.start, rows.T, first,
+            )  # fmt: skip
         weakref.finalize(self, core.close, self._address)
         if isinstance(schedule, TimeGrid):
             core.use_grid(
