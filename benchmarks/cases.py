@@ -159,7 +159,7 @@ def _wheels(name: str) -> Case:
 
 def _toda(name: str) -> Case:
     flow = TodaFlow()
-    return Case(name, "Toda flow", flow.frame, flow.f, flow.y0, 2.0, flow.exact(2.0))
+    return Case(name, "Toda flow", flow.frame, flow.f, flow.y0, 2.0, flow.exact(2.0), 1024)
 
 
 def _levels(name: str) -> Case:

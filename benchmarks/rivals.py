@@ -23,7 +23,8 @@ _ERRORS = (1e-8, 1e-11)
 _QUICK = ("heavy_top", "two_levels")
 _DEFAULT = "default of solve_ivp"
 _PROJECTED = "DOP853, projected"
-_SLOWEST = 20.0  # seconds for a run, after which finer settings are left out
+_LONG = 0.5  # seconds for a run that needs no other to be judged
+_SLOWEST = 2.0  # after which finer settings are left out
 
 
 def run(quick: bool, figures: Path | None) -> Result:
@@ -57,7 +58,8 @@ def run(quick: bool, figures: Path | None) -> Result:
         "methods where the equation is linear, and SciPy's DOP853 with projection after each step, "
         "with the same right-hand side in Python, for tolerances from 1e-3 to 1e-13 or as many "
         f"step sizes. Numbers are for an error at the end, by interpolation; medians of {rounds} "
-        "rounds.",
+        f"rounds, of runs longer than {_LONG:g} s one; after one longer than {_SLOWEST:g} s finer "
+        "settings are left out.",
         tuple(rows),
         tuple(notes),
         tuple(drawn),
@@ -79,6 +81,8 @@ def _curve(case: Case, solver: Solver, rounds: int) -> Curve:
                 begin = time.process_time()
                 found = solver.solve(setting)
                 seconds.append(time.process_time() - begin)
+                if seconds[-1] > _LONG:
+                    break
         except (ArithmeticError, RuntimeError, ValueError, cg.ConvergenceError) as failure:
             if isinstance(failure, ValueError) and "finite" not in str(failure):
                 raise
