@@ -2,6 +2,7 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
+PEERS := $(VENV)/.peers
 OUT ?= reproduce/out
 ARGS ?=
 
@@ -23,10 +24,15 @@ build: $(STAMP)
 reproduce: build
 	$(VENV)/bin/reproduce-paper --out $(OUT) $(ARGS)
 
-test: build
+# what differential tests compare with; they skip where it can't be had
+$(PEERS): $(STAMP) tools/peers.sh
+	@sh tools/peers.sh $(PY)
+	@touch $(PEERS)
+
+test: build $(PEERS)
 	$(PY) -m pytest --numprocesses auto -m "not slow" $(ARGS)
 
-test-all: build
+test-all: build $(PEERS)
 	$(PY) -m pytest --numprocesses auto $(ARGS)
 
 # a second environment, whose core is compiled with run-time checks
