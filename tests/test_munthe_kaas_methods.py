@@ -47,6 +47,10 @@ class TestMethods:
         assert hash(again) == hash(method)
         assert resolve_method(key) is method
 
+    def test_the_other_catalogue_says_where_they_are(self):
+        with pytest.raises(KeyError, match=r"RKMK4'; cg\.catalogue\.munthe_kaas has it"):
+            cg.methods["RKMK4"]
+
     def test_coefficients_of_scipy(self):
         for key, theirs in (
             ("RKMK3(2)", scipy.integrate.RK23),

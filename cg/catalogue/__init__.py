@@ -227,7 +227,8 @@ class Catalogue(Mapping[str, Method]):
             raise TypeError(f"the name of a method must be a str, got {name!r}")
         if name not in self._files:
             known = ", ".join(self._files)
-            raise KeyError(f"no method is named {name!r}; the catalogue has {known}")
+            there = "; cg.catalogue.munthe_kaas has it" if name in munthe_kaas else ""
+            raise KeyError(f"no method is named {name!r}{there}; the catalogue has {known}")
         if name not in self._loaded:
             method = _load(self._files[name])
             if method.name != name:
