@@ -43,6 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
             parser.error(f"NAME must be one of {', '.join(NAMES)}, got {name!r}")
     file = HERE / "results.json"
     results = {} if parsed.quick else page.read(file)
+    environments = {} if parsed.quick else page.read_environments(file)
     environment = describe()
     names = parsed.names or NAMES
     # first, since limits reach only what is loaded
@@ -52,11 +53,13 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"{name} …", file=sys.stderr, flush=True)
             result: Result = module.run(parsed.quick, None if parsed.quick else DOCS)
             results[name] = result
-            print(page.render({name: result}, environment).split("\n\n", 2)[2])
+            environments[name] = environment
+            shown = page.render({name: result}, {name: environment})
+            print(shown.split("\n\n", 2)[2])
     ordered = {name: results[name] for name in NAMES if name in results}
     if not parsed.quick:
-        page.write(ordered, environment, file)
-        (DOCS / "benchmarks.md").write_text(page.render(ordered, environment), encoding="utf-8")
+        page.write(ordered, environments, file)
+        (DOCS / "benchmarks.md").write_text(page.render(ordered, environments), encoding="utf-8")
     return 0
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from .record import Aim, Result, Row
 
-__all__ = ["read", "render", "write"]
+__all__ = ["read", "read_environments", "render", "write"]
 
 _INTRODUCTION = """\
 # Benchmarks
@@ -28,10 +28,20 @@ def read(file: Path) -> dict[str, Result]:
     return {name: Result.from_data(data) for name, data in stored["results"].items()}
 
 
-def write(results: Mapping[str, Result], environment: Mapping[str, str], file: Path) -> None:
-    """Store results and what they depend on."""
+def read_environments(file: Path) -> dict[str, dict[str, str]]:
+    """Return what each of the stored results was measured with, by its name."""
+    if not file.exists():
+        return {}
+    stored = json.loads(file.read_text(encoding="utf-8"))
+    return {name: dict(found) for name, found in stored["environments"].items()}
+
+
+def write(
+    results: Mapping[str, Result], environments: Mapping[str, Mapping[str, str]], file: Path
+) -> None:
+    """Store results and what each depends on."""
     content = {
-        "environment": dict(environment),
+        "environments": {name: dict(environments[name]) for name in results},
         "results": {name: result.data() for name, result in results.items()},
     }
     file.write_text(
@@ -39,12 +49,17 @@ def write(results: Mapping[str, Result], environment: Mapping[str, str], file: P
     )
 
 
-def render(results: Mapping[str, Result], environment: Mapping[str, str]) -> str:
-    """Return the page in Markdown."""
-    facts = ", ".join(f"{name} {value}" for name, value in environment.items())
-    parts = [_INTRODUCTION, f"Measured with: {facts}."]
-    for name, result in results.items():
+def render(results: Mapping[str, Result], environments: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the page in Markdown; results of one environment follow what it was."""
+    parts = [_INTRODUCTION]
+    several = len({tuple(environments[name].items()) for name in results}) > 1
+    for number, (name, result) in enumerate(results.items()):
+        facts = ", ".join(f"{key} {value}" for key, value in environments[name].items())
+        if number == 0 and not several:
+            parts.append(f"Measured with: {facts}.")
         parts += [f"## {result.title}", f"`python -m benchmarks {name}`. {result.method}"]
+        if several:
+            parts.append(f"Measured with: {facts}.")
         if result.rows:
             parts.append(_table(result.rows))
         parts += result.notes
