@@ -429,10 +429,11 @@ def test_whole_default_run(tmp_path):
         assert slopes[name]["slope"] == pytest.approx(order, abs=0.05)
         assert slopes[name]["error"][-1] < 2e-17
     beyond = results["beyond.order"]["readings"]["momentum"]["methods"]
-    for run in beyond.values():
+    for name, run in beyond.items():
         if not run["approximate"]:
             assert run["slope"] == pytest.approx(run["order"], abs=0.02)
-            assert run["decades"] > 8  # CG6g and CF6(5): 9, of which each halving takes 1.8
+            # The first steps of these two are too long for another halving.
+            assert run["decades"] > (8.9 if name in ("CG6g", "CF6(5)") else 10)
     verdicts = results["claims"]["count"]
     assert sum(verdicts.values()) == len(CLAIMS)
     parsed = check_page((tmp_path / "report.html").read_text("utf-8"))

@@ -34,31 +34,38 @@ def oscillator(t, y, mu=1.5):
 
 
 @pytest.mark.parametrize(
-    ("f", "y0", "stop"), [(orbit, [1.0, 0.0, 0.0, 1.1], 6.0), (oscillator, [1.0, 0.5], 5.0)]
+    ("f", "y0", "stop", "method"),
+    [
+        (orbit, [1.0, 0.0, 0.0, 1.1], 6.0, "CG4(3)"),
+        (orbit, [1.0, 0.0, 0.0, 1.1], 6.0, "auto"),
+        (oscillator, [1.0, 0.5], 8.0, "CG4(3)"),
+        # From 8 back to 0 with 1e-4 SciPy's RK45, whose steps these are, ends in infinity.
+        (oscillator, [1.0, 0.5], 5.0, "auto"),
+    ],
 )
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("backward", [False, True])
-def test_agrees_with_scipy_on_flat_space(f, y0, stop, tolerance, backward):
+def test_agrees_with_scipy_on_flat_space(f, y0, stop, method, tolerance, backward):
     if backward:
         first = scipy.integrate.solve_ivp(f, (0, stop), y0, method="DOP853", rtol=1e-13, atol=1e-13)
         y0 = first.y[:, -1]
     span = (stop, 0.0) if backward else (0.0, stop)
     times = np.linspace(*span, 23)
     options = {"t_eval": times, "rtol": tolerance, "atol": tolerance, "dense_output": True}
-    ours = cg.solve_ivp(f, span, y0, frame=Euclidean(len(y0)), **options)
-    found = [scipy.integrate.solve_ivp(f, span, y0, method=m, **options) for m in ("RK23", "RK45")]
+    ours = cg.solve_ivp(f, span, y0, frame=Euclidean(len(y0)), method=method, **options)
+    theirs = scipy.integrate.solve_ivp(f, span, y0, method="RK23", **options)
     truth = scipy.integrate.solve_ivp(
         f, span, y0, method="DOP853", t_eval=times, rtol=1e-13, atol=1e-13
     )
     error = np.abs(ours.y - truth.y.T).max()
-    assert error < 3 * min(np.abs(theirs.y - truth.y).max() for theirs in found) + 1e-12
+    assert error < 3 * np.abs(theirs.y - truth.y).max() + 1e-12
     assert error > 0.0
     np.testing.assert_array_equal(ours.t, times)
     np.testing.assert_allclose(ours.sol(times), ours.y, rtol=0, atol=1e-14)
     for name in SCIPY_FIELDS:
-        assert hasattr(found[0], name)
+        assert hasattr(theirs, name)
         assert hasattr(ours, name)
-    assert (ours.status, ours.success, found[0].success) == (0, True, True)
+    assert (ours.status, ours.success, theirs.success) == (0, True, True)
 
 
 def test_default_output_is_that_of_the_steps_with_time_first():
@@ -157,10 +164,10 @@ def test_too_many_steps_end_without_success_and_keep_what_was_accepted():
 
 def test_steps_without_end_are_given_up(monkeypatch):
     monkeypatch.setattr(sys.modules["cg.integration.arguments"], "DEFAULT_MAX_STEPS", 50)
-    for options in ({"max_step": 1e-30}, {"t_span": (0.0, 1e300), "max_step": 0.1}):
+    for options in ({"max_step": 1e-30}, {"t_span": (0.0, 1e300), "max_step": 1.0}):
         solution = solve(**options)
         assert "max_steps = 50 steps" in solution.message
-        assert solution.steps == 50
+        assert solution.steps + solution.nrejected == 50
 
 
 def test_results_are_compared_by_identity():
