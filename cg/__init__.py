@@ -1,51 +1,27 @@
-"""Runge–Kutta methods on manifolds: construct them, prove them, integrate with them."""
+"""Runge–Kutta methods on manifolds: construct them, prove them, integrate with them.
+
+What is here is listed in ``__init__.pyi``, and imported when it is first used.
+"""
 
 from __future__ import annotations
 
-from . import conditions, frames, problems
-from .catalogue import methods
-from .certification import Certificate, CertificationError, certify
-from .commutator_free import CommutatorFree
-from .construction import construct
-from .integration import ConvergenceError, DenseOutput, Solution, Trajectory, integrate, solve_ivp
-from .lifting import Lifted, LiftError, lift
-from .method import Method
-from .munthe_kaas import MuntheKaas
-from .points import MethodError
-from .random_search import search
-from .solve.lmdif import lmdif
-from .solve.system import Structure
-from .tableau import Tableau, TableauError
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
-__all__ = [
-    "Certificate",
-    "CertificationError",
-    "CommutatorFree",
-    "ConvergenceError",
-    "DenseOutput",
-    "LiftError",
-    "Lifted",
-    "Method",
-    "MethodError",
-    "MuntheKaas",
-    "Solution",
-    "Structure",
-    "Tableau",
-    "TableauError",
-    "Trajectory",
-    "certify",
-    "conditions",
-    "construct",
-    "frames",
-    "integrate",
-    "lift",
-    "lmdif",
-    "methods",
-    "problems",
-    "search",
-    "solve_ivp",
-]
+import lazy_loader
+
+_listed, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for: a public name, or else a module of the package."""
+    if name in __all__:
+        return _listed(name)
+    if name.startswith("__") or find_spec(f"{__name__}.{name}") is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module(f"{__name__}.{name}")
 
 
 def __dir__() -> list[str]:

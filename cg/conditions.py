@@ -23,10 +23,9 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from math import factorial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from flint import arb, fmpq
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core_r64, compiled_conditions
@@ -36,6 +35,9 @@ from .points import START, PointTree, tree_of_rows
 from .precision import working_precision
 from .texts import read_fraction
 from .trees import MOST_NODES, forest
+
+if TYPE_CHECKING:
+    from flint import arb, fmpq
 
 __all__ = [
     "HIGHEST_ORDER",
@@ -534,8 +536,12 @@ def _rational(entry: Any, name: str) -> Fraction:
 
 def _flint(value: Fraction) -> fmpq:
     # many times faster than Fractions where digits are many
+    from flint import fmpq
+
     return fmpq(value.numerator, value.denominator)
 
 
 def _ball(value: Fraction) -> arb:
+    from flint import arb
+
     return arb(_flint(value))

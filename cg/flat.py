@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from functools import cache
-
-from flint import fmpq, fmpq_mat
+from typing import TYPE_CHECKING
 
 from .coefficients import Coefficient
 from .conditions import HIGHEST_ORDER
 from .tableau import Tableau
+
+if TYPE_CHECKING:
+    from flint import fmpq
 
 __all__ = ["flat_order", "rooted_trees", "stage_orders"]
 
@@ -96,6 +98,8 @@ def _order(
 def _weights(
     a: Sequence[Sequence[Fraction]], b: Sequence[Fraction], trees: Sequence[Rooted]
 ) -> list[Fraction]:
+    from flint import fmpq, fmpq_mat
+
     matrix = fmpq_mat([[fmpq(e.numerator, e.denominator) for e in row] for row in a])
     row = [fmpq(w.numerator, w.denominator) for w in b]
     known: dict[Rooted, list[fmpq]] = {}

@@ -21,9 +21,7 @@ from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from itertools import combinations_with_replacement
-from typing import Any
-
-from flint import fmpq
+from typing import TYPE_CHECKING, Any
 
 from .checks import check_integer
 from .coefficients import FEWEST_ROUNDED_PLACES, Coefficient
@@ -31,6 +29,9 @@ from .commutator_free import CommutatorFree
 from .conditions import HasTree
 from .method import TOLERANCE_FACTOR, Method, read_coefficient
 from .points import MethodError
+
+if TYPE_CHECKING:
+    from flint import fmpq
 
 __all__ = ["RootedTree", "flat_residuals", "from_two_registers", "rooted_trees", "two_registers"]
 
@@ -245,7 +246,7 @@ def flat_residuals(method: HasTree, order: int) -> tuple[Fraction, ...]:
     def weights(t: RootedTree) -> list[Any]:
         """Return the weights of the tree planted on a new root, by stage, then at the result."""
         if t not in ends:
-            inner = [fmpq(1)] * len(tree.stage_points)
+            inner = [_flint(Fraction(1))] * len(tree.stage_points)
             for child in t:
                 pairs = zip(inner, weights(child), strict=False)
                 inner = [x * y for x, y in pairs]
@@ -257,8 +258,12 @@ def flat_residuals(method: HasTree, order: int) -> tuple[Fraction, ...]:
 
 
 def _dot(row: Sequence[Any], values: Sequence[Any]) -> Any:
-    return sum((x * y for x, y in zip(row, values, strict=True) if x != 0), start=fmpq(0))
+    return sum(
+        (x * y for x, y in zip(row, values, strict=True) if x != 0), start=_flint(Fraction(0))
+    )
 
 
 def _flint(value: Fraction) -> fmpq:
+    from flint import fmpq
+
     return fmpq(value.numerator, value.denominator)

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cached_property, wraps
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from . import conditions
 from .checks import check_integer
 from .coefficients import Coefficient
+from .later import Later
 from .layout import Layout
 from .points import MethodError, Point, PointTree
 
@@ -56,8 +57,7 @@ class Method(ABC):
     source: str
     nominal_order: int | None
     nominal_residual: Coefficient | None
-    digits: ClassVar[Callable[..., Any]]
-    """Set by `cg.certification`, which proves the digits."""
+    digits = Later("cg.certification.digits", "digits")
 
     if TYPE_CHECKING:  # fields of one subclass, derived in the other
 

@@ -6,8 +6,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from flint import ctx
-
 __all__ = ["working_precision"]
 
 _lock = threading.RLock()
@@ -22,6 +20,8 @@ def working_precision(bits: int) -> Iterator[None]:
     bits : int
         Of the midpoints.
     """
+    from flint import ctx
+
     with _lock:
         before = ctx.prec
         ctx.prec = bits

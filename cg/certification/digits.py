@@ -127,9 +127,6 @@ def digits(
     return rows[: self.stages], rows[self.stages + embedded]
 
 
-Method.digits = digits  # attached here, as what a method is knows nothing of proofs
-
-
 def _solve(packed: Packed, certificate: Certificate, free: list[int], places: int) -> list[arb]:
     """Return balls around the solution with so many decimal places."""
     system = system_of(packed, certificate)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
-import scipy.linalg
-from scipy.special import factorial
+import scipy
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
 
 # Coefficients of x^(4 i + j) / (4 i + j)!, shape (5, 4); the remainder for |x| = 1 is 4e-19.
-_TAYLOR = (1.0 / factorial(np.arange(20))).reshape(5, 4)
+_TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
 
 # Up to this size of a matrix products of stacks are faster than SciPy's exponential.
 _LARGEST_TAYLOR = 16

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from cg.frames.arrays import Array, Points
 from cg.integration.interpolation import Interpolant
@@ -124,7 +124,9 @@ class Event:
             return self(t0 + theta * (t1 - t0), point_at(solution, theta))
 
         # In fractions of the step, the tolerance means the same in any unit and origin of time.
-        theta = brentq(value, 0.0, 1.0, xtol=_TOLERANCE, rtol=_TOLERANCE, maxiter=_MOST_ITERATIONS)
+        theta = scipy.optimize.brentq(
+            value, 0.0, 1.0, xtol=_TOLERANCE, rtol=_TOLERANCE, maxiter=_MOST_ITERATIONS
+        )
         return float(theta)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.integrate import solve_ivp
+import scipy
 
 from cg.frames.arrays import Array
 from cg.problems.checks import times_array
@@ -27,7 +27,7 @@ def ambient_solution(
     if wanted.ndim != 1 or len(wanted) < 1 or wanted[0] < 0 or (np.diff(wanted) <= 0).any():
         raise ValueError(f"times must increase from zero or later, got {times!r}")
     end = float(wanted[-1]) or 1.0
-    solution = solve_ivp(
+    solution = scipy.integrate.solve_ivp(
         right, (0.0, end), y0, method="DOP853", rtol=3e-14, atol=1e-15, t_eval=wanted
     )
     return np.asarray(solution.y.T)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from flint import arb
 from numpy.typing import ArrayLike
-from scipy.special import ellipj, ellipkinc
 
 from cg.frames import SO3, Product, Sphere
 from cg.frames.arrays import Array
@@ -123,7 +123,8 @@ class FreeRigidBody:
         sign = (1.0 if even else -1.0) * np.sign(a[i] - a[k]) * np.sign(third)
         second = sign * np.sqrt(wide / inner)
         angle = np.arctan2(start[j] / second, start[i] / first)
-        sn, cn, dn, _ = ellipj(rate * times + ellipkinc(angle, parameter), parameter)
+        phase = rate * times + scipy.special.ellipkinc(angle, parameter)
+        sn, cn, dn, _ = scipy.special.ellipj(phase, parameter)
         m = np.empty((*times.shape, 3))
         m[..., i], m[..., j], m[..., k] = first * cn, second * sn, third * dn
         return m

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from cg.frames import UnitQuaternion
 from cg.frames.arrays import Array, real_array
@@ -41,7 +41,7 @@ class GyroAttitude:
     times: ArrayLike
     rates: ArrayLike
     initial: ArrayLike = (0.0, 0.0, 0.0, 1.0)
-    _spline: CubicSpline = field(init=False, repr=False)
+    _spline: scipy.interpolate.CubicSpline = field(init=False, repr=False)
     _span: tuple[float, float] = field(init=False, repr=False)
     _beyond: tuple[float, float] = field(init=False, repr=False)
 
@@ -61,7 +61,7 @@ class GyroAttitude:
             object.__setattr__(self, name, value)
         object.__setattr__(self, "_span", (float(times[0]), float(times[-1])))
         object.__setattr__(self, "_beyond", (times[1] - times[0], times[-1] - times[-2]))
-        object.__setattr__(self, "_spline", CubicSpline(times, rates))
+        object.__setattr__(self, "_spline", scipy.interpolate.CubicSpline(times, rates))
 
     @property
     def frame(self) -> UnitQuaternion:

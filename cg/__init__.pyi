@@ -1,0 +1,46 @@
+# What `cg` offers, and where it is: read by type checkers, and by `cg` itself.
+from . import conditions, frames, problems
+from .catalogue import methods
+from .certification import Certificate, CertificationError, certify
+from .commutator_free import CommutatorFree
+from .construction import construct
+from .integration import ConvergenceError, DenseOutput, Solution, Trajectory, integrate, solve_ivp
+from .lifting import Lifted, LiftError, lift
+from .method import Method
+from .munthe_kaas import MuntheKaas
+from .points import MethodError
+from .random_search import search
+from .solve.lmdif import lmdif
+from .solve.system import Structure
+from .tableau import Tableau, TableauError
+
+__all__ = [
+    "Certificate",
+    "CertificationError",
+    "CommutatorFree",
+    "ConvergenceError",
+    "DenseOutput",
+    "LiftError",
+    "Lifted",
+    "Method",
+    "MethodError",
+    "MuntheKaas",
+    "Solution",
+    "Structure",
+    "Tableau",
+    "TableauError",
+    "Trajectory",
+    "certify",
+    "conditions",
+    "construct",
+    "frames",
+    "integrate",
+    "lift",
+    "lmdif",
+    "methods",
+    "problems",
+    "search",
+    "solve_ivp",
+]
+
+__version__: str
