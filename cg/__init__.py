@@ -11,8 +11,13 @@ from typing import Any
 
 import lazy_loader
 
+from .installation import check_folder
+
+check_folder(__path__[0])
+
 _listed, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __version__ = "0.1.0"
+__distribution__ = "crouch-grossman"
 
 
 def __getattr__(name: str) -> Any:

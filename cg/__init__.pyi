@@ -44,3 +44,4 @@ __all__ = [
 ]
 
 __version__: str
+__distribution__: str
