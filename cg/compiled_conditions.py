@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core_r64, _core_r128, _minimum_norm, quad
+from . import _core_r64, _minimum_norm, quad
 from .layout import Layout
 from .memory import reserved
 from .parallel import StopFlag
@@ -66,8 +66,9 @@ def residuals_quad(
     order: int, layout: Layout, x: quad.Quads, trees: Trees, owner: Trees
 ) -> quad.Quads:
     """Return the residuals in real(16), shape (m, 16)."""
+    core = quad.core("a residual in real(16)")
     with reserved(_evaluation(order, layout, trees.size, 16), _what("residuals", order, layout)):
-        found = _core_r128.residuals(order, layout.code, x.T, trees, owner=owner)
+        found = core.residuals(order, layout.code, x.T, trees, owner=owner)
     return np.ascontiguousarray(found.T)
 
 
@@ -103,7 +104,7 @@ def fit_lmdif(
     stop_flag : ndarray of intc, shape (1,)
     """
     m, n = trees.size, layout.size
-    core, size = (_core_r64, 8) if x.ndim == 1 else (_core_r128, 16)
+    core, size = (_core_r64, 8) if x.ndim == 1 else (quad.core("lmdif in real(16)"), 16)
     needed = _evaluation(order, layout, m, size) + size * (m * n + 6 * m + 16 * n)
     with reserved(needed, _what("lmdif", order, layout)):
         found: tuple[Any, ...] = core.fit_lmdif(

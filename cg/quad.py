@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from fractions import Fraction
+from functools import cache
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,17 @@ from numpy.typing import NDArray
 from .checks import check_integer
 from .texts import read_fraction
 
-__all__ = ["DECIMAL_DIGITS", "Quads", "decode", "encode", "from_float", "to_decimal", "to_float"]
+__all__ = [
+    "DECIMAL_DIGITS",
+    "MissingQuadsError",
+    "Quads",
+    "core",
+    "decode",
+    "encode",
+    "from_float",
+    "to_decimal",
+    "to_float",
+]
 
 Quads = NDArray[np.int8]
 """Array of binary128 numbers, shape (..., 16)."""
@@ -30,6 +42,40 @@ _PRECISION = 113
 _MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
 _MAX_EXPONENT = 16383 - 112
 _LONGEST = 100  # decimal places up to which numbers are written without an exponent
+
+
+class MissingQuadsError(RuntimeError):
+    """What was asked for needs quadruple precision, and this build has none."""
+
+
+@cache
+def _compiled() -> Any:
+    try:
+        return import_module("cg._core_r128")
+    except ModuleNotFoundError:
+        return None
+
+
+def core(what: str) -> Any:
+    """Return the compiled core in real(16).
+
+    Parameters
+    ----------
+    what : str
+        Who asks, for the error.
+
+    Raises
+    ------
+    MissingQuadsError
+        If the package was built without, by ``-Dquad=disabled``.
+    """
+    found = _compiled()
+    if found is None:
+        raise MissingQuadsError(
+            f"{what} needs quadruple precision, which this build of crouch-grossman was made "
+            "without (-Dquad=disabled); build it with gfortran to have it"
+        )
+    return found
 
 
 def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
@@ -127,12 +173,12 @@ def to_float(quads: Quads) -> NDArray[np.float64]:
         If `quads` has another shape.
     TypeError
         If `quads` isn't an array of int8.
+    MissingQuadsError
+        If the package was built without quadruple precision.
     """
-    from . import _core_r128
-
     quads = _checked(quads, "...")
     flat = quads.reshape(-1, 16)
-    values: NDArray[np.float64] = _core_r128.to_double(flat.T)
+    values: NDArray[np.float64] = core("cg.quad.to_float").to_double(flat.T)
     return values.reshape(quads.shape[:-1])
 
 
@@ -143,9 +189,9 @@ def from_float(values: Any) -> Quads:
     ------
     ValueError
         If `values` aren't real numbers.
+    MissingQuadsError
+        If the package was built without quadruple precision.
     """
-    from . import _core_r128
-
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "iufO":
@@ -153,7 +199,7 @@ def from_float(values: Any) -> Quads:
         array = array.astype(np.float64)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"values must be an array of real numbers, got {values!r}") from None
-    quads: Quads = _core_r128.from_double(array.ravel())
+    quads: Quads = core("cg.quad.from_float").from_double(array.ravel())
     return np.ascontiguousarray(quads.T).reshape(*array.shape, 16)
 
 

@@ -296,6 +296,8 @@ def search(
         belongs to other settings.
     OSError
         If the checkpoint can't be written, or is in use by another run.
+    MissingQuadsError
+        If the package was built without quadruple precision.
 
     Examples
     --------
@@ -321,6 +323,7 @@ def search(
         embedded,
         first_same_as_last,
     )
+    quad.core("cg.search")
     starts = check_integer("starts", starts, 1, LARGEST_COUNT)
     if progress is not None and not callable(progress):
         raise TypeError(f"progress must be callable, got {progress!r}")

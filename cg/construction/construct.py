@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
+from .. import quad
 from ..checkpoint import Checkpoint
 from ..checks import LARGEST_COUNT, check_flag, check_integer
 from ..method import Method
@@ -135,6 +136,8 @@ def construct(
     ------
     ValueError, TypeError
         If an argument is out of its range, or there are too few stages.
+    MissingQuadsError
+        If the package was built without quadruple precision.
 
     Examples
     --------
@@ -161,6 +164,7 @@ def construct(
         raise ValueError("first_same_as_last needs a number of flows, got one of tableaux")
     else:
         settings = tableau_settings(*common, width, iterations, force)
+    quad.core("cg.construct")
     tries = check_integer("tries", tries, 1, LARGEST_COUNT)
     if progress is not None and not callable(progress):
         raise TypeError(f"progress must be callable, got {progress!r}")

@@ -105,6 +105,8 @@ def integrate_heavy_top(
         If ``method`` is unknown or implicit, or another argument has an impossible value.
     OverflowError
         If the solution exceeds the range of floating point.
+    MissingQuadsError
+        If ``kind`` is ``"real128"`` and the package was built without it.
     """
     if not isinstance(problem, HeavyTop):
         raise TypeError(f"problem must be a HeavyTop, got {problem!r}")
@@ -136,6 +138,8 @@ def integrate_affine(
         an impossible value.
     OverflowError
         If the solution exceeds the range of floating point.
+    MissingQuadsError
+        If ``kind`` is ``"real128"`` and the package was built without it.
     """
     if not isinstance(problem, AffineField):
         raise TypeError(f"problem must be an AffineField, got {problem!r}")
@@ -178,11 +182,8 @@ def _integrate(
     if kind not in ("real64", "real128"):
         raise ValueError(f'kind must be "real64" or "real128", got {kind!r}')
 
-    import cg._core_r64 as core64
-    import cg._core_r128 as core128
-
+    core, convert = _core_of(kind)
     _check_memory(steps, len(y0), kind)
-    core, convert = (core64, _doubles) if kind == "real64" else (core128, _quads)
     paths = paths_of(tableau)
     weights, c, size_of_step = convert(paths.weights), convert(paths.c), convert([size])
     call = prepare(core, convert)
@@ -213,6 +214,14 @@ def _integrate(
     for array in (times, points, raw):
         array.flags.writeable = False
     return CompiledTrajectory(times, points, raw, kind)
+
+
+def _core_of(kind: Kind) -> tuple[Any, _Convert]:
+    if kind == "real128":
+        return quad.core('kind="real128"'), _quads
+    from cg import _core_r64
+
+    return _core_r64, _doubles
 
 
 def _check_memory(steps: int, entries: int, kind: Kind) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .. import _core_r128, quad
+from .. import quad
 from ..parallel import raise_if_stopped
 from .system import ConditionSystem
 
@@ -74,7 +74,10 @@ def refine(
     ------
     ValueError
         If `x` doesn't fit the system or isn't finite, or `free` has a wrong index.
+    MissingQuadsError
+        If the package was built without quadruple precision.
     """
+    core = quad.core("refinement")
     if x.shape != (system.size, 16):
         raise ValueError(f"x must have shape ({system.size}, 16), got {x.shape}")
     start = quad.to_float(x)
@@ -99,5 +102,5 @@ def refine(
         best, best_size = x, largest
         step = np.zeros(system.size)
         step[moving] = inverse @ residual
-        x = np.ascontiguousarray(_core_r128.subtract_double(x.T, step).T)
+        x = np.ascontiguousarray(core.subtract_double(x.T, step).T)
     return Refined(best, best_size, rank, iterations)
