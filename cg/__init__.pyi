@@ -4,6 +4,7 @@ from .catalogue import methods
 from .certification import Certificate, CertificationError, certify
 from .commutator_free import CommutatorFree
 from .construction import construct
+from .formats import export
 from .integration import ConvergenceError, DenseOutput, Solution, Trajectory, integrate, solve_ivp
 from .lifting import Lifted, LiftError, lift
 from .method import Method
@@ -33,6 +34,7 @@ __all__ = [
     "certify",
     "conditions",
     "construct",
+    "export",
     "frames",
     "integrate",
     "lift",

@@ -29,6 +29,7 @@ TOLERANCE_FACTOR = 2
 """What a residual may exceed the first-order effect of the coefficients' last places by."""
 
 _DOUBLE_ROUNDING = 2.0**-40  # far above what rounding in double can do to a weight, relatively
+_MOST_IN_PASSING = 200  # coefficients of a method whose order is computed to show it: half a second
 _PROBE = 2.0**-20  # of the largest unit, for a difference quotient
 
 
@@ -58,6 +59,7 @@ class Method(ABC):
     nominal_order: int | None
     nominal_residual: Coefficient | None
     digits = Later("cg.certification.digits", "digits")
+    export = Later("cg.formats.exporting", "export")
 
     if TYPE_CHECKING:  # fields of one subclass, derived in the other
 
@@ -80,10 +82,38 @@ class Method(ABC):
         """The method that leads to the second result of a pair; None without it."""
 
     def __repr__(self) -> str:
-        kind = "explicit" if self.explicit else "implicit"
-        pair = ", a pair" if self.tree.embedded_result is not None else ""
         name = self.name or "without name"
-        return f"<{type(self).__name__} {name}: {self.stages} stages, {kind}{pair}>"
+        return f"<{type(self).__name__} {name}: {self.description()}>"
+
+    def description(self, *, complete: bool = False) -> str:
+        """Return order, evaluations and flows in words.
+
+        Parameters
+        ----------
+        complete : bool, optional
+            Name the order even where it takes seconds to compute: that of a method with more than
+            200 coefficients is left out otherwise, unless it has been asked for before.
+
+        Examples
+        --------
+        >>> import cg
+        >>> cg.methods["CF5(4)"].description()
+        'order 5(4), 7 evaluations, 9 flows'
+        """
+        parts = [f"{self.stages} evaluation{'s' * (self.stages != 1)}"]
+        parts.append(f"{self.exponentials} flow{'s' * (self.exponentials != 1)}")
+        if complete or self._order_is_cheap:
+            pair = "" if self.embedded_order is None else f"({self.embedded_order})"
+            parts.insert(0, f"order {self.order}{pair}{' (nominal)' * self.approximate}")
+        elif self.layout.pair:
+            parts.append("a pair")
+        if not self.explicit:
+            parts.append("implicit")
+        return ", ".join(parts)
+
+    @property
+    def _order_is_cheap(self) -> bool:
+        return len(self.coefficients) <= _MOST_IN_PASSING or "exact_order" in self.__dict__
 
     @property
     def explicit(self) -> bool:

@@ -119,10 +119,6 @@ class MuntheKaas(Method):
     def __hash__(self) -> int:
         return hash((MuntheKaas, self.tableau, self.third_weights))
 
-    def __repr__(self) -> str:
-        pair = ", a pair" if self.tableau.embedded_weights is not None else ""
-        return f"<MuntheKaas {self.name or 'without name'}: {self.stages} stages, explicit{pair}>"
-
     @cached_property
     def tree(self) -> PointTree:
         """The points of a step: a flow from the initial point to each stage and the result."""

@@ -106,15 +106,15 @@ class PointTree:
         Points with the same parent and weights count once, and those that have no weights
         only repeat their parents.
         """
-        return len({self._merged[m] for end in ends for m in self.path(end)} - {START})
+        return len({self.merged[m] for end in ends for m in self.path(end)} - {START})
 
     def same(self, one: int, other: int) -> bool:
         """Tell whether the same flows lead to two points."""
-        return self._merged[one] == self._merged[other]
+        return self.merged[one] == self.merged[other]
 
     @cached_property
-    def _merged(self) -> dict[int, int]:
-        """By each point, the first one that is the same."""
+    def merged(self) -> dict[int, int]:
+        """By each point, the first one that is the same, `START` among them."""
         first: dict[Point, int] = {}
         merged = {START: START}
         for m, point in enumerate(self.points):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from decimal import Decimal
@@ -10,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-__all__ = ["MOST_CHARACTERS", "MOST_EXPONENT", "file_in", "read_fraction", "read_toml"]
+__all__ = ["MOST_CHARACTERS", "MOST_EXPONENT", "file_in", "read_fraction", "read_json", "read_toml"]
 
 MOST_CHARACTERS = 10_000_000
 """Of a file; a method of 200 stages whose coefficients have 200 digits has four million."""
@@ -73,7 +74,47 @@ def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, An
         raise error("not a file of this kind: tables or arrays are nested too deeply") from None
     except ValueError as problem:  # a number with too many digits
         raise error(f"not a file of this kind: {problem}") from None
-    # what stands too deep would overrun the stack where it is shown
+    return _shallow(table, error)
+
+
+def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
+    """Return the object that a JSON text is; numbers that aren't integers stay texts.
+
+    Parameters
+    ----------
+    text : str
+    error : type of exception
+        Raised where the text isn't a JSON object, is longer than `MOST_CHARACTERS`, gives a key
+        twice, has a number that isn't finite or of too many digits, or is nested too deeply.
+    """
+    if len(text) > MOST_CHARACTERS:
+        raise error(f"a file must have at most {MOST_CHARACTERS} characters, got {len(text)}")
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        table = dict(pairs)
+        if len(table) < len(pairs):
+            keys = [key for key, _ in pairs]
+            raise ValueError(f"{max(keys, key=keys.count)!r} is there twice")
+        return table
+
+    def refuse(number: str) -> None:
+        raise ValueError(f"{number} is no number")
+
+    try:
+        table = json.loads(text, parse_float=str, parse_constant=refuse, object_pairs_hook=unique)
+    except json.JSONDecodeError as problem:
+        raise error(f"not a JSON file: {problem}") from None
+    except RecursionError:
+        raise error("not a file of this kind: objects or arrays are nested too deeply") from None
+    except ValueError as problem:
+        raise error(f"not a file of this kind: {problem}") from None
+    if not isinstance(table, dict):
+        raise error(f"not a file of this kind: a JSON object was expected, got {text[:40]!r}")
+    return _shallow(table, error)
+
+
+def _shallow(table: dict[str, Any], error: type[Exception]) -> dict[str, Any]:
+    """Return a table; raise the error if it is nested so deeply that to show it would fail."""
     level: list[Any] = [table]
     for _ in range(_DEEPEST):
         level = [

@@ -79,7 +79,7 @@ class TestMethods:
         assert method.principal_error() == pytest.approx(np.sqrt(2.0) / 6.0)
         assert method.largest_residual() == 0
         assert method.largest_residual(3) == pytest.approx(1 / 6)
-        assert repr(method) == "<MuntheKaas Heun: 2 stages, explicit, a pair>"
+        assert repr(method) == "<MuntheKaas Heun: order 2(1), 2 evaluations, 2 flows>"
         assert method == cg.MuntheKaas(HEUN, name="other")
         assert method != cg.MuntheKaas(EULER)
         assert method != HEUN

@@ -226,7 +226,7 @@ class TestMethods:
         assert method.largest_residual() == 0
         assert method.largest_residual(5) > 1e-3
         assert method.principal_error() > 1e-3
-        assert repr(method) == "<CommutatorFree CF4: 4 stages, explicit>"
+        assert repr(method) == "<CommutatorFree CF4: order 4, 4 evaluations, 5 flows>"
 
     def test_the_flat_tableau(self):
         a, b = methods["CF4"].exact
@@ -281,7 +281,7 @@ class TestMethods:
         assert (pair.exponentials, pair.pair_exponentials) == (3, 4)
         assert pair.exact_embedded == (Fraction(1, 4), 0, Fraction(3, 4))
         np.testing.assert_array_equal(pair.b_embedded, [0.25, 0, 0.75])
-        assert repr(pair) == "<CommutatorFree mine: 3 stages, explicit, a pair>"
+        assert repr(pair) == "<CommutatorFree mine: order 3(2), 3 evaluations, 3 flows>"
         assert pair.embedded.exact[1] == pair.exact_embedded
         certificate = certify(pair)
         assert (certificate.order, certificate.embedded_order) == (3, 2)

@@ -1,0 +1,209 @@
+"""Methods as files: TOML, or JSON with the same keys; coefficients are strings."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from importlib.resources.abc import Traversable
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from ..coefficients import Coefficient
+from ..commutator_free import CommutatorFree
+from ..method import Method
+from ..munthe_kaas import MuntheKaas
+from ..points import MethodError
+from ..tableau import Tableau, TableauError
+from ..texts import file_in, read_json, read_toml
+
+__all__ = ["SUFFIXES", "check_path", "dumps", "dumps_json", "load", "loads", "read", "save"]
+
+SUFFIXES = (".toml", ".json")
+"""Of files of methods."""
+
+_REQUIRED = {"name", "source", "a", "b"}
+_OPTIONAL = {"b_embedded", "nominal"}
+_OPTIONAL_OF_ALGEBRAS = {"kind", "b_embedded", "b_third"}
+_KIND = "Munthe-Kaas"
+_REQUIRED_OF_POINTS = {"name", "source", "points", "stage_points", "result"}
+_OPTIONAL_OF_POINTS = {"embedded_result", "b_third", "nominal"}
+_POINT = {"parent", "weights"}
+_NOMINAL = {"order", "residual"}
+_STAGE = re.compile(r"\d{1,6}", re.ASCII)
+
+
+def loads(text: str) -> Method:
+    """Read a method from the text of a catalogue file: TOML, or JSON with the same keys.
+
+    Raises
+    ------
+    MethodError
+        If the text is neither, a key is missing or unknown, or the method is wrong; of
+        tableaux a `TableauError`.
+    """
+    if not isinstance(text, str):
+        raise TypeError(f"text must be a str, got {text!r}")
+    in_json = text.lstrip().startswith("{")  # which no line of TOML begins with
+    entry = (
+        read_json(text, TableauError) if in_json else read_toml(text, TableauError, parse_float=str)
+    )
+    points = "points" in entry
+    if "kind" in entry:
+        return _read_munthe_kaas(entry)
+    if points:
+        _check_keys(entry, _REQUIRED_OF_POINTS, _OPTIONAL_OF_POINTS, "the entry")
+    else:
+        _check_keys(entry, _REQUIRED, _OPTIONAL, "the entry")
+    nominal: dict[str, Any] = {}
+    if "nominal" in entry:
+        table = entry.pop("nominal")
+        if not isinstance(table, dict):
+            raise TableauError(f"nominal must be a table, got {table!r}")
+        _check_keys(table, _NOMINAL, set(), "nominal")
+        nominal = {f"nominal_{key}": value for key, value in table.items()}
+    if points:
+        third = entry.pop("b_third", None)
+        return CommutatorFree(_read_points(entry.pop("points")), third=third, **entry, **nominal)
+    return Tableau(entry.pop("a"), entry.pop("b"), **entry, **nominal)
+
+
+def _read_munthe_kaas(entry: dict[str, Any]) -> MuntheKaas:
+    _check_keys(entry, _REQUIRED, _OPTIONAL_OF_ALGEBRAS, "the entry")
+    if (kind := entry.pop("kind")) != _KIND:
+        raise MethodError(f"kind must be {_KIND!r}, got {kind!r}")
+    third = entry.pop("b_third", None)
+    return MuntheKaas(Tableau(entry.pop("a"), entry.pop("b"), **entry), third=third)
+
+
+def _read_points(tables: Any) -> list[Any]:
+    if not isinstance(tables, list):
+        raise MethodError(f"points must be an array of tables, got {tables!r}")
+    points = []
+    for m, table in enumerate(tables):
+        if not isinstance(table, dict) or not isinstance(table.get("weights", {}), dict):
+            raise MethodError(f"point {m} must be a table with one of weights, got {table!r}")
+        _check_keys(table, _POINT, set(), f"point {m}")
+        stages = table["weights"]
+        if wrong := [stage for stage in stages if not _STAGE.fullmatch(stage)]:
+            raise MethodError(f"weights of point {m} must be on stages, got one on {wrong[0]!r}")
+        points.append((table["parent"], {int(k): weight for k, weight in stages.items()}))
+    return points
+
+
+def _check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
+    if missing := sorted(required - set(table)):
+        raise TableauError(f"{where} lacks {', '.join(missing)}")
+    if unknown := sorted(set(table) - required - optional):
+        raise TableauError(f"{where} has unknown keys: {', '.join(unknown)}")
+
+
+def load(path: str | PathLike[str]) -> Method:
+    """Read a method from a file, in TOML or JSON.
+
+    Raises
+    ------
+    TypeError
+        If `path` isn't one.
+    MethodError
+        As for `loads`; the message names the file.
+    OSError
+        If the file can't be read.
+    """
+    return read(check_path(path))
+
+
+def check_path(path: str | PathLike[str]) -> Path:
+    """Return a path; TypeError if it is none."""
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"path must be a path, got {path!r}")
+    return Path(path)
+
+
+def read(path: Traversable) -> Method:
+    """Read a method as `load` does, also from a file of a package."""
+    try:
+        return loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise TableauError(f"{path}: not UTF-8: {error}") from None
+    except MethodError as error:
+        raise type(error)(f"{path}: {error}") from None
+
+
+def dumps(method: Method) -> str:
+    """Write a method as the text of a catalogue file; `loads` gives an equal one back."""
+    lines = []
+    if isinstance(method, Tableau | MuntheKaas):
+        rows = method.layout.cut(method.coefficients)
+        lines += ["a = [", *(f"  {_array(row)}," for row in rows[: method.stages]), "]"]
+        for label, row in zip(("b", "b_embedded"), rows[method.stages :], strict=False):
+            lines.append(f"{label} = {_array(row)}")
+        if isinstance(method, MuntheKaas):
+            lines.insert(0, f"kind = {_quoted(_KIND)}")
+    elif isinstance(method, CommutatorFree):
+        lines.append("points = [")
+        for point, weights in zip(method.points, method.point_coefficients, strict=True):
+            texts = ", ".join(f"{stage} = {_quoted(w.text)}" for stage, w in weights.items())
+            lines.append(f"  {{parent = {point.parent}, weights = {{{texts}}}}},")
+        lines += ["]", f"stage_points = {list(method.stage_points)}", f"result = {method.result}"]
+        if method.embedded_result is not None:
+            lines.append(f"embedded_result = {method.embedded_result}")
+    else:
+        raise TypeError(f"method must be a Tableau, CommutatorFree or MuntheKaas, got {method!r}")
+    if isinstance(method, CommutatorFree | MuntheKaas) and method.third_weights is not None:
+        lines.append(f"b_third = {_array(method.third_weights)}")
+    if method.nominal_residual is not None:
+        lines += ["", "[nominal]", f"order = {method.nominal_order}"]
+        lines.append(f"residual = {_quoted(method.nominal_residual.text)}")
+    head = [f"name = {_quoted(method.name)}", f"source = {_quoted(method.source)}"]
+    return "\n".join([*head, *lines]) + "\n"
+
+
+def dumps_json(method: Method) -> str:
+    """Write a method as JSON, with the keys of a catalogue file; `loads` gives an equal one back.
+
+    A row of coefficients, or a point, is a line.
+    """
+    entry = read_toml(dumps(method), MethodError)
+    lines = []
+    for key, value in entry.items():
+        if key in ("a", "points"):
+            rows = ",\n".join(f"    {json.dumps(row, ensure_ascii=False)}" for row in value)
+            lines.append(f'  "{key}": [\n{rows}\n  ]')
+        else:
+            lines.append(f'  "{key}": {json.dumps(value, ensure_ascii=False)}')
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _array(row: Sequence[Coefficient]) -> str:
+    return "[" + ", ".join(_quoted(coefficient.text) for coefficient in row) + "]"
+
+
+def _quoted(text: str) -> str:
+    # JSON's escapes are TOML's, except that TOML wants this one escaped too
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def save(method: Method, path: str | PathLike[str]) -> None:
+    """Write a method to a file: JSON if its name ends in ``.json``, else TOML.
+
+    Parameters
+    ----------
+    method : Method
+    path : path
+        Of the file, or a folder that gets a TOML file named like the method.
+
+    Raises
+    ------
+    ValueError
+        If it is a folder and the name isn't fit for a file's name.
+    OSError
+        If the file can't be written.
+    """
+    path = check_path(path)
+    if path.is_dir():
+        text, path = dumps(method), file_in(path, method.name)
+    else:
+        text = dumps_json(method) if path.suffix.lower() == ".json" else dumps(method)
+    path.write_text(text, encoding="utf-8")

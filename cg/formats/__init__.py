@@ -1,0 +1,8 @@
+"""Methods written in other formats: data, documents, and steps in other languages."""
+
+from __future__ import annotations
+
+from .digits import known_digits
+from .exporting import FORMATS, export
+
+__all__ = ["FORMATS", "export", "known_digits"]

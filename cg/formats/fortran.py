@@ -1,0 +1,208 @@
+"""A step in Fortran: a module."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .program import Program
+from .text import comment, heading, integers, real, wrapped
+
+__all__ = ["to_fortran"]
+
+_MOST_ENTRIES = 200  # in one statement, which older standards end after 255 lines
+_WIDEST = 120  # of a line, which the standard ends after 132 characters
+
+_MODULE = """module @name@_method
+  implicit none
+  private
+  public :: @name@_step
+
+  ! The kind of all numbers
+  integer, parameter, public :: @name@_wp = kind(1.0d0)
+  integer, parameter :: wp = @name@_wp
+
+  abstract interface
+
+    ! The coefficients f of the frame's fields at a point
+    subroutine f_i(t, y, f)
+      import :: wp
+      real(wp), intent(in) :: t
+      real(wp), intent(in) :: y(:)        ! (n)
+      real(wp), intent(out) :: f(:)       ! (m)
+    end subroutine f_i
+
+    ! Moves a point along the time-1 flow of the field with coefficients v
+    subroutine flow_i(v, y)
+      import :: wp
+      real(wp), intent(in) :: v(:)        ! (m)
+      real(wp), intent(inout) :: y(:)     ! (n)
+    end subroutine flow_i
+@interface@
+  end interface
+
+  ! Points are kept in slots, of which 0 is the initial one. Of each stage: its abscissa c, how many
+  ! moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
+  ! times fields at stages.
+@tables@
+
+contains
+
+  ! Moves a point by a step of size h from time t@says@
+  subroutine @name@_step(f, flow, @dexpinv@m, t, h, y@argument@)
+    procedure(f_i) :: f
+    procedure(flow_i) :: flow
+@declare_dexpinv@    integer, intent(in) :: m               ! number of fields
+    real(wp), intent(in) :: t, h
+    real(wp), intent(inout) :: y(:)        ! (n)
+@declare@    real(wp) :: points(size(y), 0:@slots@ - 1), fields(m, @stages@), v(m)@more@
+    integer :: stage, done@index@
+
+    points(:, 0) = y
+    done = 0
+    do stage = 1, @stages@
+      call move_to(before(stage))
+      call f(t + c(stage) * h, points(:, slot(stage)), fields(:, stage))
+@derivative@    end do
+    call move_to(@moves@)
+    y = points(:, @result@)
+@output@
+  contains
+
+    subroutine move_to(last)
+      integer, intent(in) :: last
+      integer :: move, i
+
+      do move = done + 1, last
+        i = first(move)
+        v = (h * weight(i)) * fields(:, term_stage(i))
+        do i = first(move) + 1, first(move + 1) - 1
+          v = v + (h * weight(i)) * fields(:, term_stage(i))
+        end do
+@keep@        points(:, target(move)) = points(:, origin(move))
+        call flow(v, points(:, target(move)))
+      end do
+      done = last
+    end subroutine move_to
+
+  end subroutine @name@_step
+
+end module @name@_method
+"""
+
+_DEXPINV = """
+    ! Replaces the coefficients v with which a point of coordinates u moves by the derivative of u
+    subroutine dexpinv_i(u, v)
+      import :: wp
+      real(wp), intent(in) :: u(:)        ! (m)
+      real(wp), intent(inout) :: v(:)     ! (m)
+    end subroutine dexpinv_i
+"""
+
+_PAIR = """    if (present(second)) second = points(:, @second@)
+"""
+
+_ERROR = """    if (present(error)) then
+      do k = 1, @errors@
+        error(:, k) = (h * error_weight(1, k)) * fields(:, 1)
+        do j = 2, @stages@
+          error(:, k) = error(:, k) + (h * error_weight(j, k)) * fields(:, j)
+        end do
+      end do
+    end if
+"""
+
+_SAYS_ERRORS = {
+    1: """. The coefficients of its
+  ! error are those of the flow that joins the two results.""",
+    2: """. The coefficients of its
+  ! error are e and e_3, and the estimate |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
+}
+
+
+def to_fortran(program: Program, lower: int | None) -> str:
+    """Return a module; `lower` is the order of the second result of a pair."""
+    parts = dict.fromkeys(["says", "argument", "declare", "output", "index"], "")
+    if program.second is not None:
+        parts["says"] = f". The second result is of order {lower}."
+        parts["argument"] = ", second"
+        parts["declare"] = "    real(wp), intent(out), optional :: second(:)   ! (n)\n"
+        parts["output"] = _PAIR
+    elif program.errors:
+        count = len(program.errors)
+        parts["says"] = _SAYS_ERRORS[count]
+        parts["argument"] = ", error"
+        parts["declare"] = f"    real(wp), intent(out), optional :: error(:, :) ! (m, {count})\n"
+        parts["output"] = _ERROR
+        parts["index"] = ", j, k"
+    algebra = program.on_algebra
+    parts |= {
+        "interface": _DEXPINV if algebra else "",
+        "dexpinv": "dexpinv, " if algebra else "",
+        "declare_dexpinv": "    procedure(dexpinv_i) :: dexpinv\n" if algebra else "",
+        "more": ", u(m, 0:@slots@ - 1)" if algebra else "",
+        "keep": "        u(:, target(move)) = v\n" if algebra else "",
+        "derivative": (
+            "      if (slot(stage) > 0) call dexpinv(u(:, slot(stage)), fields(:, stage))\n"
+            if algebra
+            else ""
+        ),
+        "tables": _tables(program),
+        "name": program.name,
+        "slots": str(program.slots),
+        "stages": str(program.stages),
+        "moves": str(len(program.moves)),
+        "result": str(program.result),
+        "second": str(program.second),
+        "errors": str(len(program.errors)),
+    }
+    text = _MODULE
+    for key, value in parts.items():
+        text = text.replace(f"@{key}@", value)
+    return comment(heading(program.title, program.source), "!") + "\n" + text
+
+
+def _tables(program: Program) -> str:
+    moves = program.moves
+    lines = [
+        *_array("integer", "before", integers(program.before)),
+        *_array("integer", "slot", integers(program.stage_slots)),
+        *_array("integer", "origin", integers([move.origin for move in moves])),
+        *_array("integer", "target", integers([move.target for move in moves])),
+        *_array("integer", "first", integers(program.first_term, 1)),
+        *_array("integer", "term_stage", integers(program.term_stages, 1)),
+        *_array("real(wp)", "weight", _numbers(program.term_weights)),
+        *_array("real(wp)", "c", _numbers(program.c)),
+    ]
+    if program.errors:
+        flat = [weight for row in program.errors for weight in row]
+        lines += _array("real(wp)", "flat_error_weight", _numbers(flat))
+        shape = f"{program.stages}, {len(program.errors)}"
+        lines.append(
+            f"  real(wp), parameter :: error_weight({shape}) = "
+            f"reshape(flat_error_weight, [{shape}])"
+        )
+    return "\n".join(lines)
+
+
+def _numbers(texts: Sequence[str]) -> list[str]:
+    """Return numbers of the kind wp, those of many digits over several lines."""
+    found = []
+    for text in texts:
+        number = f"{real(text)}_wp"
+        pieces = [number[k : k + _WIDEST] for k in range(0, len(number), _WIDEST)]
+        found.append("&\n&".join(pieces))
+    return found
+
+
+def _array(kind: str, name: str, entries: Sequence[str]) -> list[str]:
+    """Declare an array; a long one in parts."""
+    if len(entries) <= _MOST_ENTRIES:
+        body = wrapped(entries, "    ", end=" &")
+        return [f"  {kind}, parameter :: {name}({len(entries)}) = [ &\n{body}]"]
+    lines = []
+    names = []
+    for number, k in enumerate(range(0, len(entries), _MOST_ENTRIES), 1):
+        names.append(f"{name}_{number}")
+        lines += _array(kind, names[-1], entries[k : k + _MOST_ENTRIES])
+    joined = wrapped(names, "    ", end=" &")
+    return [*lines, f"  {kind}, parameter :: {name}({len(entries)}) = [ &\n{joined}]"]

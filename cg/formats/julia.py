@@ -1,0 +1,157 @@
+"""A step in Julia: a module."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .program import Program
+from .text import comment, heading, integers, wrapped
+
+__all__ = ["to_julia"]
+
+_MODULE = '''module @Module@
+
+export step@exported@
+
+# Points are kept in slots, of which 1 is the initial one. Of each stage: its abscissa, how many
+# moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
+# times fields at stages. Numbers are texts, so that they may be read as any type.
+const SLOTS = @slots@
+@tables@
+
+"""
+    step(f, flow, @dexpinv@t, y, h)
+
+Return the point after a step of size h. f(t, y) returns the coefficients of the frame's fields,
+flow(v, y) the time-1 flow through y of the field with coefficients v.@says_dexpinv@
+Numbers are of the type of h.
+"""
+step(f, flow, @dexpinv@t, y, h) = stages(f, flow, @dexpinv@t, y, h)[1][@result@]
+@output@
+function stages(f, flow, @dexpinv@t, y, h)
+    T = typeof(float(h))
+    c, weights = parse.(T, C), parse.(T, WEIGHTS)
+    points = Vector{Any}(undef, SLOTS)
+@coordinates@    fields = Vector{Any}(undef, length(c))
+    points[1] = y
+    done = 0
+    for stage in 1:length(c)+1
+        last = stage <= length(c) ? BEFORE[stage] : length(ORIGIN)
+        for move in done+1:last
+            terms = FIRST[move]:FIRST[move+1]-1
+            v = combined(view(weights, terms), view(TERM_STAGE, terms), fields, h)
+@keep@            points[TARGET[move]] = flow(v, points[ORIGIN[move]])
+        end
+        done = last
+        stage <= length(c) || break
+        fields[stage] = f(t + c[stage] * h, points[SLOT[stage]])
+@derivative@    end
+    return points, fields
+end
+
+function combined(weights, stages, fields, h)
+    total = (h * weights[1]) .* fields[stages[1]]
+    for k in 2:length(weights)
+        total = total .+ (h * weights[k]) .* fields[stages[k]]
+    end
+    return total
+end
+
+end
+'''
+
+_PAIR = '''
+"""
+    step_pair(f, flow, @dexpinv@t, y, h)
+
+Return the point after a step, and the second result, of order @lower@.
+"""
+function step_pair(f, flow, @dexpinv@t, y, h)
+    points, _ = stages(f, flow, @dexpinv@t, y, h)
+    return points[@result@], points[@second@]
+end
+'''
+
+_ERROR = '''
+"""
+    step_error(f, flow, @dexpinv@t, y, h)
+
+Return the point after a step, and the coefficients of its error: @shape@
+"""
+function step_error(f, flow, @dexpinv@t, y, h)
+    points, fields = stages(f, flow, @dexpinv@t, y, h)
+    T = typeof(float(h))
+    return points[@result@], [combined(parse.(T, row), 1:length(row), fields, h) for row in ERRORS]
+end
+'''
+
+_SHAPES = {
+    1: "a vector of one, whose flow\njoins the two results.",
+    2: "e and e3, from which\nthe estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e3|^2).",
+}
+
+
+def to_julia(program: Program, lower: int | None) -> str:
+    """Return a module; `lower` is the order of the second result of a pair."""
+    algebra = program.on_algebra
+    output = exported = ""
+    if program.second is not None:
+        output, exported = _PAIR, ", step_pair"
+    elif program.errors:
+        output, exported = _ERROR, ", step_error"
+    says = (
+        "\ndexpinv(u, v) returns the derivative of the coordinates u of a point that moves with\n"
+        "coefficients v."
+    )
+    keep = "            coordinates[TARGET[move]] = v\n"
+    derivative = (
+        "        if SLOT[stage] > 1\n"
+        "            fields[stage] = dexpinv(coordinates[SLOT[stage]], fields[stage])\n"
+        "        end\n"
+    )
+    parts = {
+        "output": output,
+        "exported": exported,
+        "Module": program.name.capitalize(),
+        "slots": str(program.slots),
+        "tables": _tables(program),
+        "dexpinv": "dexpinv, " if algebra else "",
+        "says_dexpinv": says if algebra else "",
+        "coordinates": "    coordinates = Vector{Any}(undef, SLOTS)\n" if algebra else "",
+        "keep": keep if algebra else "",
+        "derivative": derivative if algebra else "",
+        "result": str(program.result + 1),
+        "second": str((program.second or 0) + 1),
+        "lower": str(lower),
+        "shape": _SHAPES.get(len(program.errors), ""),
+    }
+    text = _MODULE
+    for key, value in parts.items():
+        text = text.replace(f"@{key}@", value)
+    return comment(heading(program.title, program.source), "#") + "\n" + text
+
+
+def _tables(program: Program) -> str:
+    moves = program.moves
+    lines = [
+        _vector("BEFORE", integers(program.before)),
+        _vector("SLOT", integers(program.stage_slots, 1)),
+        _vector("ORIGIN", integers([move.origin for move in moves], 1)),
+        _vector("TARGET", integers([move.target for move in moves], 1)),
+        _vector("FIRST", integers(program.first_term, 1)),
+        _vector("TERM_STAGE", integers(program.term_stages, 1)),
+        _vector("WEIGHTS", _texts(program.term_weights)),
+        _vector("C", _texts(program.c)),
+    ]
+    if program.errors:
+        rows = ",\n".join(f"[\n{wrapped(_texts(row), '    ')}\n]" for row in program.errors)
+        lines.append(f"const ERRORS = [{rows}]")
+    return "\n".join(lines)
+
+
+def _texts(numbers: Sequence[str]) -> list[str]:
+    return [f'"{number}"' for number in numbers]
+
+
+def _vector(name: str, entries: Sequence[str]) -> str:
+    return f"const {name} = [\n{wrapped(entries, '    ')}\n]"

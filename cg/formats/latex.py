@@ -1,0 +1,204 @@
+"""Methods as LaTeX: tableaux and tables of points for the package booktabs, and for notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+from ..coefficients import Coefficient
+from ..commutator_free import CommutatorFree
+from ..method import Method
+from ..quad import to_decimal
+
+__all__ = ["to_array", "to_latex"]
+
+_WIDEST = 110
+"""Characters of a row; tableaux with longer ones are written as lists of their entries."""
+
+_LONGEST = 40  # rows of a table that stays on one page
+
+_SHORT = 6  # digits in notebooks
+
+
+def to_latex(method: Method, title: str, digits: int | None) -> str:
+    """Return a table, preceded by comments on what it needs.
+
+    Parameters
+    ----------
+    method : Method
+        With its coefficients as they are to be written.
+    title : str
+    digits : int or None
+        Of abscissae, which are sums of coefficients; None for all that there are.
+    """
+    if isinstance(method, CommutatorFree):
+        table = _points(method)
+    else:
+        rows = _tableau(method, digits)
+        widest = max(sum(map(len, row)) for row in rows)
+        table = _list(method) if widest > _WIDEST else _butcher(rows, method)
+    needs = r"% \usepackage{booktabs}"
+    if "longtable" in table:
+        needs += r", \usepackage{longtable}"
+    return f"% {_comment(title)}\n{needs}\n{table}\n"
+
+
+def to_array(method: Method) -> str:
+    r"""Return a method as a formula of a few digits, for notebooks: an ``array``."""
+    if isinstance(method, CommutatorFree):
+        lines = []
+        for m, weights in enumerate(method.point_coefficients):
+            terms = "".join(
+                f"{'+' if w.value > 0 and k else ''}{_short(w)}\\,F_{{{stage + 1}}}"
+                for k, (stage, w) in enumerate(weights.items())
+            )
+            origin = method.points[m].parent
+            lines.append(f"y_{{{m + 1}}} &= \\exp\\bigl(h({terms})\\bigr)\\,y_{{{origin + 1}}}")
+        stages = ",\\; ".join(
+            f"F_{{{k + 1}}}\\text{{ at }}y_{{{at + 1}}}" for k, at in enumerate(method.stage_points)
+        )
+        ends = f"\\text{{result }}y_{{{method.result + 1}}}"
+        if method.embedded_result is not None:
+            ends += f",\\; \\text{{second }}y_{{{method.embedded_result + 1}}}"
+        lines += [f"&{stages}", f"&{ends}"]
+        return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
+    rows = [[_short(entry) if entry else "" for entry in row] for row in _entries(method)]
+    body = [" & ".join(row) for row in rows]
+    body[method.stages - 1] += r" \\ \hline"
+    lines = [line if line.endswith("hline") else line + r" \\" for line in body]
+    columns = "c|" + "c" * method.stages
+    return f"\\begin{{array}}{{{columns}}}\n" + "\n".join(lines) + "\n\\end{array}"
+
+
+def _entries(method: Method) -> list[list[Coefficient | None]]:
+    """Return the rows of a tableau with its abscissae; None for zeros beside the diagonal."""
+    explicit = method.explicit
+    rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
+    third = getattr(method, "third_weights", None)
+    if third is not None:
+        rows.append(list(third))
+    found: list[list[Coefficient | None]] = []
+    for i, row in enumerate(rows):
+        stage = i < method.stages
+        entries = [
+            None if stage and explicit and j >= i else Coefficient.read(entry)
+            for j, entry in enumerate(row)
+        ]
+        first = None
+        if stage:
+            numbers = [Coefficient.read(entry) for entry in row]
+            total = sum((number.value for number in numbers), Fraction(0))
+            if any(set(number.text) & set(".ex") for number in numbers):
+                first = Coefficient(total, to_decimal(total), Fraction(1))  # a decimal too
+            else:
+                first = Coefficient.read(total)
+        found.append([first, *entries])
+    return found
+
+
+def _tableau(method: Method, digits: int | None) -> list[list[str]]:
+    rows = []
+    for row in _entries(method):
+        first, *rest = row
+        if first is not None and first.unit and digits is not None:
+            first = Coefficient(first.value, to_decimal(first.value, digits), first.unit)
+        rows.append([_number(entry) if entry else "" for entry in (first, *rest)])
+    return rows
+
+
+def _butcher(rows: list[list[str]], method: Method) -> str:
+    s = method.stages
+    lines = [" & ".join(f"${entry}$" if entry else "" for entry in row) + r" \\" for row in rows]
+    columns = "r@{\\qquad}" + "r" * s
+    return "\n".join(
+        [
+            f"\\begin{{tabular}}{{{columns}}}",
+            r"\toprule",
+            *lines[:s],
+            r"\midrule",
+            *lines[s:],
+            r"\bottomrule",
+            r"\end{tabular}",
+        ]
+    )
+
+
+def _list(method: Method) -> str:
+    """Return the coefficients of a tableau that aren't zero, one below the other."""
+    rows = [row[1:] for row in _entries(method)]
+    labels = [f"a_{{{i}," for i in range(1, method.stages + 1)]
+    labels += ["b_{", r"\hat b_{", r"\tilde b_{"]
+    lines = [
+        f"${label}{j}}}$ & ${_number(entry)}$ \\\\"
+        for label, row in zip(labels, rows, strict=False)
+        for j, entry in enumerate(row, 1)
+        if entry is not None and entry.value
+    ]
+    return _table("ll", "Coefficient & Value", lines)
+
+
+def _points(method: CommutatorFree) -> str:
+    """Return the points of a step: where each begins, its weights, and what it is."""
+    roles: dict[int, list[str]] = {}
+    for stage, at in enumerate(method.stage_points, 1):
+        roles.setdefault(at, []).append(f"stage {stage}")
+    roles.setdefault(method.result, []).append("result")
+    if method.embedded_result is not None:
+        roles.setdefault(method.embedded_result, []).append("second result")
+    lines = [f"$0$ & & & & {', '.join(roles.get(-1, []))} \\\\"]
+    pairs = zip(method.points, method.point_coefficients, strict=True)
+    for m, (point, weights) in enumerate(pairs):
+        first = f"${m + 1}$ & ${point.parent + 1}$"
+        role = ", ".join(roles.get(m, []))
+        lines.append(r"\addlinespace")
+        for stage, weight in weights.items():
+            lines.append(f"{first} & ${stage + 1}$ & ${_number(weight)}$ & {role} \\\\")
+            first, role = " & ", ""
+    if method.third_weights is not None:
+        lines.append(r"\addlinespace")
+        lines += [
+            f" & & ${stage}$ & ${_number(weight)}$ & third weights \\\\"
+            for stage, weight in enumerate(method.third_weights, 1)
+            if weight.value
+        ]
+    return _table("rrrll", "Point & From & Stage & Weight & Evaluated as", lines)
+
+
+def _table(columns: str, head: str, lines: Sequence[str]) -> str:
+    environment = "longtable" if len(lines) > _LONGEST else "tabular"
+    end_of_head = [r"\midrule", r"\endhead"] if environment == "longtable" else [r"\midrule"]
+    body = [
+        f"\\begin{{{environment}}}{{{columns}}}",
+        r"\toprule",
+        f"{head} \\\\",
+        *end_of_head,
+        *lines,
+        r"\bottomrule",
+        f"\\end{{{environment}}}",
+    ]
+    return "\n".join(body)
+
+
+def _number(entry: Coefficient) -> str:
+    if entry.text.lstrip("-").startswith("0x"):  # a double as it is stored
+        return _power(to_decimal(entry.value, 17))
+    numerator, slash, denominator = entry.text.partition("/")
+    if not slash:
+        return _power(entry.text)
+    sign = "-" if numerator.startswith("-") else ""
+    return f"{sign}\\frac{{{numerator.lstrip('-')}}}{{{denominator}}}"
+
+
+def _short(entry: Coefficient) -> str:
+    if entry.unit == 0 and len(entry.text) <= 2 * _SHORT:
+        return _number(entry)
+    return _power(to_decimal(entry.value, _SHORT))
+
+
+def _power(text: str) -> str:
+    significand, e, exponent = text.lower().partition("e")
+    return f"{significand}\\cdot 10^{{{int(exponent)}}}" if e else text
+
+
+def _comment(text: str) -> str:
+    return " ".join(text.split())

@@ -1,0 +1,134 @@
+"""A step in MATLAB or Octave: a function file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .program import Program
+from .text import comment, heading, integers, wrapped
+
+__all__ = ["to_matlab"]
+
+_FUNCTION = """function @returns@ = @name@_step(f, flow, @dexpinv@t, y, h)
+% The point after a step of size h: f(t, y) returns the coefficients of the frame's fields as a
+% column, flow(v, y) the time-1 flow through y of the field with coefficients v.@says@
+%
+@head@
+
+% Points are kept in slots, of which 1 is the initial one. Of each stage: its abscissa c, how many
+% moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
+% times fields at stages.
+@tables@
+
+points = cell(1, @slots@);
+points{1} = y;
+@coordinates@done = 0;
+for stage = 1:numel(c) + 1
+  if stage <= numel(c)
+    last = before(stage);
+  else
+    last = numel(origin);
+  end
+  for move = done + 1:last
+    for k = first(move):first(move + 1) - 1
+      if k == first(move)
+        v = (h * weight(k)) * fields(:, term_stage(k));
+      else
+        v = v + (h * weight(k)) * fields(:, term_stage(k));
+      end
+    end
+@keep@    points{target(move)} = flow(v, points{origin(move)});
+  end
+  done = last;
+  if stage > numel(c)
+    break
+  end
+  field = f(t + c(stage) * h, points{slot(stage)});
+@derivative@  if stage == 1
+    fields = zeros(numel(field), numel(c));
+  end
+  fields(:, stage) = field;
+end
+y = points{@result@};
+@output@end
+"""
+
+_PAIR = "second = points{@second@};\n"
+
+_ERROR = """error_of_step = zeros(size(fields, 1), size(error_weight, 1));
+for k = 1:size(error_weight, 1)
+  e = (h * error_weight(k, 1)) * fields(:, 1);
+  for j = 2:numel(c)
+    e = e + (h * error_weight(k, j)) * fields(:, j);
+  end
+  error_of_step(:, k) = e;
+end
+"""
+
+_SAYS_DEXPINV = """
+% dexpinv(u, v) returns the derivative of the coordinates u of a point that moves with v."""
+
+_SAYS_ERRORS = {
+    1: """
+% error_of_step has the coefficients of its error: the flow along them joins the two results.""",
+    2: """
+% error_of_step has the coefficients of its error, e and e_3 in columns; the estimate is
+% |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
+}
+
+
+def to_matlab(program: Program, lower: int | None) -> str:
+    """Return a function file; `lower` is the order of the second result of a pair."""
+    algebra = program.on_algebra
+    says = _SAYS_DEXPINV if algebra else ""
+    returns, output = "y", ""
+    if program.second is not None:
+        returns, output = "[y, second]", _PAIR
+        says += f"\n% second is the other result, of order {lower}."
+    elif program.errors:
+        returns, output = "[y, error_of_step]", _ERROR
+        says += _SAYS_ERRORS[len(program.errors)]
+    derivative = (
+        "  if slot(stage) > 1\n    field = dexpinv(coordinates{slot(stage)}, field);\n  end\n"
+    )
+    parts = {
+        "output": output,
+        "returns": returns,
+        "name": program.name,
+        "dexpinv": "dexpinv, " if algebra else "",
+        "says": says,
+        "head": comment(heading(program.title, program.source), "%"),
+        "tables": _tables(program),
+        "slots": str(program.slots),
+        "coordinates": f"coordinates = cell(1, {program.slots});\n" if algebra else "",
+        "keep": "    coordinates{target(move)} = v;\n" if algebra else "",
+        "derivative": derivative if algebra else "",
+        "result": str(program.result + 1),
+        "second": str((program.second or 0) + 1),
+    }
+    text = _FUNCTION
+    for key, value in parts.items():
+        text = text.replace(f"@{key}@", value)
+    return text
+
+
+def _tables(program: Program) -> str:
+    moves = program.moves
+    lines = [
+        _row("before", integers(program.before)),
+        _row("slot", integers(program.stage_slots, 1)),
+        _row("origin", integers([move.origin for move in moves], 1)),
+        _row("target", integers([move.target for move in moves], 1)),
+        _row("first", integers(program.first_term, 1)),
+        _row("term_stage", integers(program.term_stages, 1)),
+        _row("weight", program.term_weights),
+        _row("c", program.c),
+    ]
+    if program.errors:
+        rows = "; ...\n".join(wrapped(row, "  ", end=" ...") for row in program.errors)
+        lines.append(f"error_weight = [ ...\n{rows}];")
+    return "\n".join(lines)
+
+
+def _row(name: str, entries: Sequence[str]) -> str:
+    return f"{name} = [ ...\n{wrapped(entries, '  ', end=' ...')}];"

@@ -1,0 +1,169 @@
+"""A step in Python: for NumPy, or as a pure function for JAX."""
+
+from __future__ import annotations
+
+from .program import Program
+from .text import comment, heading, wrapped
+
+__all__ = ["to_jax", "to_python"]
+
+_ARGUMENTS = """    f : callable
+        ``f(t, y)`` returns the coefficients of the frame's fields, shape (m,).
+    flow : callable
+        ``flow(v, y)`` returns the time-1 flow through y of the field with coefficients v.
+{dexpinv}    t : float
+        Time.
+    y : {array}
+        The point; whatever `flow` takes.
+    h : float
+        Step size.
+"""
+
+_DEXPINV = """    dexpinv : callable
+        ``dexpinv(u, v)`` returns the derivative of the coordinates u of a point that moves with
+        coefficients v.
+"""
+
+_STEP = '''def step({call}):
+    """Return the point after a step of size h.
+
+    Parameters
+    ----------
+{arguments}    """
+    points, _ = _stages({call})
+    return points[RESULT]
+'''
+
+_PAIR = '''
+
+def step_pair({call}):
+    """Return the point after a step, and the second result, of order {lower}.
+
+    The arguments are those of `step`.
+    """
+    points, _ = _stages({call})
+    return points[RESULT], points[SECOND]
+'''
+
+_ERROR = '''
+
+def step_error({call}):
+    """Return the point after a step, and the coefficients of its error.
+
+    The arguments are those of `step`. {shape}
+    """
+    points, fields = _stages({call})
+    return points[RESULT], {xp}.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
+'''
+
+_SHAPES = {
+    1: "The error has shape (1, m): the flow along it joins the two results.",
+    2: """The errors have shape (2, m): e = errors[0] and e_3 = errors[1], from
+    which the estimate is ``|e|**2 / sqrt(|e|**2 + 0.01 * |e_3|**2)``.""",
+}
+
+_STAGES = """
+
+def _stages({call}):
+    points = [y] + [None] * (SLOTS - 1)
+    fields = []
+    done = 0
+    for c, count, slot in zip(C, BEFORE, STAGE_SLOTS):
+        _move(flow, points, fields, h, done, count)
+        done = count
+        fields.append({xp}.asarray(f(t + c * h, points[slot])))
+    _move(flow, points, fields, h, done, len(MOVES))
+    return points, fields
+
+
+def _move(flow, points, fields, h, begin, end):
+    for origin, target, terms in MOVES[begin:end]:
+        points[target] = flow(_combined(terms, fields, h), points[origin])
+"""
+
+_STAGES_ON_ALGEBRA = """
+
+def _stages({call}):
+    points = [y] + [None] * (SLOTS - 1)
+    coordinates = [None] * SLOTS
+    fields = []
+    done = 0
+    for c, count, slot in zip(C, BEFORE, STAGE_SLOTS):
+        _move(flow, points, coordinates, fields, h, done, count)
+        done = count
+        field = {xp}.asarray(f(t + c * h, points[slot]))
+        fields.append(field if slot == 0 else {xp}.asarray(dexpinv(coordinates[slot], field)))
+    _move(flow, points, coordinates, fields, h, done, len(MOVES))
+    return points, fields
+
+
+def _move(flow, points, coordinates, fields, h, begin, end):
+    for origin, target, terms in MOVES[begin:end]:
+        coordinates[target] = _combined(terms, fields, h)
+        points[target] = flow(coordinates[target], points[origin])
+"""
+
+_COMBINED = """
+
+def _combined(terms, fields, h):
+    total = None
+    for stage, weight in terms:
+        term = (h * weight) * fields[stage]
+        total = term if total is None else total + term
+    return total
+"""
+
+
+def to_python(program: Program, lower: int | None) -> str:
+    """Return a module that needs NumPy only; `lower` is the order of the second result."""
+    return _module(program, lower, "import numpy as np", "np")
+
+
+def to_jax(program: Program, lower: int | None) -> str:
+    """Return a module whose functions are pure, if those that they are given are."""
+    return _module(program, lower, "import jax.numpy as jnp", "jnp")
+
+
+def _module(program: Program, lower: int | None, line: str, xp: str) -> str:
+    call = "f, flow, dexpinv, t, y, h" if program.on_algebra else "f, flow, t, y, h"
+    array = "array"
+    arguments = _ARGUMENTS.format(dexpinv=_DEXPINV if program.on_algebra else "", array=array)
+    values = {"call": call, "arguments": arguments, "xp": xp, "lower": lower}
+    parts = [comment(heading(program.title, program.source), "#"), "", line, "", _tables(program)]
+    parts += ["", _STEP.format(**values).rstrip("\n")]
+    if program.second is not None:
+        parts.append(_PAIR.format(**values).rstrip("\n"))
+    if program.errors:
+        shape = _SHAPES[len(program.errors)]
+        parts.append(_ERROR.format(shape=shape, **values).rstrip("\n"))
+    stages = _STAGES_ON_ALGEBRA if program.on_algebra else _STAGES
+    parts += [stages.format(**values).rstrip("\n"), _COMBINED.rstrip("\n")]
+    return "\n".join(parts) + "\n"
+
+
+def _tables(program: Program) -> str:
+    lines = [
+        "# points are kept in slots, of which 0 is the initial one",
+        f"SLOTS = {program.slots}",
+        f"RESULT = {program.result}",
+    ]
+    if program.second is not None:
+        lines.append(f"SECOND = {program.second}")
+    lines += [
+        "# of each stage: its abscissa, how many moves come before it, and its slot",
+        f"C = (\n{wrapped(program.c, '    ')},\n)",
+        f"BEFORE = (\n{wrapped(map(str, program.before), '    ')},\n)",
+        f"STAGE_SLOTS = (\n{wrapped(map(str, program.stage_slots), '    ')},\n)",
+        "# moves: from a slot to a slot, along the sum of these weights times fields at stages",
+        "MOVES = (",
+    ]
+    for move in program.moves:
+        terms = wrapped((f"({stage}, {weight})" for stage, weight in move.terms), "        ")
+        lines.append(f"    ({move.origin}, {move.target}, (\n{terms},\n    )),")
+    lines.append(")")
+    if program.errors:
+        lines += ["# weights of the stages in the errors", "ERRORS = ("]
+        for row in program.errors:
+            lines.append(f"    (\n{wrapped(row, '        ')},\n    ),")
+        lines.append(")")
+    return "\n".join(lines)
