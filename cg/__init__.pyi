@@ -4,6 +4,7 @@ from .catalogue import methods
 from .certification import Certificate, CertificationError, certify
 from .commutator_free import CommutatorFree
 from .construction import construct
+from .diagnosis import Diagnosis, diagnose
 from .formats import export
 from .integration import ConvergenceError, DenseOutput, Solution, Trajectory, integrate, solve_ivp
 from .lifting import Lifted, LiftError, lift
@@ -21,6 +22,7 @@ __all__ = [
     "CommutatorFree",
     "ConvergenceError",
     "DenseOutput",
+    "Diagnosis",
     "LiftError",
     "Lifted",
     "Method",
@@ -34,6 +36,7 @@ __all__ = [
     "certify",
     "conditions",
     "construct",
+    "diagnose",
     "export",
     "frames",
     "integrate",

@@ -14,7 +14,7 @@ from .tableau import Tableau
 if TYPE_CHECKING:
     from flint import fmpq
 
-__all__ = ["flat_order", "rooted_trees", "stage_orders"]
+__all__ = ["Rooted", "failing_rooted", "flat_order", "rooted_trees", "stage_orders"]
 
 Rooted = tuple["Rooted", ...]
 """A rooted tree as the sorted tuple of its children; ``()`` is the single node."""
@@ -77,22 +77,44 @@ def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
 def _order(
     entries: Sequence[Sequence[Coefficient]], weights: Sequence[Coefficient], end: Fraction
 ) -> int:
+    for order in range(1, HIGHEST_ORDER + 1):
+        if _failing(entries, weights, end, order):
+            return order - 1
+    return HIGHEST_ORDER
+
+
+def failing_rooted(tableau: Tableau, order: int) -> list[tuple[Rooted, Fraction, Fraction]]:
+    """Return the rooted trees of an order whose condition fails, with Φ(t) and 1/γ(t).
+
+    Parameters
+    ----------
+    tableau : Tableau
+    order : int
+        Number of nodes.
+    """
+    return _failing(tableau.entries, tableau.weights, Fraction(1), order)
+
+
+def _failing(
+    entries: Sequence[Sequence[Coefficient]],
+    weights: Sequence[Coefficient],
+    end: Fraction,
+    order: int,
+) -> list[tuple[Rooted, Fraction, Fraction]]:
     a, b = [[e.value for e in row] for row in entries], [w.value for w in weights]
     size_a, size_b = [[abs(e) for e in row] for row in a], [abs(w) for w in b]
     wide_a = [[abs(e.value) + e.unit for e in row] for row in entries]
     wide_b = [abs(w.value) + w.unit for w in weights]
     exact = all(e.unit == 0 for row in (*entries, weights) for e in row)
-    for order in range(1, HIGHEST_ORDER + 1):
-        trees = rooted_trees(order)
-        found = _weights(a, b, trees)
-        allowed = [Fraction(0)] * len(trees)
-        if not exact:
-            near, far = _weights(size_a, size_b, trees), _weights(wide_a, wide_b, trees)
-            allowed = [2 * (f - n) for f, n in zip(far, near, strict=True)]
-        for tree, phi, bound in zip(trees, found, allowed, strict=True):
-            if abs(phi - end**order / _density(tree)) > bound:
-                return order - 1
-    return HIGHEST_ORDER
+    trees = rooted_trees(order)
+    found = _weights(a, b, trees)
+    allowed = [Fraction(0)] * len(trees)
+    if not exact:
+        near, far = _weights(size_a, size_b, trees), _weights(wide_a, wide_b, trees)
+        allowed = [2 * (f - n) for f, n in zip(far, near, strict=True)]
+    sides = [end**order / _density(tree) for tree in trees]
+    compared = zip(trees, found, sides, allowed, strict=True)
+    return [(tree, phi, side) for tree, phi, side, bound in compared if abs(phi - side) > bound]
 
 
 def _weights(

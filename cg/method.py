@@ -59,6 +59,7 @@ class Method(ABC):
     nominal_order: int | None
     nominal_residual: Coefficient | None
     digits = Later("cg.certification.digits", "digits")
+    diagnose = Later("cg.diagnosis", "diagnose")
     export = Later("cg.formats.exporting", "export")
 
     if TYPE_CHECKING:  # fields of one subclass, derived in the other
@@ -288,7 +289,7 @@ class Method(ABC):
         rounding = _DOUBLE_ROUNDING * (1 + sizes)
         if (rough > self._most_tolerance(order, sizes) + rounding).any():
             return False  # spares derivatives where there are most of them
-        tolerance = self._tolerance(order)
+        tolerance = self.tolerance(order)
         if not np.isfinite(tolerance).all():
             return False
         if (rough > tolerance + rounding).any():
@@ -306,7 +307,7 @@ class Method(ABC):
         return np.array([float(coefficient.value) for coefficient in self.coefficients])
 
     def _most_tolerance(self, order: int, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what `_tolerance` can't exceed.
+        """Return what `tolerance` can't exceed.
 
         With magnitudes for coefficients weights are convex, so that a difference quotient is
         above the derivative, which is above all derivatives.
@@ -326,7 +327,18 @@ class Method(ABC):
     def _units(self) -> NDArray[np.float64]:
         return np.array([float(coefficient.unit) for coefficient in self.coefficients])
 
-    def _tolerance(self, order: int) -> NDArray[np.float64]:
+    def tolerance(self, order: int) -> NDArray[np.float64]:
+        """Return what residuals may be for all that the stored places can tell.
+
+        Parameters
+        ----------
+        order : int
+
+        Returns
+        -------
+        ndarray, shape (conditions.count(order, independent=True),)
+            As in `exact_order`; zeros for rational coefficients.
+        """
         units = self._units
         if not units.any():
             return np.zeros(conditions.count(order, independent=True))
