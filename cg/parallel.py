@@ -1,4 +1,4 @@
-"""Independent pieces of work on all cores, in threads, since the compiled core frees the lock.
+"""Compiled calls that can be stopped, and one thread of linear algebra for each piece of work.
 
 Python's signal handlers run between bytecodes of the main thread only, so that an interrupt
 would wait for a compiled call there, and the end of a pool for those in its workers. Calls
@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -22,11 +22,12 @@ from threadpoolctl import threadpool_limits
 
 __all__ = [
     "Stopped",
-    "as_finished",
     "available_cores",
+    "new_flag",
     "raise_if_stopped",
     "single_threads",
     "stoppable",
+    "work_for",
 ]
 
 Result = TypeVar("Result")
@@ -86,39 +87,12 @@ def _take_control() -> None:
         release(force=True)
 
 
-def as_finished(
-    work: Callable[[int], Result], indices: Iterable[int], workers: int
-) -> Generator[Result, None, None]:
-    """Yield ``work(index)`` for each index, in the order in which they finish.
-
-    Only few are queued at a time. An interrupt, an exception or a closed generator ends what
-    is running within one step of its solver, and its results are dropped.
-    """
-    stop_flag = _new_flag()
-    # one piece a core: threads inside the linear algebra would only be in each other's way
-    with (
-        single_threads(),
-        ThreadPoolExecutor(workers, initializer=_work_for, initargs=(stop_flag,)) as pool,
-    ):
-        pending: dict[Future[Result], None] = {}  # in the order of submission
-        try:
-            for index in indices:
-                pending[pool.submit(work, index)] = None
-                if len(pending) == 2 * workers:
-                    yield from _collect(pending)
-            while pending:
-                yield from _collect(pending)
-        finally:
-            stop_flag[0] = 1
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
 def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Result:
     """Return ``call(flag)`` of a compiled call that watches the flag and frees the lock.
 
-    In a worker of `as_finished` the flag is that of its run. In the main thread the call goes
-    to a thread of its own, so that an interrupt is noticed at once; not if it is `brief`, since
-    on a busy machine the detour takes a millisecond. An interrupt can't reach other threads.
+    In a worker of `cg.runs.completed` the flag is that of its run. In the main thread the call
+    goes to a thread of its own, so that an interrupt is noticed at once; not if it is `brief`,
+    since on a busy machine the detour takes a millisecond. An interrupt can't reach other threads.
 
     Raises
     ------
@@ -129,7 +103,7 @@ def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Res
         result = call(_worker.stop_flag)
         raise_if_stopped()
         return result
-    stop_flag = _new_flag()
+    stop_flag = new_flag()
     if brief or threading.current_thread() is not threading.main_thread():
         return call(stop_flag)
     outcome: Future[Result] = Future()
@@ -148,24 +122,16 @@ def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Res
 
 
 def raise_if_stopped() -> None:
-    """Raise `Stopped` in a worker of `as_finished` whose run has ended."""
+    """Raise `Stopped` in a worker of `cg.runs.completed` whose run has ended."""
     if _worker.stop_flag is not None and _worker.stop_flag[0]:
         raise Stopped
 
 
-def _new_flag() -> StopFlag:
+def new_flag() -> StopFlag:
+    """Return the flag of a run that has begun."""
     return np.zeros(1, dtype=np.intc)
 
 
-def _work_for(stop_flag: StopFlag) -> None:
+def work_for(stop_flag: StopFlag) -> None:
+    """Make the current thread a worker of the run with this flag."""
     _worker.stop_flag = stop_flag
-
-
-def _collect(pending: dict[Future[Result], None]) -> Iterator[Result]:
-    """Wait for at least one and yield what is finished; one worker thus keeps the order."""
-    done, _ = wait(pending, return_when=FIRST_COMPLETED)
-    finished = [future for future in pending if future in done]
-    for future in finished:
-        del pending[future]
-    # one by one: a failure must not take the results before it along
-    yield from (future.result() for future in finished)

@@ -1,15 +1,19 @@
-"""Records of a search: what it does, and what became of each random start."""
+"""What became of each random start of a search."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
 from dataclasses import asdict, dataclass
-from typing import Any
 
-from .conditions import Rows
+import numpy as np
+
+from . import quad
 from .layout import Layout
+from .runs import Record
 
-__all__ = ["Phase", "RandomStart", "SearchSettings"]
+__all__ = ["Phase", "RandomStart"]
+
+_BYTES = 16  # of a binary128 number
 
 
 @dataclass(frozen=True)
@@ -60,50 +64,73 @@ class RandomStart:
     largest_residual: float
     exact: bool
 
-    def record(self) -> dict[str, Any]:
-        """Return it as plain data, from which `from_record` makes it again."""
-        return asdict(self)
+    def record(self, layout: Layout, *, drawn: bool, seconds: float = 0.0) -> Record:
+        """Return what a store keeps of it, from which `from_record` makes it again.
+
+        Parameters
+        ----------
+        layout : Layout
+            Of the methods that it looked for.
+        drawn : bool
+            Whether that was drawn with the start, and is kept too.
+        seconds : float, optional
+            That it took.
+        """
+        bits = quad.encode(self.x)
+        return Record(
+            number=self.index,
+            stages=len(layout.stage_points),
+            flows=len(layout.parents) if layout.rows is None else None,
+            tree=json.dumps(asdict(layout)) if drawn else None,
+            phase="double" if self.quad is None else "quad",
+            f=self.double.f,
+            status=self.double.info,
+            evaluations=self.double.nfev,
+            refined_f=None if self.quad is None else self.quad.f,
+            refined_status=None if self.quad is None else self.quad.info,
+            refined_evaluations=None if self.quad is None else self.quad.nfev,
+            largest_residual=self.largest_residual,
+            solved=self.exact,
+            coefficients=bits.tobytes(),
+            seconds=seconds,
+        )
 
     @classmethod
-    def from_record(cls, record: Mapping[str, Any]) -> RandomStart:
-        """Read what `record` wrote.
+    def from_record(cls, record: Record) -> RandomStart:
+        """Make it again of what `record` returned.
 
         Raises
         ------
         ValueError
             If a field is missing or of the wrong kind.
         """
+        where = f"not the record of a start: start {record.number}"
+        if len(record.coefficients) % _BYTES:
+            raise ValueError(f"{where} has {len(record.coefficients)} bytes of coefficients")
+        bits = np.frombuffer(record.coefficients, np.int8).reshape(-1, _BYTES)
+        refined = None
         try:
-            refined = record["quad"]
+            if record.phase == "quad":
+                refined = _phase(
+                    record.refined_f, record.refined_status, record.refined_evaluations
+                )
+                x = tuple(map(quad.to_decimal, quad.decode(bits)))
+            else:
+                # doubles, whose decimals take less time without fractions
+                x = tuple(f"{entry:.35e}" for entry in quad.to_float(bits).tolist())
             return cls(
-                index=int(record["index"]),
-                double=Phase(**record["double"]),
-                quad=None if refined is None else Phase(**refined),
-                x=tuple(map(str, record["x"])),
-                largest_residual=float(record["largest_residual"]),
-                exact=bool(record["exact"]),
+                index=record.number,
+                double=_phase(record.f, record.status, record.evaluations),
+                quad=refined,
+                x=x,
+                largest_residual=float(record.largest_residual),  # type: ignore[arg-type]
+                exact=record.solved,
             )
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"not the record of a start: {str(record)[:80]}") from error
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"{where}: {error}") from None
 
 
-@dataclass(frozen=True)
-class SearchSettings:
-    """What a search does; equal settings give equal results.
-
-    See `search` for the parameters.
-    """
-
-    order: int
-    stages: int
-    seed: int
-    algorithm: str
-    rows: Rows
-    width: float
-    maxfev: int
-    refine_below: float
-    refine_maxfev: int
-    flows: int | None = None
-    embedded: bool = False
-    tree: Layout | None = None
-    first_same_as_last: bool = False
+def _phase(f: float | None, status: int | None, evaluations: int | None) -> Phase:
+    if not isinstance(f, float) or not isinstance(status, int) or not isinstance(evaluations, int):
+        raise TypeError(f"a phase is {(f, status, evaluations)}")
+    return Phase(f, status, evaluations)

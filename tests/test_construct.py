@@ -1,6 +1,5 @@
 """Moving along the set of methods of an order, and constructing methods on it."""
 
-import json
 from fractions import Fraction
 
 import numpy as np
@@ -31,6 +30,7 @@ from cg.construction import (
 )
 from cg.construction.drop import _ways, solve_start
 from cg.construction.start import random_candidate
+from cg.runs import Store
 from cg.solve.minimum_norm import fit_conditions
 
 
@@ -308,7 +308,7 @@ class TestConstruct:
         assert found.best.stages >= 4
 
     def test_an_interrupted_run_goes_on(self, tmp_path):
-        path = tmp_path / "run.jsonl"
+        path = tmp_path / "runs.db"
 
         class Stop(Exception):
             pass
@@ -319,17 +319,15 @@ class TestConstruct:
 
         options = {"order": 5, "stages": 9, "seed": 1, "tries": 6, "workers": 1, "iterations": 5}
         with pytest.raises(Stop):
-            cg.construct(**options, checkpoint=path, progress=stop_at_third)
-        kept = [json.loads(line) for line in path.read_text().splitlines()[1:]]
-        assert [record["index"] for record in kept[:3]] == [0, 1, 2]
+            cg.construct(**options, store=path, progress=stop_at_third)
+        with Store(path) as store:
+            assert list(store.run(1).numbers())[:3] == [0, 1, 2]
         again = []
         resumed = cg.construct(
-            **options, checkpoint=path, progress=lambda attempt: again.append(attempt.index)
+            **options, store=path, progress=lambda attempt: again.append(attempt.index)
         )
         assert not {0, 1, 2} & set(again)
         assert resumed == cg.construct(**options)
-        with pytest.raises(ValueError, match="belongs to another run"):
-            cg.construct(**{**options, "seed": 2}, checkpoint=path)
 
     @pytest.mark.parametrize(
         ("changes", "error", "message"),

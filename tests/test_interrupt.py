@@ -1,6 +1,5 @@
 """Ending long runs: what is cut short leaves no trace, and what was found is kept."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -15,8 +14,9 @@ from cg import _core_r64, _core_r128, _minimum_norm, parallel, quad
 from cg.conditions import table_rows
 from cg.construction import construct
 from cg.layout import Layout
-from cg.parallel import Stopped, as_finished, stoppable
+from cg.parallel import Stopped, stoppable
 from cg.random_search import search
+from cg.runs import Store, as_finished, execution
 from cg.shared_numbers import MinimumNormStatus, Status
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
@@ -128,7 +128,7 @@ class TestThreads:
             begun.wait()
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(parallel, "wait", interrupted)
+        monkeypatch.setattr(execution, "wait", interrupted)
         with pytest.raises(KeyboardInterrupt):
             list(as_finished(work, range(1), 1))
         assert ends == ["stopped"]
@@ -243,27 +243,28 @@ class TestInterrupt:
     def test_a_search_goes_on(self, tmp_path):
         path = tmp_path / "starts.jsonl"
         options = {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}
-        call = f"cg.search(**{options}, workers=1, checkpoint={str(path)!r}, progress=say)"
+        call = f"cg.search(**{options}, workers=1, store={str(path)!r}, progress=say)"
         assert interrupted_after(call, after_one) == "interrupted"
         kept = recorded(path)
         assert kept[0] == 0
         assert len(kept) < 3
-        resumed = search(**options, checkpoint=path)
+        resumed = search(**options, store=path)
         assert resumed == search(**options)
         assert sorted(recorded(path)) == [0, 1, 2]
 
     def test_a_construction_goes_on(self, tmp_path):
         path = tmp_path / "tries.jsonl"
         options = {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}
-        call = f"cg.construct(**{options}, workers=1, checkpoint={str(path)!r}, progress=say)"
+        call = f"cg.construct(**{options}, workers=1, store={str(path)!r}, progress=say)"
         assert interrupted_after(call, after_one) == "interrupted"
         kept = recorded(path)
         assert kept[0] == 0
         assert len(kept) < 3
-        resumed = construct(**options, checkpoint=path)
+        resumed = construct(**options, store=path)
         assert resumed == construct(**options)
         assert sorted(recorded(path)) == [0, 1, 2]
 
 
 def recorded(path):
-    return [json.loads(line)["index"] for line in path.read_text().splitlines()[1:]]
+    with Store(path) as store:
+        return list(store.run(1).numbers())

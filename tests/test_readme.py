@@ -135,3 +135,15 @@ def test_the_examples_of_problems():
 
 def test_the_examples_of_munthe_kaas():
     assert run("docs/rkmk.md")["heun"].order == 2
+
+
+def test_the_examples_of_long_searches(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    names = run("docs/runs.md")
+    assert [path.name for path in tmp_path.iterdir()] == ["runs.db"]
+    found, told = names["found"], capsys.readouterr().out.splitlines()
+    assert told[0] == repr(found)
+    exact = sum(start.exact for start in found.starts)
+    assert exact > 10
+    best = min(start.quad.f for start in found.starts if start.quad)
+    assert told[1] == f"search 4 200 {exact} {best}"

@@ -1,6 +1,5 @@
 import importlib
 import json
-import threading
 from dataclasses import replace
 from fractions import Fraction
 
@@ -238,113 +237,11 @@ class TestImplicit:
             np.testing.assert_allclose(method.c, methods["DICG4"].c, rtol=1e-14)
 
 
-class TestCheckpoint:
-    def count_runs(self, monkeypatch):
-        runs = []
-
-        def counted(settings, index):
-            runs.append(index)
-            return run_start(settings, index)
-
-        monkeypatch.setattr(search_module, "run_start", counted)
-        return runs
-
-    def test_a_killed_run_loses_only_its_last_line(self, tmp_path, monkeypatch):
-        path = tmp_path / "starts.jsonl"
-        whole = search(**SMALL, starts=4, checkpoint=path)
-        content = path.read_bytes()
-        ends = [k + 1 for k, byte in enumerate(content) if byte == ord("\n")]
-        assert len(ends) == 5
-        runs = self.count_runs(monkeypatch)
-        cuts = {0, 1, ends[0] - 1, len(content), len(content) - 1, *ends}
-        cuts |= set(range(ends[1], ends[2], 97))
-        for cut in sorted(cuts):
-            path.write_bytes(content[:cut])
-            runs.clear()
-            assert search(**SMALL, starts=4, checkpoint=path) == whole
-            kept = max(sum(end <= cut for end in ends) - 1, 0)
-            assert runs == list(range(kept, 4))
-            assert path.read_bytes() == content
-
-    def test_more_starts_go_on_from_fewer(self, tmp_path, monkeypatch):
-        path = tmp_path / "starts.jsonl"
-        search(**SMALL, starts=3, checkpoint=path)
-        runs = self.count_runs(monkeypatch)
-        more = search(**SMALL, starts=6, checkpoint=path)
-        assert runs == [3, 4, 5]
-        assert more == search(**SMALL, starts=6)
-        assert search(**SMALL, starts=2, checkpoint=path).starts == more.starts[:2]
-
-    def test_it_holds_what_did_not_converge(self, tmp_path):
-        path = tmp_path / "starts.jsonl"
-        wild = {**SMALL, "width": 1e200, "starts": 3, "checkpoint": path}
-        assert search(**wild) == search(**wild)
-
-    def test_an_exception_of_progress_leaves_what_is_done(self, tmp_path, monkeypatch):
-        path = tmp_path / "starts.jsonl"
-
-        def stop(done, _):
-            if done == 2:
-                raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt) as caught:
-            search(**SMALL, starts=5, checkpoint=path, progress=stop)
-        assert not [t for t in threading.enumerate() if t.name.startswith("ThreadPoolExecutor")]
-        del caught
-        runs = self.count_runs(monkeypatch)
-        search(**SMALL, starts=5, checkpoint=path)
-        assert runs == [2, 3, 4]
-
+class TestProgress:
     def test_progress(self):
         seen = []
         search(**SMALL, starts=3, progress=lambda *counts: seen.append(counts))
         assert seen == [(1, 3), (2, 3), (3, 3)]
-
-    @pytest.mark.parametrize(
-        "change",
-        [
-            {"order": 2},
-            {"stages": 4},
-            {"seed": 6},
-            {"algorithm": "lmdif"},
-            {"rows": "diagonal"},
-            {"width": 0.5},
-            {"maxfev": 7},
-            {"refine_below": 1e-12},
-            {"refine_maxfev": 7},
-        ],
-    )
-    def test_other_settings_are_refused(self, tmp_path, change):
-        path = tmp_path / "starts.jsonl"
-        search(**SMALL, starts=1, checkpoint=path)
-        before = path.read_bytes()
-        with pytest.raises(ValueError, match=r"starts\.jsonl belongs to another run: expected"):
-            search(**{**SMALL, **change}, starts=1, checkpoint=path)
-        assert path.read_bytes() == before
-
-    @pytest.mark.parametrize("content", [b"notes\n", b"notes", b"\xff\xfe\x00\n", b"\n"])
-    def test_other_files_are_refused(self, tmp_path, content):
-        path = tmp_path / "starts.jsonl"
-        path.write_bytes(content)
-        with pytest.raises(ValueError, match=r"starts\.jsonl"):
-            search(**SMALL, starts=1, checkpoint=path)
-        assert path.read_bytes() == content
-
-    @pytest.mark.parametrize("damage", ["x", "[]", "{}", '{"index": 0}'])
-    def test_damaged_lines_are_named(self, tmp_path, damage):
-        path = tmp_path / "starts.jsonl"
-        search(**SMALL, starts=2, checkpoint=path)
-        header, first, second = path.read_text().splitlines()
-        path.write_text("\n".join([header, damage, second]) + "\n")
-        with pytest.raises(ValueError, match=r"damaged|record"):
-            search(**SMALL, starts=2, checkpoint=path)
-        assert json.loads(first)["index"] == 0
-
-    def test_an_impossible_path(self, tmp_path):
-        with pytest.raises(FileNotFoundError):
-            search(**SMALL, starts=1, checkpoint=tmp_path / "none" / "starts.jsonl")
-        with pytest.raises(IsADirectoryError):
-            search(**SMALL, starts=1, checkpoint=tmp_path)
 
 
 class TestArguments:
@@ -391,7 +288,7 @@ class TestArguments:
 
     def test_progress_must_be_callable(self, tmp_path):
         with pytest.raises(TypeError, match="progress must be callable, got 3"):
-            search(**GOOD, progress=3, checkpoint=tmp_path / "x")
+            search(**GOOD, progress=3, store=tmp_path / "x")
         assert not (tmp_path / "x").exists()
 
     @pytest.mark.parametrize(
@@ -585,14 +482,3 @@ def test_true_is_no_integer(name):
 def test_counts_beyond_fortran_integers(name):
     with pytest.raises(ValueError, match=f"{name} must be at most 2147483647, got 1000000"):
         search(**GOOD | {name: 10**30})
-
-
-@pytest.mark.parametrize("path", ["/dev/null", "/dev/full"])
-def test_checkpoint_that_is_no_file(path):
-    with pytest.raises(ValueError, match="checkpoint must be a file, got"):
-        search(**GOOD, checkpoint=path)
-
-
-def test_checkpoint_that_is_no_path():
-    with pytest.raises(TypeError, match="checkpoint must be a path, got 3"):
-        search(**GOOD, checkpoint=3)

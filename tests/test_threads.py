@@ -11,8 +11,9 @@ from flint import arb, ctx
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
-from cg.parallel import as_finished, available_cores, single_threads
+from cg.parallel import available_cores, single_threads
 from cg.precision import working_precision
+from cg.runs import as_finished
 
 
 def _blas_threads() -> list[int]:

@@ -18,6 +18,7 @@ from cg.construction import (
 from cg.layout import Layout
 from cg.points import START, MethodError, check_tree
 from cg.random_search import run_start, start_layout
+from cg.runs import Store
 from cg.solve.singular import decompose, finish, retract
 from cg.tree_shapes import draw_layout, layout_of
 
@@ -92,17 +93,19 @@ def test_the_estimate_is_held_while_solving():
     assert ((last > 0.1) & (last < 0.2)).all()
 
 
-def test_checkpoints_go_on_where_they_ended(tmp_path):
-    path = tmp_path / "trees"
+def test_stores_go_on_where_they_ended(tmp_path):
+    path = tmp_path / "runs.db"
     options = FIVE | {"flows": 9, "maxfev": 40}
-    cg.search(**options, starts=4, checkpoint=path)
-    lines = path.read_text().splitlines()
-    found = cg.search(**options, starts=6, checkpoint=path)
-    assert path.read_text().splitlines()[: len(lines)] == lines
+    cg.search(**options, starts=4, store=path)
+    found = cg.search(**options, starts=6, store=path)
     assert found == cg.search(**options, starts=6)
-    with pytest.raises(ValueError, match="belongs to another run"):
-        cg.search(**options | {"flows": 10}, starts=6, checkpoint=path)
-    assert json.loads(lines[0])["flows"] == 9
+    with Store(path) as store:
+        records = list(store.run(1).records())
+    assert [record.number for record in records] == list(range(6))
+    for record in records:
+        layout = start_layout(found.settings, record.number)
+        assert (record.stages, record.flows) == (6, 9)
+        assert json.loads(record.tree)["parents"] == list(layout.parents)
 
 
 @pytest.mark.parametrize("embedded", [False, True])
@@ -200,13 +203,13 @@ def test_forced_it_tries():
 def test_construct_leaves_flows_out(tmp_path):
     path = tmp_path / "trees"
     options = {**FIVE, "flows": 9, "first_flows": 10, "tries": 60}
-    found = cg.construct(**options, workers=2, checkpoint=path)
+    found = cg.construct(**options, workers=2, store=path)
     assert (found.method.order, found.method.stages, found.method.exponentials) == (5, 6, 9)
     drawn = draw_layout(
         6, 10, np.random.default_rng(np.random.SeedSequence(1, spawn_key=(found.best.index,)))
     )
     assert len(drawn.parents) == 10
-    again = cg.construct(**options, workers=1, checkpoint=path)
+    again = cg.construct(**options, workers=1, store=path)
     assert again == found
     assert cg.construct(**options, workers=1) == found
 

@@ -39,8 +39,9 @@ from cg.construction import (
 )
 from cg.construction.drop import solve_start
 from cg.construction.start import default_start, random_candidate
-from cg.parallel import as_finished, available_cores
+from cg.parallel import available_cores
 from cg.random_search import random_start
+from cg.runs import as_finished
 from cg.solve.minimum_norm import fit_conditions
 from cg.tableau import Tableau
 

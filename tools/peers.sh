@@ -4,21 +4,27 @@
 set -u
 
 python=$1
-if [ ! -e /usr/lib/x86_64-linux-gnu/libminpack.so.1 ] && ! ldconfig -p 2>/dev/null | grep -q libminpack; then
-  command="apt-get update -qq && apt-get install --yes -qq minpack-dev"
+# Usage: debian PACKAGE WHAT; tests of WHAT are skipped without it
+debian() {
+  command="apt-get update -qq && apt-get install --yes -qq $1"
   if ! command -v apt-get >/dev/null 2>&1; then
-    echo "Without libminpack the tests against MINPACK are skipped."
+    echo "Without $1 the tests of $2 are skipped."
   elif [ "$(id -u)" -eq 0 ]; then
     sh -c "export DEBIAN_FRONTEND=noninteractive; $command" >/dev/null 2>&1 ||
-      echo "minpack-dev could not be installed; the tests against MINPACK are skipped."
+      echo "$1 could not be installed; the tests of $2 are skipped."
   elif command -v sudo >/dev/null 2>&1 && sudo -n true 2>/dev/null; then
     sudo -n sh -c "export DEBIAN_FRONTEND=noninteractive; $command" >/dev/null 2>&1 ||
-      echo "minpack-dev could not be installed; the tests against MINPACK are skipped."
+      echo "$1 could not be installed; the tests of $2 are skipped."
   else
-    echo "Without libminpack the tests against MINPACK are skipped: sudo sh -c '$command'"
+    echo "Without $1 the tests of $2 are skipped: sudo sh -c '$command'"
   fi
+}
+
+if [ ! -e /usr/lib/x86_64-linux-gnu/libminpack.so.1 ] && ! ldconfig -p 2>/dev/null | grep -q libminpack; then
+  debian minpack-dev MINPACK
 fi
-for package in "numba>=0.60" "lielab==0.5.2"; do
+command -v mpiexec >/dev/null 2>&1 || debian openmpi-bin MPI
+for package in "numba>=0.60" "lielab==0.5.2" "distributed>=2024.8" "loky>=3.4" "mpi4py>=4.0"; do
   "$python" -m pip install --quiet "$package" >/dev/null 2>&1 ||
     echo "$package could not be installed; the tests that need it are skipped."
 done

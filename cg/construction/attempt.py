@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any
@@ -9,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import quad
 from ..checks import LARGEST_COUNT
 from ..conditions import count
 from ..layout import Layout
 from ..method import Method
+from ..runs import Record
 from ..solve.system import ConditionSystem
 from ..tree_shapes import draw_layout
 from .candidate import Candidate, NotExactError, refinable, solved, to_method
@@ -55,26 +58,43 @@ class Attempt:
     flows: int | None = None
     tree: Layout | None = field(default=None, repr=False)
 
-    def record(self) -> dict[str, Any]:
-        """Return it as plain data, floats in hexadecimal."""
-        return {**asdict(self), "f": self.f.hex(), "x": [entry.hex() for entry in self.x]}
+    def record(self, seconds: float = 0.0) -> Record:
+        """Return what a store keeps of it."""
+        return Record(
+            number=self.index,
+            stages=self.stages,
+            flows=self.flows,
+            tree=None if self.tree is None else json.dumps(asdict(self.tree)),
+            phase="double",
+            f=self.f,
+            status=None,
+            evaluations=None,
+            refined_f=None,
+            refined_status=None,
+            refined_evaluations=None,
+            largest_residual=None,
+            solved=self.solved,
+            coefficients=quad.from_float(self.x).tobytes(),
+            seconds=seconds,
+        )
 
     @classmethod
-    def from_record(cls, record: dict[str, Any]) -> Attempt:
-        """Read what `record` wrote; ValueError if it isn't that."""
+    def from_record(cls, record: Record) -> Attempt:
+        """Make it again of what `record` returned; ValueError if it isn't that."""
+        where = f"not the record of an attempt: try {record.number}"
         try:
-            x = tuple(map(float.fromhex, record["x"]))
+            bits = np.frombuffer(record.coefficients, np.int8).reshape(-1, 16)
             return cls(
-                index=int(record["index"]),
-                stages=int(record["stages"]),
-                solved=bool(record["solved"]),
-                f=float.fromhex(record["f"]),
-                x=x,
-                flows=None if record["flows"] is None else int(record["flows"]),
-                tree=None if record["tree"] is None else _layout(record["tree"]),
+                index=record.number,
+                stages=record.stages,
+                solved=record.solved,
+                f=record.f,
+                x=tuple(quad.to_float(bits).tolist()),
+                flows=record.flows,
+                tree=None if record.tree is None else _layout(json.loads(record.tree)),
             )
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"not the record of an attempt: {str(record)[:80]}") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{where}: {error}") from None
 
 
 def check_attempt(settings: ConstructionSettings, attempt: Attempt) -> Attempt:

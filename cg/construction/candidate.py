@@ -15,7 +15,7 @@ from ..commutator_free import CommutatorFree
 from ..conditions import count
 from ..layout import Layout
 from ..method import Method
-from ..random_search import EXACT
+from ..random_start import EXACT
 from ..solve.minimum_norm import fit_conditions
 from ..solve.polish import polish
 from ..solve.refine import refine

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
 from .. import quad
-from ..checkpoint import Checkpoint
 from ..checks import LARGEST_COUNT, check_flag, check_integer
 from ..method import Method
-from ..parallel import as_finished, available_cores, single_threads
+from ..parallel import single_threads
+from ..runs import ExecutorLike, Failure, Finished, Store, StoredRun, check_executor, completed
 from ..solve.system import Structure
 from .attempt import Attempt, arrived, check_attempt, refined, run_attempt
 from .settings import ConstructionSettings, tableau_settings, tree_settings
@@ -34,12 +35,15 @@ class Construction:
         method of the wanted order and stages.
     tries : int
         Attempts made.
+    failures : tuple of Failure
+        Tries whose worker died.
     """
 
     settings: ConstructionSettings
     method: Method | None
     best: Attempt
     tries: int
+    failures: tuple[Failure, ...] = ()
 
     @property
     def exact(self) -> bool:
@@ -62,7 +66,8 @@ def construct(
     width: float | None = None,
     iterations: int | None = None,
     workers: int | None = None,
-    checkpoint: str | os.PathLike[str] | None = None,
+    executor: ExecutorLike = None,
+    store: str | os.PathLike[str] | None = None,
     progress: Callable[[Attempt], None] | None = None,
     force: bool = False,
     tree: Any = None,
@@ -105,10 +110,12 @@ def construct(
         Bound on the solver's steps for a random start, and once more where they lead far
         down; by default what order and structure ask for.
     workers : int, optional
-        Threads; all cores by default.
-    checkpoint : path, optional
-        File that receives every try, and from which an interrupted run goes on; tries
-        that are running when it is interrupted are dropped.
+        Number of workers; by default all cores, or as many as `executor` has.
+    executor : Executor, callable or str, optional
+        Where tries run, as `cg.search` takes it.
+    store : path, optional
+        File that receives every try, and from which an interrupted run goes on, as `cg.search`
+        takes it.
     progress : callable, optional
         Called with each `Attempt`.
     force : bool, optional
@@ -168,48 +175,67 @@ def construct(
     tries = check_integer("tries", tries, 1, LARGEST_COUNT)
     if progress is not None and not callable(progress):
         raise TypeError(f"progress must be callable, got {progress!r}")
-    workers = available_cores() if workers is None else check_integer("workers", workers, 1)
-    header = {"construct": asdict(settings)}
-    checkpoint_file = Checkpoint.open(checkpoint, header) if checkpoint is not None else None
-    try:
-        records = map(Attempt.from_record, checkpoint_file.records if checkpoint_file else ())
-        done = {attempt.index: check_attempt(settings, attempt) for attempt in records}
-        method = None
-        for attempt in _in_order(settings, tries, workers, done, checkpoint_file, progress):
+    executor, workers = check_executor(executor, workers)
+    if store is None:
+        return _construct(settings, tries, workers, executor, None, progress)
+    with Store(store) as opened, closing(opened.begin("construct", asdict(settings))) as kept:
+        return _construct(settings, tries, workers, executor, kept, progress)
+
+
+def _construct(
+    settings: ConstructionSettings,
+    tries: int,
+    workers: int | None,
+    executor: ExecutorLike,
+    kept: StoredRun | None,
+    progress: Callable[[Attempt], None] | None,
+) -> Construction:
+    done: dict[int, Attempt | Failure] = {}
+    if kept is not None:
+        attempts = map(Attempt.from_record, kept.records())
+        done = {attempt.index: check_attempt(settings, attempt) for attempt in attempts}
+        done |= {failure.index: failure for failure in kept.failures()}
+    missing = [index for index in range(tries) if index not in done]
+    work = partial(run_attempt, settings)
+    run = completed(
+        work, missing, len(missing), workers, executor, finish_on_interrupt=kept is not None
+    )
+    ended: list[Attempt] = []
+    failures: list[Failure] = []
+    with closing(run) as running:
+        for index in range(tries):
+            while index not in done:
+                finished = next(running)
+                done[finished.index] = _kept(finished, kept, progress)
+            attempt = done[index]
+            if isinstance(attempt, Failure):
+                failures.append(attempt)
+                continue
+            ended.append(attempt)
             if attempt.solved and arrived(settings, attempt):
                 method = refined(settings, attempt)
                 if method is not None:
-                    return Construction(settings, method, attempt, attempt.index + 1)
-    finally:
-        if checkpoint_file:
-            checkpoint_file.close()
-    best = min(
-        (done[index] for index in range(tries)),
-        key=lambda a: (not a.solved, a.stages, a.flows or 0, a.f),
-    )
-    return Construction(settings, None, best, tries)
+                    return Construction(settings, method, attempt, index + 1, tuple(failures))
+    if not ended:
+        raise RuntimeError(f"the workers of all {tries} tries died: {failures[0].message}")
+    best = min(ended, key=lambda a: (not a.solved, a.stages, a.flows or 0, a.f))
+    return Construction(settings, None, best, tries, tuple(failures))
 
 
-def _in_order(
-    settings: ConstructionSettings,
-    tries: int,
-    workers: int,
-    done: dict[int, Attempt],
-    checkpoint_file: Checkpoint | None,
+def _kept(
+    finished: Finished[Attempt],
+    kept: StoredRun | None,
     progress: Callable[[Attempt], None] | None,
-) -> Iterator[Attempt]:
-    """Yield attempts by index, running those that aren't done yet as workers get free."""
-    missing = [index for index in range(tries) if index not in done]
-    running = as_finished(partial(run_attempt, settings), missing, workers)
-    try:
-        for index in range(tries):
-            while index not in done:
-                attempt = next(running)
-                done[attempt.index] = attempt
-                if checkpoint_file:
-                    checkpoint_file.append(attempt.record())
-                if progress:
-                    progress(attempt)
-            yield done[index]
-    finally:
-        running.close()
+) -> Attempt | Failure:
+    """Return how a try ended, after recording it."""
+    attempt = finished.result
+    if attempt is None:
+        failure = Failure(finished.index, str(finished.failure))
+        if kept is not None:
+            kept.fail(failure)
+        return failure
+    if kept is not None:
+        kept.append([attempt.record(finished.seconds)])
+    if progress:
+        progress(attempt)
+    return attempt

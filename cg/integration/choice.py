@@ -2,9 +2,9 @@
 
 Measured by ``python -m benchmarks rivals``: time for an error, over tolerances, on ten problems.
 
-- For errors above 1e-5 Dormand and Prince's tableau is the fastest: lifted, by some ten per cent, on
-  frames that are compiled; as a method of Munthe-Kaas, with half the flows, where these are functions
-  in Python.
+- For errors above 1e-5 Dormand and Prince's tableau is the fastest: lifted, by some ten per cent,
+  on frames that are compiled; as a method of Munthe-Kaas, with half the flows, where these are
+  functions in Python.
 - For smaller errors Munthe-Kaas's method with DOP853's tableau is.
 - Without brackets, flows are functions of the user's, which cost as much as f: CF5(4) needs the
   fewest for errors above 1e-5, CF6(5) below. DOP853 needs fewer evaluations at 1e-8 and beyond, and

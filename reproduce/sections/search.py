@@ -67,7 +67,7 @@ PLANS = {
 
 
 def compute(plan: Plan, context: Context) -> Data:
-    """Search, going on from a checkpoint where there is one.
+    """Search, going on from a store where there is one.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def compute(plan: Plan, context: Context) -> Data:
         **arguments,
         starts=plan.full_starts if full else plan.starts,
         workers=context.workers,
-        checkpoint=context.checkpoints / f"search{plan.order}-seed{seed}-{digest}.jsonl",
+        store=context.checkpoints / f"search{plan.order}-seed{seed}-{digest}.db",
         progress=context.progress,
     )
     return _data(plan, result)

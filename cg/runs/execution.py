@@ -1,0 +1,339 @@
+"""Independent pieces of work on any executor, in chunks that take about equally long.
+
+The default is threads of this process, since the compiled core frees the lock. Processes, Dask,
+MPI, loky and whatever else has the interface of `concurrent.futures.Executor` take the same work.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from multiprocessing import get_context
+from typing import Any, Generic, TypeVar
+
+from ..checks import check_integer
+from ..parallel import available_cores, new_flag, single_threads, work_for
+
+__all__ = ["ExecutorLike", "Finished", "as_finished", "check_executor", "completed"]
+
+Result = TypeVar("Result")
+
+ExecutorLike = Executor | Callable[[], Executor] | str | None
+"""None (threads), ``"threads"``, ``"processes"``, an executor, or what makes one."""
+
+_CHUNK_SECONDS = 0.25  # that a chunk is to take: far longer than it takes to hand out
+_CHUNKS_A_WORKER = 2  # handed out at a time, so that no worker waits for this process
+_TAIL = 4  # chunks that a worker still gets at least, so that all end at about the same time
+_REMEMBERED = 0.3  # weight of the newest chunk in the mean time of a piece
+
+_log = logging.getLogger("cg")
+
+
+@dataclass(frozen=True)
+class Finished(Generic[Result]):
+    """A piece of work that is done, or whose worker died.
+
+    Attributes
+    ----------
+    index : int
+    result : Result or None
+        None if the worker died.
+    seconds : float
+        That the piece took.
+    failure : str or None
+        What is known of the worker's death.
+    """
+
+    index: int
+    result: Result | None
+    seconds: float = 0.0
+    failure: str | None = None
+
+
+def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, int | None]:
+    """Return arguments of searches after checking them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `executor` is nothing that can take work, or `workers` isn't a number of them.
+    """
+    if workers is not None:
+        workers = check_integer("workers", workers, 1)
+    if isinstance(executor, str) and executor not in ("threads", "processes"):
+        raise ValueError(
+            f"executor must be 'threads', 'processes' or an executor, got {executor!r}"
+        )
+    if executor is not None and not isinstance(executor, str):
+        if isinstance(executor, type):
+            raise TypeError(
+                f"executor must be an executor, got the class {executor.__name__}; call it"
+            )
+        if not callable(getattr(executor, "submit", None)) and not callable(executor):
+            raise TypeError(
+                "executor must be a concurrent.futures.Executor, a function that makes one, "
+                f"'threads' or 'processes', got {executor!r}"
+            )
+    return executor, workers
+
+
+def completed(
+    work: Callable[[int], Result],
+    indices: Iterable[int],
+    total: int,
+    workers: int | None = None,
+    executor: ExecutorLike = None,
+    *,
+    finish_on_interrupt: bool = False,
+) -> Generator[Finished[Result], None, None]:
+    """Yield ``work(index)`` for each index, in the order in which they finish.
+
+    Parameters
+    ----------
+    work : callable
+        For other executors than threads, one that can be pickled.
+    indices : iterable of int
+        Read only as far as there are workers to take them.
+    total : int
+        Number of indices.
+    workers : int, optional
+        By default as many as the executor says it has, or cores.
+    executor : ExecutorLike, optional
+        If it is a function, or ``"processes"``, a new one is made when a worker died, and the
+        pieces that may have been the reason run one by one; the guilty ones are yielded with a
+        failure. An executor that was given isn't shut down.
+    finish_on_interrupt : bool, optional
+        Whether the first interrupt lets what is running end, and yields it, before it goes on as
+        an exception. A second one drops that.
+
+    Raises
+    ------
+    Exception
+        That of the first piece that raised one, after the results before it.
+    BrokenExecutor
+        If a worker died and the executor can't be made anew.
+
+    Notes
+    -----
+    Chunks have so many pieces that they take a quarter of a second by what the last ones took,
+    one in threads, and become smaller towards the end.
+    """
+    pool = _Pool(executor, workers)
+    queue = _Chunks(indices, total, pool)
+    interrupted: KeyboardInterrupt | None = None
+    with single_threads(), pool:
+        while True:
+            try:
+                while interrupted is None and pool.wants_more() and (chunk := queue.next()):
+                    pool.submit(work, chunk)
+                if not pool.pending:
+                    break
+                done = pool.wait()
+            except KeyboardInterrupt as interrupt:
+                if not finish_on_interrupt or interrupted is not None:
+                    raise
+                interrupted = interrupt
+                running = pool.cancel_waiting()
+                _log.warning(
+                    "interrupted: %d starts are being finished; interrupt again to drop them",
+                    running,
+                )
+                continue
+            suspects: list[int] = []
+            for future in done:
+                chunk = pool.pending.pop(future)
+                try:
+                    results, error = future.result()
+                except Exception as died:
+                    if not _worker_died(died):
+                        raise
+                    suspects += chunk
+                    reason = died
+                    continue
+                queue.learn(results)
+                yield from results
+                if error is not None:
+                    raise error
+            if suspects:
+                yield from _one_by_one(pool, work, suspects, reason)
+    if interrupted is not None:
+        raise interrupted
+
+
+def as_finished(
+    work: Callable[[int], Result], indices: Iterable[int], workers: int
+) -> Generator[Result, None, None]:
+    """Yield ``work(index)`` for each index from threads, in the order in which they finish."""
+    numbers = list(indices)
+    for finished in completed(work, numbers, len(numbers), workers):
+        yield finished.result  # type: ignore[misc]  # threads have no failures
+
+
+def _run_chunk(
+    work: Callable[[int], Result], chunk: list[int]
+) -> tuple[list[Finished[Result]], Exception | None]:
+    """Run some pieces; an exception doesn't take the results before it along."""
+    results: list[Finished[Result]] = []
+    for index in chunk:
+        began = time.perf_counter()
+        try:
+            result = work(index)
+        except Exception as error:
+            return results, error
+        results.append(Finished(index, result, time.perf_counter() - began))
+    return results, None
+
+
+def _worker_died(error: Exception) -> bool:
+    """Return whether an exception says that a process ended, not that a piece of work failed."""
+    of_dask = type(error).__name__ == "KilledWorker" and type(error).__module__.startswith(
+        "distributed"
+    )
+    return isinstance(error, BrokenExecutor) or of_dask
+
+
+def _one_by_one(
+    pool: _Pool, work: Callable[[int], Result], suspects: list[int], reason: Exception
+) -> Iterator[Finished[Result]]:
+    """Find out whose fault it was that a worker died, with a single piece at work at a time."""
+    if pool.broken(reason):
+        suspects = sorted({*suspects, *(index for chunk in pool.take_pending() for index in chunk)})
+        if not pool.renew():
+            raise type(reason)(
+                f"a worker died while pieces {suspects} were at work; if `executor` is a function "
+                "that makes an executor, the run goes on without the one that ends its worker"
+            ) from reason
+    for index in suspects:
+        try:
+            results, error = pool.executor.submit(_run_chunk, work, [index]).result()
+        except Exception as died:
+            if not _worker_died(died):
+                raise
+            yield Finished(index, None, failure=f"{type(died).__name__}: {died}")
+            if pool.broken(died) and not pool.renew():
+                raise
+            continue
+        yield from results
+        if error is not None:
+            raise error
+
+
+class _Pool:
+    """An executor, the chunks that it has, and how to make it anew."""
+
+    def __init__(self, executor: ExecutorLike, workers: int | None) -> None:
+        self.pending: dict[Future[Any], list[int]] = {}  # in the order of submission
+        self._stop_flag = new_flag()
+        self.threads = executor is None or executor == "threads"
+        self._make: Callable[[], Executor] | None = None
+        if self.threads:
+            workers = workers or available_cores()
+            self._make = partial(
+                ThreadPoolExecutor, workers, initializer=work_for, initargs=(self._stop_flag,)
+            )
+        elif executor == "processes":
+            workers = workers or available_cores()
+            # a fork of a process with threads may hang
+            self._make = partial(ProcessPoolExecutor, workers, mp_context=get_context("spawn"))
+        elif isinstance(executor, Executor) or not callable(executor):
+            self.executor: Executor = executor  # type: ignore[assignment]
+        else:
+            self._make = executor
+        if self._make is not None:
+            self.executor = self._make()
+        self.workers = workers or _workers_of(self.executor)
+
+    def __enter__(self) -> _Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop_flag[0] = 1
+        for future in self.pending:
+            future.cancel()
+        if self._make is not None:
+            self.executor.shutdown(wait=True)
+
+    def wants_more(self) -> bool:
+        return len(self.pending) < _CHUNKS_A_WORKER * self.workers
+
+    def submit(self, work: Callable[[int], Any], chunk: list[int]) -> None:
+        self.pending[self.executor.submit(_run_chunk, work, chunk)] = chunk
+
+    def wait(self) -> list[Future[Any]]:
+        """Wait for at least one chunk; return what is done, oldest first."""
+        done, _ = wait(self.pending, return_when=FIRST_COMPLETED)
+        return [future for future in self.pending if future in done]
+
+    def cancel_waiting(self) -> int:
+        """Take back what no worker has begun; return the number of pieces that go on."""
+        for future in list(self.pending):
+            if future.cancel():
+                del self.pending[future]
+        return sum(map(len, self.pending.values()))
+
+    def take_pending(self) -> list[list[int]]:
+        chunks = list(self.pending.values())
+        self.pending.clear()
+        return chunks
+
+    def broken(self, reason: Exception) -> bool:
+        """Return whether the executor takes no more work after this."""
+        return isinstance(reason, BrokenExecutor)
+
+    def renew(self) -> bool:
+        """Make a new executor in place of a broken one; return whether that can be done."""
+        if self._make is None:
+            return False
+        self.executor.shutdown(wait=False)
+        self.executor = self._make()
+        return True
+
+
+class _Chunks:
+    """Indices in chunks."""
+
+    def __init__(self, indices: Iterable[int], total: int, pool: _Pool) -> None:
+        self._indices = iter(indices)
+        self._left = total
+        self._pool = pool
+        self._mean: float | None = None
+
+    def next(self) -> list[int]:
+        size = 1
+        if not self._pool.threads and self._mean is not None:
+            fair = self._left // (_TAIL * self._pool.workers)
+            size = max(1, min(int(_CHUNK_SECONDS / max(self._mean, 1e-6)), fair))
+        chunk = list(islice(self._indices, size))
+        self._left -= len(chunk)
+        return chunk
+
+    def learn(self, results: list[Finished[Any]]) -> None:
+        if results:
+            mean = sum(finished.seconds for finished in results) / len(results)
+            old = mean if self._mean is None else self._mean
+            self._mean = old + _REMEMBERED * (mean - old)
+
+
+def _workers_of(executor: Any) -> int:
+    """Return how many workers an executor has, by the names under which executors say so."""
+    for name in ("_max_workers", "num_workers"):
+        number = getattr(executor, name, None)
+        if isinstance(number, int) and number > 0:
+            return number
+    client = getattr(executor, "_client", None)  # of Dask
+    if client is not None:
+        return max(1, int(sum(client.ncores().values())))
+    return available_cores()
