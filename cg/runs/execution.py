@@ -37,6 +37,7 @@ ExecutorLike = Executor | Callable[[], Executor] | str | None
 _CHUNK_SECONDS = 0.25  # that a chunk is to take: far longer than it takes to hand out
 _CHUNKS_A_WORKER = 2  # handed out at a time, so that no worker waits for this process
 _TAIL = 4  # chunks that a worker still gets at least, so that all end at about the same time
+_ATTEMPTS = 2  # of a piece alone, whose worker may have been killed from outside
 _REMEMBERED = 0.3  # weight of the newest chunk in the mean time of a piece
 
 _log = logging.getLogger("cg")
@@ -217,18 +218,21 @@ def _one_by_one(
                 "that makes an executor, the run goes on without the one that ends its worker"
             ) from reason
     for index in suspects:
-        try:
-            results, error = pool.executor.submit(_run_chunk, work, [index]).result()
-        except Exception as died:
-            if not _worker_died(died):
-                raise
-            yield Finished(index, None, failure=f"{type(died).__name__}: {died}")
-            if pool.broken(died) and not pool.renew():
-                raise
-            continue
-        yield from results
-        if error is not None:
-            raise error
+        for attempt in range(_ATTEMPTS):
+            try:
+                results, error = pool.executor.submit(_run_chunk, work, [index]).result()
+            except Exception as died:
+                if not _worker_died(died):
+                    raise
+                if pool.broken(died) and not pool.renew():
+                    raise
+                if attempt == _ATTEMPTS - 1:
+                    yield Finished(index, None, failure=f"{type(died).__name__}: {died}")
+                continue
+            yield from results
+            if error is not None:
+                raise error
+            break
 
 
 class _Pool:
