@@ -6,7 +6,15 @@ from .commutator_free import CommutatorFree
 from .construction import construct
 from .diagnosis import Diagnosis, diagnose
 from .formats import export
-from .integration import ConvergenceError, DenseOutput, Solution, Trajectory, integrate, solve_ivp
+from .integration import (
+    CompiledFunction,
+    ConvergenceError,
+    DenseOutput,
+    Solution,
+    Trajectory,
+    integrate,
+    solve_ivp,
+)
 from .lifting import Lifted, LiftError, lift
 from .method import Method
 from .munthe_kaas import MuntheKaas
@@ -20,6 +28,7 @@ __all__ = [
     "Certificate",
     "CertificationError",
     "CommutatorFree",
+    "CompiledFunction",
     "ConvergenceError",
     "DenseOutput",
     "Diagnosis",

@@ -12,6 +12,7 @@ from scipy import LowLevelCallable
 
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
+from cg.integration.compiled_function import CompiledFunction
 
 __all__ = ["SIGNATURE", "CompiledRhs", "compiled_rhs"]
 
@@ -126,9 +127,9 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
     Parameters
     ----------
     f
-        A `scipy.LowLevelCallable`, a function pointer of ctypes with its types set, or a
-        ``numba.cfunc``, of the signature ``int (double t, const double *y, double *f,
-        void *user_data)``.
+        A `cg.CompiledFunction`, a `scipy.LowLevelCallable`, a function pointer of ctypes with
+        its types set, or a ``numba.cfunc``, of the signature ``int (double t, const double *y,
+        double *f, void *user_data)``.
 
     Returns
     -------
@@ -141,6 +142,8 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
     """
     if isinstance(f, CompiledRhs):
         return f
+    if isinstance(f, CompiledFunction):
+        return CompiledRhs(f, f.address, f.data_address)
     # A cfunc's type can't be named here, since numba may not be installed.
     is_cfunc = hasattr(f, "address") and isinstance(getattr(f, "ctypes", None), _FUNCTION_POINTER)
     source: Any = f.ctypes if is_cfunc else f

@@ -27,7 +27,8 @@ from cg.integration.dense import DenseOutput, EnsembleOutput
 from cg.integration.error_norm import ErrorNorm
 from cg.integration.events import EventLog
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.messages import FINISHED, TERMINAL_EVENT
+from cg.integration.members import solve_apart
+from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.problem import Problem, make_problem
 from cg.integration.python_rhs import Coefficients
 from cg.integration.recorder import Recorder
@@ -37,6 +38,7 @@ from cg.integration.stop_iteration import keeping_stop_iteration
 from cg.integration.time_grid import TimeGrid, make_grid
 from cg.method import Method
 from cg.pairs import check_order, check_pair
+from cg.runs import ExecutorLike
 
 __all__ = ["solve_ivp"]
 
@@ -64,6 +66,9 @@ def solve_ivp(
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
+    executor: ExecutorLike = None,
+    workers: int | None = None,
+    out: Any = None,
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
@@ -130,6 +135,15 @@ def solve_ivp(
         ``(*batch, k)``, those of its own member of an ensemble.
     stage_solver
         How the stages of an implicit method are found: ``"newton"`` or ``"fixed-point"``.
+    executor, workers
+        Where the members of an ensemble are integrated, each by itself, and by how many workers:
+        threads of this process by default, or any executor that `cg.search` takes.  ``f`` is then
+        called with one point, and ``t`` are the times of ``t_eval`` or the ends of ``t_span``.
+        Results don't depend on the executor.  Other processes must be able to unpickle ``f``:
+        `cg.CompiledFunction` for a compiled one.
+    out
+        Array of the shape of ``y``, all leading axes of the ensemble as one, that receives it as
+        members end, such as one of NumPy on disk, of zarr or h5py; then ``y`` is ``out`` itself.
 
     Returns
     -------
@@ -177,6 +191,14 @@ def solve_ivp(
     problem = make_problem(
         f, frame, method, y0, args=args, parameters=parameters, stage_solver=stage_solver
     )
+    if executor is not None or workers is not None or out is not None:
+        options = {
+            "method": problem.method, "h": h, "rtol": rtol, "atol": atol, "t_eval": t_eval,
+            "dense_output": dense_output, "events": events, "max_step": max_step,
+            "first_step": first_step, "max_steps": max_steps, "args": args,
+            "stage_solver": stage_solver,
+        }  # fmt: skip
+        return solve_apart(problem, f, t_span, parameters, executor, workers, out, options)
     start, stop = check_span(t_span)
     wanted = None if t_eval is None else check_t_eval(t_eval, start, stop)
     dense = check_flag("dense_output", dense_output)
@@ -241,16 +263,10 @@ def _status(stepper: Stepper, recorder: Recorder) -> tuple[int, str]:
     if stepper.trouble:
         return -1, f"Failure: {stepper.trouble}."
     if stepper.failures:
-        return -1, _failed_members(stepper.failures, math.prod(stepper.batch))
+        return -1, failed_members(stepper.failures, math.prod(stepper.batch))
     if recorder.ended and not recorder.logs:
         return 1, TERMINAL_EVENT
     return 0, FINISHED
-
-
-def _failed_members(failures: dict[tuple[int, ...], str], total: int) -> str:
-    first = min(failures)
-    where = ", ".join(map(str, first))
-    return f"Failure of {len(failures)} of {total} trajectories; of y0[{where}]: {failures[first]}."
 
 
 def _solution(
@@ -330,7 +346,7 @@ def _solve_members(
     elif not failures:
         status = 0
     if failures:
-        status, message = -1, _failed_members(failures, len(solutions))
+        status, message = -1, failed_members(failures, len(solutions))
     wanted = wanted.copy()
     wanted.flags.writeable = y.flags.writeable = False
 

@@ -6,7 +6,14 @@ from cg.frames.arrays import Array
 from cg.integration.python_rhs import StageOverflowError
 from cg.shared_numbers import Stop
 
-__all__ = ["FINISHED", "TERMINAL_EVENT", "failure", "too_many_steps", "too_small_a_step"]
+__all__ = [
+    "FINISHED",
+    "TERMINAL_EVENT",
+    "failed_members",
+    "failure",
+    "too_many_steps",
+    "too_small_a_step",
+]
 
 FINISHED = "The end of t_span was reached."
 TERMINAL_EVENT = "A terminal event ended the integration."
@@ -49,3 +56,10 @@ def too_small_a_step(t: float, smallest: float) -> str:
 def too_many_steps(max_steps: int, t: float) -> str:
     """Return what to say of steps that didn't get beyond ``t``."""
     return f"max_steps = {max_steps} steps, rejected ones included, led only to t = {t:.17g}"
+
+
+def failed_members(failures: dict[tuple[int, ...], str], total: int) -> str:
+    """Return what to say of trajectories of an ensemble that ended early."""
+    first = min(failures)
+    where = ", ".join(map(str, first))
+    return f"Failure of {len(failures)} of {total} trajectories; of y0[{where}]: {failures[first]}."

@@ -18,7 +18,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from multiprocessing import get_context
@@ -56,12 +56,15 @@ class Finished(Generic[Result]):
         That the piece took.
     failure : str or None
         What is known of the worker's death.
+    chunk : list of int
+        All indices, of work that takes whole chunks; `index` is the first.
     """
 
     index: int
     result: Result | None
     seconds: float = 0.0
     failure: str | None = None
+    chunk: list[int] = field(default_factory=list)
 
 
 def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, int | None]:
@@ -92,13 +95,14 @@ def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, in
 
 
 def completed(
-    work: Callable[[int], Result],
+    work: Callable[[Any], Result],
     indices: Iterable[int],
     total: int,
     workers: int | None = None,
     executor: ExecutorLike = None,
     *,
     finish_on_interrupt: bool = False,
+    data: Callable[[int], Any] | None = None,
 ) -> Generator[Finished[Result], None, None]:
     """Yield ``work(index)`` for each index, in the order in which they finish.
 
@@ -119,6 +123,9 @@ def completed(
     finish_on_interrupt : bool, optional
         Whether the first interrupt lets what is running end, and yields it, before it goes on as
         an exception. A second one drops that.
+    data : callable, optional
+        Then the work takes whole chunks, as lists of ``data(index)``, which go to the worker with
+        it; what is yielded has a `Finished.chunk`.
 
     Raises
     ------
@@ -129,10 +136,10 @@ def completed(
 
     Notes
     -----
-    Chunks have so many pieces that they take a quarter of a second by what the last ones took,
-    one in threads, and become smaller towards the end.
+    Chunks have so many pieces that they take a quarter of a second by what the last ones took, and
+    become smaller towards the end. In threads they have one, unless `data` is given.
     """
-    pool = _Pool(executor, workers)
+    pool = _Pool(executor, workers, data)
     queue = _Chunks(indices, total, pool)
     interrupted: KeyboardInterrupt | None = None
     with single_threads(), pool:
@@ -198,6 +205,16 @@ def _run_chunk(
     return results, None
 
 
+def _run_whole(
+    work: Callable[[list[Any]], Result], chunk: list[int], data: list[Any]
+) -> tuple[list[Finished[Result]], None]:
+    """Run a chunk that is one piece of work."""
+    began = time.perf_counter()
+    result = work(data)
+    seconds = (time.perf_counter() - began) / len(chunk)
+    return [Finished(chunk[0], result, seconds, chunk=chunk)], None
+
+
 def _worker_died(error: Exception) -> bool:
     """Return whether an exception says that a process ended, not that a piece of work failed."""
     of_dask = type(error).__name__ == "KilledWorker" and type(error).__module__.startswith(
@@ -220,14 +237,15 @@ def _one_by_one(
     for index in suspects:
         for attempt in range(_ATTEMPTS):
             try:
-                results, error = pool.executor.submit(_run_chunk, work, [index]).result()
+                results, error = pool.handed_out(work, [index]).result()
             except Exception as died:
                 if not _worker_died(died):
                     raise
                 if pool.broken(died) and not pool.renew():
                     raise
                 if attempt == _ATTEMPTS - 1:
-                    yield Finished(index, None, failure=f"{type(died).__name__}: {died}")
+                    message = f"{type(died).__name__}: {died}"
+                    yield Finished(index, None, failure=message, chunk=[index])
                 continue
             yield from results
             if error is not None:
@@ -238,7 +256,13 @@ def _one_by_one(
 class _Pool:
     """An executor, the chunks that it has, and how to make it anew."""
 
-    def __init__(self, executor: ExecutorLike, workers: int | None) -> None:
+    def __init__(
+        self,
+        executor: ExecutorLike,
+        workers: int | None,
+        data: Callable[[int], Any] | None,
+    ) -> None:
+        self.data = data
         self.pending: dict[Future[Any], list[int]] = {}  # in the order of submission
         self._stop_flag = new_flag()
         self.threads = executor is None or executor == "threads"
@@ -274,7 +298,13 @@ class _Pool:
         return len(self.pending) < _CHUNKS_A_WORKER * self.workers
 
     def submit(self, work: Callable[[int], Any], chunk: list[int]) -> None:
-        self.pending[self.executor.submit(_run_chunk, work, chunk)] = chunk
+        self.pending[self.handed_out(work, chunk)] = chunk
+
+    def handed_out(self, work: Callable[[Any], Any], chunk: list[int]) -> Future[Any]:
+        """Give a chunk to the executor."""
+        if self.data is None:
+            return self.executor.submit(_run_chunk, work, chunk)
+        return self.executor.submit(_run_whole, work, chunk, [self.data(k) for k in chunk])
 
     def wait(self) -> list[Future[Any]]:
         """Wait for at least one chunk; return what is done, oldest first."""
@@ -317,7 +347,7 @@ class _Chunks:
 
     def next(self) -> list[int]:
         size = 1
-        if not self._pool.threads and self._mean is not None:
+        if (not self._pool.threads or self._pool.data) and self._mean is not None:
             fair = self._left // (_TAIL * self._pool.workers)
             size = max(1, min(int(_CHUNK_SECONDS / max(self._mean, 1e-6)), fair))
         chunk = list(islice(self._indices, size))

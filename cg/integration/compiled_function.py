@@ -1,0 +1,87 @@
+"""A compiled right-hand side by its library's path, which other processes can be told."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.arrays import real_array
+
+__all__ = ["CompiledFunction"]
+
+
+class CompiledFunction:
+    """A compiled right-hand side, known by its library's path and its name there.
+
+    A pointer means nothing in another process; this can be pickled, and is loaded anew there.
+
+    Parameters
+    ----------
+    path : path
+        Of a shared library, which must be there in every process.
+    symbol : str
+        Name of a function ``int (double t, const double *y, double *f, void *user_data)``.
+    user_data : array_like of float, optional
+        Numbers that the function is given the address of; they are copied.
+
+    Raises
+    ------
+    TypeError
+        If an argument has an impossible type.
+    ValueError
+        If the library can't be loaded, or has no such function.
+
+    Examples
+    --------
+    >>> import ctypes.util
+    >>> str(CompiledFunction(ctypes.util.find_library("m"), "nextafter").symbol)
+    'nextafter'
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], symbol: str, user_data: ArrayLike | None = None
+    ) -> None:
+        if not isinstance(path, str | os.PathLike):
+            raise TypeError(f"path must be a path, got {path!r}")
+        if not isinstance(symbol, str):
+            raise TypeError(f"symbol must be a string, got {symbol!r}")
+        given = os.fspath(path)
+        self.path = os.path.abspath(given) if os.path.exists(given) else given
+        self.symbol = symbol
+        self.user_data = None if user_data is None else real_array(user_data, "user_data").copy()
+        try:
+            self._library = ctypes.CDLL(self.path)
+        except OSError as error:
+            raise ValueError(f"path must be a shared library, got {self.path!r}: {error}") from None
+        try:
+            function = self._library[symbol]
+        except AttributeError:
+            raise ValueError(f"symbol must be a function of {self.path}, got {symbol!r}") from None
+        self.address = ctypes.cast(function, ctypes.c_void_p).value or 0
+
+    @property
+    def data_address(self) -> int:
+        """Address of the user's data, or 0."""
+        return 0 if self.user_data is None else self.user_data.ctypes.data
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return CompiledFunction, (self.path, self.symbol, self.user_data)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, CompiledFunction):
+            return NotImplemented
+        same = (self.path, self.symbol) == (other.path, other.symbol)
+        if self.user_data is None or other.user_data is None:
+            return same and self.user_data is other.user_data
+        return same and np.array_equal(self.user_data, other.user_data)
+
+    def __hash__(self) -> int:
+        return hash((self.path, self.symbol))
+
+    def __repr__(self) -> str:
+        data = "" if self.user_data is None else f", {self.user_data.tolist()}"
+        return f"CompiledFunction({self.path!r}, {self.symbol!r}{data})"

@@ -1,0 +1,231 @@
+"""Ensembles whose members are integrated each by itself, on any executor."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.arrays import Array, Points, real_array
+from cg.frames.base import Frame
+from cg.integration.arguments import check_span
+from cg.integration.compiled_rhs import CompiledRhs
+from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
+from cg.integration.problem import Problem
+from cg.integration.results import Solution
+from cg.runs import ExecutorLike, check_executor, completed
+
+__all__ = ["solve_apart"]
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What every chunk of members is integrated with; `cg.solve_ivp`'s arguments."""
+
+    f: Any
+    t_span: tuple[float, float]
+    frame: Frame
+    options: Mapping[str, Any]
+    together: bool
+
+    def __call__(self, data: list[tuple[Points, Array | None]]) -> list[Solution]:
+        """Return the solutions of some members, or one for all of them."""
+        from cg.integration.ivp import solve_ivp
+
+        rows: list[tuple[Points, Array | None]] = data
+        if self.together:
+            points = np.stack([y0 for y0, _ in data])
+            numbers = (
+                None if data[0][1] is None else np.stack([p for _, p in data if p is not None])
+            )
+            rows = [(points, numbers)]
+        return [
+            solve_ivp(
+                self.f, self.t_span, y0, frame=self.frame, parameters=parameters, **self.options
+            )
+            for y0, parameters in rows
+        ]
+
+
+def solve_apart(
+    problem: Problem,
+    f: Any,
+    t_span: Sequence[float],
+    parameters: ArrayLike | None,
+    executor: ExecutorLike,
+    workers: int | None,
+    out: Any,
+    options: Mapping[str, Any],
+) -> Solution:
+    """Integrate every member of an ensemble by itself.
+
+    Parameters
+    ----------
+    problem
+        What was checked of the arguments.
+    f, t_span, parameters, executor, workers, out
+        As `cg.solve_ivp` takes them.
+    options
+        Its other arguments.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument can't be used this way.
+    """
+    batch, points = problem.batch, problem.points
+    executor, workers = check_executor(executor, workers)
+    if not batch:
+        raise ValueError("executor, workers and out are for ensembles, got a single point as y0")
+    if options["dense_output"]:
+        raise ValueError("dense_output must be False with an executor; t_eval asks for times")
+    start, stop = check_span(t_span)
+    fixed = options["h"] is not None
+    if options["t_eval"] is None and not fixed:
+        # members have steps of their own
+        ends = np.unique([start, stop])
+        options = {**options, "t_eval": ends if stop >= start else ends[::-1]}
+    together = isinstance(problem.rhs, CompiledRhs) and problem.in_compiled_code
+    work = _Work(f, (start, stop), problem.frame, options, together)
+    if executor is not None and executor != "threads":
+        _check_pickle(work)
+    rows = points.reshape(-1, *problem.frame.point_shape)
+    numbers = None
+    if parameters is not None:
+        numbers = real_array(parameters, "parameters").reshape(len(rows), -1)
+    parts = _Parts(problem, out)
+    run = completed(
+        work,
+        range(len(rows)),
+        len(rows),
+        workers,
+        executor,
+        data=lambda k: (rows[k], None if numbers is None else numbers[k]),
+    )
+    with closing(run) as running:
+        for finished in running:
+            members = finished.chunk
+            if finished.result is None:
+                parts.died(members, str(finished.failure))
+            elif together:
+                parts.add(members, finished.result[0])
+            else:
+                for member, solution in zip(members, finished.result, strict=True):
+                    parts.add([member], solution)
+    return parts.solution(batch)
+
+
+def _check_pickle(work: _Work) -> None:
+    try:
+        pickle.dumps(work)
+    except Exception as error:
+        raise TypeError(
+            "f, frame and all other arguments must be such that other processes can be told of "
+            "them (pickled); functions must be those of a module, a compiled one "
+            f"cg.CompiledFunction(path, symbol); got {work.f!r}: {error}"
+        ) from error
+
+
+class _Parts:
+    """What members came to, put together as it comes."""
+
+    def __init__(self, problem: Problem, out: Any) -> None:
+        self._problem = problem
+        self._total = math.prod(problem.batch)
+        self._out = out
+        self._y: Any = None
+        self._t: Array | None = None
+        self._events: tuple[list[Array], list[Array]] | None = None
+        self._counts = dict.fromkeys(("nfev", "njev", "nlu", "nexp", "steps", "nrejected"), 0)
+        self._statuses: list[int] = []
+        self._failures: dict[tuple[int, ...], str] = {}
+
+    def add(self, members: list[int], solution: Solution) -> None:
+        """Take the solution of some members, or of one alone."""
+        alone = solution.y.ndim == 1 + len(self._problem.frame.point_shape)
+        if self._y is None or (self._t is not None and len(solution.t) > len(self._t)):
+            self._grow(solution)
+        y = solution.y[:, None] if alone else solution.y
+        self._y[: len(solution.t), members[0] : members[-1] + 1] = y
+        for name in self._counts:
+            self._counts[name] += getattr(solution, name)
+        self._statuses.append(solution.status)
+        if alone and not solution.success:
+            self._failures[self._index(members[0])] = solution.message
+        for (place,), message in [] if alone else solution.failures.items():
+            self._failures[self._index(members[place])] = message
+        if solution.t_events is not None and solution.y_events is not None:
+            self._add_events(members, solution, alone)
+
+    def died(self, members: list[int], message: str) -> None:
+        """Take that the worker of some members died."""
+        for member in members:
+            self._failures[self._index(member)] = message
+        self._statuses.append(-1)
+
+    def solution(self, batch: tuple[int, ...]) -> Solution:
+        """Return the whole."""
+        if self._y is None:
+            raise RuntimeError(failed_members(self._failures, self._total))
+        assert self._t is not None
+        y = self._y
+        if self._out is None:
+            y = y.reshape(len(self._t), *batch, *self._problem.frame.point_shape)
+            y.flags.writeable = False
+        t = np.array(self._t)
+        t.flags.writeable = False
+        status, message = 0, FINISHED
+        if self._failures:
+            status, message = -1, failed_members(self._failures, self._total)
+        elif all(each == 1 for each in self._statuses):
+            status, message = 1, TERMINAL_EVENT
+        times, places = self._events or (None, None)
+        return Solution(
+            t=t,
+            y=y,
+            sol=None,
+            t_events=None if times is None else [array.reshape(batch) for array in times],
+            y_events=None if places is None else [array.reshape(batch) for array in places],
+            **self._counts,
+            status=status,
+            message=message,
+            success=status >= 0,
+            method=self._problem.method,
+            failures=dict(sorted(self._failures.items())),
+        )
+
+    def _index(self, member: int) -> tuple[int, ...]:
+        return tuple(map(int, np.unravel_index(member, self._problem.batch)))
+
+    def _grow(self, solution: Solution) -> None:
+        """Make room for the times of a solution; one that an event ended has fewer."""
+        shape = (len(solution.t), self._total, *self._problem.frame.point_shape)
+        old, self._t = self._y, solution.t
+        if self._out is not None:
+            if tuple(self._out.shape) != shape:
+                raise ValueError(f"out must have shape {shape}, got {tuple(self._out.shape)}")
+            self._y = self._out
+            return
+        self._y = np.full(shape, math.nan, dtype=self._problem.points.dtype)
+        if old is not None:
+            self._y[: len(old)] = old
+
+    def _add_events(self, members: list[int], solution: Solution, alone: bool) -> None:
+        assert solution.t_events is not None
+        assert solution.y_events is not None
+        count = len(solution.t_events)
+        if self._events is None:
+            self._events = (
+                [np.empty(self._total, dtype=object) for _ in range(count)],
+                [np.empty(self._total, dtype=object) for _ in range(count)],
+            )
+        for kept, found in zip(self._events, (solution.t_events, solution.y_events), strict=True):
+            for array, values in zip(kept, found, strict=True):
+                for place, member in enumerate(members):
+                    array[member] = values if alone else values[place]
