@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cg
-from cg.catalogue import munthe_kaas
+from cg.catalogue import munthe_kaas, packaged
 
 from . import projected
 from .cases import Case
@@ -65,7 +65,7 @@ class Solver:
 def solvers(case: Case, quick: bool) -> Iterator[Solver]:
     """Yield all solvers that can solve a case."""
     tolerances = tuple(10.0**-k for k in range(3, 9 if quick else 14))
-    for name, method in (*cg.methods.items(), *munthe_kaas.items()):
+    for name, method in (*packaged.items(), *munthe_kaas.items()):
         if not method.explicit:
             continue
         kind: Kind = "rkmk" if name in munthe_kaas else "pair"

@@ -20,12 +20,17 @@ class Later:
     ----------
     module, name : str
         Where the function is.
+    of_class : bool, optional
+        Whether its first argument is the class itself.
     """
 
-    def __init__(self, module: str, name: str) -> None:
+    def __init__(self, module: str, name: str, *, of_class: bool = False) -> None:
         self._module = module
         self._name = name
+        self._of_class = of_class
 
     def __get__(self, owner: object, kind: type | None = None) -> Callable[..., Any]:
         function: Callable[..., Any] = getattr(import_module(self._module), self._name)
+        if self._of_class:
+            return MethodType(function, kind)
         return function if owner is None else MethodType(function, owner)

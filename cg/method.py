@@ -61,6 +61,10 @@ class Method(ABC):
     digits = Later("cg.certification.digits", "digits")
     diagnose = Later("cg.diagnosis", "diagnose")
     export = Later("cg.formats.exporting", "export")
+    load = Later("cg.catalogue.entries", "load_kind", of_class=True)
+    save = Later("cg.catalogue.entries", "save")
+    _repr_html_ = Later("cg.formats.notebooks", "to_html")
+    _repr_latex_ = Later("cg.formats.notebooks", "to_formula")
 
     if TYPE_CHECKING:  # fields of one subclass, derived in the other
 

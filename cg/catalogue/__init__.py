@@ -21,15 +21,19 @@ from importlib.resources.abc import Traversable
 from ..method import Method
 from ..points import MethodError
 from .entries import dumps, dumps_json, load, loads, read, save
+from .own import OwnMethods, own_folders
 
 __all__ = [
     "Catalogue",
+    "Methods",
     "dumps",
     "dumps_json",
     "load",
     "loads",
     "methods",
     "munthe_kaas",
+    "own_folders",
+    "packaged",
     "resolve_method",
     "save",
 ]
@@ -56,9 +60,7 @@ class Catalogue(Mapping[str, Method]):
         if not isinstance(name, Hashable):
             raise TypeError(f"the name of a method must be a str, got {name!r}")
         if name not in self._files:
-            known = ", ".join(self._files)
-            there = "; cg.catalogue.munthe_kaas has it" if name in munthe_kaas else ""
-            raise KeyError(f"no method is named {name!r}{there}; the catalogue has {known}")
+            raise KeyError(f"no method is named {name!r}; there are {', '.join(self._files)}")
         if name not in self._loaded:
             method = read(self._files[name])
             if method.name != name:
@@ -82,11 +84,56 @@ class Catalogue(Mapping[str, Method]):
         return f"<Catalogue: {', '.join(self._files)}>"
 
 
-methods = Catalogue(files(__name__))
+class Methods(Mapping[str, Method]):
+    """The methods of this package, and those in the folders of the user, by name.
+
+    Attributes
+    ----------
+    own : Mapping
+        Those of the user; see `cg.catalogue.own.own_folders`.
+    """
+
+    def __init__(self, package: Catalogue, own: OwnMethods) -> None:
+        self._package = package
+        self.own = own
+
+    def __getitem__(self, name: str) -> Method:
+        if not isinstance(name, Hashable):
+            raise TypeError(f"the name of a method must be a str, got {name!r}")
+        if name in self._package:
+            return self._package[name]
+        if name in self.own:
+            return self.own[name]
+        if isinstance(name, str) and (problem := self.own.problem(name)):
+            raise MethodError(problem)
+        there = "; cg.catalogue.munthe_kaas has it" if name in munthe_kaas else ""
+        raise KeyError(f"no method is named {name!r}{there}; the catalogue has {', '.join(self)}")
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and (name in self._package or name in self.own)
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._package
+        yield from self.own
+
+    def __len__(self) -> int:
+        return len(self._package) + len(self.own)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self)
+
+    def __repr__(self) -> str:
+        return f"<Catalogue: {', '.join(self)}>"
+
+
+packaged = Catalogue(files(__name__))
 """The methods that come with this package, by name."""
 
 munthe_kaas = Catalogue(files(__name__) / "munthe_kaas")
 """Those of Runge, Kutta and Munthe-Kaas, by name."""
+
+methods = Methods(packaged, OwnMethods(lambda name: name in packaged or name in munthe_kaas))
+"""`packaged`, and the methods of the user, by name."""
 
 
 def resolve_method(method: str | Method) -> Method:
@@ -95,13 +142,13 @@ def resolve_method(method: str | Method) -> Method:
     Parameters
     ----------
     method
-        A method, or the name of one in the catalogue.
+        A method, or the name of one in the catalogue or in a folder of the user.
 
     Raises
     ------
     ValueError
-        If no method of the catalogue has that name; the message lists those there are, and says
-        which are near it.
+        If no method has that name; the message lists those there are, and says which are near
+        it. Or if the user's file of that name holds none.
     TypeError
         If `method` is neither a name nor a method.
     """
@@ -112,6 +159,8 @@ def resolve_method(method: str | Method) -> Method:
     if method in munthe_kaas:
         return munthe_kaas[method]
     if method not in methods:
+        if problem := methods.own.problem(method):
+            raise ValueError(f"method {method!r} can't be used: {problem}")
         known = [*methods, *munthe_kaas]
         near = get_close_matches(method.upper(), known, n=3, cutoff=0.5)
         hint = f"; near it are {', '.join(near)}" if near else ""

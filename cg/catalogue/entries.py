@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from importlib.resources.abc import Traversable
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ..coefficients import Coefficient
 from ..commutator_free import CommutatorFree
@@ -18,7 +18,19 @@ from ..points import MethodError
 from ..tableau import Tableau, TableauError
 from ..texts import file_in, read_json, read_toml
 
-__all__ = ["SUFFIXES", "check_path", "dumps", "dumps_json", "load", "loads", "read", "save"]
+__all__ = [
+    "SUFFIXES",
+    "check_path",
+    "dumps",
+    "dumps_json",
+    "load",
+    "load_kind",
+    "loads",
+    "read",
+    "save",
+]
+
+T = TypeVar("T", bound=Method)
 
 SUFFIXES = (".toml", ".json")
 """Of files of methods."""
@@ -112,6 +124,36 @@ def load(path: str | PathLike[str]) -> Method:
         If the file can't be read.
     """
     return read(check_path(path))
+
+
+def load_kind(kind: type[T], path: str | PathLike[str]) -> T:
+    """Read a method of this class from a file, in TOML or JSON.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Method
+        A `cg.Tableau` from ``cg.Tableau.load``, and so on; any kind from ``cg.Method.load``.
+
+    Raises
+    ------
+    TypeError
+        If `path` isn't one.
+    MethodError
+        If the file holds no method, or one of another kind.
+    OSError
+        If the file can't be read.
+    """
+    method = load(path)
+    if not isinstance(method, kind):
+        raise MethodError(
+            f"{path}: it holds a {type(method).__name__}, not a {kind.__name__}; "
+            "cg.Method.load reads all kinds"
+        )
+    return method
 
 
 def check_path(path: str | PathLike[str]) -> Path:

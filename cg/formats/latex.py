@@ -10,7 +10,7 @@ from ..commutator_free import CommutatorFree
 from ..method import Method
 from ..quad import to_decimal
 
-__all__ = ["to_array", "to_latex"]
+__all__ = ["short_numbers", "to_array", "to_latex"]
 
 _WIDEST = 110
 """Characters of a row; tableaux with longer ones are written as lists of their entries."""
@@ -68,6 +68,19 @@ def to_array(method: Method) -> str:
     lines = [line if line.endswith("hline") else line + r" \\" for line in body]
     columns = "c|" + "c" * method.stages
     return f"\\begin{{array}}{{{columns}}}\n" + "\n".join(lines) + "\n\\end{array}"
+
+
+def short_numbers(method: Method) -> list[list[str]]:
+    """Return the coefficients of a method to few digits, for people.
+
+    Of a tableau the rows, abscissae first and blanks for zeros beside the diagonal; else the
+    weights of each point.
+    """
+    if isinstance(method, CommutatorFree):
+        return [
+            [_plain(weight) for weight in weights.values()] for weights in method.point_coefficients
+        ]
+    return [[_plain(entry) if entry else "" for entry in row] for row in _entries(method)]
 
 
 def _entries(method: Method) -> list[list[Coefficient | None]]:
@@ -190,9 +203,15 @@ def _number(entry: Coefficient) -> str:
 
 
 def _short(entry: Coefficient) -> str:
-    if entry.unit == 0 and len(entry.text) <= 2 * _SHORT:
-        return _number(entry)
-    return _power(to_decimal(entry.value, _SHORT))
+    return _number(entry) if _is_short(entry) else _power(to_decimal(entry.value, _SHORT))
+
+
+def _plain(entry: Coefficient) -> str:
+    return entry.text if _is_short(entry) else to_decimal(entry.value, _SHORT)
+
+
+def _is_short(entry: Coefficient) -> bool:
+    return entry.unit == 0 and len(entry.text) <= 2 * _SHORT
 
 
 def _power(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.catalogue import methods
+from cg.catalogue import packaged
 from cg.certification import certificate_of
 from cg.certification.files import certificate_names
 from cg.conditions import count, jacobian_at
@@ -43,8 +43,8 @@ def compute(context: Context) -> Data:
         ``methods``: a list of what `describe` returns.
     """
     found = []
-    for done, method in enumerate(methods.values()):
-        context.progress(done, len(methods))
+    for done, method in enumerate(packaged.values()):
+        context.progress(done, len(packaged))
         found.append(describe(method))
     return {"methods": sorted(found, key=_place)}
 

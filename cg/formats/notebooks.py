@@ -1,0 +1,69 @@
+"""Methods as notebooks show them."""
+
+from __future__ import annotations
+
+from html import escape
+
+from ..commutator_free import CommutatorFree
+from ..method import Method
+from .latex import short_numbers, to_array
+
+__all__ = ["to_formula", "to_html"]
+
+_MOST_ROWS = 40
+_CELL = 'style="text-align: right; padding: 0.1em 0.6em'
+_LEFT = f'{_CELL}; border-right: 1px solid"'
+_LINE = 'style="border-top: 1px solid"'
+
+
+def to_formula(method: Method) -> str:
+    """Return a method as a LaTeX formula of few digits, ``$`` signs included."""
+    return f"$\\displaystyle {to_array(method)}$"
+
+
+def to_html(method: Method) -> str:
+    """Return a method as HTML: what it is, and its tableau or points to few digits."""
+    title = f"<b>{escape(method.name or 'without name')}</b>: {escape(method.description())}"
+    table = _points(method) if isinstance(method, CommutatorFree) else _tableau(method)
+    source = f"<br><small>{escape(method.source)}</small>" if method.source else ""
+    return f"<div>{title}{source}\n{table}\n</div>"
+
+
+def _tableau(method: Method) -> str:
+    rows = []
+    for i, (first, *entries) in enumerate(short_numbers(method)):
+        cells = "".join(f'<td {_CELL}">{entry}</td>' for entry in entries)
+        line = f" {_LINE}" if i == method.stages else ""
+        rows.append(f"<tr{line}><td {_LEFT}>{first}</td>{cells}</tr>")
+    return _table("", rows)
+
+
+def _points(method: CommutatorFree) -> str:
+    roles: dict[int, list[str]] = {}
+    for stage, at in enumerate(method.stage_points, 1):
+        roles.setdefault(at, []).append(f"stage {stage}")
+    roles.setdefault(method.result, []).append("result")
+    if method.embedded_result is not None:
+        roles.setdefault(method.embedded_result, []).append("second result")
+    rows = [_row("0", "", "", roles.get(-1, []))]
+    pairs = zip(method.points, method.point_coefficients, strict=True)
+    for m, (point, weights) in enumerate(pairs):
+        terms = " + ".join(
+            f"{short} F<sub>{stage + 1}</sub>"
+            for stage, short in zip(weights, short_numbers(method)[m], strict=True)
+        )
+        rows.append(_row(str(m + 1), str(point.parent + 1), terms, roles.get(m, [])))
+    return _table("<tr><th>point</th><th>from</th><th>along h times</th><th></th></tr>", rows)
+
+
+def _row(point: str, origin: str, terms: str, roles: list[str]) -> str:
+    cells = f'<td {_CELL}">{point}</td><td {_CELL}">{origin}</td>'
+    left = _CELL.replace("right", "left")
+    return f'<tr>{cells}<td {left}">{terms}</td><td {left}">{", ".join(roles)}</td></tr>'
+
+
+def _table(head: str, rows: list[str]) -> str:
+    left = len(rows) - _MOST_ROWS
+    if left > 0:
+        rows = [*rows[:_MOST_ROWS], f'<tr><td colspan="4">and {left} more</td></tr>']
+    return "<table>" + head + "\n".join(rows) + "</table>"
