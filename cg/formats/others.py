@@ -1,0 +1,123 @@
+"""Flat tableaux of methods as objects of other packages: nodepy and diffrax."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from ..catalogue import resolve_method
+from ..method import Method
+
+__all__ = ["to_diffrax", "to_nodepy"]
+
+
+def to_diffrax(method: str | Method) -> Any:
+    """Return the flat tableau of an explicit method as a ``diffrax.ButcherTableau``.
+
+    Where flows commute, as on vector spaces, the method is the one with this tableau. Of a pair
+    the weights of higher order make the steps. Without second weights the error is zero, which
+    suits constant steps only.
+
+    Parameters
+    ----------
+    method : str or Method
+
+    Returns
+    -------
+    diffrax.ButcherTableau
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no such method, it is implicit, or it has a single stage, which diffrax has no
+        tableau for.
+    ModuleNotFoundError
+        If diffrax isn't installed.
+
+    Examples
+    --------
+    >>> tableau = to_diffrax("DP5(4)")  # doctest: +SKIP
+    >>> tableau.num_stages, tableau.fsal  # doctest: +SKIP
+    (7, True)
+    """
+    method = _explicit(method)
+    if method.stages == 1:
+        raise ValueError(f"method must have two stages or more for diffrax, got {method!r}")
+    import diffrax
+
+    b, second = _weights(method)
+    error = [x - y for x, y in zip(b, second or b, strict=True)]
+    a, _ = method.exact
+    return diffrax.ButcherTableau(
+        c=np.array([float(sum(row, Fraction(0))) for row in a[1:]]),
+        b_sol=_array(b),
+        b_error=_array(error),
+        a_lower=tuple(_array(row[:i]) for i, row in enumerate(a[1:], 1)),
+    )
+
+
+def to_nodepy(method: str | Method) -> Any:
+    """Return the flat tableau of an explicit method as one of nodepy.
+
+    Parameters
+    ----------
+    method : str or Method
+
+    Returns
+    -------
+    nodepy.runge_kutta_method.ExplicitRungeKuttaMethod
+        Or of a pair the ``ExplicitRungeKuttaPair``, whose first weights are those of higher
+        order. Rational coefficients are rational numbers of SymPy, others are doubles.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no such method, or it is implicit.
+    ModuleNotFoundError
+        If nodepy isn't installed.
+
+    Examples
+    --------
+    >>> to_nodepy("CG3").order()  # doctest: +SKIP
+    3
+    """
+    method = _explicit(method)
+    from nodepy import runge_kutta_method
+    from sympy import Rational
+
+    rational = all(given.unit == 0 for given in method.coefficients)
+
+    def array(rows: Any) -> Any:
+        numbers = np.array(rows, dtype=object)
+        if not rational:
+            return numbers.astype(np.float64)
+        convert = np.frompyfunc(lambda x: Rational(x.numerator, x.denominator), 1, 1)
+        return convert(numbers)
+
+    b, second = _weights(method)
+    names = {"name": method.name or "Runge-Kutta Method", "description": method.source}
+    a = array(method.exact[0])
+    if second is None:
+        return runge_kutta_method.ExplicitRungeKuttaMethod(a, array(b), **names)
+    return runge_kutta_method.ExplicitRungeKuttaPair(a, array(b), array(second), **names)
+
+
+def _explicit(method: str | Method) -> Method:
+    method = resolve_method(method)
+    if not method.explicit:
+        raise ValueError(f"method must be explicit, got {method!r}")
+    return method
+
+
+def _weights(method: Method) -> tuple[tuple[Fraction, ...], tuple[Fraction, ...] | None]:
+    """Return the weights of higher order, and those of the other result of a pair."""
+    b, second = method.exact[1], method.exact_embedded
+    if second is not None and (method.embedded_order or 0) > method.order:
+        return second, b
+    return b, second
+
+
+def _array(row: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array([float(entry) for entry in row])
