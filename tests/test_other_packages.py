@@ -116,7 +116,7 @@ def test_diffrax(jax, name):
 
     class Solver(diffrax.AbstractERK):
         tableau = made
-        interpolation_cls = diffrax.LocalLinearInterpolation
+        interpolation_cls = diffrax.ThirdOrderHermitePolynomialInterpolation.from_k
 
         def order(self, terms):
             return method.order
