@@ -20,7 +20,9 @@ _SEARCH = (
     "cg._core_r64",
     "cg._core_r128",
     "cg.random_search",
+    "cg.condition_counts",
     "cg.conditions",
+    "cg.oracle",
     "cg.quad",
     "cg.search_records",
 )
