@@ -12,6 +12,7 @@ from math import factorial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+
 from .condition_counts import check_order, condition_trees, right_sides
 from .points import START, PointTree, tree_of_rows
 from .precision import working_precision
