@@ -53,3 +53,9 @@ def affine(function):
         return callable_, data
 
     return make
+
+
+def pytest_terminal_summary(terminalreporter):
+    skipped = len(terminalreporter.stats.get("skipped", []))
+    run = sum(len(terminalreporter.stats.get(kind, [])) for kind in ("passed", "failed", "xfailed"))
+    terminalreporter.write_line(f"{skipped} of {run + skipped} tests were skipped.")
