@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any
 from .checks import check_integer
 from .coefficients import FEWEST_ROUNDED_PLACES, Coefficient
 from .commutator_free import CommutatorFree
-from .conditions import HasTree
 from .method import TOLERANCE_FACTOR, Method, read_coefficient
+from .oracle import HasTree
 from .points import MethodError
 
 if TYPE_CHECKING:

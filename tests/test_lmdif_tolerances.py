@@ -9,7 +9,7 @@ from more_garbow_hillstrom import PROBLEMS
 from numpy.testing import assert_array_equal
 
 import cg
-from cg import conditions, quad, random_search
+from cg import conditions, quad, random_start
 from cg.layout import Layout
 from cg.shared_numbers import Status
 
@@ -131,13 +131,13 @@ def test_the_first_step_is_bounded(factor):
 
 def test_tolerances_of_the_papers_search(monkeypatch):
     given = []
-    fit_lmdif = random_search.fit_lmdif
+    fit_lmdif = random_start.fit_lmdif
 
     def recorded(order, layout, x, trees, tolerance, *rest):
         given.append(tolerance)
         return fit_lmdif(order, layout, x, trees, tolerance, *rest)
 
-    monkeypatch.setattr(random_search, "fit_lmdif", recorded)
+    monkeypatch.setattr(random_start, "fit_lmdif", recorded)
     found = cg.search(3, 3, 3, seed=0, algorithm="lmdif", workers=1, refine_below=1.0)
     assert any(start.quad is not None for start in found.starts)
     doubles = [tolerance for tolerance in given if tolerance.dtype == np.float64]
@@ -162,8 +162,8 @@ def test_searches_stop_where_the_solver_does():
         return rows
 
     for index in range(6):
-        guess = random_search.random_start(0, index, layout.size, settings.width)
+        guess = cg.random_search.random_start(0, index, layout.size, settings.width)
         fit = cg.lmdif(residual, guess, ftol=1e-18, xtol=1e-18, maxfev=settings.maxfev)
-        start = random_search.run_start(settings, index)
+        start = cg.random_search.run_start(settings, index)
         assert (start.double.info, start.double.nfev) == (fit.info, fit.nfev)
         assert_array_equal(start.double.f, fit.fvec @ fit.fvec)
