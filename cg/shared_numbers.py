@@ -36,6 +36,7 @@ class Stop(IntEnum):
     PAUSED = 6  # to be called again
     STEP_TOO_SMALL = 7
     SLOPE_NOT_FINITE = 8  # relative to the tolerances
+    STEP_TOO_LONG = 9  # coordinates of a stage are beyond the radius of dexp⁻¹
 
 
 class FieldFlag(IntEnum):

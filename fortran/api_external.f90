@@ -325,8 +325,9 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
   end associate
 end subroutine frame_difference
 
-! The derivatives of coordinates u that go with coefficients v
+! The derivatives of coordinates u that go with coefficients v, NaN where there are none
 subroutine frame_dexpinv(blocks, description, order, fields, u, v)
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use algebra_r64, only: dexpinv
   use kinds_r64, only: wp
   use frames_r64, only: frame_t, make_frame
@@ -337,12 +338,14 @@ subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   real(wp), intent(in) :: u(fields)          ! (dimension, trajectories)
   real(wp), intent(inout) :: v(fields)
   type(frame_t) :: frame
+  logical :: exists
   integer :: i
 
   call make_frame(description, 1, frame)
   associate (m => frame%dimension)
     do i = 0, fields / m - 1
-      call dexpinv(frame, order, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m))
+      call dexpinv(frame, order, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m), exists)
+      if (.not. exists) v(i * m + 1:(i + 1) * m) = ieee_value(v(1), ieee_quiet_nan)
     end do
   end associate
 end subroutine frame_dexpinv

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.checks import check_integer
 from cg.frames.arrays import Array, is_array, real_array
-from cg.frames.dexpinv import series_dexpinv
+from cg.frames.dexpinv import frobenius, series_dexpinv
+
+# Up to this dimension products of coefficients with structure constants take less time than those
+# of matrices.
+MOST_CONSTANTS = 16
 
 
 class FieldAlgebra(ABC):
@@ -79,7 +84,8 @@ class FieldAlgebra(ABC):
         Returns
         -------
         ndarray
-            Shape ``(..., dim)``.
+            Shape ``(..., dim)``, NaN where the series to infinite order diverges: for rotations by
+            a turn or more, unless they commute with v.
 
         Raises
         ------
@@ -92,7 +98,19 @@ class FieldAlgebra(ABC):
         return self._dexpinv(self._vectors(u, "u"), self._vectors(v), order)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        return series_dexpinv(lambda w: self._bracket(u, w), v, order)
+        if self.dim <= MOST_CONSTANTS:
+            flat = u @ self._adjoint_basis.reshape(self.dim, -1)
+            matrix = flat.reshape(*u.shape, self.dim)
+            bound = frobenius(matrix)
+            return series_dexpinv(lambda w: (w[..., None, :] @ matrix)[..., 0, :], v, order, bound)
+        bound = frobenius(self._bracket(u[..., None, :], np.eye(self.dim)))
+        return series_dexpinv(lambda w: self._bracket(u, w), v, order, bound)
+
+    @cached_property
+    def _adjoint_basis(self) -> Array:
+        """The brackets of basis elements with all others, shape ``(dim, dim, dim)``."""
+        basis = np.eye(self.dim)
+        return np.ascontiguousarray(self._bracket(basis[:, None], basis))
 
     def _vectors(self, v: ArrayLike, name: str = "v") -> Array:
         """Return ``v`` as a float64 array whose last axis has length ``dim``."""

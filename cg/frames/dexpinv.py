@@ -8,6 +8,9 @@ If :math:`y(t) = \exp(\sigma(t))\, y_0` solves :math:`y' = \sum_i f_i E_i(y)`, t
     = f - \tfrac12 [\sigma, f] + \tfrac1{12} [\sigma, [\sigma, f]] - \dots
 
 with the numbers of Bernoulli and the bracket of `Frame.bracket`, whichever side flows act from.
+The series converges for :math:`f` if its powers grow by less than :math:`2\pi` each, the distance
+to the nearest zero of :math:`\operatorname{dexp}`; where they grow faster, results are NaN.
+Rotations reach this radius after a full turn.  What commutes with :math:`\sigma` is left as it is.
 
 References
 ----------
@@ -23,15 +26,25 @@ from fractions import Fraction
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cg.frames.arrays import Array
+from cg.frames.arrays import Array, Points
 from cg.frames.rotations import half_angle
 
-__all__ = ["bernoulli_terms", "motion_dexpinv", "rotation_dexpinv", "series_dexpinv"]
+__all__ = [
+    "bernoulli_terms",
+    "frobenius",
+    "motion_dexpinv",
+    "rotation_dexpinv",
+    "series_dexpinv",
+]
 
 _SERIES_BELOW = 1.0  # of the square of an angle; above, nothing cancels that matters
 _SERIES_TERMS = 12
 _SMALLEST = 1e-150  # its square doesn't underflow
+_RADIUS = 2.0 * math.pi
+_COMMUTE = 16.0 * np.finfo(np.float64).eps  # brackets so small beside their factors are rounding
+_POWERS = 20  # of which the growth of the latter half is that of all further ones
 
 
 @cache
@@ -43,7 +56,19 @@ def bernoulli_terms(count: int) -> tuple[Fraction, ...]:
     return tuple(terms)
 
 
-def series_dexpinv(adjoint: Callable[[Array], Array], v: Array, order: int) -> Array:
+def frobenius(matrices: Points) -> Array:
+    """Return the root of the sum of squares of entries of matrices, shape ``(...)``."""
+    return np.asarray(np.sqrt((matrices.real**2 + matrices.imag**2).sum(axis=(-2, -1))))
+
+
+def series_dexpinv(
+    adjoint: Callable[[Array], Array],
+    v: Array,
+    order: int,
+    bound: Array | None = None,
+    *,
+    axes: int = 1,
+) -> Array:
     """Return the series as far as a Runge-Kutta method of an order needs it.
 
     Parameters
@@ -51,17 +76,53 @@ def series_dexpinv(adjoint: Callable[[Array], Array], v: Array, order: int) -> A
     adjoint
         Brackets of the point of the algebra with coefficients.
     v
-        Coefficients, shape ``(..., dim)``.
+        Coefficients, shape ``(..., dim)``, or other members of a linear space.
     order
         Powers up to ``order - 2`` count: coefficients of stages differ from multiples of the
         point of the algebra by the square of a step.
+    bound
+        What no eigenvalue of `adjoint` exceeds, shape ``(...)``; None to sum where the series
+        diverges, too.
+    axes
+        How many of the last axes make one member.
+
+    Returns
+    -------
+    ndarray
+        The sum, NaN where it would be of a series that diverges.
     """
     total, power = v, v
-    for term in _series_terms(order):
+    terms = _series_terms(order)
+    for term in terms:
         power = adjoint(power)
         if term:
             total = total + term * power
+    if terms and bound is not None and (far := bound >= _RADIUS).any():
+        growth, commuting = _growth(adjoint, v, bound, axes)
+        far = far.reshape(*far.shape, *[1] * axes)
+        total = np.where(far & commuting, v, np.where(far & (growth >= _RADIUS), np.nan, total))
     return total
+
+
+def _growth(
+    adjoint: Callable[[Array], Array], v: Array, bound: Array, axes: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return by how much high powers of `adjoint` grow on ``v``, and whether the first is 0."""
+    last = tuple(range(-axes, 0))
+
+    def size(x: Array) -> Array:
+        return np.asarray(np.sqrt((np.abs(x) ** 2).sum(axis=last, keepdims=True)))
+
+    rounding = _COMMUTE * bound.reshape(*bound.shape, *[1] * axes)
+    power = v / np.maximum(size(v), _SMALLEST)
+    factors = []
+    for _ in range(_POWERS):
+        power = adjoint(power)
+        factor = size(power)
+        factors.append(np.where(factor > rounding, factor, 0.0))
+        power = np.where(factor > rounding, power / np.where(factor > 0.0, factor, 1.0), 0.0)
+    later = factors[_POWERS // 2 :]
+    return np.prod(later, axis=0) ** (1.0 / len(later)), factors[0] == 0.0
 
 
 @cache
@@ -82,7 +143,8 @@ def rotation_dexpinv(u: Array, v: Array, sign: float) -> Array:
     half, sinc = half_angle(u)
     once = np.cross(u, v)
     factor = _second(half, sinc)[..., None]
-    return np.asarray(v - (0.5 * sign) * once + factor * np.cross(u, once))
+    found = np.asarray(v - (0.5 * sign) * once + factor * np.cross(u, once))
+    return _beyond_a_turn(found, half, u, v, once)
 
 
 def motion_dexpinv(u: Array, v: Array, sign: float) -> Array:
@@ -107,9 +169,20 @@ def motion_dexpinv(u: Array, v: Array, sign: float) -> Array:
     powers = [v]
     for _ in range(4):
         powers.append(sign * motion_bracket(u, powers[-1]))
-    return np.asarray(
+    found = np.asarray(
         v - 0.5 * powers[1] + second[..., None] * powers[2] + fourth[..., None] * powers[4]
     )
+    return _beyond_a_turn(found, half, u, v, powers[1])
+
+
+def _beyond_a_turn(found: Array, half: Array, u: Array, v: Array, once: Array) -> Array:
+    """Return `found`, and after a turn or more ``v`` where it commutes with ``u``, else NaN."""
+    beyond = half >= 0.5 * _RADIUS
+    if not beyond.any():
+        return found
+    lengths = [np.linalg.norm(x, axis=-1) for x in (u, v, once)]
+    apart = lengths[2] > _COMMUTE * lengths[0] * lengths[1]
+    return np.where(beyond[..., None], np.where(apart[..., None], np.nan, v), found)
 
 
 def motion_bracket(u: Array, v: Array) -> Array:

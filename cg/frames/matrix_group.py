@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.checks import memory
+from cg.frames.algebra import MOST_CONSTANTS
 from cg.frames.arrays import (
     Array,
     Convention,
@@ -21,7 +22,7 @@ from cg.frames.arrays import (
     check_size,
 )
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
-from cg.frames.dexpinv import series_dexpinv
+from cg.frames.dexpinv import frobenius, series_dexpinv
 from cg.frames.logarithms import real_log1p
 from cg.frames.matrix_functions import (
     combine,
@@ -35,10 +36,6 @@ from cg.frames.matrix_functions import (
 # Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,
 # and is large relative to it. It turns a point by no more than this in a unit of time.
 _ALGEBRA_ROUNDING = 1e-12
-
-# Up to this dimension products of coefficients with structure constants take less time than those
-# of matrices.
-_MOST_CONSTANTS = 16
 
 
 class MatrixGroup(Frame):
@@ -159,16 +156,16 @@ class MatrixGroup(Frame):
         return self._side * self._algebra_projection(first @ second - second @ first)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self.dim <= _MOST_CONSTANTS:
-            constants = self.structure_constants.reshape(self.dim, -1)
-            matrix = (self._side * u @ constants).reshape(*u.shape[:-1], self.dim, self.dim)
-            return series_dexpinv(lambda x: (x[..., None, :] @ matrix)[..., 0, :], v, order)
+        if self.dim <= MOST_CONSTANTS:
+            return super()._dexpinv(u, v, order)
         generator, side = self.algebra(u), self._side
+        bound = 2.0 * frobenius(generator)
 
         def adjoint(x: Points) -> Points:
             return np.asarray(side * (generator @ x - x @ generator))
 
-        return self._algebra_projection(series_dexpinv(adjoint, self.algebra(v), order))
+        total = series_dexpinv(adjoint, self.algebra(v), order, bound, axes=2)
+        return self._algebra_projection(total)
 
     def exponential(self, v: ArrayLike) -> Points:
         r"""Return :math:`e^{\Omega(v)}`, shape ``(..., size, size)``."""

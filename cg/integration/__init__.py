@@ -5,6 +5,7 @@ from cg.integration.dense import DenseOutput
 from cg.integration.fixed import integrate
 from cg.integration.implicit import ConvergenceError
 from cg.integration.ivp import solve_ivp
+from cg.integration.python_rhs import StepTooLongError
 from cg.integration.results import Solution, Trajectory
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "ConvergenceError",
     "DenseOutput",
     "Solution",
+    "StepTooLongError",
     "Trajectory",
     "integrate",
     "solve_ivp",

@@ -103,6 +103,8 @@ def integrate(
         If the solution exceeds the range of floating point.
     ConvergenceError
         If the stages of an implicit method can't be found.
+    StepTooLongError
+        If a step of a method on a Lie algebra is too long for dexp⁻¹.
     RuntimeError
         If a compiled ``f`` returns another number than zero, for a single point.
 

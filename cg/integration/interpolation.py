@@ -58,6 +58,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.flows import dexpinv_of, difference_of, flows_of
 from cg.integration.paths import paths_of
+from cg.integration.python_rhs import StepTooLongError
 from cg.integration.stepper import Block, Stepper, advances_by_embedded
 from cg.method import Method, remembered
 from cg.munthe_kaas import MuntheKaas
@@ -269,10 +270,19 @@ class Interpolant:
         basis = self.nodes.basis(theta[:, None] * self.flows.c)  # (n, stages, nodes)
         basis *= (theta * self.h[which])[:, None, None]
         v = self.flows.coefficients(self.frame, basis, self.fields[which])
+        if not np.isfinite(v).all():
+            self._check(v, which)
         if rest is not None:
             blend = self.nodes.blend(theta).reshape(-1, *[1] * (rest.ndim - 1))
             v = np.concatenate([v, (blend * rest)[..., None, :]], axis=-2)
         return flows_of(self.frame)(v, self.y0[which])
+
+    def _check(self, v: Array, which: Indices) -> None:
+        """Raise StepTooLongError if flows have no coefficients, though nodes have finite ones."""
+        missing = ~np.isfinite(v).all(axis=(-2, -1))
+        missing &= np.isfinite(self.fields[which]).all(axis=(1, -1))
+        if missing.any():
+            raise StepTooLongError(float(self.t0[which[np.argwhere(missing)[0, 0]]]))
 
     def part(self, which: Indices) -> Interpolant:
         """Return the solution within some of the steps."""

@@ -161,6 +161,8 @@ def solve_ivp(
         With fixed steps, if the solution exceeds the range of floating point.
     ConvergenceError
         With fixed steps, if the stages of an implicit method can't be found.
+    StepTooLongError
+        With fixed steps, if a step of a method on a Lie algebra is too long for dexp⁻¹.
 
     Warns
     -----

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cg.frames.arrays import Array
-from cg.integration.python_rhs import StageOverflowError
+from cg.integration.python_rhs import StageOverflowError, StepTooLongError
 from cg.shared_numbers import Stop
 
 __all__ = [
@@ -34,18 +34,21 @@ def failure(stop: Stop, flag: int, t: float, slope: Array | None = None) -> Exce
         The initial coefficients, where they are the reason.
     """
     where = f"at t = {t:.17g}"
+    found: Exception = MemoryError("there is not enough memory for the stages of one step")
     match stop:
         case Stop.STOPPED_BY_FIELD:
-            return RuntimeError(f"f returned the error code {flag} {where}")
+            found = RuntimeError(f"f returned the error code {flag} {where}")
         case Stop.FIELD_NOT_FINITE:
-            return ValueError(f"f must return finite numbers, and all of them, {where}")
+            found = ValueError(f"f must return finite numbers, and all of them, {where}")
         case Stop.STAGE_NOT_FINITE:
-            return StageOverflowError(f"a stage is no longer finite {where}")
+            found = StageOverflowError(f"a stage is no longer finite {where}")
+        case Stop.STEP_TOO_LONG:
+            found = StepTooLongError(t)
         case Stop.SOLUTION_NOT_FINITE:
-            return OverflowError(f"the solution is no longer finite {where}")
+            found = OverflowError(f"the solution is no longer finite {where}")
         case Stop.SLOPE_NOT_FINITE:
-            return OverflowError(f"f is too large to choose a step {where}, got {slope}")
-    return MemoryError("there is not enough memory for the stages of one step")
+            found = OverflowError(f"f is too large to choose a step {where}, got {slope}")
+    return found
 
 
 def too_small_a_step(t: float, smallest: float) -> str:

@@ -14,13 +14,32 @@ from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 
-__all__ = ["Coefficients", "PythonRhs", "StageOverflowError"]
+__all__ = ["Coefficients", "PythonRhs", "StageOverflowError", "StepTooLongError"]
 
 Coefficients = Callable[..., ArrayLike]
 
 
 class StageOverflowError(OverflowError):
     """A stage is beyond the range of floating point; no error of f itself."""
+
+
+class StepTooLongError(ArithmeticError):
+    """A step of a method on a Lie algebra reached coordinates beyond the radius of dexp⁻¹.
+
+    Rotations reach it after a full turn.  A chosen step is tried again with a smaller size; a
+    fixed one needs a smaller ``h``.
+    """
+
+    def __init__(self, t: float) -> None:
+        super().__init__(
+            f"the step from t = {t:.17g} is too long for a method on a Lie algebra: coordinates "
+            "of a stage are beyond the radius of dexp⁻¹, for rotations a full turn; take a smaller "
+            "h, or a method that needs no brackets"
+        )
+        self.t = t
+
+    def __reduce__(self) -> tuple[type[StepTooLongError], tuple[float]]:
+        return StepTooLongError, (self.t,)
 
 
 class PythonRhs:

@@ -10,7 +10,7 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.integration.implicit import ConvergenceError
 from cg.integration.messages import too_many_steps, too_small_a_step
-from cg.integration.python_rhs import StageOverflowError
+from cg.integration.python_rhs import StageOverflowError, StepTooLongError
 from cg.integration.step import Step
 from cg.integration.stepper import AdaptiveSchedule, Block, Stepper, error_exponent
 from cg.integration.time_grid import TimeGrid
@@ -65,6 +65,8 @@ class PythonStepper(Stepper):
             If the solution exceeds the range of floating point in equal steps.
         ConvergenceError
             If implicit stages can't be found in them.
+        StepTooLongError
+            If one is too long for dexp⁻¹.
         """
         if isinstance(self.schedule, TimeGrid):
             steps = self._equal_steps(self.schedule)
@@ -140,7 +142,7 @@ class PythonStepper(Stepper):
         huge = float(np.finfo(np.float64).max)
         try:
             reached, error = self.step.trial(t, point, h, schedule.norm)
-        except (ConvergenceError, StageOverflowError):
+        except (ConvergenceError, StageOverflowError, StepTooLongError):
             return huge, None
         return (error, reached) if reached is not None else (huge, None)
 

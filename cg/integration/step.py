@@ -13,7 +13,12 @@ from cg.integration.error_norm import ErrorNorm
 from cg.integration.flows import dexpinv_of, flows_of
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER, Row, StageSolver, check_stage_solver
 from cg.integration.paths import paths_of
-from cg.integration.python_rhs import Coefficients, PythonRhs, StageOverflowError
+from cg.integration.python_rhs import (
+    Coefficients,
+    PythonRhs,
+    StageOverflowError,
+    StepTooLongError,
+)
 from cg.integration.stepper import Counts, advances_by_embedded
 from cg.method import Method
 from cg.tableau import Tableau
@@ -162,7 +167,7 @@ class Step:
         for k, c in enumerate(self.abscissae[1:], start=1):
             stage = self._end(self.stage_paths[k], known, fields, h)
             last = self.evaluate(t + c * h, stage)
-            fields[..., k, :] = self._derivative(self.stage_paths[k], last, fields, h)
+            fields[..., k, :] = self._derivative(self.stage_paths[k], last, fields, t, h)
             if k == self.final_stage - 1:
                 final = last
         found = [self._end(path, known, fields, h) for path in self.results[:results]]
@@ -171,13 +176,16 @@ class Step:
         self._stage_fields = fields
         return found
 
-    def _derivative(self, path: int, field: Array, fields: Array, h: float) -> Array:
+    def _derivative(self, path: int, field: Array, fields: Array, t: float, h: float) -> Array:
         """Return the coefficients at the end of a path, on a Lie algebra those of coordinates."""
         if not self.series or path == 0:
             return field
         _, stages, weights = self.paths[path - 1]
         coordinates = _combined(h * weights, fields[..., stages, :])[..., 0, :]
-        return self.dexpinv(coordinates, field)
+        found = self.dexpinv(coordinates, field)
+        if not np.isfinite(found).all():
+            raise StepTooLongError(t)
+        return found
 
     def _end(self, path: int, known: dict[int, Points], fields: Array, h: float) -> Points:
         """Return the end of a path, after those on the way to it."""
