@@ -26,6 +26,8 @@ NAMES = (
     "ensemble",
     "output",
     "rivals",
+    "tableaux",
+    "parts",
 )
 """All benchmarks, each a module with ``run(quick, figures)``."""
 

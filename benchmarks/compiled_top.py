@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import LowLevelCallable
 
-from cg import Tableau
+from cg import Method, Tableau
 from cg.problems import HeavyTop
 
 __all__ = ["CompiledTop"]
 
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
+_INTEGERS = ctypes.POINTER(ctypes.c_int)
 
 
 class CompiledTop:
@@ -53,6 +54,12 @@ class CompiledTop:
         self._loop.argtypes = [
             ctypes.c_int, _DOUBLES, _DOUBLES, ctypes.c_double, ctypes.c_int, _DOUBLES, _DOUBLES,
         ]  # fmt: skip
+        self._points = library.integrate_points
+        self._points.restype = None
+        self._points.argtypes = [
+            ctypes.c_int, _INTEGERS, _DOUBLES, _INTEGERS, ctypes.c_int, ctypes.c_double,
+            ctypes.c_int, _DOUBLES, _DOUBLES,
+        ]  # fmt: skip
 
     def integrate(self, method: Tableau, h: float, steps: int) -> NDArray[np.float64]:
         """Return all points, shape ``(steps + 1, 12)``, from the loop by hand."""
@@ -61,4 +68,21 @@ class CompiledTop:
         a, b = np.ascontiguousarray(method.a), np.ascontiguousarray(method.b)
         arrays = [x.ctypes.data_as(_DOUBLES) for x in (a, b, self.constants, y)]
         self._loop(method.stages, *arrays[:2], h, steps, *arrays[2:])
+        return y
+
+    def follow(self, method: Method, h: float, steps: int) -> NDArray[np.float64]:
+        """Return the same of a tree of points, for methods that are no tableaux."""
+        y = np.empty((steps + 1, 12))
+        y[0] = self.top.y0
+        weights = np.zeros((len(method.points), method.stages))
+        for row, point in zip(weights, method.points, strict=True):
+            for stage, weight in point.weights.items():
+                row[stage] = float(weight)
+        parents = np.array([point.parent for point in method.points], dtype=np.intc)
+        stages = np.array(method.stage_points, dtype=np.intc)
+        self._points(
+            method.stages, parents.ctypes.data_as(_INTEGERS),
+            weights.ctypes.data_as(_DOUBLES), stages.ctypes.data_as(_INTEGERS), method.result, h,
+            steps, self.constants.ctypes.data_as(_DOUBLES), y.ctypes.data_as(_DOUBLES),
+        )  # fmt: skip
         return y

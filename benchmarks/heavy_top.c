@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST_STAGES = 32, SIZE = 12 };
+enum { MOST_STAGES = 32, MOST_POINTS = 64, SIZE = 12 };
 
 // constants: the inverses of the three moments of inertia, and mass times gravity times length
 int heavy_top(double t, const double *y, double *f, void *user_data)
@@ -70,5 +70,34 @@ void integrate(int stages, const double *a, const double *b, double h, int steps
         for (int j = 0; j < stages; j++)
             if (b[j] != 0.0)
                 flow(next, h * b[j], f[j]);
+    }
+}
+
+// The same of a tree of points: point m is reached from its parent, -1 for the start of a step, by the
+// flow of a combination of stages (weights: points x stages), and stage i is evaluated at the point
+// stage_points[i]. Points stand in the order in which they can be reached.
+void integrate_points(int stages, const int *parents, const double *weights,
+                      const int *stage_points, int result, double h, int steps,
+                      double *constants, double *y)
+{
+    double f[MOST_STAGES][6], at[MOST_POINTS][SIZE];
+    for (int k = 0; k < steps; k++, y += SIZE) {
+        int reached = 0;
+        for (int i = 0; i <= stages; i++) {
+            const int wanted = i < stages ? stage_points[i] : result;
+            for (; reached <= wanted; reached++) {
+                const double *row = weights + reached * stages;
+                double v[6] = {0.0}, *point = at[reached];
+                for (int j = 0; j < i; j++)
+                    if (row[j] != 0.0)
+                        for (int l = 0; l < 6; l++)
+                            v[l] += h * row[j] * f[j][l];
+                memcpy(point, parents[reached] < 0 ? y : at[parents[reached]], sizeof at[0]);
+                flow(point, 1.0, v);
+            }
+            if (i < stages)
+                heavy_top(0.0, wanted < 0 ? y : at[wanted], f[i], constants);
+        }
+        memcpy(y + SIZE, at[result], sizeof at[0]);
     }
 }

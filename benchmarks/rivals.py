@@ -14,6 +14,8 @@ from cg.problems import HeavyTop
 
 from .cases import Case, cases
 from .compiled_top import CompiledTop
+from .lielab_rival import expresses
+from .lielab_top import available
 from .record import Aim, Figure, Result, Row
 from .rival_figure import draw
 from .solvers import Solver, solvers
@@ -51,7 +53,7 @@ def run(quick: bool, figures: Path | None) -> Result:
             "against evaluations, flows and processor time, and the drift off the manifold."
         )
         drawn.append(Figure(f"rivals_{case.name}", caption))
-    notes.insert(0, _verdicts(won))
+    notes.insert(0, f"{_verdicts(won)}\n{_lielab(found)}")
     return Result(
         "Rivals",
         "All explicit pairs and methods of order four and more, Munthe-Kaas methods, Magnus "
@@ -63,6 +65,18 @@ def run(quick: bool, figures: Path | None) -> Result:
         tuple(rows),
         tuple(notes),
         tuple(drawn),
+    )
+
+
+def _lielab(found: list[Case]) -> str:
+    """Say where Lielab takes part."""
+    if not available():
+        return "- Lielab was not installed, and is left out (`pip install lielab==0.5.2`)."
+    without = ", ".join(case.title for case in found if not expresses(case))
+    return (
+        "- Lielab's methods of Munthe-Kaas, its fastest, with chosen steps: it counts no flows, "
+        "and calls functions in Python only, with points as objects. It has no quaternions, no "
+        f"conjugation and no arrays of groups, and is left out of: {without}."
     )
 
 

@@ -14,6 +14,7 @@ from cg.catalogue import munthe_kaas, packaged
 
 from . import projected
 from .cases import Case
+from .lielab_rival import METHODS, LielabRival, expresses
 from .magnus import Magnus
 
 __all__ = ["Kind", "Run", "Solver", "solvers"]
@@ -77,6 +78,9 @@ def solvers(case: Case, quick: bool) -> Iterator[Solver]:
             fixed: Kind = "rkmk" if kind == "rkmk" else "fixed"
             yield Solver(label, fixed, method.order, steps, _fixed(case, name))
     yield Solver("default of solve_ivp", "default", 0, tolerances, _adaptive(case, None))
+    if expresses(case):
+        for name, order in METHODS.items():
+            yield Solver(f"Lielab {name}", "rival", order, tolerances, _lielab(case, name))
     for label, wanted in (("DOP853, projected", True), ("DOP853, not projected", False)):
         yield Solver(label, "rival", 8, tolerances, _dop853(case, wanted))
     if case.linear:
@@ -117,6 +121,16 @@ def _dop853(case: Case, wanted: bool) -> Callable[[float], Run]:
             case.f, case.end, case.y0, case.frame, tolerance, projected=wanted
         )
         return Run(points, evaluations, 0)
+
+    return solve
+
+
+def _lielab(case: Case, name: str) -> Callable[[float], Run]:
+    rival = LielabRival(case, name)
+
+    def solve(tolerance: float) -> Run:
+        points = rival.integrate(tolerance)
+        return Run(points, rival.evaluations, 0)
 
     return solve
 

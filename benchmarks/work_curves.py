@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import median
 
 import numpy as np
 
-from .solvers import Kind
+from .cases import Case
+from .solvers import Kind, Run
 
-__all__ = ["QUANTITIES", "Curve", "Point"]
+__all__ = ["QUANTITIES", "Curve", "Point", "run_point"]
 
 # Runs whose steps are too long to mean anything, and those that rounding has spoilt
 _WORST = 0.1
@@ -94,3 +97,27 @@ class Curve:
                 break
             kept.append(point)
         return cls(name, kind, order, tuple(kept))
+
+
+def run_point(
+    case: Case, solve: Mapping[str, Callable[[float], Run]], setting: float, rounds: int
+) -> dict[str, Point]:
+    """Run several solvers in turns with one setting; times are medians over the rounds."""
+    seconds: dict[str, list[float]] = {name: [] for name in solve}
+    found: dict[str, Run] = {}
+    for _ in range(rounds):
+        for name, one in solve.items():
+            begin = time.process_time()
+            found[name] = one(setting)
+            seconds[name].append(time.process_time() - begin)
+    return {
+        name: Point(
+            # rounding alone may leave nothing, which has no logarithm
+            max(case.error(run.points[-1]), 1e-17),
+            median(seconds[name]),
+            run.evaluations,
+            run.flows,
+            max(float(case.frame.membership_error(run.points).max()), 1e-17),
+        )
+        for name, run in found.items()
+    }

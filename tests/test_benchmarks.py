@@ -113,6 +113,63 @@ def test_the_loop_by_hand_computes_the_same(tmp_path):
         np.testing.assert_allclose(ours.y, by_hand, rtol=0, atol=1e-12)
 
 
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
+@pytest.mark.parametrize("key", ["CF4", "CF6a"])
+def test_the_loop_by_hand_follows_trees_of_points(tmp_path, key):
+    from benchmarks.compiled_top import CompiledTop
+
+    top = HeavyTop()
+    compiled = CompiledTop(top, tmp_path)
+    by_hand = compiled.follow(cg.methods[key], 0.01, 100)
+    ours = cg.integrate(compiled.f, (0, 1), top.y0, frame=top.frame, method=key, h=0.01)
+    np.testing.assert_allclose(ours.y, by_hand, rtol=0, atol=1e-12)
+
+
+def test_pairs_of_methods_on_one_tableau_are_compared():
+    from benchmarks.tableaux import _line
+    from benchmarks.work_curves import Curve, Point
+
+    (case,) = _cases("two_levels")
+    lifted, algebra = (
+        Curve(name, "pair", 5, tuple(Point(10.0**-k, s * k, k, 2 * k, 0.1) for k in (4, 6, 8)))
+        for name, s in (("DP5(4)", 1.0), ("RKMK5(4)", 2.0))
+    )
+    won = dict.fromkeys(("evaluations", "flows", "time"), 0)
+    line = _line(case, lifted, algebra, 1e-6, won)
+    assert line == "| Two-level system | 5(4) | 1e-06 | 6 | 6 | 12 | 12 | 6e+03 | 1.2e+04 | 2.00 |"
+    assert won == {"evaluations": 0, "flows": 0, "time": 1}
+    assert _line(case, lifted, algebra, 1e-12, won) is None
+
+
+def _cases(*names):
+    from benchmarks.cases import cases
+
+    return cases(names)
+
+
+def test_a_step_is_compared_with_its_parts(tmp_path):
+    from benchmarks import parts
+
+    if shutil.which("gcc") is None:
+        pytest.skip("needs a C compiler")
+    row = parts._row("SO(3)", cg.frames.SO3(), "RKMK4", parts._linear(tmp_path), 1)
+    assert 0.0 < row.value < 1e3
+    assert row.ratio == pytest.approx(row.value / row.other)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
+def test_lielab_solves_what_it_can_express():
+    from benchmarks.lielab_rival import METHODS, LielabRival, expresses
+
+    assert [expresses(case) for case in _cases("heavy_top", "two_levels")] == [True, False]
+    (case,) = _cases("fast_torque")
+    for name in METHODS:
+        rival = LielabRival(case, name)
+        points = rival.integrate(1e-9)
+        assert case.error(points[-1]) < 1e-8
+        assert rival.evaluations > len(points)
+
+
 @pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
 def test_lielab_solves_the_same_problem():
     from benchmarks.lielab_top import LielabTop

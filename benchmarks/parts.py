@@ -1,0 +1,217 @@
+"""Compiled steps against what they are made of, a loop by hand, and themselves on two cores."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import subprocess
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import LowLevelCallable
+
+import cg
+from cg.catalogue import resolve_method
+from cg.frames import SE3, SO3, SU, Euclidean, Frame, Product, UnitQuaternion
+from cg.integration.blocks import describe_blocks
+from cg.integration.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.paths import paths_of
+from cg.integration.problem import make_problem
+from cg.integration.time_grid import make_grid
+from cg.problems import HeavyTop
+
+from .compiled_top import CompiledTop
+from .record import Aim, Result, Row
+from .timing import Times, measure
+
+_FRAMES: dict[str, Frame] = {
+    "SO(3)": SO3(),
+    "SO(3) × R³": Product(SO3(), Euclidean(3)),
+    "SE(3)": SE3(),
+    "quaternion × R³": Product(UnitQuaternion(), Euclidean(3)),
+    "SU(3)": SU(3),
+}
+_METHODS = ("CF4", "RKMK4", "RKMK8(5,3)")
+_H = 0.01
+_STEPS = 20_000
+_COUNT = 256  # points at a time, which stay in the cache
+
+
+def run(quick: bool, figures: Path | None) -> Result:
+    """Measure steps and their parts in the same run."""
+    rounds = 2 if quick else 11
+    rows: list[Row] = []
+    notes = [
+        "- The sum is of the flows of a step, taken path by path, of the removal of rounding from "
+        "its result, of its evaluations, and of its dexp⁻¹, each measured alone on "
+        f"{_COUNT} points in turn; linear combinations of coefficients are parts of flows."
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        f = _linear(Path(folder))
+        frames = dict(list(_FRAMES.items())[:2]) if quick else _FRAMES
+        for label, frame in frames.items():
+            for name in _METHODS:
+                rows.append(_row(label, frame, name, f, rounds))
+        compiled = CompiledTop(HeavyTop(), Path(folder))
+        rows.append(_by_hand(compiled, rounds))
+        if (os.cpu_count() or 1) > 1:
+            rows.append(_cores(compiled, rounds, quick))
+        else:
+            notes.append("- There is one core only, and ensembles are left out.")
+    return Result(
+        "Compiled steps and their parts",
+        f"Steps of h = {_H:g} with a function in C that costs next to nothing, {_STEPS} of them, "
+        f"the last one stored. Medians of {rounds} rounds in turns. The loop in C is "
+        "`benchmarks/heavy_top.c`, by gcc -O3, as the package is.",
+        tuple(rows),
+        ("\n".join(notes),),
+    )
+
+
+def _linear(folder: Path) -> Callable[[Frame], Any]:
+    """Compile the right-hand side, and return what makes it for a frame."""
+    source, target = Path(__file__).with_name("linear.c"), folder / "linear.so"
+    options = ["-O3", "-Wall", "-Wextra", "-shared", "-fPIC"]
+    subprocess.run(["gcc", *options, "-o", target, source], check=True)
+    library = ctypes.CDLL(str(target))
+    library.linear.restype = ctypes.c_int
+    doubles = ctypes.POINTER(ctypes.c_double)
+    library.linear.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
+    kept: list[Any] = []
+
+    def make(frame: Frame) -> Any:
+        size = ctypes.c_int(frame.dim)
+        kept.append(size)
+        return LowLevelCallable(library.linear, ctypes.c_void_p(ctypes.addressof(size)))
+
+    return make
+
+
+def _row(label: str, frame: Frame, name: str, make: Callable[[Frame], Any], rounds: int) -> Row:
+    method, f = resolve_method(name), make(frame)
+    paths = paths_of(method)
+    rng = np.random.default_rng(1)
+    y0 = frame.random_point(rng)
+
+    def steps() -> None:
+        cg.integrate(f, (0.0, _STEPS * _H), y0, frame=frame, method=method, h=_H, save_every=_STEPS)
+
+    parts = _parts(frame, f, y0, max(paths.series, 1), rng)
+    lengths = Counter(len(path.flows) for path in paths.paths)
+    contestants: dict[str, Callable[[], object]] = {"step": steps}
+    contestants |= {f"flows {k}": parts[0](k, False) for k in lengths}
+    last = len(paths.paths[paths.result - 1].flows)
+    contestants |= {"result": parts[0](last, True), "evaluation": parts[1]}
+    if paths.series:
+        contestants["dexpinv"] = parts[2]
+    times = measure(contestants, rounds=rounds, seconds=0.05)
+
+    evaluations = len(paths.stages) - (paths.final_stage > 0)
+
+    def total(k: int) -> float:
+        each = {key: times.rounds[key][k] / _COUNT for key in contestants if key != "step"}
+        flows = sum(count * each[f"flows {n}"] for n, count in lengths.items())
+        restored = each["result"] - each[f"flows {last}"]
+        inverse = sum(path > 0 for path in paths.stages) * each.get("dexpinv", 0.0)
+        return flows + restored + inverse + evaluations * each["evaluation"]
+
+    sums = [total(k) for k in range(rounds)]
+    whole = [seconds / _STEPS for seconds in times.rounds["step"]]
+    return Row(
+        f"a step of `{name}` on {label}",
+        1e6 * median(whole),
+        "µs",
+        "the sum of its parts",
+        1e6 * median(sums),
+        median(a / b for a, b in zip(whole, sums, strict=True)),
+        aim=Aim(1.2, above=False),
+    )
+
+
+def _parts(
+    frame: Frame, f: Any, y0: NDArray[Any], order: int, rng: np.random.Generator
+) -> tuple[Callable[[int, bool], Callable[[], object]], Callable[[], object], Callable[[], object]]:
+    """Return flows of some paths, evaluations, and dexp⁻¹, each of as many points."""
+    import cg._external as core
+
+    blocks = describe_blocks(frame)
+    points = np.repeat(y0[None], _COUNT, axis=0)
+    flat = points.reshape(-1).view(np.float64)
+    u = 0.3 * _H * rng.standard_normal(_COUNT * frame.dim)
+    v = np.ones_like(u)
+
+    def flows(count: int, restoring: bool) -> Callable[[], object]:
+        fields = 0.3 * _H * rng.standard_normal(_COUNT * count * frame.dim)
+        # away and back again, or rounding would add up over the calls
+        away = [np.ascontiguousarray(s * fields) for s in (1.0, -1.0)]
+        turn = [0]
+
+        def call() -> None:
+            turn[0] = 1 - turn[0]
+            core.move(blocks, count, away[turn[0]], restoring, flat)
+
+        return call
+
+    problem = make_problem(f, frame, "CF4", y0, stage_solver=DEFAULT_STAGE_SOLVER)
+    stepper = problem.stepper(make_grid((0.0, 1.0), 1.0))
+    t = np.zeros(_COUNT)
+    return (
+        flows,
+        lambda: stepper.evaluate(t, points),
+        lambda: core.dexpinv(blocks, order, u, v.copy()),
+    )
+
+
+def _by_hand(compiled: CompiledTop, rounds: int) -> Row:
+    """Compare a step of CF4 on the heavy top with a plain loop in C."""
+    top, method = compiled.top, cg.methods["CF4"]
+
+    def steps() -> None:
+        cg.integrate(compiled.f, (0.0, _STEPS * _H), top.y0, frame=top.frame, method=method, h=_H)
+
+    times: Times = measure(
+        {"here": steps, "C": lambda: compiled.follow(method, _H, _STEPS)},
+        rounds=rounds,
+        seconds=0.1,
+    )
+    return Row(
+        "a step of `CF4`, heavy top",
+        1e6 * times.median("here") / _STEPS,
+        "µs",
+        "plain loop in C",
+        1e6 * times.median("C") / _STEPS,
+        times.ratio("here", "C"),
+        aim=Aim(1.1, above=False),
+    )
+
+
+def _cores(compiled: CompiledTop, rounds: int, quick: bool) -> Row:
+    """Compare an ensemble in two threads with the same in one, by the clock on the wall."""
+    top = compiled.top
+    points = top.frame.random_point(np.random.default_rng(1), (1_000 if quick else 10_000,))
+    seconds: dict[int, list[float]] = {1: [], 2: []}
+    for _ in range(rounds):
+        for workers, found in seconds.items():
+            begin = time.perf_counter()
+            cg.integrate(
+                compiled.f, (0.0, 100 * _H), points, frame=top.frame, method="CF4", h=_H,
+                save_every=100, workers=workers,
+            )  # fmt: skip
+            found.append(time.perf_counter() - begin)
+    ratios = [0.5 * one / two for one, two in zip(seconds[1], seconds[2], strict=True)]
+    return Row(
+        f"{len(points)} tops, 100 steps of `CF4`, on two cores",
+        1e3 * median(seconds[2]),
+        "ms",
+        "on one, of whose speed twice is 1",
+        1e3 * median(seconds[1]),
+        median(ratios),
+        aim=Aim(0.9, above=True),
+    )
