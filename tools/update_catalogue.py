@@ -1,7 +1,7 @@
 """Prove the catalogue's new methods and write its table: ``python tools/update_catalogue.py``.
 
 A method whose certificate is missing or isn't its own any more is proved, and its certificate
-written; then the table of docs/catalogue.md is written anew.
+written; then the table of docs/catalogue.md and what `cg list` prints are written anew.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 from cg.catalogue import packaged
 from cg.certification import CertificationError, certificate_of, certify
 from cg.certification.prove import fitting
+from cg.facts import write_facts
 from cg.method import Method
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.sections.beyond_catalogue import compute, markdown, table
@@ -36,6 +37,7 @@ def main() -> int:
         certificate.save(CERTIFICATES / f"{method.name}.toml")
         print(f"proved {certificate}")
     write_table(ROOT / "docs" / "catalogue.md")
+    write_facts(ROOT / "cg" / "catalogue" / "facts.json")
     return failed
 
 

@@ -1,0 +1,8 @@
+"""The command: ``python -m cg``."""
+
+import sys
+
+from .command import main
+
+if __name__ == "__main__":
+    sys.exit(main(program="python -m cg"))

@@ -1,0 +1,96 @@
+"""What several commands have in common: methods as arguments, and JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+import click
+from click.shell_completion import CompletionItem
+
+from cg.catalogue import load, methods, munthe_kaas, resolve_method
+from cg.method import Method
+from cg.points import MethodError
+
+__all__ = [
+    "METHOD",
+    "F",
+    "MethodArgument",
+    "NamedMethod",
+    "as_json",
+    "is_file",
+    "json_option",
+    "named",
+    "say",
+    "workers_option",
+]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
+workers_option = click.option(
+    "--workers", type=click.IntRange(1), metavar="N", help="Threads; all cores by default."
+)
+
+
+def is_file(text: str) -> bool:
+    """Tell whether an argument means a file, and not a name of the catalogue."""
+    return text.endswith((".toml", ".json")) or os.sep in text
+
+
+def named(name: str) -> Method:
+    """Return the method of the catalogue with a name; the ValueError names those near it."""
+    if name in methods or name in munthe_kaas:
+        return resolve_method(name)
+    near = get_close_matches(name.upper(), [*methods, *munthe_kaas], n=3, cutoff=0.5)
+    hint = f"; near it are {', '.join(near)}" if near else ""
+    raise ValueError(f"no method is named {name!r}, and it is no .toml or .json file{hint}")
+
+
+class MethodArgument(click.ParamType):  # type: ignore[type-arg]
+    """The name of a method, or a file of one."""
+
+    name = "NAME|FILE"
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer names of the catalogue, then files."""
+        names = [n for n in (*methods, *munthe_kaas) if n.lower().startswith(incomplete.lower())]
+        return [*(CompletionItem(n) for n in names), CompletionItem(incomplete, type="file")]
+
+    def _refused(self, param: click.Parameter | None, problem: Exception) -> click.BadParameter:
+        return click.BadParameter(str(problem), param=param)
+
+
+class NamedMethod(MethodArgument):
+    """The same, read."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Method:
+        """Return the method; the argument is at fault if there is none."""
+        if isinstance(value, Method):
+            return value
+        try:
+            return load(value) if is_file(value) else named(value)
+        except (MethodError, OSError, ValueError) as problem:
+            raise self._refused(param, problem) from None
+
+
+METHOD = NamedMethod()
+
+
+def as_json(data: Any) -> None:
+    """Print data as JSON."""
+    click.echo(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def say(text: str) -> None:
+    """Print a line of progress on standard error, if that is a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)

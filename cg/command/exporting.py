@@ -1,0 +1,43 @@
+"""``export``: a method for another program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cg.formats import FORMATS, export
+from cg.method import Method
+
+from .arguments import METHOD
+
+__all__ = ["export_command"]
+
+
+@click.command("export", short_help="Write a method as data or code.")
+@click.argument("method", metavar="NAME|FILE", type=METHOD)
+@click.argument("format", metavar="FORMAT", type=click.Choice(sorted(FORMATS)))
+@click.option(
+    "--digits", type=click.IntRange(1, 4000), metavar="N",
+    help="Significant digits; more than are stored come from the certificate.",
+)  # fmt: skip
+@click.option(
+    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    help="Write there and not on standard output.",
+)  # fmt: skip
+def export_command(method: Method, format: str, digits: int | None, output: Path | None) -> None:
+    """Write a method as data, as a table, or as a step in another language.
+
+    FORMAT is json, toml, latex, python, jax, c, fortran, julia or matlab.
+
+    \b
+    Examples:
+      crouch-grossman export CG4a latex
+      crouch-grossman export CF6c c -o cf6c.h
+      crouch-grossman export CG5a json --digits 60
+    """
+    text = export(method, format, digits=digits)
+    if output is None:
+        click.echo(text, nl=not text.endswith("\n"))
+    else:
+        output.write_text(text, encoding="utf-8")

@@ -1,0 +1,105 @@
+"""``list``: the methods there are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import click
+
+from cg.catalogue import methods, munthe_kaas
+from cg.facts import Facts, facts_of
+
+from .arguments import as_json, json_option
+
+__all__ = ["list_command", "table"]
+
+_KEYS: dict[str, Callable[[Facts], Any]] = {
+    "name": lambda facts: facts.name,
+    "order": lambda facts: facts.order,
+    "evaluations": lambda facts: facts.evaluations,
+    "flows": lambda facts: facts.flows,
+    "error": lambda facts: math.inf if facts.principal_error is None else facts.principal_error,
+}
+_KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas")
+
+
+@click.command("list")
+@click.option("--order", type=click.IntRange(1), help="Only of this order.")
+@click.option("--min-order", type=click.IntRange(1), help="Only of this order or a higher one.")
+@click.option(
+    "--max-evaluations", type=click.IntRange(1), metavar="N",
+    help="Only with so many evaluations a step at most.",
+)  # fmt: skip
+@click.option(
+    "--max-flows", type=click.IntRange(1), metavar="N",
+    help="Only with so many flows a step at most.",
+)  # fmt: skip
+@click.option("--pair/--no-pair", default=None, help="Only pairs, or none.")
+@click.option("--kind", type=click.Choice(_KINDS, case_sensitive=False), help="Only of this kind.")
+@click.option(
+    "--sort", type=click.Choice(list(_KEYS)), default="order", show_default=True,
+    help="Sort by; then by evaluations, flows and name.",
+)  # fmt: skip
+@json_option
+def list_command(
+    order: int | None,
+    min_order: int | None,
+    max_evaluations: int | None,
+    max_flows: int | None,
+    pair: bool | None,
+    kind: str | None,
+    sort: str,
+    in_json: bool,
+) -> None:
+    """List the methods of the catalogue.
+
+    Flows of pairs include those of the estimate; error is the principal error, the size of the
+    residuals of the next order.
+
+    \b
+    Examples:
+      crouch-grossman list
+      crouch-grossman list --min-order 5 --pair --sort flows
+      crouch-grossman list --kind implicit --json
+    """
+    wanted = [
+        facts
+        for facts in (
+            facts_of(m) for catalogue in (methods, munthe_kaas) for m in catalogue.values()
+        )
+        if (order is None or facts.order == order)
+        and (min_order is None or facts.order >= min_order)
+        and (max_evaluations is None or facts.evaluations <= max_evaluations)
+        and (max_flows is None or facts.flows <= max_flows)
+        and (pair is None or (facts.embedded_order is not None) == pair)
+        and (kind is None or facts.kind == kind)
+    ]
+    wanted.sort(key=lambda f: (_KEYS[sort](f), f.evaluations, f.flows, f.name))
+    if in_json:
+        as_json([facts.as_dict() for facts in wanted])
+        return
+    heads = ("name", "kind", "order", "evaluations", "flows", "error")
+    click.echo(table([heads, *map(_row, wanted)]))
+
+
+def _row(facts: Facts) -> tuple[str, ...]:
+    pair = "" if facts.embedded_order is None else f"({facts.embedded_order})"
+    error = "" if facts.principal_error is None else f"{facts.principal_error:.3g}"
+    about = "≈" if facts.approximate else ""
+    numbers = (f"{about}{facts.order}{pair}", str(facts.evaluations), str(facts.pair_flows), error)
+    return facts.name, facts.kind, *numbers
+
+
+def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
+    """Return rows as lines of text in columns, the first so many of them flush left."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.ljust(width) if k < left else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)

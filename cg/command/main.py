@@ -1,0 +1,118 @@
+"""The command: its group, its subcommands by name, and what errors come to."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+import click
+
+__all__ = ["COMPLETE", "NO", "PROGRAM", "UNUSABLE", "group", "main"]
+
+NO, UNUSABLE, INTERRUPTED = 1, 2, 130
+"""Exit codes: the answer is no, an argument is wrong, an interrupt."""
+
+PROGRAM = "crouch-grossman"
+COMPLETE = "_CROUCH_GROSSMAN_COMPLETE"
+"""The variable by which shells ask for completions."""
+
+_MODULES = {
+    "list": "listing",
+    "show": "showing",
+    "check": "checking",
+    "search": "searching",
+    "construct": "searching",
+    "certify": "proving",
+    "export": "exporting",
+    "reproduce": "reproducing",
+    "completion": "completion",
+}
+
+
+class _Commands(click.Group):
+    """Subcommands that are imported when they are run."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_MODULES)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _MODULES:
+            return None
+        module = import_module(f"cg.command.{_MODULES[cmd_name]}")
+        found: click.Command = getattr(module, f"{cmd_name}_command")
+        return found
+
+
+def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        import cg
+
+        click.echo(f"crouch-grossman {cg.__version__}")
+        ctx.exit()
+
+
+@click.group(
+    cls=_Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Exit codes: 0 if all is well, 1 if the answer is no, 2 if an argument is wrong, 130 "
+    "after an interrupt. Every command that prints data takes --json.",
+)
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
+    help="Print the version and exit.",
+)  # fmt: skip
+def group() -> None:
+    """Runge–Kutta methods on manifolds: find, check, construct, prove and export them.
+
+    \b
+    Examples:
+      crouch-grossman list --order 5 --sort flows
+      crouch-grossman show CF5a
+      crouch-grossman check my_method.toml
+    """
+
+
+def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        By default those of the process.
+    program : str, optional
+        What messages call the command.
+
+    Returns
+    -------
+    int
+        The exit code: 0, 1 if the answer is no (a method has a mistake, a proof fails, nothing
+        was found), 2 if an argument is wrong, which a line on standard error names, or 130 after
+        an interrupt.
+    """
+    given = None if arguments is None else list(arguments)
+    try:
+        code = group.main(
+            given,
+            prog_name=program,
+            standalone_mode=False,
+            complete_var=COMPLETE,
+        )
+    except (click.Abort, KeyboardInterrupt):
+        print(f"{program}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else "")
+        return 0
+    except click.ClickException as error:
+        return _refuse(program, error.format_message())
+    except (ArithmeticError, OSError, ValueError) as error:
+        return _refuse(program, str(error))
+    except MemoryError as error:
+        return _refuse(program, f"not enough memory: {error}")
+    return code if isinstance(code, int) else 0
+
+
+def _refuse(program: str, message: str) -> int:
+    print(f"{program}: error: {' '.join(message.split())}", file=sys.stderr)
+    return UNUSABLE

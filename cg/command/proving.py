@@ -1,0 +1,66 @@
+"""``certify``: proofs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cg.certification import CertificationError, certify
+from cg.method import Method
+
+from .arguments import METHOD, as_json, json_option
+from .main import NO
+
+__all__ = ["certify_command"]
+
+
+@click.command("certify", short_help="Prove the order of a method.")
+@click.argument("method", metavar="NAME|FILE", type=METHOD)
+@click.option(
+    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    help="Write the certificate there.",
+)  # fmt: skip
+@json_option
+def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
+    """Prove the order of a method in ball arithmetic.
+
+    Prints the certificate: in a box around the coefficients is exactly one method that has the
+    order exactly. Certificates of the catalogue are proved again by
+    `python -m cg.certification --check`.
+
+    Exits with 1 if the proof fails.
+
+    \b
+    Examples:
+      crouch-grossman certify CG4a
+      crouch-grossman certify my_method.toml -o my_method.certificate.toml
+    """
+    try:
+        certificate = certify(method)
+    except CertificationError as error:
+        if in_json:
+            as_json({"name": method.name, "proved": False, "message": str(error)})
+        else:
+            click.echo(f"not proved: {error}")
+        return NO
+    if output is not None:
+        certificate.save(output)
+    if in_json:
+        as_json(
+            {
+                "name": certificate.name,
+                "proved": True,
+                "order": certificate.order,
+                "embedded_order": certificate.embedded_order,
+                "radius": certificate.radius,
+                "identities": list(certificate.identities),
+                "fixed": list(certificate.fixed),
+                "message": str(certificate),
+            }
+        )
+    else:
+        if output is None:
+            click.echo(certificate.dumps())
+        click.echo(f"proved {certificate}")
+    return 0

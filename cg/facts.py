@@ -1,0 +1,120 @@
+"""What there is to say of each method in a line: computed once, and kept for the catalogue."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from .catalogue import methods, munthe_kaas
+from .commutator_free import CommutatorFree
+from .conditions import HIGHEST_ORDER
+from .method import Method
+from .munthe_kaas import MuntheKaas
+from .stability import stability_limits
+
+__all__ = ["Facts", "compute_facts", "facts_of", "write_facts"]
+
+_FILE = files("cg.catalogue") / "facts.json"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """A method in numbers.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"`` or ``"Munthe-Kaas"``.
+    order, embedded_order : int, int or None
+        `Method.order`, and that of the second result of a pair.
+    approximate : bool
+        Whether the order is only nominal.
+    evaluations, flows, pair_flows : int
+        A step, and a step of a pair with its estimate.
+    principal_error : float or None
+        `Method.principal_error`; None beyond the orders that conditions are known of.
+    real_stability, imaginary_stability : float or None
+        `cg.stability.stability_limits`; None if there is no end.
+    """
+
+    name: str
+    kind: str
+    order: int
+    embedded_order: int | None
+    approximate: bool
+    evaluations: int
+    flows: int
+    pair_flows: int
+    principal_error: float | None
+    real_stability: float | None
+    imaginary_stability: float | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what JSON can hold."""
+        return asdict(self)
+
+
+def compute_facts(method: Method) -> Facts:
+    """Compute what there is to say of a method; of high orders it takes seconds."""
+    limits = stability_limits(method)
+    principal = None
+    if method.order < HIGHEST_ORDER:
+        principal = _short(method.principal_error())
+    return Facts(
+        method.name,
+        _kind(method),
+        method.order,
+        method.embedded_order,
+        method.approximate,
+        method.stages,
+        method.exponentials,
+        method.pair_exponentials,
+        principal,
+        _finite(limits.real),
+        _finite(limits.imaginary),
+    )
+
+
+def facts_of(method: Method) -> Facts:
+    """Return what there is to say of a method: that of the catalogue's is kept."""
+    kept = _kept().get(method.name)
+    known = method.name in methods or method.name in munthe_kaas
+    if kept is None or not known:
+        return compute_facts(method)
+    catalogue: Mapping[str, Method] = methods if method.name in methods else munthe_kaas
+    return kept if catalogue[method.name] == method else compute_facts(method)
+
+
+def write_facts(path: Any) -> None:
+    """Write what there is to say of all methods of the catalogue."""
+    entries = [compute_facts(m).as_dict() for c in (methods, munthe_kaas) for m in c.values()]
+    lines = ",\n".join(json.dumps(entry, ensure_ascii=False) for entry in entries)
+    path.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+
+
+@cache
+def _kept() -> dict[str, Facts]:
+    entries = json.loads(_FILE.read_text(encoding="utf-8")) if _FILE.is_file() else []
+    return {entry["name"]: Facts(**entry) for entry in entries}
+
+
+def _kind(method: Method) -> str:
+    if isinstance(method, MuntheKaas):
+        return "Munthe-Kaas"
+    if isinstance(method, CommutatorFree):
+        return "commutator-free"
+    return "Crouch-Grossman" if method.explicit else "implicit"
+
+
+def _finite(x: float) -> float | None:
+    return _short(x) if math.isfinite(x) else None
+
+
+def _short(x: float) -> float:
+    return float(f"{x:.4g}")
