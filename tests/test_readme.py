@@ -140,7 +140,9 @@ def test_the_examples_of_munthe_kaas():
 def test_the_examples_of_long_searches(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     names = run("docs/runs.md")
-    assert [path.name for path in tmp_path.iterdir()] == ["runs.db"]
+    made = {"runs.db", "Mine.toml", "Mine.certificate.toml"}
+    assert {path.name for path in tmp_path.iterdir()} == made
+    assert names["made"].certificate.order == names["made"].method.order == 4
     found, told = names["found"], capsys.readouterr().out.splitlines()
     assert told[0] == repr(found)
     exact = sum(start.exact for start in found.starts)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import platform
 import secrets
@@ -342,6 +343,32 @@ class StoredRun:
     def __len__(self) -> int:
         (count,) = self._query("SELECT count(*) FROM starts WHERE run = ?").fetchone()
         return int(count)
+
+    def kind(self) -> str:
+        """Return what kind of run it is: ``"search"`` or ``"construct"``."""
+        (kind,) = self._query("SELECT kind FROM runs WHERE number = ?").fetchone()
+        return str(kind)
+
+    def settings(self) -> dict[str, Any]:
+        """Return what determines the results."""
+        query = "SELECT settings FROM runs WHERE number = ?"
+        (text,) = self._query(query).fetchone()
+        settings: dict[str, Any] = json.loads(text)
+        return settings
+
+    def decades(self) -> dict[int, int]:
+        """Return how many starts ended with f in each decade, its exponent of ten the key.
+
+        f is that after the refinement where there was one; what isn't finite is left out, and what
+        is zero counts as 1e-99.
+        """
+        counts: dict[int, int] = {}
+        query = "SELECT coalesce(refined_f, f) FROM starts WHERE run = ?"
+        for (f,) in self._query(query):
+            if math.isfinite(f):
+                decade = math.floor(math.log10(max(f, 1e-99)))
+                counts[decade] = counts.get(decade, 0) + 1
+        return dict(sorted(counts.items()))
 
     def numbers(self, condition: str = "", *values: Any) -> Iterator[int]:
         """Yield the indices of all starts recorded, increasing, or of those of an SQL condition."""

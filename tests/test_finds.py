@@ -1,0 +1,132 @@
+"""What runs found: solutions told apart, the best of them, and methods made of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cg
+from cg.construction.candidate import Candidate
+from cg.finds import best, families, promote, solutions
+from cg.finds.solutions import OBJECTIVES, connected
+from cg.runs import Store
+from cg.solve.singular import decompose, retract
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("runs") / "runs.db"
+    cg.search(3, 3, 40, 1, store=path)
+    cg.search(4, 5, 12, 2, flows=6, store=path)
+    cg.construct(4, 5, seed=3, store=path)
+    cg.search(4, 4, 3, 1, store=path, force=True)  # there are none
+    return path
+
+
+@pytest.fixture
+def store(path):
+    with Store(path) as opened:
+        yield opened
+
+
+def test_solutions_are_the_methods_of_the_search(store):
+    found = list(solutions(store.run(1)))
+    methods = cg.search(3, 3, 40, 1).methods
+    assert len(found) == len(methods) > 10
+    largest = sorted(one.candidate.largest for one in found)
+    np.testing.assert_allclose(
+        largest, [max(abs(float(c.value)) for c in method.coefficients) for method in methods]
+    )
+    assert {one.candidate.system.layout.stages for one in solutions(store.run(3))} == {5}
+    assert not list(solutions(store.run(4)))
+
+
+@pytest.mark.parametrize("run", [1, 2, 3])
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_the_best_are_first(store, run, objective):
+    found = best(store.run(run), objective, 3)
+    values = [one.objective(objective) for one in solutions(store.run(run))]
+    assert [one.objective(objective) for one in found] == sorted(values)[:3]
+
+
+def test_solutions_that_a_walk_connects_are_one_family(store):
+    first = next(solutions(store.run(1)))
+    candidate = first.candidate
+    system, x = candidate.system, candidate.x
+    for _ in range(12):  # away from there along the set
+        near = decompose(system.jacobian(x)[:, system.free])
+        assert near.kernel.shape[1] == 1  # six unknowns, five conditions
+        trial = x.copy()
+        trial[system.free] += 0.05 * near.kernel[:, 0] * np.sign(near.kernel[0, 0])
+        x = retract(system, trial, system.free, near)
+        assert x is not None
+    moved = Candidate(system, x)
+    assert np.linalg.norm(moved.x - candidate.x) > 0.1
+    assert connected(candidate, moved)
+    assert connected(moved, candidate)
+    other = replace(first, candidate=moved)
+    assert families([first, other]) == [[first, other]]
+
+
+def test_families_are_components(store):
+    found = list(solutions(store.run(1)))
+    groups = families(found)
+    assert sum(map(len, groups)) == len(found)
+    assert len(groups) < len(found) / 2
+    assert [len(group) for group in groups] == sorted(map(len, groups), reverse=True)
+    assert families([]) == []
+
+
+def test_solutions_of_other_shapes_are_not_connected(store):
+    one, two = next(solutions(store.run(1))), next(solutions(store.run(3)))
+    assert not connected(one.candidate, two.candidate)
+
+
+@pytest.mark.parametrize("run", [1, 2, 3])
+def test_promotion(store, run, tmp_path):
+    promoted = promote(store.run(run), "Mine", tmp_path)
+    assert promoted.method.exact
+    assert promoted.method.order == {1: 3, 2: 4, 3: 4}[run]
+    assert promoted.principal_error <= promoted.before
+    assert promoted.certificate is not None, promoted.reason
+    assert [path.name for path in promoted.files] == ["Mine.toml", "Mine.certificate.toml"]
+    assert cg.catalogue.load(promoted.files[0]) == promoted.method
+    proof = cg.certification.Certificate.load(promoted.files[1])
+    cg.certification.check(proof, promoted.method)
+
+
+def test_promotion_as_it_stands(store, tmp_path):
+    found = list(solutions(store.run(1)))[-1]
+    promoted = promote(
+        store.run(1), "Plain", tmp_path, number=found.record.number, max_iterations=0
+    )
+    assert f"start {found.record.number}" in promoted.method.source
+    x = np.array([float(entry.value) for entry in promoted.method.coefficients])
+    np.testing.assert_allclose(x, found.candidate.x, atol=1e-15)
+    assert promoted.principal_error == promoted.before
+
+
+def test_what_cannot_be_promoted(store, tmp_path):
+    with pytest.raises(ValueError, match="run 4 has no start that led to what was wanted"):
+        promote(store.run(4), "None", tmp_path)
+    with pytest.raises(ValueError, match="number must be that of a solution"):
+        promote(store.run(1), "None", tmp_path, number=10**6)
+    with pytest.raises(ValueError, match="fit for a file's name"):
+        promote(store.run(1), "../up", tmp_path)
+    (tmp_path / "There.toml").write_text("")
+    with pytest.raises(ValueError, match=r"name must be a new one, got 'There'"):
+        promote(store.run(1), "There", tmp_path)
+    with pytest.raises(NotADirectoryError, match="folder must be one that exists"):
+        promote(store.run(1), "New", tmp_path / "none")
+    with pytest.raises(ValueError, match="objective must be one of principal-error"):
+        best(store.run(1), "beauty")
+    with pytest.raises(ValueError, match="count must be at least 1"):
+        best(store.run(1), count=0)
+
+
+def test_decades(store):
+    counts = store.run(1).decades()
+    assert sum(counts.values()) == 40
+    assert min(counts) < -60
+    assert list(counts) == sorted(counts)
+    assert max(store.run(4).decades()) > -10
