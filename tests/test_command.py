@@ -258,9 +258,9 @@ class TestProcess:
         assert found.stderr.startswith("python -m cg: error: Invalid value for 'NAME|FILE'")
 
     def test_interrupt(self, tmp_path):
-        file = tmp_path / "checkpoint"
+        file = tmp_path / "runs"
         command = [sys.executable, "-m", "cg", "search", "--order", "7", "--stages", "48",
-                   "--starts", "100", "--checkpoint", str(file)]  # fmt: skip
+                   "--starts", "100", "--store", str(file)]  # fmt: skip
         running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         while not file.exists() and running.poll() is None:  # until it searches
             time.sleep(0.05)

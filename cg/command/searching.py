@@ -29,7 +29,7 @@ def _shape(function: F) -> F:
             help="Write the methods there: a folder, or a file for one method.",
         ),
         click.option(
-            "--checkpoint", type=click.Path(dir_okay=False), metavar="FILE",
+            "--store", type=click.Path(dir_okay=False), metavar="FILE",
             help="Keep what is finished there; an interrupted run goes on from it.",
         ),
         workers_option,
@@ -58,7 +58,7 @@ def _naming_options(function: Callable[..., int]) -> Callable[..., int]:
     def call(**options: Any) -> int:
         try:
             return function(**options)
-        except (TypeError, ValueError) as problem:
+        except ValueError as problem:
             message = str(problem).replace("pass force=True", "pass --force")
             raise click.UsageError(message) from None
 
@@ -79,7 +79,7 @@ def search_command(
     embedded: bool,
     force: bool,
     workers: int | None,
-    checkpoint: str | None,
+    store: str | None,
     output: Path | None,
     in_json: bool,
 ) -> int:
@@ -102,7 +102,7 @@ def search_command(
         embedded=embedded,
         force=force,
         workers=workers,
-        checkpoint=checkpoint,
+        store=store,
         progress=lambda done, all_: say(f"{done} of {all_} starts"),
     ).methods
     say("")
@@ -123,7 +123,7 @@ def construct_command(
     embedded: bool,
     force: bool,
     workers: int | None,
-    checkpoint: str | None,
+    store: str | None,
     output: Path | None,
     in_json: bool,
 ) -> int:
@@ -152,7 +152,7 @@ def construct_command(
         embedded=embedded,
         force=force,
         workers=workers,
-        checkpoint=checkpoint,
+        store=store,
         progress=count,
     ).method
     say("")
