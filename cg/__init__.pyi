@@ -1,5 +1,5 @@
 # What `cg` offers, and where it is: read by type checkers, and by `cg` itself.
-from . import conditions, frames, problems
+from . import conditions, frames, plot, problems
 from .catalogue import methods
 from .certification import Certificate, CertificationError, certify
 from .commutator_free import CommutatorFree
@@ -54,6 +54,7 @@ __all__ = [
     "lift",
     "lmdif",
     "methods",
+    "plot",
     "problems",
     "search",
     "solve_ivp",

@@ -1,0 +1,156 @@
+"""Errors over step sizes, and over work."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_real
+from .style import FAINT, axes_for, curve_style
+
+__all__ = ["convergence", "work_precision"]
+
+_FEW_DECADES = 300.0
+
+
+def convergence(
+    h: ArrayLike,
+    errors: ArrayLike,
+    ax: Any = None,
+    *,
+    label: str | None = None,
+    order: float | None = None,
+) -> Any:
+    """Draw errors over step sizes, both on logarithmic axes; call it again for other curves.
+
+    Parameters
+    ----------
+    h, errors : array_like, shape (n,)
+        Positive numbers, as `cg.convergence.final_errors` returns them; an error of zero is left
+        out.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+    label : str, optional
+        The name of the curve in the legend.
+    order : float, optional
+        Draw a line of this slope through the last point.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or a number isn't finite and positive.
+    TypeError
+        If `ax` is no axes.
+    """
+    sizes, values = _pairs("h", h, errors)
+    slope = None if order is None else check_real("order", order)
+    ax = _draw(sizes, values, ax, label)
+    if slope is not None:
+        smallest = np.argmin(sizes)
+        guide = values[smallest] * (sizes / sizes[smallest]) ** slope
+        ax.plot(sizes, guide, color=FAINT, linewidth=0.9, linestyle=(0, (1, 2)), zorder=0)
+        ax.annotate(
+            f"order {slope:g}",
+            (sizes[smallest], guide[smallest]),
+            xytext=(9, -7),
+            textcoords="offset points",
+            fontsize=8,
+            color="#444444",
+        )
+    _label_steps(ax)
+    ax.set_xlabel("step size h")
+    return ax
+
+
+def work_precision(
+    work: ArrayLike,
+    errors: ArrayLike,
+    ax: Any = None,
+    *,
+    label: str | None = None,
+    unit: str = "evaluations of f",
+) -> Any:
+    """Draw errors over the work that they took, both on logarithmic axes.
+
+    Parameters
+    ----------
+    work, errors : array_like, shape (n,)
+        Positive numbers; an error of zero is left out.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+    label : str, optional
+        The name of the curve in the legend.
+    unit : str, optional
+        What work is counted in, such as ``"seconds"``.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or a number isn't finite and positive.
+    TypeError
+        If `ax` is no axes.
+    """
+    numbers, values = _pairs("work", work, errors)
+    ax = _draw(numbers, values, ax, label)
+    ax.set_xlabel(unit)
+    return ax
+
+
+def _draw(x: NDArray[np.float64], errors: NDArray[np.float64], ax: Any, label: str | None) -> Any:
+    ax = axes_for(ax)
+    order = np.argsort(x)
+    ax.plot(x[order], errors[order], label=label, **curve_style(ax))
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_ylabel("error")
+    ax.grid(True, which="major", color="#dddddd", linewidth=0.6)
+    ax.set_axisbelow(True)
+    if label is not None:
+        ax.legend(frameon=False, fontsize=8)
+    return ax
+
+
+def _label_steps(ax: Any) -> None:
+    """Label 1, 2 and 5 of each decade, or of many decades their ends alone."""
+    from matplotlib import ticker
+
+    low, high = ax.get_xlim()
+    subs = (1.0, 2.0, 5.0) if high / low < _FEW_DECADES else (1.0,)
+    ax.xaxis.set_major_locator(ticker.LogLocator(subs=subs))
+    ax.xaxis.set_major_formatter(ticker.FuncFormatter(lambda x, _: f"{x:g}"))
+    ax.xaxis.set_minor_formatter(ticker.NullFormatter())
+
+
+def _pairs(
+    name: str, x: ArrayLike, errors: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    found = []
+    for label, values in ((name, x), ("errors", errors)):
+        try:
+            found.append(np.asarray(values, dtype=np.float64))
+        except (TypeError, ValueError):
+            raise ValueError(f"{label} must be a vector of numbers, got {values!r}") from None
+    numbers, sizes = found
+    if numbers.ndim != 1 or numbers.shape != sizes.shape:
+        raise ValueError(
+            f"{name} and errors must be vectors of one length, got shapes {numbers.shape}, "
+            f"{sizes.shape}"
+        )
+    if not (np.isfinite(numbers).all() and (numbers > 0).all()):
+        raise ValueError(f"{name} must be finite and positive, got {numbers}")
+    if not (np.isfinite(sizes).all() and (sizes >= 0).all()):
+        raise ValueError(f"errors must be finite and not negative, got {sizes}")
+    kept = sizes > 0
+    if not kept.any():
+        raise ValueError(f"errors must have one that isn't zero, got {sizes}")
+    return numbers[kept], sizes[kept]

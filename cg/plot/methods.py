@@ -1,0 +1,192 @@
+"""Methods as pictures: tableaux, and trees of points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+from ..catalogue import resolve_method
+from ..checks import check_integer
+from ..commutator_free import CommutatorFree
+from ..method import Method
+from ..points import START, PointTree
+from ..quad import to_decimal
+from .style import COLOURS, FAINT, axes_for, blank
+
+__all__ = ["points", "tableau"]
+
+_FEW = 10  # points whose flows are written beside them
+_RISE = 0.3  # of a flow that goes on from the last one, where another branch is one above
+
+
+def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
+    """Draw the tableau of a method: abscissae, a, b and the second weights of a pair.
+
+    Of a commutator-free method it is the flat one, the sums of weights that lead to each stage.
+
+    Parameters
+    ----------
+    method : str or Method
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+    digits : int, optional
+        Significant digits of what isn't a short fraction.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no such method, `digits` is no positive integer, or `ax` is no axes.
+    """
+    method = resolve_method(method)
+    digits = check_integer("digits", digits, 1)
+    ax = axes_for(ax)
+    s = method.stages
+    a, b = method.exact
+    rows = [*a, b]
+    if method.exact_embedded is not None:
+        rows.append(method.exact_embedded)
+    size = min(10.0, 110.0 / (s + 2))
+    for i, row in enumerate(rows):
+        y = -i - 0.5 * (i >= s)
+        if i < s:
+            ax.text(0.0, y, _text(sum(row, Fraction(0)), digits), **_cell(size, FAINT))
+        for j, entry in enumerate(row, 1):
+            if entry or (i >= s):
+                ax.text(j, y, _text(entry, digits), **_cell(size, "black"))
+    ax.plot([0.5, 0.5], [0.5, -len(rows) - 0.1], color="black", linewidth=0.8)
+    ax.plot([-0.5, s + 0.5], [-s + 0.25] * 2, color="black", linewidth=0.8)
+    blank(ax)
+    ax.set_xlim(-0.6, s + 0.6)
+    ax.set_ylim(-len(rows) - 0.2, 0.6)
+    ax.set_title(f"{method.name or 'without name'}: {method.description()}", fontsize=10)
+    return ax
+
+
+def _cell(size: float, colour: str) -> dict[str, Any]:
+    return {"ha": "center", "va": "center", "fontsize": size, "color": colour}
+
+
+def _text(value: Fraction, digits: int) -> str:
+    text = str(value) if len(str(value)) <= digits + 3 else to_decimal(value, digits)
+    return text.replace("-", "−")
+
+
+def _flow(weights: Mapping[int, Fraction]) -> str:
+    """Return the sum of fields that a flow is along, two of them a line."""
+    terms = [f"{_text(weight, 3)} F{k + 1}" for k, weight in weights.items()]
+    signed = [terms[0], *(f"− {x[1:]}" if x.startswith("−") else f"+ {x}" for x in terms[1:])]
+    return "\n".join(" ".join(signed[k : k + 2]) for k in range(0, len(signed), 2))
+
+
+def points(method: str | Method, ax: Any = None) -> Any:
+    """Draw the points of a step, placed by their times; each line is a flow.
+
+    Stages are circles with their numbers, the result is a square, and that of second weights a
+    diamond; where a pair has an error estimate that takes no flow, its line is dotted. If there
+    are few points, the weights of each flow stand beside its line.
+
+    Parameters
+    ----------
+    method : str or Method
+        An explicit method.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no such method, it is implicit, or `ax` is no axes.
+    """
+    method = resolve_method(method)
+    if not method.explicit:
+        raise ValueError(f"method must be explicit for its points to be drawn, got {method!r}")
+    ax = axes_for(ax)
+    tree = method.tree
+    places = _places(tree)
+    used = [m for m in places if m != START]
+    free = isinstance(method, CommutatorFree) and bool(method.error_weights)
+    for m in used:
+        xs, ys = zip(places[tree.points[m].parent], places[m], strict=True)
+        dotted = free and m == tree.embedded_result
+        ax.plot(xs, ys, color=FAINT, linewidth=1.2, linestyle=":" if dotted else "-", zorder=1)
+        if len(used) <= _FEW:
+            ax.text(
+                (xs[0] + xs[1]) / 2,
+                (ys[0] + ys[1]) / 2,
+                _flow(tree.points[m].weights),
+                ha="center",
+                va="center",
+                fontsize=7,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            )
+    _draw_points(ax, tree, places)
+    ax.set_xlabel("time of the point, in steps")
+    ax.set_yticks([])
+    for side in ("left", "right", "top"):
+        ax.spines[side].set_visible(False)
+    ax.margins(0.1, 0.15)
+    ax.set_title(f"{method.name or 'without name'}: {method.description()}", fontsize=10)
+    return ax
+
+
+def _draw_points(ax: Any, tree: PointTree, places: dict[int, tuple[float, float]]) -> None:
+    same = tree.merged
+    plain = [place for m, place in places.items() if m != START]
+    ax.scatter(*zip(*plain, strict=True), s=12, color=FAINT, zorder=2)
+    ends = {"s": (tree.result, COLOURS[1], "result")}
+    if tree.embedded_result is not None:
+        ends["D"] = (tree.embedded_result, COLOURS[2], "second result")
+    for marker, (end, colour, label) in ends.items():
+        ax.scatter(*places[same[end]], s=230, marker=marker, color=colour, zorder=3, label=label)
+    stages: dict[int, list[str]] = {}
+    for k, at in enumerate(tree.stage_points, 1):
+        stages.setdefault(same[at], []).append(str(k))
+    for number, (at, numbers) in enumerate(stages.items()):
+        once = {"label": "stages"} if number == 0 else {}
+        ax.scatter(*places[at], s=130, color=COLOURS[0], zorder=4, **once)
+        ax.text(
+            *places[at],
+            ", ".join(numbers),
+            color="white",
+            ha="center",
+            va="center",
+            fontsize=7,
+            fontweight="bold",
+            zorder=5,
+        )
+    ax.legend(frameon=False, fontsize=8, markerscale=0.5, loc="upper left")
+
+
+def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
+    """Return where to draw the points: at their times, and each branch at a height of its own."""
+    same = tree.merged
+    ends = [*tree.stage_points, tree.result]
+    if tree.embedded_result is not None:
+        ends.append(tree.embedded_result)
+    kept = sorted({same[m] for end in ends for m in tree.path(end)} - {START})
+    children: dict[int, list[int]] = {m: [] for m in (START, *kept)}
+    for m in kept:
+        children[same[tree.points[m].parent]].append(m)
+    times = {START: 0.0}
+    for m in kept:
+        weights = tree.points[m].weights.values()
+        times[m] = times[same[tree.points[m].parent]] + float(sum(weights, Fraction(0)))
+    heights: dict[int, float] = {}
+    pending = [(START, START, True)]
+    while pending:  # one branch after the other, each above those before, and rising
+        m, parent, first = pending.pop()
+        if m == START:
+            heights[m] = 0.0
+        else:
+            heights[m] = heights[parent] + _RISE if first else max(heights.values()) + 1.0
+        pending += [(child, m, k == 0) for k, child in reversed(list(enumerate(children[m])))]
+    return {m: (times[m], heights[m]) for m in (START, *kept)}

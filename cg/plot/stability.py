@@ -1,0 +1,124 @@
+"""Regions of linear stability."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..catalogue import resolve_method
+from ..method import Method
+from .style import COLOURS, axes_for
+
+__all__ = ["growth", "stability_region"]
+
+_POINTS = 301
+_DASHES = ("solid", "dashed", "dashdot", "dotted")
+
+
+def stability_region(
+    method: str | Method | Sequence[str | Method],
+    ax: Any = None,
+    *,
+    x: tuple[float, float] | None = None,
+    y: tuple[float, float] | None = None,
+) -> Any:
+    """Draw the boundaries of where methods damp ``y' = λ y``: ``|R(z)| = 1`` with ``z = h λ``.
+
+    Where flows commute, a method is the one with its flat tableau, whose region it is. That of a
+    single method is filled.
+
+    Parameters
+    ----------
+    method : str, Method, or a sequence of them
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+    x, y : pairs of float, optional
+        Ends of the real and of the imaginary axis; by default what shows the regions.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no such method, a range isn't increasing, or `ax` is no axes.
+    """
+    given = [method] if isinstance(method, str | Method) else list(method)
+    methods = [resolve_method(one) for one in given]
+    if not methods:
+        raise ValueError("method must be one or more methods, got none")
+    box = _box(methods) if x is None or y is None else ((0.0, 0.0), (0.0, 0.0))
+    left, right = _range("x", x, box[0])
+    low, high = _range("y", y, box[1])
+    ax = axes_for(ax)
+    grid = np.meshgrid(np.linspace(left, right, _POINTS), np.linspace(low, high, _POINTS))
+    z = grid[0] + 1j * grid[1]
+    ax.axhline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
+    ax.axvline(0.0, color="#cccccc", linewidth=0.8, zorder=0)
+    for k, one in enumerate(methods):
+        size = np.abs(growth(one, z))
+        colour, dashes = COLOURS[k % len(COLOURS)], _DASHES[k % len(_DASHES)]
+        if len(methods) == 1:
+            ax.contourf(*grid, size, levels=[0.0, 1.0], colors=[colour], alpha=0.25)
+        ax.contour(*grid, size, levels=[1.0], colors=[colour], linestyles=[dashes])
+        ax.plot([], [], color=colour, linestyle=dashes, label=one.name or "without name")
+    ax.set_aspect("equal")
+    ax.set_xlim(left, right)
+    ax.set_ylim(low, high)
+    ax.set_xlabel("Re hλ")
+    ax.set_ylabel("Im hλ")
+    ax.legend(frameon=False, fontsize=8, loc="upper left")
+    return ax
+
+
+def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return R(z), what a step of ``y' = λ y`` with ``z = h λ`` multiplies by.
+
+    Parameters
+    ----------
+    method : Method
+    z : array of complex
+
+    Returns
+    -------
+    ndarray
+        ``1 + z bᵀ (I - z A)⁻¹ 1`` with the flat tableau, of the shape of z.
+    """
+    s = method.stages
+    if method.explicit:
+        vector = np.ones(s)
+        coefficients = [1.0]
+        for _ in range(s):
+            coefficients.append(float(method.b @ vector))
+            vector = method.a @ vector
+        return np.asarray(np.polyval(coefficients[::-1], z), dtype=np.complex128)
+    matrices = np.eye(s) - z[..., None, None] * method.a
+    stages = np.linalg.solve(matrices, np.ones((*z.shape, s, 1)))[..., 0]
+    return np.asarray(1.0 + z * (stages @ method.b))
+
+
+def _box(methods: list[Method]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return ends of the axes that show the regions, or what is near of those without end."""
+    reach = 2.0 + max(one.stages for one in methods)
+    x, y = np.meshgrid(np.linspace(-2 * reach, reach, 241), np.linspace(0.0, 1.5 * reach, 121))
+    stable = np.any([np.abs(growth(one, x + 1j * y)) <= 1.0 for one in methods], axis=0)
+    high = float(y[stable].max())
+    left, right = float(x[stable].min()), float(x[stable].max())
+    margin = 0.15 * (right - left)
+    return (left - margin, right + margin), (-high - margin, high + margin)
+
+
+def _range(name: str, given: Any, default: tuple[float, float]) -> tuple[float, float]:
+    if given is None:
+        return default
+    try:
+        low, high = map(float, given)
+    except (TypeError, ValueError):
+        low = high = np.nan
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise ValueError(f"{name} must be a pair of increasing finite numbers, got {given!r}")
+    return low, high

@@ -1,0 +1,76 @@
+"""Axes, colours and dashes that all pictures share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = ["COLOURS", "FAINT", "axes_for", "blank", "curve_style", "spatial_axes_for"]
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Those of Okabe and Ito, which stay apart for colour-blind readers."""
+
+FAINT = "#999999"
+
+_DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (3, 1)), "-")
+_MARKERS = "os^Dv<>"
+_CURVE = "cg-curve"
+
+
+def axes_for(ax: Any) -> Any:
+    """Return axes to draw on: those given, or new ones.
+
+    Raises
+    ------
+    TypeError
+        If `ax` is no axes of matplotlib.
+    """
+    return _axes(ax, None)
+
+
+def spatial_axes_for(ax: Any) -> Any:
+    """Return three-dimensional axes to draw on.
+
+    Raises
+    ------
+    TypeError
+        If `ax` is no axes of matplotlib.
+    ValueError
+        If they aren't three-dimensional.
+    """
+    ax = _axes(ax, "3d")
+    if getattr(ax, "name", "") != "3d":
+        raise ValueError(f"ax must be three-dimensional, made with projection='3d', got {ax!r}")
+    return ax
+
+
+def _axes(ax: Any, projection: str | None) -> Any:
+    from matplotlib.axes import Axes
+
+    if ax is None:
+        from matplotlib import pyplot
+
+        return pyplot.figure(layout="constrained").add_subplot(projection=projection)
+    if not isinstance(ax, Axes):
+        raise TypeError(f"ax must be None or axes of matplotlib, got {ax!r}")
+    return ax
+
+
+def blank(ax: Any) -> None:
+    """Take ticks and frame away, where positions have no meaning."""
+    ax.set_xticks([])
+    ax.set_yticks([])
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
+def curve_style(ax: Any) -> dict[str, Any]:
+    """Return the look of the next curve on these axes, different from those there are."""
+    number = sum(line.get_gid() == _CURVE for line in ax.get_lines())
+    return {
+        "color": COLOURS[number % len(COLOURS)],
+        "linestyle": _DASHES[number % len(_DASHES)],
+        "marker": _MARKERS[number % len(_MARKERS)],
+        "markersize": 5,
+        "linewidth": 1.4,
+        "gid": _CURVE,
+    }

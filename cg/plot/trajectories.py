@@ -1,0 +1,129 @@
+"""Trajectories on the sphere, and of the axes of a rotating body."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .style import COLOURS, spatial_axes_for
+
+__all__ = ["trajectory_of_axes", "trajectory_on_sphere"]
+
+_NAMES = "xyz"
+
+
+def trajectory_on_sphere(
+    y: Any, ax: Any = None, *, label: str | None = None, color: str | None = None
+) -> Any:
+    """Draw a trajectory on a sphere around the origin, with the sphere; its start is a dot.
+
+    Parameters
+    ----------
+    y : array_like, shape (n, 3), or a result with such points
+        As ``solution.y`` of a solution on ``cg.frames.Sphere(2)``, or the solution itself.
+    ax : matplotlib.axes.Axes, optional
+        Three-dimensional axes; a new figure by default.
+    label : str, optional
+        The name of the curve in the legend.
+    color : str, optional
+        Its colour.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If the shape is another one, numbers aren't finite, or the axes aren't three-dimensional.
+    TypeError
+        If `ax` is no axes.
+    """
+    points = _points(y, (3,))
+    ax = spatial_axes_for(ax)
+    radius = float(np.linalg.norm(points, axis=-1).max())
+    number = len(ax.get_lines())
+    _draw_sphere(ax, radius)
+    colour = color or COLOURS[number % len(COLOURS)]
+    _draw_path(ax, points, colour, label)
+    if label is not None:
+        ax.legend(frameon=False, fontsize=8)
+    return ax
+
+
+def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
+    """Draw the paths of the three axes of a rotating body, and the axes themselves at some times.
+
+    Parameters
+    ----------
+    y : array_like, shape (n, 3, 3), or a result with such points
+        Rotation matrices, whose columns are the axes of the body in space; a
+        `scipy.spatial.transform.Rotation` serves too.
+    ax : matplotlib.axes.Axes, optional
+        Three-dimensional axes; a new figure by default.
+    triads : int, optional
+        How many times there are at which the axes are drawn, the first and the last among them.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If the shape is another one, numbers aren't finite, or the axes aren't three-dimensional.
+    TypeError
+        If `ax` is no axes, or `triads` no integer.
+    """
+    from ..checks import check_integer
+
+    matrices = _points(y.as_matrix() if hasattr(y, "as_matrix") else y, (3, 3))
+    triads = check_integer("triads", triads, 0)
+    ax = spatial_axes_for(ax)
+    _draw_sphere(ax, 1.0)
+    for k, name in enumerate(_NAMES):
+        _draw_path(ax, matrices[:, :, k], COLOURS[k], f"{name} axis")
+    for n in np.unique(np.linspace(0, len(matrices) - 1, triads).round().astype(int)).tolist():
+        early = n < len(matrices) - 1
+        for k in range(3):
+            x = np.stack([np.zeros(3), matrices[n, :, k]])
+            ax.plot(*x.T, color=COLOURS[k], linewidth=1.0 if early else 2.5)
+    ax.legend(frameon=False, fontsize=8)
+    return ax
+
+
+def _points(y: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    values = getattr(y, "y", y)
+    try:
+        points = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"y must be an array of numbers, got {y!r}") from None
+    if points.ndim != 1 + len(shape) or points.shape[1:] != shape or len(points) == 0:
+        wanted = ", ".join(("n", *map(str, shape)))
+        raise ValueError(f"y must have shape ({wanted}), got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError("y must be finite")
+    return points
+
+
+def _draw_path(ax: Any, points: NDArray[np.float64], colour: str, label: str | None) -> None:
+    ax.plot(*points.T, color=colour, linewidth=1.4, label=label)
+    ax.scatter(*points[:1].T, color=colour, s=25)
+
+
+def _draw_sphere(ax: Any, radius: float) -> None:
+    """Draw a sphere as lines of latitude and longitude, once."""
+    if any(part.get_gid() == "cg-sphere" for part in ax.collections):
+        return
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
+    x, y, z = np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)
+    grid = ax.plot_wireframe(radius * x, radius * y, radius * z, color="#cccccc", linewidth=0.4)
+    grid.set_gid("cg-sphere")
+    ax.set_box_aspect((1, 1, 1))
+    ax.set_xlabel("x")
+    ax.set_ylabel("y")
+    ax.set_zlabel("z")
+    ticks = [-radius, 0.0, radius]
+    ax.set(xticks=ticks, yticks=ticks, zticks=ticks)

@@ -1,0 +1,96 @@
+"""Ordered trees, drawn with their roots at the bottom."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..trees import OrderedTree
+from .style import COLOURS, axes_for, blank
+
+__all__ = ["layout", "tree"]
+
+_MOST_NODES = 200
+
+
+def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
+    """Draw an ordered tree: its root is at the bottom, and children stand from left to right.
+
+    Parameters
+    ----------
+    tree : OrderedTree or str
+        A tree, or its text in brackets; at most 200 nodes.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure by default.
+    title : bool, optional
+        Whether to write the brackets and the density γ below.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    TypeError
+        If `tree` is neither a tree nor a text, or `ax` is no axes.
+    ValueError
+        If a text is no tree, or there are too many nodes.
+
+    Examples
+    --------
+    >>> import cg
+    >>> ax = cg.plot.tree("[[][[]]]")  # doctest: +SKIP
+    """
+    if isinstance(tree, str):
+        tree = OrderedTree.parse(tree)
+    if not isinstance(tree, OrderedTree):
+        raise TypeError(f"tree must be an OrderedTree or its text, got {tree!r}")
+    if tree.nodes > _MOST_NODES:
+        raise ValueError(f"tree must have at most {_MOST_NODES} nodes, got {tree.nodes}")
+    ax = axes_for(ax)
+    nodes, edges = layout(tree)
+    for parent, child in edges:
+        xs, ys = zip(nodes[parent], nodes[child], strict=True)
+        ax.plot(xs, ys, color="black", linewidth=1.2, zorder=1)
+    xs, ys = zip(*nodes, strict=True)
+    ax.scatter(xs, ys, s=45, color=COLOURS[0], zorder=2)
+    ax.scatter(xs[:1], ys[:1], s=60, color=COLOURS[1], zorder=3)  # the root
+    blank(ax)
+    ax.set_aspect("equal", anchor="S")
+    ax.set_xlim(min(xs) - 0.6, max(xs) + 0.6)
+    ax.set_ylim(-0.4, max(ys) + 0.4)
+    if title:
+        ax.set_xlabel(f"{tree}   γ = {tree.density}")
+    return ax
+
+
+def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
+    """Return where the nodes are, the root first, and the edges as pairs of a parent and a child.
+
+    Leaves stand one apart; other nodes are in the middle of their children.
+    """
+    order: list[OrderedTree] = []
+    parents: list[int] = []
+    depths: list[int] = []
+    pending = [(tree, -1, 0)]
+    while pending:
+        node, parent, depth = pending.pop()
+        number = len(order)
+        order.append(node)
+        parents.append(parent)
+        depths.append(depth)
+        pending += [(child, number, depth + 1) for child in reversed(node.children)]
+    x = [0.0] * len(order)
+    leaves = 0
+    for number, node in enumerate(order):
+        if not node.children:
+            x[number] = float(leaves)
+            leaves += 1
+    children: list[list[int]] = [[] for _ in order]
+    for number, parent in enumerate(parents):
+        if parent >= 0:
+            children[parent].append(number)
+    for number in range(len(order) - 1, -1, -1):  # children come after their parents
+        if children[number]:
+            x[number] = (x[children[number][0]] + x[children[number][-1]]) / 2
+    positions = [(x[k] - x[0], float(depths[k])) for k in range(len(order))]
+    return positions, [(parent, k) for k, parent in enumerate(parents) if parent >= 0]
