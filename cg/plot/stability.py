@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..catalogue import resolve_method
 from ..method import Method
+from ..stability import stability_function
 from .style import COLOURS, axes_for
 
 __all__ = ["growth", "stability_region"]
@@ -76,29 +77,12 @@ def stability_region(
 
 
 def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return R(z), what a step of ``y' = λ y`` with ``z = h λ`` multiplies by.
+    """Return R(z), what a step of ``y' = λ y`` with ``z = h λ`` multiplies by; of the shape of z.
 
-    Parameters
-    ----------
-    method : Method
-    z : array of complex
-
-    Returns
-    -------
-    ndarray
-        ``1 + z bᵀ (I - z A)⁻¹ 1`` with the flat tableau, of the shape of z.
+    See `cg.stability.stability_function`.
     """
-    s = method.stages
-    if method.explicit:
-        vector = np.ones(s)
-        coefficients = [1.0]
-        for _ in range(s):
-            coefficients.append(float(method.b @ vector))
-            vector = method.a @ vector
-        return np.asarray(np.polyval(coefficients[::-1], z), dtype=np.complex128)
-    matrices = np.eye(s) - z[..., None, None] * method.a
-    stages = np.linalg.solve(matrices, np.ones((*z.shape, s, 1)))[..., 0]
-    return np.asarray(1.0 + z * (stages @ method.b))
+    above, below = (np.array([float(c) for c in p]) for p in stability_function(method))
+    return np.asarray(np.polyval(above[::-1], z) / np.polyval(below[::-1], z))
 
 
 def _box(methods: list[Method]) -> tuple[tuple[float, float], tuple[float, float]]:
