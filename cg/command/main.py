@@ -25,6 +25,7 @@ _MODULES = {
     "construct": "searching",
     "certify": "proving",
     "export": "exporting",
+    "runs": "runs",
     "reproduce": "reproducing",
     "completion": "completion",
 }

@@ -1,0 +1,210 @@
+"""``runs``: what is in the file of a long run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cg.finds import Solution, best, families, promote, solutions
+from cg.finds.solutions import OBJECTIVES
+from cg.runs import RunSummary, Store, StoredRun
+
+from .arguments import as_json, json_option
+from .main import NO
+
+__all__ = ["runs_command"]
+
+_FILE = click.argument("file", metavar="FILE", type=click.Path(exists=True, dir_okay=False))
+_NUMBER = click.argument("number", metavar="RUN", type=click.IntRange(1))
+_MOST_FOR_FAMILIES = 200  # solutions; the time grows with their number
+
+
+@click.group("runs", short_help="Look at what long runs have found, and make methods of it.")
+def runs_command() -> None:
+    """Look at what long runs have found, and make methods of it.
+
+    FILE is that of --store.
+
+    \b
+    Examples:
+      crouch-grossman runs list runs.db
+      crouch-grossman runs best runs.db 1 --objective principal-error
+      crouch-grossman runs promote runs.db 1 Mine
+    """
+
+
+def _of_run(function: Callable[..., int]) -> Callable[..., int]:
+    """Open the run that the arguments name."""
+
+    @wraps(function)
+    def call(file: str, number: int, **options: Any) -> int:
+        with Store(file) as store:
+            try:
+                run = store.run(number)
+            except KeyError as problem:
+                raise click.BadParameter(str(problem.args[0]), param_hint="RUN") from None
+            return function(store, run, **options)
+
+    return call
+
+
+@runs_command.command("list", short_help="List the runs in a file.")
+@_FILE
+@json_option
+def list_runs(file: str, in_json: bool) -> int:
+    """List the runs in a file: what they look for, how far they are, the smallest f."""
+    with Store(file) as store:
+        found = store.runs()
+    if in_json:
+        as_json([_data(run) for run in found])
+        return 0
+    click.echo("run  kind       order  stages  flows  seed   starts  solved  failed  smallest f")
+    for run in found:
+        settings = run.settings
+        flows = settings.get("flows")
+        best_f = "-" if run.best is None else f"{run.best:.1e}"
+        click.echo(
+            f"{run.number:>3}  {run.kind:<9}  {settings['order']:>5}  {settings['stages']:>6}  "
+            f"{'-' if flows is None else flows:>5}  {settings['seed']:>4}  {run.starts:>7}  "
+            f"{run.solved:>6}  {run.failed:>6}  {best_f:>10}"
+            f"{'  at work' if run.running else ''}"
+        )
+    return 0
+
+
+@runs_command.command("show", short_help="Show one run.")
+@_FILE
+@_NUMBER
+@json_option
+@_of_run
+def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
+    """Show one run: its settings, rate, the distribution of f, and how many solutions differ."""
+    (summary,) = (each for each in store.runs() if each.number == run.number)
+    found = list(solutions(run))
+    groups = families(found[:_MOST_FOR_FAMILIES])
+    data = {
+        **_data(summary),
+        "decades": {str(decade): count for decade, count in run.decades().items()},
+        "distinct": len(found),
+        "families_at_most": len(groups) + max(0, len(found) - _MOST_FOR_FAMILIES),
+        "failures": [[failure.index, failure.message] for failure in run.failures()],
+    }
+    if in_json:
+        as_json(data)
+        return 0
+    given = {key: value for key, value in summary.settings.items() if value is not None}
+    click.echo(f"run {run.number}, {summary.kind}, begun {_time(summary.created)}")
+    click.echo(", ".join(f"{key} {value}" for key, value in given.items() if key != "tree"))
+    rate = summary.starts / summary.seconds if summary.seconds else 0.0
+    click.echo(
+        f"{summary.starts} starts in {summary.seconds:.0f} s of one core ({rate:.3g} a second), "
+        f"{summary.solved} solved, {summary.failed} failed"
+    )
+    click.echo(f"{len(found)} distinct solutions in at most {data['families_at_most']} families")
+    for index, message in data["failures"]:
+        click.echo(f"start {index} failed: {message}")
+    click.echo("\nf ended in")
+    _draw(run.decades())
+    return 0
+
+
+@runs_command.command("best", short_help="List the best solutions of a run.")
+@_FILE
+@_NUMBER
+@click.option("--objective", type=click.Choice(OBJECTIVES), default=OBJECTIVES[0],
+              show_default=True, help="What is to be small.")  # fmt: skip
+@click.option("--count", type=click.IntRange(1), default=10, show_default=True, metavar="N")
+@json_option
+@_of_run
+def best_of_run(_: Store, run: StoredRun, objective: str, count: int, in_json: bool) -> int:
+    """List the best distinct solutions of a run. Exits with 1 if there are none."""
+    found = best(run, objective, count)
+    if in_json:
+        as_json([_solution(one) for one in found])
+    elif found:
+        click.echo("start  stages  flows  rank  largest coefficient  principal error")
+        for one in found:
+            data = _solution(one)
+            click.echo(
+                f"{data['start']:>5}  {data['stages']:>6}  {data['flows']:>5}  "
+                f"{data['rank']:>4}  {data['largest_coefficient']:>19.3g}  "
+                f"{data['principal_error']:>15.3g}"
+            )
+    else:
+        click.echo("no start led to what was wanted")
+    return 0 if found else NO
+
+
+@runs_command.command("promote", short_help="Make a method of a start.")
+@_FILE
+@_NUMBER
+@click.argument("name", metavar="NAME")
+@click.option("--start", type=click.IntRange(0), metavar="N",
+              help="Which start; by default that of the smallest principal error.")  # fmt: skip
+@click.option("--folder", type=click.Path(file_okay=False, exists=True, path_type=Path),
+              default=Path(), show_default=True, help="Where its files go.")  # fmt: skip
+@click.option("--steps", type=click.IntRange(0), default=60, show_default=True, metavar="N",
+              help="Along the solution set, to a smaller principal error.")  # fmt: skip
+@_of_run
+def promote_start(
+    _: Store, run: StoredRun, name: str, start: int | None, folder: Path, steps: int
+) -> int:
+    """Make a method of a start: optimise, refine, prove, and write NAME.toml.
+
+    Exits with 1 if there is no proof; the method is written all the same.
+    """
+    made = promote(run, name, folder, number=start, max_iterations=steps)
+    click.echo(f"{made.method!r}")
+    click.echo(f"principal error {made.before:.3g}, now {made.principal_error:.3g}")
+    click.echo(f"not proved: {made.reason}" if made.certificate is None else str(made.certificate))
+    for file in made.files:
+        click.echo(f"wrote {file}")
+    return 0 if made.certificate is not None else NO
+
+
+def _solution(one: Solution) -> dict[str, Any]:
+    layout = one.candidate.system.layout
+    return {
+        "start": one.record.number,
+        "stages": layout.stages,
+        "flows": int(one.objective("flows")),
+        "rank": one.candidate.rank,
+        "largest_coefficient": one.candidate.largest,
+        "principal_error": one.principal_error,
+        "largest_residual": one.record.largest_residual,
+        "seconds": one.record.seconds,
+    }
+
+
+def _data(run: RunSummary) -> dict[str, Any]:
+    return {
+        "run": run.number,
+        "kind": run.kind,
+        "settings": run.settings,
+        "versions": run.versions,
+        "created": _time(run.created),
+        "changed": _time(run.changed),
+        "starts": run.starts,
+        "solved": run.solved,
+        "failed": run.failed,
+        "smallest_f": run.best,
+        "seconds": run.seconds,
+        "running": run.running,
+    }
+
+
+def _time(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
+
+
+def _draw(decades: dict[int, int]) -> None:
+    """Print a bar for each decade that has starts."""
+    most = max(decades.values(), default=1)
+    for decade, count in decades.items():
+        bar = "#" * max(1, round(40 * count / most))
+        click.echo(f"  1e{decade:<4} {count:>7}  {bar}")
