@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 import cg
+from cg.command import main
 from cg.runs import Store, completed, execution
 
 SEARCH: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
@@ -257,6 +258,11 @@ class TestEngines:
             found = cg.search(**SEARCH, executor=pool, store=tmp_path / "runs.db")
             assert found == cg.search(**SEARCH)
             assert execution._workers_of(pool) == 2
+            store = tmp_path / "command.db"
+            command = ["search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "30"]
+            address = cluster.scheduler_address
+            assert main([*command, "--store", str(store), "--dask", address]) == 0
+        assert cg.search(**SEARCH, store=store) == found
 
     def test_loky(self):
         loky = pytest.importorskip("loky")
@@ -276,6 +282,22 @@ class TestEngines:
             check=False,
         )
         assert told.stdout == "equal, 2 workers\n", told.stderr
+
+    def test_mpi_from_the_command(self, tmp_path):
+        pytest.importorskip("mpi4py")
+        command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
+        command += ["-m", "mpi4py.futures", "-m", "cg", "search", "--order", "3", "--stages", "3"]
+        command += ["--starts", "30", "--seed", "5", "--store", str(tmp_path / "runs.db"), "--mpi"]
+        subprocess.run(command, timeout=300, check=True, stdout=subprocess.DEVNULL)
+        with Store(tmp_path / "runs.db") as store:
+            assert [run.starts for run in store.runs()] == [30]
+
+
+def test_engines_of_the_command_exclude_each_other(capsys):
+    command = ["search", "--order", "3", "--stages", "3", "--starts", "2"]
+    assert main([*command, "--processes", "--mpi"]) == 2
+    assert "--processes, --dask and --mpi exclude each other" in capsys.readouterr().err
+    assert main([*command, "--processes"]) == 0
 
 
 @pytest.mark.parametrize(

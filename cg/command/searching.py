@@ -15,7 +15,9 @@ from cg.method import Method
 from cg.random_search import search
 
 from .arguments import F, as_json, json_option, say, workers_option
+from .engines import engine, engine_options
 from .main import NO
+from .progress import Counter
 
 __all__ = ["construct_command", "search_command"]
 
@@ -32,6 +34,7 @@ def _shape(function: F) -> F:
             "--store", type=click.Path(dir_okay=False), metavar="FILE",
             help="Keep what is finished there; an interrupted run goes on from it.",
         ),
+        engine_options,
         workers_option,
         click.option(
             "--force", is_flag=True, help="Try even with fewer unknowns than conditions."
@@ -79,6 +82,9 @@ def search_command(
     embedded: bool,
     force: bool,
     workers: int | None,
+    processes: bool,
+    dask: str | None,
+    mpi: bool,
     store: str | None,
     output: Path | None,
     in_json: bool,
@@ -93,20 +99,24 @@ def search_command(
       crouch-grossman search --order 4 --stages 5 --starts 200 --seed 1
       crouch-grossman search --order 5 --stages 6 --flows 9 --starts 200 -o found
     """
-    found = search(
-        order,
-        stages,
-        starts,
-        seed,
-        flows=flows,
-        embedded=embedded,
-        force=force,
-        workers=workers,
-        store=store,
-        progress=lambda done, all_: say(f"{done} of {all_} starts"),
-    ).methods
+    with engine(processes, dask, mpi) as executor:
+        found = search(
+            order,
+            stages,
+            starts,
+            seed,
+            flows=flows,
+            embedded=embedded,
+            force=force,
+            workers=workers,
+            executor=executor,
+            store=store,
+            progress=Counter("starts"),
+        )
+    for failure in found.failures:
+        click.echo(f"start {failure.index} of seed {seed}: {failure.message}", err=True)
     say("")
-    return _give(list(found), output, in_json)
+    return _give(list(found.methods), output, in_json)
 
 
 @click.command("construct", short_help="Construct one method of an order.")
@@ -123,6 +133,9 @@ def construct_command(
     embedded: bool,
     force: bool,
     workers: int | None,
+    processes: bool,
+    dask: str | None,
+    mpi: bool,
     store: str | None,
     output: Path | None,
     in_json: bool,
@@ -136,25 +149,24 @@ def construct_command(
       crouch-grossman construct --order 5 --stages 9
       crouch-grossman construct --order 6 --stages 13 --seed 1 -o six.toml
     """
-    tried = 0
-
-    def count(_: Any) -> None:
-        nonlocal tried
-        tried += 1
-        say(f"{tried} tries")
-
-    method = construct(
-        order,
-        stages,
-        seed,
-        tries=tries,
-        flows=flows,
-        embedded=embedded,
-        force=force,
-        workers=workers,
-        store=store,
-        progress=count,
-    ).method
+    counter = Counter("tries")
+    with engine(processes, dask, mpi) as executor:
+        found = construct(
+            order,
+            stages,
+            seed,
+            tries=tries,
+            flows=flows,
+            embedded=embedded,
+            force=force,
+            workers=workers,
+            executor=executor,
+            store=store,
+            progress=counter.one_of(tries),
+        )
+    method = found.method
+    for failure in found.failures:
+        click.echo(f"try {failure.index} of seed {seed}: {failure.message}", err=True)
     say("")
     if method is None:
         return _give([], output, in_json)
