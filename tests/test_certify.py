@@ -21,8 +21,9 @@ from cg.certification import (
 )
 from cg.certification.__main__ import main
 from cg.certification.files import certificate_names, folder
-from cg.certification.prove import Packed, box, precision
+from cg.certification.statement import Packed, box
 from cg.conditions import Rows
+from cg.precision import working_precision as precision
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.refine import refine
 from cg.solve.system import ConditionSystem
@@ -49,7 +50,10 @@ class TestProofs:
     @pytest.mark.parametrize(
         "name",
         [
-            pytest.param(name, marks=[pytest.mark.slow] * (methods[name].stages > 9))
+            pytest.param(
+                name,
+                marks=[pytest.mark.slow] * (methods[name].stages > 9 or methods[name].order > 6),
+            )
             for name in CERTIFIED
         ],
     )
@@ -242,7 +246,7 @@ class TestFailures:
 
     def test_dependent_conditions_that_nothing_explains(self, monkeypatch):
         monkeypatch.setattr(
-            sys.modules["cg.certification.prove"], "find_identities", lambda *_: iter(())
+            sys.modules["cg.certification.find"], "find_identities", lambda *_: iter(())
         )
         with pytest.raises(CertificationError, match="dependent") as caught:
             certify("CG5a")

@@ -15,12 +15,13 @@ from cg.certification.composition import MidpointSteps, convolve, logarithm
 from cg.certification.identities import MiddleAbscissae, StageOrderTwo
 from cg.certification.krawczyk import to_double
 from cg.certification.parametric import Columns, Letters, Path
-from cg.certification.prove import Packed, precision
+from cg.certification.statement import Packed
 from cg.certification.systems import EquationSystem, exact_residuals, order_system
 from cg.certification.weights import Quantity, Weights
 from cg.certification.words import condition_words, nodes, parse, reciprocal_density, shuffle, text
 from cg.conditions import Rows
 from cg.layout import Layout
+from cg.precision import working_precision as precision
 
 
 class TestWords:

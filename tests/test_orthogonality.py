@@ -8,16 +8,16 @@ import pytest
 from flint import arb, fmpq
 
 import cg
-from cg.certification import CertificationError, certify, check
+from cg.certification import CertificationError, certificate_of, certify, check
 from cg.certification.explain import names_of_left_out, read_left_out
 from cg.certification.holes import HOLE, basis, depth, moments, outer_nodes
 from cg.certification.orthogonality import conditions_of, find_relations, follow
 from cg.certification.pairings import pairings
-from cg.certification.prove import precision
 from cg.certification.reduction import Reduction
 from cg.certification.systems import exact_residuals
 from cg.certification.weights import Quantity, Weights
 from cg.certification.words import condition_words, parse, reciprocal_density
+from cg.precision import working_precision as precision
 
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]
 
@@ -122,6 +122,27 @@ def _filled(hole, letter):
     return tuple(
         letter if t == HOLE else t if isinstance(t, int) else _filled(t, letter) for t in hole
     )
+
+
+def test_moments_are_exactly_zero_on_flows_from_the_start():
+    layout = cg.methods["CF6d"].layout
+    with precision(200):
+        flows = pairings(layout, [4], balls(cg.methods["CF6d"], 1e-9))[1]
+    first = [m for m, parent in enumerate(layout.parents) if parent < 0]
+    for column, vector in zip(flows.columns, flows.right, strict=True):
+        zero = [m for m, x in enumerate(vector) if x.is_zero()]
+        assert not column.moments or set(first) <= set(zero)
+
+
+def test_what_follows_if_moments_are_zero_on_flows_from_the_start():
+    """Of CF6d one condition follows only so; where they aren't zero, it doesn't."""
+    method = cg.methods["CF6d"]
+    left_out = read_left_out(certificate_of(method).identities)[0]
+    with precision(320):
+        assert follow(method.layout, [6], balls(method, 1e-33), left_out)
+        for k in (0, 20, 76):
+            elsewhere = [ball + arb(0.001) * (i == k) for i, ball in enumerate(balls(method))]
+            assert not follow(method.layout, [6], elsewhere, left_out)
 
 
 def test_what_follows_and_what_does_not():

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cg.catalogue import packaged
 from cg.certification import CertificationError, certificate_of, certify
-from cg.certification.prove import fitting
+from cg.certification.statement import fitting
 from cg.facts import write_facts
 from cg.method import Method
 from cg.reproduce.context import Context, Settings

@@ -10,21 +10,13 @@ from flint import arb, arb_mat
 
 from ..checks import check_flag, check_integer
 from ..method import Method
+from ..precision import working_precision as precision
 from ..quad import to_decimal
 from .certificate import Certificate, CertificationError
 from .files import certificate_of
 from .krawczyk import krawczyk
-from .prove import (
-    Packed,
-    box,
-    check_rational,
-    fitting,
-    free_of,
-    precision,
-    prove_box,
-    start,
-    system_of,
-)
+from .statement import Packed, box, fitting, free_of, start, system_of
+from .zero import check_rational, prove_box
 
 __all__ = ["MOST_DIGITS", "refined_digits"]
 

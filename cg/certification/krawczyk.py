@@ -43,12 +43,15 @@ class KrawczykTest:
         Upper bound of ``max |A f(y)|``.
     contraction : float
         Upper bound of the maximum norm of ``I - A J(X)``.
+    image : tuple of arb
+        Of the free unknowns, where the map takes the box: the zero is in it if it is proved.
     """
 
     radius: arb
     ratio: float
     correction: float
     contraction: float
+    image: tuple[arb, ...] = ()
 
     @property
     def proved(self) -> bool:
@@ -110,10 +113,12 @@ def krawczyk(
     values, at_point = system.linearise(y)
     columns = list(free)
     inverse = _approximate_inverse(_take(at_point, columns))
-    infinite = KrawczykTest(arb("inf") if radius is None else radius, *(3 * [float("inf")]))
+    unknown = arb("inf") if radius is None else radius
+    infinite = KrawczykTest(unknown, float("inf"), float("inf"), float("inf"))
     if inverse is None:
         return infinite
-    steps = [abs(entry).upper() for entry in (inverse * arb_mat([[v] for v in values])).entries()]
+    changes = (inverse * arb_mat([[v] for v in values])).entries()
+    steps = [abs(entry).upper() for entry in changes]
     correction = _largest(steps)
     if not correction.is_finite():
         return infinite
@@ -131,7 +136,12 @@ def krawczyk(
     images = [
         (step / radius.lower() + total).upper() for step, total in zip(steps, sums, strict=True)
     ]
-    return KrawczykTest(radius, _up(_largest(images)), _up(correction), _up(_largest(sums)))
+    image = [
+        y[k] - change + arb(0, (radius * total).upper())
+        for k, change, total in zip(columns, changes, sums, strict=True)
+    ]
+    bounds = _up(_largest(images)), _up(correction), _up(_largest(sums))
+    return KrawczykTest(radius, *bounds, tuple(image))
 
 
 def _largest(values: Sequence[arb]) -> arb:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from functools import cached_property
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from flint import arb, arb_mat, fmpq
 from numpy.typing import NDArray
 
 from ..layout import Layout
-from .pairings import Pairing, depths, pairings
+from .pairings import Pairing, pairings
 from .reduction import Reduction
 from .relations import regular
 from .spanned import Spanned, doubles, independent_rows
@@ -173,22 +174,18 @@ class _Relations:
         """Yield surroundings and letters that fill all places, and have more."""
         seen: set[tuple[Any, ...]] = set()
         for which, pairing in enumerate(self._pairings):
-            hole_depths, letter_depths = map(np.array, depths(pairing))
             degrees = np.array([u.degree for u in pairing.surroundings])
             rows = np.array([u.row for u in pairing.surroundings])
             sizes = np.array([c.degree for c in pairing.columns])
             left = doubles(pairing.left)
             right = doubles(pairing.right)
-            nonzero = [_nonzero(pairing.left), _nonzero(pairing.right)]
-            for at_least, shallow, most_of_rows, most in self._cuts():
-                deep = (letter_depths >= at_least) & (sizes <= most)
-                columns = np.flatnonzero(deep)
-                low = degrees <= np.array(most_of_rows)[rows]
-                kept = low & ((hole_depths >= shallow) if shallow >= 0 else (hole_depths == 0))
-                surroundings = np.flatnonzero(kept)
+            around, within = _nonzero(pairing.left), _nonzero(pairing.right)
+            for few, many, most_of_rows, most in self._cuts(within, around):
+                columns = np.flatnonzero(few & (sizes <= most))
+                surroundings = np.flatnonzero(many & (degrees <= np.array(most_of_rows)[rows]))
                 if not len(columns) or not len(surroundings):
                     continue
-                inside = nonzero[0][surroundings].any(axis=0) & nonzero[1][columns].any(axis=0)
+                inside = around[surroundings].any(axis=0) & within[columns].any(axis=0)
                 places = np.flatnonzero(inside)
                 key = (which, tuple(surroundings), tuple(columns))
                 if key in seen or not len(places):
@@ -209,14 +206,17 @@ class _Relations:
                 if frame.complete() and len(frame.first) < len(frame.shares):
                     yield frame
 
-    def _cuts(self) -> Iterator[tuple[int, int, tuple[int, ...], int]]:
-        """Yield least depths of letters and holes, -1 for the root alone, and largest degrees."""
-        order = self._orders[0]
-        for at_least in range(order - 1):
-            for shallow in range(-1, order - 2):
-                for most in range(max(1, at_least), order):
-                    for degrees in self._degrees(most):
-                        yield at_least, shallow, degrees, most
+    def _cuts(
+        self, within: NDArray[np.bool_], around: NDArray[np.bool_]
+    ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_], tuple[int, ...], int]]:
+        """Yield which letters and surroundings to take, and their largest degrees.
+
+        Those that are zero, for any coefficients, at the same places: then these don't count.
+        """
+        for letters, holes in product(_alike(within), _alike(around)):
+            for most in range(1, self._orders[0]):
+                for degrees in self._degrees(most):
+                    yield letters, holes, degrees, most
 
     def _degrees(self, most: int) -> Iterator[tuple[int, ...]]:
         """Yield the largest degrees of surroundings of rows, and of their difference."""
@@ -357,3 +357,13 @@ def _coefficients(basis: Sequence[_Doubles], vectors: Sequence[_Doubles]) -> _Do
 
 def _nonzero(vectors: Sequence[Sequence[arb]]) -> NDArray[np.bool_]:
     return np.array([[not x.is_zero() for x in vector] for vector in vectors])
+
+
+def _alike(nonzero: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Return sets of vectors: all, and those that are zero wherever one of them is."""
+    zeros = sorted({tuple(row) for row in ~nonzero}, key=lambda row: (sum(row), row))
+    found = [np.array([True] * len(nonzero))]
+    for row in zeros:
+        if any(row):
+            found.append(np.array([not any(one) for one in nonzero[:, list(row)]]))
+    return found

@@ -19,7 +19,7 @@ from .relations import fill
 from .weights import Quantity, Weights
 from .words import Word, condition_words, nodes, shuffle
 
-__all__ = ["DIFFERENCE", "Column", "Pairing", "Surrounding", "depths", "pairings"]
+__all__ = ["DIFFERENCE", "Column", "Pairing", "Surrounding", "pairings"]
 
 Vector = list[arb]
 
@@ -193,17 +193,17 @@ def _moments_of(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
     τ. Products with the moments are the sums over flows of v times the mean of ``-(s F)'``,
     ``s f - F`` at the two ends of the flow: f is a vector of means, so that F is known there.
     """
-    ends: Vector = []
-    before: Vector = []  # of each flow: the sum of v on the way to its end
-    found: Vector = []
+    ends: list[Any] = []
+    after: list[Any] = []  # of each flow: the sum of v on the way to its end
+    found: list[Any] = []
     for m, parent in enumerate(layout.parents):
         step = sum((y[k] for k, _ in _terms(layout, m)), arb(0))
-        ends.append(step if parent == START else ends[parent] + step)
-        before.append(flows[m] if parent == START else before[parent] + flows[m])
-        found.append(ends[m] * flows[m] - step * before[m])
+        if parent == START:
+            ends.append(step)
+            after.append(flows[m])
+            found.append(arb(0))  # exactly: s v and what is subtracted are the same there
+        else:
+            found.append(ends[parent] * flows[m] - step * after[parent])
+            ends.append(ends[parent] + step)
+            after.append(after[parent] + flows[m])
     return found
-
-
-def depths(pairing: Pairing) -> tuple[list[int], list[int]]:
-    """Return how deep the holes and the letters are."""
-    return [depth(u.hole) for u in pairing.surroundings], [depth(c.letter) for c in pairing.columns]
