@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from cg.integration.arguments import check_count
 from cg.integration.compiled_rhs import CompiledRhs
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.problem import make_problem
+from cg.integration.progress import Progress
 from cg.integration.python_rhs import Coefficients
 from cg.integration.recorder import Recorder
 from cg.integration.results import Trajectory
@@ -38,6 +39,7 @@ def integrate(
     save_every: int = 1,
     workers: int = 1,
     parameters: ArrayLike | None = None,
+    progress: Callable[[float, float], None] | None = None,
 ) -> Trajectory:
     r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` with a fixed step.
 
@@ -85,6 +87,9 @@ def integrate(
     parameters
         For a compiled ``f``: numbers whose address it is given as its last argument, shape
         ``(*batch, k)``, those of its own member of an ensemble.
+    progress
+        Called with the time that was covered and the length of ``t_span``, at most ten times a
+        second and when the end is reached.
 
     Returns
     -------
@@ -122,7 +127,8 @@ def integrate(
     --------
     A rotation about a fixed body axis is solved exactly by any method.
 
-    >>>     >>> from cg.frames import SO3
+    >>> import numpy as np
+    >>> from cg.frames import SO3
     >>> from cg.integration import integrate
     >>> turn = lambda t, y: [0.0, 0.0, np.pi / 2]
     >>> solution = integrate(turn, (0, 1), np.eye(3), frame=SO3(), method="CG3", h=0.25)
@@ -139,10 +145,13 @@ def integrate(
         )
     grid = make_grid(t_span, h)
     problem.check_grid(grid, h, every=save_every, between=False)
+    watch = Progress(progress, grid.start, grid.stop)
     stepper = problem.stepper(grid, every=save_every, workers=workers, keep=True)
     recorder = Recorder(stepper, grid.start, problem.points, None, False, {})
     for block in stepper.blocks():
         recorder.add(block)
+        watch.reach(block.t[-1])
+    watch.finish()
     if stepper.failures:
         index, reason = min(stepper.failures.items())
         warnings.warn(
@@ -159,4 +168,5 @@ def integrate(
         method=problem.method,
         h=float(h),
         failures=dict(stepper.failures),
+        frame=frame,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from cg.integration.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.members import solve_apart
 from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.problem import Problem, make_problem
+from cg.integration.progress import Progress, check_progress
 from cg.integration.python_rhs import Coefficients
 from cg.integration.recorder import Recorder
 from cg.integration.results import Solution
@@ -69,6 +70,7 @@ def solve_ivp(
     executor: ExecutorLike = None,
     workers: int | None = None,
     out: Any = None,
+    progress: Callable[[float, float], None] | None = None,
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
@@ -144,6 +146,10 @@ def solve_ivp(
     out
         Array of the shape of ``y``, all leading axes of the ensemble as one, that receives it as
         members end, such as one of NumPy on disk, of zarr or h5py; then ``y`` is ``out`` itself.
+    progress
+        Called with the time that was covered and the length of ``t_span``, at most ten times a
+        second and when the integration ends; where each member of an ensemble has its own steps,
+        with sums over the members.  Not where ``executor``, ``workers`` or ``out`` is given.
 
     Returns
     -------
@@ -193,7 +199,10 @@ def solve_ivp(
     problem = make_problem(
         f, frame, method, y0, args=args, parameters=parameters, stage_solver=stage_solver
     )
+    check_progress(progress)
     if executor is not None or workers is not None or out is not None:
+        if progress is not None:
+            raise ValueError("progress must be None with executor, workers or out")
         options = {
             "method": problem.method, "h": h, "rtol": rtol, "atol": atol, "t_eval": t_eval,
             "dense_output": dense_output, "events": events, "max_step": max_step,
@@ -230,8 +239,10 @@ def solve_ivp(
             raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
         schedule = AdaptiveSchedule(start, stop, norm, largest, first, check_max_steps(max_steps))
         if problem.has_own_steps:
-            return _solve_members(problem, schedule, wanted, dense, logs)
-    return _solution(*_record(problem, schedule, wanted, dense, logs), problem, logs)
+            watch = Progress(progress, start, stop, math.prod(problem.batch))
+            return _solve_members(problem, schedule, wanted, dense, logs, watch)
+    watch = Progress(progress, start, stop)
+    return _solution(*_record(problem, schedule, wanted, dense, logs, watch), problem, logs)
 
 
 def _event_logs(events: Any, problem: Problem) -> Logs | None:
@@ -247,6 +258,7 @@ def _record(
     wanted: Array | None,
     dense: bool,
     logs: Logs | None,
+    watch: Progress,
 ) -> tuple[Stepper, Recorder]:
     """Take all steps."""
     looked_for = {member: log for member, log in (logs or {}).items() if log}
@@ -256,8 +268,11 @@ def _record(
     )
     recorder = Recorder(stepper, schedule.start, problem.points, wanted, dense, looked_for)
     for block in stepper.blocks():
-        if recorder.add(block):
+        ended = recorder.add(block)
+        watch.reach(block.t[-1])
+        if ended:
             break
+    watch.finish()
     return stepper, recorder
 
 
@@ -296,6 +311,7 @@ def _solution(
         success=status >= 0,
         method=problem.method,
         failures=dict(stepper.failures),
+        frame=problem.frame,
     )
 
 
@@ -321,6 +337,7 @@ def _solve_members(
     wanted: Array | None,
     dense: bool,
     logs: Logs | None,
+    watch: Progress,
 ) -> Solution:
     """Integrate every member of an ensemble with steps of its own."""
     batch, points = problem.batch, problem.points
@@ -334,7 +351,8 @@ def _solve_members(
     for member in np.ndindex(batch):
         log: Logs | None = None if logs is None else {(): logs[member]}
         alone = problem.member(member)
-        stepper, recorder, trouble = _record_member(alone, schedule, wanted, dense, log)
+        stepper, recorder, trouble = _record_member(alone, schedule, wanted, dense, log, watch)
+        watch.finish_member()
         if trouble or stepper.trouble:
             failures[member] = trouble or stepper.trouble
         solution = _solution(stepper, recorder, alone, log)
@@ -342,6 +360,7 @@ def _solve_members(
         solutions.append(solution)
         if solution.sol is not None:
             outputs.append(solution.sol)
+    watch.finish()
     status, message = max(solution.status for solution in solutions), FINISHED
     if all(solution.status == 1 for solution in solutions):
         message = TERMINAL_EVENT
@@ -372,6 +391,7 @@ def _solve_members(
         success=status >= 0,
         method=problem.method,
         failures=failures,
+        frame=problem.frame,
     )
 
 
@@ -381,6 +401,7 @@ def _record_member(
     wanted: Array,
     dense: bool,
     logs: Logs | None,
+    watch: Progress,
 ) -> tuple[Stepper, Recorder, str]:
     """Take all steps of one member; return what went wrong in ``f`` or its numbers, if anything.
 
@@ -397,3 +418,4 @@ def _record_member(
             return stepper, recorder, str(error)
         if block is None or recorder.add(block):
             return stepper, recorder, ""
+        watch.reach(block.t[-1])

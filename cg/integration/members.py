@@ -198,6 +198,7 @@ class _Parts:
             success=status >= 0,
             method=self._problem.method,
             failures=dict(sorted(self._failures.items())),
+            frame=self._problem.frame,
         )
 
     def _index(self, member: int) -> tuple[int, ...]:

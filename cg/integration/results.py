@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cg.frames.arrays import Array, Points
+from cg.frames.base import Frame
 from cg.integration.dense import DenseOutput
+from cg.later import Later
 from cg.method import Method
 
 
@@ -30,6 +32,8 @@ class Trajectory:
         Absolute size of all steps but perhaps the last.
     failures
         Why members of an ensemble ended early, by their indices.  ``y`` is NaN from there on.
+    frame
+        The frame that holds the points.
     """
 
     t: Array
@@ -39,6 +43,8 @@ class Trajectory:
     method: Method
     h: float
     failures: dict[tuple[int, ...], str] = field(default_factory=dict)
+    frame: Frame | None = None
+    to_xarray = Later("cg.integration.labelled", "to_xarray")
 
     def __repr__(self) -> str:
         return (
@@ -90,6 +96,8 @@ class Solution:
         The tableau that was used.
     failures
         Why members of an ensemble ended early, by their indices.  ``y`` is NaN from there on.
+    frame
+        The frame that holds the points.
     """
 
     t: Array
@@ -108,6 +116,8 @@ class Solution:
     success: bool
     method: Method
     failures: dict[tuple[int, ...], str] = field(default_factory=dict)
+    frame: Frame | None = None
+    to_xarray = Later("cg.integration.labelled", "to_xarray")
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"

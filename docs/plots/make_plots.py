@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ mpl.use("Agg")
 
 import numpy as np
 from matplotlib import pyplot as plt
+from PIL import Image
 
 import cg
 from cg.convergence import final_errors
@@ -114,8 +116,11 @@ PICTURES = {
 def main() -> None:
     """Draw all pictures."""
     for name, draw in PICTURES.items():
-        draw().savefig(FOLDER / f"{name}.png", dpi=90)
+        whole = BytesIO()
+        draw().savefig(whole, dpi=90)
         plt.close("all")
+        # few colours are a half of the size
+        Image.open(whole).convert("RGB").quantize(256).save(FOLDER / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,135 @@
+"""What long integrations tell of themselves, and results as datasets."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import cg
+from cg.integration import progress as module
+
+FRAME = cg.frames.SO3()
+
+
+class Told(list):
+    def __call__(self, done, total):
+        self.append((done, total))
+
+
+@pytest.fixture
+def told(monkeypatch):
+    monkeypatch.setattr(module, "_SECONDS", 0.0)
+    return Told()
+
+
+def turn(t, y):
+    return [0.1, 0.2, np.cos(t)]
+
+
+def check(told, total, end=None):
+    done = [entry for entry, _ in told]
+    assert {entry for _, entry in told} == {total}
+    assert done == sorted(done)
+    assert done[-1] == (total if end is None else pytest.approx(end))
+
+
+class TestProgress:
+    @pytest.mark.parametrize("span", [(0, 3), (3, 0)])
+    def test_of_fixed_steps(self, told, span):
+        cg.integrate(turn, span, np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=told)
+        check(told, 3.0)
+        assert len(told) >= 2
+
+    @pytest.mark.parametrize("options", [{}, {"h": 0.1}, {"t_eval": [1.0, 2.0]}])
+    def test_of_solve_ivp(self, told, options):
+        cg.solve_ivp(
+            turn, (-1, 2), np.eye(3), frame=FRAME, progress=told, method="DP5(4)", **options
+        )
+        check(told, 3.0)
+
+    def test_of_steps_in_python(self, told):
+        frame = cg.frames.GL(2)
+        run = cg.solve_ivp(
+            lambda t, y: [0.1, 0.2, -0.1, np.cos(t)], (0, 1), np.eye(2), frame=frame,
+            max_step=0.1, method="CF4(3)", progress=told,
+        )  # fmt: skip
+        check(told, 1.0)
+        assert len(told) == run.steps + 1  # each step, and the end
+
+    def test_of_what_ends_early(self, told):
+        def event(t, y):
+            return t - 1.25
+
+        event.terminal = True
+        run = cg.solve_ivp(
+            turn, (0, 3), np.eye(3), frame=FRAME, events=event, max_step=0.5, progress=told
+        )
+        assert run.status == 1
+        assert told[-1][0] < 3.0
+        check(told, 3.0, told[-1][0])
+
+    def test_of_members_with_steps_of_their_own(self, told, affine):
+        problem = cg.problems.AffineField(FRAME, np.eye(3))
+        compiled, _kept = affine(problem)
+        y0 = np.broadcast_to(np.eye(3), (4, 3, 3))
+        cg.solve_ivp(compiled, (0, 0.5), y0, frame=FRAME, progress=told)
+        check(told, 2.0)
+        assert len(told) >= 5
+
+    def test_seldom_and_at_the_end(self):
+        told = Told()
+        cg.integrate(turn, (0, 3), np.eye(3), frame=FRAME, method="CG3", h=0.01, progress=told)
+        assert told[-1] == (3.0, 3.0)
+        assert len(told) < 100
+
+    def test_its_errors_are_errors(self, told):
+        def stop(done, total):
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            cg.integrate(turn, (0, 3), np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=stop)
+
+    def test_what_is_refused(self):
+        for call in (cg.integrate, cg.solve_ivp):
+            with pytest.raises(TypeError, match="progress must be callable, got 3"):
+                call(turn, (0, 1), np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=3)
+        with pytest.raises(ValueError, match="progress must be None with executor, workers or out"):
+            cg.solve_ivp(turn, (0, 1), np.eye(3)[None], frame=FRAME, workers=2, progress=print)
+
+
+def test_results_know_their_frame():
+    fixed = cg.integrate(turn, (0, 1), np.eye(3), frame=FRAME, method="CG3", h=0.5)
+    assert fixed.frame == FRAME
+    assert cg.solve_ivp(turn, (0, 1), np.eye(3), frame=FRAME).frame == FRAME
+
+
+class TestDatasets:
+    @pytest.fixture(autouse=True)
+    def _xarray(self):
+        pytest.importorskip("xarray")
+
+    def test_of_matrices(self):
+        run = cg.integrate(turn, (0, 1), np.eye(3), frame=FRAME, method="CG3", h=0.25)
+        data = run.to_xarray()
+        assert data.y.dims == ("t", "row", "column")
+        assert_array_equal(data.y, run.y)
+        assert_array_equal(data.t, run.t)
+        assert data.attrs == {
+            "method": "CG3", "frame": "SO3()", "nfev": 12, "nexp": 24, "h": 0.25
+        }  # fmt: skip
+        assert_array_equal(data.y.sel(t=0.5), run.y[2])
+
+    def test_of_ensembles(self):
+        frame = cg.frames.UnitQuaternion()
+        y0 = frame.random_point(np.random.default_rng(2), (3, 2))
+
+        def f(t, y):
+            return np.ones((*y.shape[:-1], 3)) * t
+
+        run = cg.solve_ivp(f, (0, 1), y0, frame=frame, method="DP5(4)")
+        data = run.to_xarray()
+        assert data.y.dims == ("t", "member_0", "member_1", "component")
+        assert data.y.shape == run.y.shape
+        assert data.attrs["status"] == 0
+        assert data.attrs["steps"] == run.steps
+        one = cg.solve_ivp(f, (0, 1), y0[:, 0], frame=frame).to_xarray()
+        assert one.y.dims == ("t", "member", "component")
