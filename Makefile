@@ -6,7 +6,7 @@ PEERS := $(VENV)/.peers
 OUT ?= reproduce/out
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks lint benchmarks catalogue reliability clean
+.PHONY: all build reproduce test test-all test-checks lint benchmarks catalogue reference-steps implementations reliability clean
 
 all: build
 
@@ -49,6 +49,10 @@ benchmarks: build
 
 catalogue: build
 	$(PY) tools/update_catalogue.py
+	$(PY) tools/make_reference_steps.py
+
+reference-steps: build
+	$(PY) tools/make_reference_steps.py
 
 reliability: build
 	$(PY) tests/reliability.py
