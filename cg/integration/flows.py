@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
+from cg.frames.homogeneous import HomogeneousSpace
 from cg.integration.blocks import describe_blocks, is_compiled
 
 __all__ = ["Dexpinv", "Difference", "Flows", "dexpinv_of", "difference_of", "flows_of"]
@@ -42,7 +43,9 @@ Dexpinv = Callable[[Array, Array], Array]
 
 def flows_of(frame: Frame) -> Flows:
     """Return the function that moves points of a frame along flows."""
-    return _CompiledFlows(frame) if is_compiled(frame) else _Flows(frame)
+    if is_compiled(frame):
+        return _CompiledFlows(frame)
+    return _GroupFlows(frame) if _has_compiled_group(frame) else _Flows(frame)
 
 
 def difference_of(frame: Frame) -> Difference:
@@ -52,7 +55,16 @@ def difference_of(frame: Frame) -> Difference:
 
 def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
     """Return `Frame.dexpinv` for a method of some order."""
+    if _has_compiled_group(frame):
+        frame = frame.group
     return _CompiledDexpinv(frame, order) if is_compiled(frame) else _Dexpinv(frame, order)
+
+
+def _has_compiled_group(frame: Frame) -> TypeGuard[HomogeneousSpace]:
+    """Tell whether a group that is compiled moves the points, and they move in Python."""
+    return (
+        isinstance(frame, HomogeneousSpace) and not is_compiled(frame) and is_compiled(frame.group)
+    )
 
 
 class _Dexpinv:
@@ -94,6 +106,23 @@ class _CompiledFlows:
             flat = moved.reshape(-1).view(np.float64)
             self.move(self.description, v.shape[-2], fields, restore, flat)
         return moved
+
+
+class _GroupFlows:
+    """Elements of the group that acts are compiled, its action is not."""
+
+    def __init__(self, frame: HomogeneousSpace) -> None:
+        self.frame = frame
+        self.group = _CompiledFlows(frame.group)
+        self.identity = np.eye(frame.group.size, dtype=frame.group.dtype)
+
+    def __reduce__(self) -> tuple[Callable[[Frame], Flows], tuple[Frame]]:
+        return flows_of, (self.frame,)
+
+    def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
+        start = np.broadcast_to(self.identity, (*v.shape[:-2], *self.identity.shape))
+        moved = self.frame._act(self.group(v, start, restore=False), y)
+        return self.frame.restore(moved) if restore else moved
 
 
 class _CompiledDifference:
