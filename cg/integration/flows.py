@@ -120,7 +120,9 @@ class _GroupFlows:
         return flows_of, (self.frame,)
 
     def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
-        start = np.broadcast_to(self.identity, (*v.shape[:-2], *self.identity.shape))
+        start = self.identity
+        if v.ndim > 2:
+            start = np.broadcast_to(start, (*v.shape[:-2], *start.shape))
         moved = self.frame._act(self.group(v, start, restore=False), y)
         return self.frame.restore(moved) if restore else moved
 

@@ -97,6 +97,7 @@ class Step:
         self.series = paths.series
         if self.series:
             self.dexpinv = dexpinv_of(self.frame, self.series)
+            self._coordinates: dict[int, Array] = {}
         self.error_weights = np.array(paths.errors, dtype=np.float64)
         self.paths = []
         for path in paths.paths:
@@ -167,7 +168,7 @@ class Step:
         for k, c in enumerate(self.abscissae[1:], start=1):
             stage = self._end(self.stage_paths[k], known, fields, h)
             last = self.evaluate(t + c * h, stage)
-            fields[..., k, :] = self._derivative(self.stage_paths[k], last, fields, t, h)
+            fields[..., k, :] = self._derivative(self.stage_paths[k], last, t)
             if k == self.final_stage - 1:
                 final = last
         found = [self._end(path, known, fields, h) for path in self.results[:results]]
@@ -176,13 +177,11 @@ class Step:
         self._stage_fields = fields
         return found
 
-    def _derivative(self, path: int, field: Array, fields: Array, t: float, h: float) -> Array:
+    def _derivative(self, path: int, field: Array, t: float) -> Array:
         """Return the coefficients at the end of a path, on a Lie algebra those of coordinates."""
         if not self.series or path == 0:
             return field
-        _, stages, weights = self.paths[path - 1]
-        coordinates = _combined(h * weights, fields[..., stages, :])[..., 0, :]
-        found = self.dexpinv(coordinates, field)
+        found = self.dexpinv(self._coordinates[path], field)
         if not np.isfinite(found).all():
             raise StepTooLongError(t)
         return found
@@ -194,6 +193,8 @@ class Step:
             start = self._end(origin, known, fields, h)
             self.counts.nexp += len(weights)
             v = _combined(h * weights, fields[..., stages, :])
+            if self.series:
+                self._coordinates[path] = v[..., 0, :]
             known[path] = self._move(v, start, path in self.results)
         return known[path]
 
