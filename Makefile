@@ -6,7 +6,7 @@ PEERS := $(VENV)/.peers
 OUT ?= reproduce/out
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks lint benchmarks catalogue reference-steps implementations reliability clean
+.PHONY: all build reproduce test test-all test-checks lint benchmarks catalogue reference-steps implementations reliability docs wheel clean
 
 all: build
 
@@ -62,5 +62,15 @@ lint: build
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 
+# the site, into build/site; a warning is an error, and so is a link within it that leads nowhere
+docs: build
+	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(PY) -m pip install --quiet --no-build-isolation --editable ".[docs]"
+	$(PY) -m sphinx --builder html --fail-on-warning --keep-going --quiet docs build/site
+	$(PY) docs/check_site.py build/site
+
+# sdist and wheel in dist/, tried in a new environment that has no Fortran libraries
+wheel:
+	sh tools/wheel.sh dist
+
 clean:
-	rm -rf build $(VENV) $(VENV)-checks reproduce/out
+	rm -rf build dist $(VENV) $(VENV)-checks reproduce/out

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import crouch_grossman
 import crouch_grossman.frames.so3
 from cg.installation import check_folder
 
-ALIAS = Path(__file__).parents[1] / "crouch_grossman"
+ALIAS = Path(cg.__file__).parents[1] / "crouch_grossman"
 
 
 def python(code, folder):
@@ -73,3 +74,12 @@ def test_a_replaced_or_removed_module_is_told(tmp_path, files):
     assert run.returncode == 1
     assert "pip uninstall --yes cg crouch-grossman" in run.stderr
     assert str(tmp_path) in run.stderr
+
+
+def test_the_version_is_one():
+    root = ALIAS.parent
+    if not (root / "meson.build").exists():
+        pytest.skip("not in the source tree")
+    (built,) = re.findall(r"^  version: '(.*)'", (root / "meson.build").read_text(), re.MULTILINE)
+    (cited,) = re.findall(r"^version: (.*)$", (root / "CITATION.cff").read_text(), re.MULTILINE)
+    assert built == cited == cg.__version__

