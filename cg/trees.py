@@ -33,7 +33,7 @@ class OrderedTree:
     --------
     >>> t = OrderedTree.parse("[[][[]]]")
     >>> t.nodes, t.density
-    (4, 8)
+    (4, 3)
     >>> str(t)
     '[[][[]]]'
     """

@@ -1,0 +1,75 @@
+"""How the site is made: ``make docs``. Warnings are errors, and links within it are checked."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import cg
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+project = "crouch-grossman"
+author = copyright = "The crouch-grossman developers"
+version = release = cg.__version__
+
+extensions = [
+    "method_pages",
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+    "sphinx-mathjax-offline",
+]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+exclude_patterns = [
+    "examples",
+    "gallery/*.py",
+    "methods/claims.md",
+    "examples_built/sg_execution_times.rst",
+]
+suppress_warnings = ["myst.xref_missing.outside", "config.cache"]
+
+myst_enable_extensions = ["deflist", "dollarmath", "attrs_inline"]
+myst_heading_anchors = 4
+
+autosummary_generate = True
+autodoc_typehints = "none"  # docstrings say types in words
+numpydoc_show_class_members = False
+default_role = "autolink"
+
+sphinx_gallery_conf = {
+    "examples_dirs": "examples",
+    "gallery_dirs": "examples_built",
+    "filename_pattern": "/plot_",
+    "download_all_examples": False,
+    "show_signature": False,
+    "min_reported_time": 1e9,
+    "image_srcset": ["2x"],
+}
+
+html_theme = "furo"
+html_title = "crouch-grossman"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+templates_path = ["_templates"]
+copybutton_exclude = ".linenos, .gp, .go"
+
+warnings.filterwarnings("ignore", message="FigureCanvasAgg is non-interactive")
+
+
+def _outside(app: Any, relative: Path, _: Any, content: list[str]) -> None:
+    """Let pages that are read in the repository too point to files outside of the site."""
+    content[0] = content[0].replace("](../CONTRIBUTING.md)", "](contributing.md)")
+
+
+def setup(app: Any) -> None:
+    """Connect what is local to this site."""
+    app.connect("include-read", _outside)

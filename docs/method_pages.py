@@ -1,0 +1,225 @@
+"""Pages of methods, a page each, made of the catalogue when the site is built.
+
+They are written to ``docs/methods``, and written anew only where their text changes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import method_pictures
+from matplotlib.figure import Figure
+
+import cg
+from cg.certification import CertificationError, certificate_of
+from cg.formats import FORMATS
+from cg.method import Method
+
+FOLDER = Path(__file__).parent / "methods"
+KINDS = {
+    "CG": "Crouch–Grossman methods",
+    "CF": "Commutator-free methods",
+    "lifted": "Lifted flat methods",
+    "implicit": "Implicit methods",
+    "other": "Low order",
+}
+MOST_POINTS = 60  # of a tree that can still be read as a picture
+
+
+def slug(name: str) -> str:
+    """Return the name of a method's file."""
+    return re.sub(r"\W+", "_", name).strip("_")
+
+
+def kind_of(method: Method) -> str:
+    """Return the key of the section that a method is listed in."""
+    if not method.explicit:
+        return "implicit"
+    for kind in ("CG", "CF"):
+        if method.name and method.name.startswith(kind):
+            return kind
+    return "other" if method.name == "LieEuler" else "lifted"
+
+
+def certificate_text(method: Method) -> str:
+    """Return what is proved of a method."""
+    try:
+        told = str(certificate_of(method))
+    except CertificationError:
+        return "none"
+    return told.partition(": ")[2].replace("[", "\\[").replace("]", "\\]")
+
+
+def number(value: Fraction) -> str:
+    """Write an exact number: a quotient where it is short, else 17 digits."""
+    text = str(value)
+    return text if len(text) <= 13 else f"{float(value):.17g}"
+
+
+def coefficients(method: Method) -> str:
+    """Return the coefficients as a table: a tableau, or points with their weights."""
+    if isinstance(method, cg.Tableau):
+        rows, weights = method.exact
+        stages = range(1, method.stages + 1)
+        lines = ["| stage | c | " + " | ".join(f"a, {j}" for j in stages) + " |"]
+        lines.append("|---" * (method.stages + 2) + "|")
+        for r, row in enumerate(rows):
+            shown = (number(x) if x else "" for x in row)
+            lines.append(f"| {r + 1} | {float(sum(row)):.6g} | " + " | ".join(shown) + " |")
+        lines.append("| b | | " + " | ".join(number(x) for x in weights) + " |")
+        if method.exact_embedded is not None:
+            second = method.exact_embedded
+            lines.append("| b̂ | | " + " | ".join(number(x) for x in second) + " |")
+        return "\n".join(lines)
+    lines = ["| point | from | weights on frozen fields | is |", "|---|---|---|---|"]
+    for m, point in enumerate(method.points):
+        here = [f"stage {k + 1}" for k, at in enumerate(method.stage_points) if at == m]
+        here += ["the result"] * (m == method.result)
+        here += ["the second result"] * (m == method.embedded_result)
+        weights = ", ".join(f"{number(w)} F{k + 1}" for k, w in point.weights.items())
+        start = "the start" if point.parent < 0 else f"point {point.parent + 1}"
+        lines.append(f"| {m + 1} | {start} | {weights} | {', '.join(here)} |")
+    return "\n".join(lines)
+
+
+def facts(method: Method) -> str:
+    """Return a table of a method's properties."""
+    pair = f"{method.order}({method.embedded_order})" if method.embedded_order else method.order
+    rows = {
+        "order": f"{pair}{' (nominal; see the catalogue)' if method.approximate else ''}",
+        "evaluations in a step": method.stages,
+        "flows in a step": method.exponentials,
+        "principal error": f"{method.principal_error():.3g}",
+        "largest residual through its order": f"{method.largest_residual():.1e}",
+        "proved": certificate_text(method),
+        "source": method.source,
+    }
+    return "\n".join(
+        ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in rows.items())]
+    )
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file if its text is another."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def draw(path: Path, figure: Figure) -> None:
+    """Write a figure."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=140)
+
+
+def stamp_of(method: Method) -> str:
+    """Return a digest of what a method's page is made of."""
+    parts = [Path(__file__), Path(method_pictures.__file__), Path(cg.formats.__file__)]
+    texts = [path.read_bytes() for path in parts]
+    texts += [cg.__version__.encode(), cg.export(method, "toml").encode()]
+    return hashlib.sha256(b"\0".join(texts)).hexdigest()
+
+
+def exports(method: Method, name: str) -> str:
+    """Write a method in all formats that it has, and return links to them."""
+    links = []
+    for form, suffix in FORMATS.items():
+        try:
+            text = cg.export(method, form)
+        except ValueError:  # steps of implicit methods
+            continue
+        file = FOLDER / "files" / form / f"{name}{suffix}"
+        write(file, text)
+        links.append(f"{{download}}`{form} <files/{form}/{file.name}>`")
+    return ", ".join(links)
+
+
+def page(method: Method) -> str:
+    """Write what belongs to a method's page, and return its text."""
+    name = slug(method.name)
+    pictures = []
+    if method.explicit and len(method.points) <= MOST_POINTS:
+        draw(FOLDER / "pictures" / f"{name}_tree.png", method_pictures.tree_figure(method))
+        pictures.append(
+            "## Tree of points\n\nEach arrow is a flow; numbers in circles are the stages that are "
+            "evaluated there; red is the result, dashed leads to the second one.\n\n"
+            f"![Tree of points of {method.name}](pictures/{name}_tree.png)"
+        )
+    draw(FOLDER / "pictures" / f"{name}_region.png", method_pictures.region_figure(method))
+    pictures.append(
+        "## Stability\n\nWhere flows commute, a step multiplies a solution of `y' = λ y` by "
+        f"R(hλ); coloured is where |R| ≤ 1.\n\n![Stability region of {method.name}]"
+        f"(pictures/{name}_region.png)"
+    )
+    use = f'cg.integrate(f, t_span, y0, frame=frame, method="{method.name}", h=h)'
+    if method.embedded_order:
+        use = f'cg.solve_ivp(f, t_span, y0, frame=frame, method="{method.name}")'
+    parts = [
+        f"# {method.name}",
+        facts(method),
+        f"```python\n{use}\n```",
+        "## Coefficients\n\nQuotients are exact, decimals rounded to 17 digits; the files below "
+        "have all digits. Flows are followed from left to right.\n\n" + coefficients(method),
+        *pictures,
+        f"## Take it away\n\n{exports(method, name)}",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def index(methods: list[Method]) -> str:
+    """Return the page that lists all methods."""
+    lines = [
+        "# All methods",
+        "Each has a page with its coefficients, its tree of points, its region of stability, what "
+        "is proved of it, where it is from, and files to take away. Which to use when is in "
+        "[the catalogue](../catalogue.md).",
+    ]
+    for kind, title in KINDS.items():
+        lines.append(f"## {title}")
+        rows = ["| method | order | evaluations | flows |", "|---|---|---|---|"]
+        for method in methods:
+            if kind_of(method) == kind:
+                pair = f"({method.embedded_order})" if method.embedded_order else ""
+                rows.append(
+                    f"| [{method.name}]({slug(method.name)}.md) | {method.order}{pair} | "
+                    f"{method.stages} | {method.exponentials} |"
+                )
+        lines.append("\n".join(rows))
+    names = "\n".join(slug(method.name) for method in methods)
+    lines.append(f"```{{toctree}}\n:hidden:\n\n{names}\n```")
+    return "\n\n".join(lines) + "\n"
+
+
+def claims() -> str:
+    """Return a table of the paper's claims."""
+    from cg.reproduce.sections.claims import CLAIMS
+
+    rows = [f"| {claim.section} | {claim.text} |" for claim in CLAIMS]
+    return "\n".join(["| section | claim, in our words |", "|---|---|", *rows]) + "\n"
+
+
+def generate(app: Any) -> None:
+    """Write all pages; Sphinx calls this before it reads."""
+    write(FOLDER / "claims.md", claims())
+    methods = sorted(cg.methods.values(), key=lambda m: (m.order, m.exponentials, m.name))
+    for method in methods:
+        path, stamp = FOLDER / f"{slug(method.name)}.md", stamp_of(method)
+        mark = FOLDER / "stamps" / slug(method.name)
+        if not (path.exists() and mark.exists() and mark.read_text(encoding="utf-8") == stamp):
+            write(path, page(method))
+            write(mark, stamp)
+    write(FOLDER / "index.md", index(methods))
+    kept = {f"{slug(method.name)}.md" for method in methods} | {"index.md", "claims.md"}
+    for old in FOLDER.glob("*.md"):
+        if old.name not in kept:
+            old.unlink()
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Register with Sphinx."""
+    app.connect("builder-inited", generate)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
