@@ -1,8 +1,10 @@
 """Steps that are exported are our steps, to the last bits."""
 
+import math
 import shutil
 import subprocess
 import sys
+from fractions import Fraction
 
 import heisenberg
 import numpy as np
@@ -177,6 +179,67 @@ def check_fortran(names, folder):
 
 def test_fortran(tmp_path):
     check_fortran(SOME, tmp_path)
+
+
+GROWTH = sum(Fraction(1, 8**k * math.factorial(k)) for k in range(5))
+"""What a step of size 1/8 of a method of order four with four stages multiplies by, y' = y."""
+
+
+def test_numbers_of_another_kind_in_c(tmp_path):
+    (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
+    program = """
+#define CF4_REAL long double
+#define CF4_NUMBER(x) x##L
+#include <stdio.h>
+#include "cf4.h"
+static int field(long double t, const long double *y, long double *f, void *data)
+{ (void)t; (void)data; f[0] = y[0]; return 0; }
+static int flow(const long double *v, long double *y, void *data)
+{ (void)data; y[0] += v[0]; return 0; }
+int main(void)
+{
+    long double y[1] = {1.0L}, work[CF4_WORK(1, 1)];
+    if (cf4_step(field, flow, 0, 1, 1, 0.0L, 0.125L, y, work)) return 1;
+    printf("%.25Lf\\n", y[0]);
+    return 0;
+}
+"""
+    (tmp_path / "program.c").write_text(program, encoding="utf-8")
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=tmp_path)
+    run = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)
+    assert abs(Fraction(run.stdout.strip()) - GROWTH) < Fraction(4 * float(np.finfo(np.longdouble).eps))
+
+
+def test_numbers_of_another_kind_in_fortran(tmp_path):
+    module = cg.export("CF4", "fortran")
+    assert module.count("kind(1.0d0)") == 1
+    module = module.replace("kind(1.0d0)", "selected_real_kind(30)")
+    program = """
+program main
+  use cf4_method, only: cf4_step, wp => cf4_wp
+  implicit none
+  real(wp) :: y(1)
+  y = 1.0_wp
+  call cf4_step(field, flow, 1, 0.0_wp, 0.125_wp, y)
+  print '(f40.36)', y
+contains
+  subroutine field(t, y, f)
+    real(wp), intent(in) :: t, y(:)
+    real(wp), intent(out) :: f(:)
+    f = y + 0.0_wp * t
+  end subroutine field
+  subroutine flow(v, y)
+    real(wp), intent(in) :: v(:)
+    real(wp), intent(inout) :: y(:)
+    y = y + v
+  end subroutine flow
+end program main
+"""
+    (tmp_path / "program.f90").write_text(module + program, encoding="utf-8")
+    subprocess.run(["gfortran", "program.f90", "-o", "program"], check=True, cwd=tmp_path)
+    run = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)
+    assert abs(Fraction(run.stdout.strip()) - GROWTH) < Fraction(1, 10**32)
 
 
 def check_octave(names, folder):

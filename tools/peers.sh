@@ -25,7 +25,8 @@ if [ ! -e /usr/lib/x86_64-linux-gnu/libminpack.so.1 ] && ! ldconfig -p 2>/dev/nu
 fi
 command -v mpiexec >/dev/null 2>&1 || debian openmpi-bin MPI
 for package in "numba>=0.60" "lielab==0.5.2" "distributed>=2024.8" "loky>=3.4" "mpi4py>=4.0" \
-  "zarr>=3.0" "h5py>=3.11" "kauri>=2.3" "nodepy>=1.1" six diffrax; do
+  "zarr>=3.0" "h5py>=3.11" "kauri>=2.3" "nodepy>=1.1" six diffrax \
+  "xarray>=2024.1" tree-sitter tree-sitter-julia; do
   "$python" -m pip install --quiet "$package" >/dev/null 2>&1 ||
     echo "$package could not be installed; the tests that need it are skipped."
 done

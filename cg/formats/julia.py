@@ -11,7 +11,7 @@ __all__ = ["to_julia"]
 
 _MODULE = '''module @Module@
 
-export step@exported@
+# Nothing is exported, since Base has a function step: call @Module@.step.
 
 # Points are kept in slots, of which 1 is the initial one. Of each stage: its abscissa, how many
 # moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
@@ -94,11 +94,11 @@ _SHAPES = {
 def to_julia(program: Program, lower: int | None) -> str:
     """Return a module; `lower` is the order of the second result of a pair."""
     algebra = program.on_algebra
-    output = exported = ""
+    output = ""
     if program.second is not None:
-        output, exported = _PAIR, ", step_pair"
+        output = _PAIR
     elif program.errors:
-        output, exported = _ERROR, ", step_error"
+        output = _ERROR
     says = (
         "\ndexpinv(u, v) returns the derivative of the coordinates u of a point that moves with\n"
         "coefficients v."
@@ -111,7 +111,6 @@ def to_julia(program: Program, lower: int | None) -> str:
     )
     parts = {
         "output": output,
-        "exported": exported,
         "Module": program.name.capitalize(),
         "slots": str(program.slots),
         "tables": _tables(program),
