@@ -208,7 +208,9 @@ int main(void)
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
     subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=tmp_path)
     run = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)
-    assert abs(Fraction(run.stdout.strip()) - GROWTH) < Fraction(4 * float(np.finfo(np.longdouble).eps))
+    assert abs(Fraction(run.stdout.strip()) - GROWTH) < Fraction(
+        4 * float(np.finfo(np.longdouble).eps)
+    )
 
 
 def test_numbers_of_another_kind_in_fortran(tmp_path):
@@ -278,3 +280,35 @@ def test_all_methods(check, tmp_path):
     if check is check_octave and shutil.which("octave-cli") is None:
         pytest.skip("Octave isn't installed")
     check(ALL, tmp_path)
+
+
+def swapped():
+    """Return pairs whose second results are of higher order, and make the steps."""
+    rows = cg.methods["CG2(3)"]
+    yield cg.Tableau(rows.entries, rows.embedded_weights, b_embedded=rows.weights)
+    flat = munthe_kaas["RKMK3(2)"].tableau
+    tableau = cg.Tableau(flat.entries, flat.embedded_weights, b_embedded=flat.weights)
+    yield cg.MuntheKaas(tableau)
+    points = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
+    yield cg.CommutatorFree([*points, (-1, {1: 1})], [-1, 0, 1], 3, embedded_result=2)
+
+
+@pytest.mark.parametrize("method", list(swapped()), ids=lambda method: type(method).__name__)
+def test_steps_are_those_of_higher_order(method):
+    assert method.embedded_order > method.order
+    names = {}
+    exec(cg.export(method, "python"), names)
+    functions = [heisenberg.field, Heisenberg().flow]
+    functions += [heisenberg.dexpinv] * on_algebra(method)
+    start = np.array(START)
+    found = names["step"](*functions, TIME, start, STEP)
+    step = Step(heisenberg.field, Heisenberg(), method)
+    np.testing.assert_array_equal(found, step(TIME, start, STEP))
+    if method.error_weights:
+        point, error = names["step_error"](*functions, TIME, start, STEP)
+        wanted = _combined(STEP * step.error_weights, step._stage_fields)
+        np.testing.assert_array_equal(error, wanted)
+    else:
+        point, second = names["step_pair"](*functions, TIME, start, STEP)
+        np.testing.assert_array_equal(second, step.pair(TIME, start, STEP)[1])
+    np.testing.assert_array_equal(point, found)

@@ -101,8 +101,8 @@ _SAYS_PAIR = """
 
 _SAYS_ERRORS = {
     1: """
-   The m coefficients of its error are written to error unless that is a null pointer: the flow
-   along them joins the two results.""",
+   The m coefficients of its error are written to error unless that is a null pointer:
+   those of the field by which the two results differ.""",
     2: """
    The m coefficients of its error e, and m more of e_3, are written to error unless that is a
    null pointer; the estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",

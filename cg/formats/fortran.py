@@ -113,7 +113,7 @@ _ERROR = """    if (present(error)) then
 
 _SAYS_ERRORS = {
     1: """. The coefficients of its
-  ! error are those of the flow that joins the two results.""",
+  ! error are those of the field by which the two results differ.""",
     2: """. The coefficients of its
   ! error are e and e_3, and the estimate |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
 }

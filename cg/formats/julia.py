@@ -86,7 +86,7 @@ end
 '''
 
 _SHAPES = {
-    1: "a vector of one, whose flow\njoins the two results.",
+    1: "a vector of one,\nthe field by which the two results differ.",
     2: "e and e3, from which\nthe estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e3|^2).",
 }
 

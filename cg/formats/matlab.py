@@ -70,7 +70,7 @@ _SAYS_DEXPINV = """
 
 _SAYS_ERRORS = {
     1: """
-% error_of_step has the coefficients of its error: the flow along them joins the two results.""",
+% error_of_step has the coefficients of its error, the field by which the two results differ.""",
     2: """
 % error_of_step has the coefficients of its error, e and e_3 in columns; the estimate is
 % |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",

@@ -57,7 +57,7 @@ def step_error({call}):
 '''
 
 _SHAPES = {
-    1: "The error has shape (1, m): the flow along it joins the two results.",
+    1: "The error has shape (1, m): the field by which the two results differ.",
     2: """The errors have shape (2, m): e = errors[0] and e_3 = errors[1], from
     which the estimate is ``|e|**2 / sqrt(|e|**2 + 0.01 * |e_3|**2)``.""",
 }
