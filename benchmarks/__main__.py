@@ -28,6 +28,8 @@ NAMES = (
     "rivals",
     "tableaux",
     "parts",
+    "workers",
+    "growth",
 )
 """All benchmarks, each a module with ``run(quick, figures)``."""
 
