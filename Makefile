@@ -3,7 +3,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 PEERS := $(VENV)/.peers
-OUT ?= reproduce/out
+OUT ?=
 ARGS ?=
 
 .PHONY: all build reproduce test test-all test-checks lint benchmarks catalogue reference-steps implementations reliability docs wheel clean
@@ -22,7 +22,7 @@ build: $(STAMP)
 	@$(PY) -c "import cg"
 
 reproduce: build
-	$(VENV)/bin/reproduce-paper --out $(OUT) $(ARGS)
+	$(VENV)/bin/reproduce-paper $(if $(OUT),--out $(OUT)) $(ARGS)
 
 # what differential tests compare with; they skip where it can't be had
 $(PEERS): $(STAMP) tools/peers.sh

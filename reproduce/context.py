@@ -10,7 +10,7 @@ from cg.parallel import available_cores
 
 from .blocks import Data
 
-__all__ = ["Context", "Settings"]
+__all__ = ["Context", "Progress", "Settings"]
 
 Progress = Callable[[int, int], None]
 """Called with the numbers of finished and of all parts of an item."""
@@ -31,6 +31,9 @@ class Settings:
     seed: int = 0
     full: bool = False
 
+    def __str__(self) -> str:
+        return f"seed {self.seed}, {'extensive' if self.full else 'default'} search"
+
 
 @dataclass(frozen=True)
 class Context:
@@ -44,6 +47,10 @@ class Context:
     workers : int
         Threads.
     progress : callable
+    publish : callable
+        Receives what an item has so far, in the form of its result, and shows it as partial.
+    limit : float or None
+        Seconds that an item with random starts may search; what it has by then is its result.
     results : mapping
         Numbers of the items that this one needs, by name.
     """
@@ -52,4 +59,6 @@ class Context:
     checkpoints: Path
     workers: int = field(default_factory=available_cores)
     progress: Progress = lambda done, total: None
+    publish: Callable[[Data], None] = lambda numbers: None
+    limit: float | None = None
     results: Mapping[str, Data] = field(default_factory=dict)

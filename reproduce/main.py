@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import math
+import signal
 import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TextIO
+from typing import Any
 
 from cg.parallel import available_cores
 
-from .context import Progress, Settings
-from .item import Item
+from .context import Settings
+from .display import Display, duration
 from .items import ITEMS, select
-from .run import OutputError, check_output, run
+from .run import OutputError, check_output, check_settings, run
 
 __all__ = ["main"]
+
+_FOLDER = Path("reproduce/out")
+_FULL_FOLDER = _FOLDER / "full"
 
 _UNUSABLE = 2
 _INTERRUPTED = 130
@@ -33,8 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, or 2 if the output folder can't be used or is full, or 130 after an
-        interrupt.
+        Exit status: 0, or 2 if the output folder can't be used, is full or holds a report of
+        other settings, or 130 after an interrupt.
 
     Raises
     ------
@@ -46,38 +53,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for item in ITEMS.values():
             print(f"{item.name:16} {item.title}")
         return 0
+    settings = Settings(options.seed, options.full)
+    out = options.out or (_FULL_FOLDER if options.full else _FOLDER)
     try:
-        check_output(options.out)
+        check_output(out)
+        check_settings(out, settings)
     except OutputError as error:
-        print(f"reproduce-paper: error: --out {error}", file=sys.stderr)
-        return _UNUSABLE
+        return _complain(f"--out {error}")
     items = select(options.only or ITEMS)
-    display = _Display(sys.stderr, len(items))
+    limit = None if options.minutes is None else 60.0 * options.minutes
+    display = Display(sys.stderr, items, options.full, limit)
     begun = time.perf_counter()
     try:
-        run(
-            items,
-            options.out,
-            Settings(options.seed, options.full),
-            options.workers,
-            display.begin,
-            display.finish,
-        )
+        with _terminated_as_interrupted():
+            run(items, out, settings, options.workers, display.begin, display.finish, limit)
     except OSError as error:
-        print(
-            f"\nreproduce-paper: error: {error}; finished items are kept in {options.out}",
-            file=sys.stderr,
-        )
-        return _UNUSABLE
+        return _complain(f"{error}; finished items are kept in {out}")
     except KeyboardInterrupt:
-        print(
-            f"\ninterrupted; finished items and searches are kept in {options.out}",
-            file=sys.stderr,
-        )
+        print(f"\ninterrupted; finished items and searches are kept in {out}", file=sys.stderr)
         return _INTERRUPTED
     seconds = time.perf_counter() - begun
-    print(f"{options.out / 'report.html'} written in {seconds:.1f} s", file=sys.stderr)
+    print(f"{out / 'report.html'} written in {duration(seconds)}", file=sys.stderr)
     return 0
+
+
+def _complain(message: str) -> int:
+    print(f"\nreproduce-paper: error: {message}", file=sys.stderr)
+    return _UNUSABLE
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Let the signal that ends batch jobs end this one as an interrupt does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -87,15 +102,22 @@ def _parser() -> argparse.ArgumentParser:
         "what goes beyond it, as one report.",
     )
     parser.add_argument(
-        "--out", type=Path, default=Path("reproduce/out"), metavar="DIR",
-        help="folder for report.html, results.json and figures (default: %(default)s)",
+        "--out", type=Path, metavar="DIR",
+        help="folder for report.html, results.json, figures and checkpoints "
+        f"(default: {_FOLDER}, with --full {_FULL_FOLDER})",
     )  # fmt: skip
     parser.add_argument(
-        "--full", action="store_true", help="the extensive search, with many more starts: hours"
-    )
+        "--full", action="store_true",
+        help="the extensive search, with twenty times as many starts: hours",
+    )  # fmt: skip
     parser.add_argument(
-        "--only", action="append", type=_item, metavar="ITEM",
-        help="run this item and what it needs; may be given several times",
+        "--minutes", type=_minutes, metavar="M",
+        help="end each search after so long; the report says how far it came, and the same "
+        "command goes on from there",
+    )  # fmt: skip
+    parser.add_argument(
+        "--only", action=_Names, metavar="ITEM[,ITEM...]",
+        help="run these items and what they need; may be given several times",
     )  # fmt: skip
     parser.add_argument(
         "--seed", type=_at_least(0), default=0, help="seed of random starts (default: %(default)s)"
@@ -108,10 +130,29 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _item(text: str) -> str:
-    if text not in ITEMS:
-        raise argparse.ArgumentTypeError(f"{text!r} is none of {', '.join(ITEMS)}")
-    return text
+class _Names(argparse.Action):
+    """Names of items, between commas."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any,
+        option: str | None = None,
+    ) -> None:  # fmt: skip
+        names = [name.strip() for name in values.split(",")]
+        unknown = [name for name in names if name not in ITEMS]
+        if unknown:
+            asked = ", ".join(map(repr, unknown))
+            raise argparse.ArgumentError(self, f"{asked}: items are {', '.join(ITEMS)}")
+        setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or []), *names])
+
+
+def _minutes(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"must be a number, not negative, got {text!r}")
+    return value
 
 
 class _at_least:
@@ -130,39 +171,3 @@ class _at_least:
                 f"must be an integer, at least {self.least}, got {text!r}"
             )
         return value
-
-
-class _Display:
-    """Progress on a stream: a moving line on a terminal, else a line an item."""
-
-    def __init__(self, stream: TextIO, total: int) -> None:
-        self._stream = stream
-        self._total = total
-        self._finished = 0
-        self._terminal = stream.isatty()
-        self._begun = self._drawn = 0.0
-
-    def begin(self, item: Item) -> Progress:
-        """Return the function that receives an item's progress."""
-        self._begun = time.perf_counter()
-        self._line(item, "…")
-
-        def update(done: int, total: int) -> None:
-            now = time.perf_counter()
-            if self._terminal and now - self._drawn >= 0.1:
-                self._drawn = now
-                self._line(item, f"{done}/{total}, {now - self._begun:.0f} s")
-
-        return update
-
-    def finish(self, item: Item, seconds: float) -> None:
-        """Tell that an item is done."""
-        self._line(item, f"{seconds:.1f} s", end="\n")
-        self._finished += 1
-
-    def _line(self, item: Item, text: str, end: str = "") -> None:
-        if self._terminal or end:
-            start = "\r\x1b[K" if self._terminal else ""
-            place = f"[{self._finished + 1}/{self._total}]"
-            self._stream.write(f"{start}{place} {item.title}: {text}{end}")
-            self._stream.flush()

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from functools import partial
+from typing import Any
 
 from cg.convergence import observed_order, slopes
+from cg.runs.execution import as_finished
 
-from . import top
+from . import fingerprint, top
 from .context import Context
+from .kept import Kept
 
 __all__ = ["FIT", "Run", "end_errors", "order_data"]
 
@@ -22,30 +27,47 @@ Run = tuple[top.Reading, str, int]
 def end_errors(context: Context, runs: Sequence[Run]) -> dict[Run, float]:
     """Integrate in real(16), several at a time, and return the errors of B at t = 1.
 
+    Every error is kept in a checkpoint once it is known, and not computed again.
+
     Parameters
     ----------
     context : Context
     runs : sequence of Run
         Best with the longest first, so that no core waits at the end.
     """
-    for reading in {run[0] for run in runs}:
-        top.reference_end(reading)  # once, before threads ask for it
-    errors = {}
-    with ThreadPoolExecutor(context.workers) as pool:
-        try:
-            found = pool.map(_error, runs)
-            for done, (run, error) in enumerate(zip(runs, found, strict=True)):
-                errors[run] = error
-                context.progress(done + 1, len(runs))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return errors
+    digest = fingerprint.of_code(__name__, {})
+    kept = Kept(context.checkpoints / f"quad-errors-{digest}.jsonl")
+    try:
+        errors = dict(map(_recorded, kept.records))
+        missing = [run for run in runs if run not in errors]
+        for reading in {run[0] for run in missing}:
+            top.reference_end(reading)  # once, before threads ask for it
+        with closing(as_finished(partial(_indexed_error, missing), range(len(missing)),
+                                 context.workers)) as running:  # fmt: skip
+            for index, error in running:
+                errors[missing[index]] = error
+                kept.append({"run": missing[index], "error": error})
+                context.progress(sum(run in errors for run in runs), len(runs))
+    finally:
+        kept.close()
+    return {run: errors[run] for run in runs}
 
 
-def _error(run: Run) -> float:
-    reading, method, steps = run
-    return top.end_error(reading, method, steps, "real128")[0]
+def _recorded(record: Any) -> tuple[Run, float]:
+    """Read a record of the checkpoint."""
+    try:
+        reading, method, steps = record["run"]
+        error = record["error"]
+        if not (isinstance(error, float) and 0 < error < math.inf):
+            raise TypeError
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"not the record of an error: {str(record)[:80]}") from None
+    return (reading, method, steps), error
+
+
+def _indexed_error(runs: Sequence[Run], index: int) -> tuple[int, float]:
+    reading, method, steps = runs[index]
+    return index, top.end_error(reading, method, steps, "real128")[0]
 
 
 def order_data(errors: Mapping[int, float]) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -50,10 +50,10 @@ def page(state: Mapping[str, Any], sections: Mapping[str, str]) -> str:
 <h1>{escape(_TITLE)}</h1>
 <p>After Z. Jackiewicz, A. Marthinsen and B. Owren, “Construction of Runge–Kutta methods of
 Crouch–Grossman type of high order”, Advances in Computational Mathematics 13 (2000), 405–415.
-Every number of ours on this page was computed by reproduce-paper and is in results.json
-too.</p>
+Every number of ours on this page was computed by reproduce-paper, but for the radii of
+certificates, which are read from their files; results.json has them all.</p>
 <p>Seed {settings["seed"]}, {extent}, version {escape(run["version"])}.</p>
-<nav aria-label="Contents"><ol>{links}</ol></nav>
+{_partial(state["items"], shown)}<nav aria-label="Contents"><ol>{links}</ol></nav>
 </header>
 <main>
 {"".join(sections[item.name] for item in shown)}</main>
@@ -61,6 +61,18 @@ too.</p>
 </body>
 </html>
 """
+
+
+def _partial(items: Mapping[str, Data], shown: Sequence[Item]) -> str:
+    """Return a paragraph that names the searches that were cut short, if there are any."""
+    parts = [
+        f"{item.title}: {part['starts']} of {part['of']} starts"
+        for item in shown
+        if (part := items[item.name].get("partial"))
+    ]
+    if not parts:
+        return ""
+    return f'<p class="partial">Partial searches. {escape("; ".join(parts))}.</p>\n'
 
 
 def section(item: Item, numbers: Data, out: Path) -> str:
@@ -91,7 +103,7 @@ def _chart(chart: Chart, out: Path) -> str:
     svg = render(chart, out / "figures")
     name = chart.name.replace(".", "-")
     return (
-        f"<figure>\n{svg}\n<figcaption>{escape(chart.caption)}"
+        f'<figure>\n<div class="wide" tabindex="0">{svg}</div>\n<figcaption>{escape(chart.caption)}'
         f'<span class="description" id="{name}-description">{escape(chart.description)}</span>'
         f"</figcaption>\n</figure>\n"
     )
@@ -99,8 +111,8 @@ def _chart(chart: Chart, out: Path) -> str:
 
 def _table(table: Table) -> str:
     head = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in table.header)
-    rows = "".join("<tr>" + _row(row) + "</tr>\n" for row in table.rows)
-    kind = ' class="numeric"' if table.numeric else ""
+    rows = "".join("<tr>" + _row(table.header, row) + "</tr>\n" for row in table.rows)
+    kind = ' class="numeric"' if table.numeric else ' class="words"'
     inner = f"<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n"
     caption = escape(table.caption)
     if table.folded:
@@ -112,15 +124,17 @@ def _table(table: Table) -> str:
     return f'<div class="wide"><table{kind}>\n<caption>{caption}</caption>\n{inner}</table></div>\n'
 
 
-def _row(cells: Iterable[str]) -> str:
+def _row(header: Sequence[str], cells: Sequence[str]) -> str:
     first, *rest = cells
-    return f'<th scope="row">{escape(first)}</th>' + "".join(map(_cell, rest))
+    inner = "".join(_cell(name, text) for name, text in zip(header[1:], rest, strict=True))
+    return f'<th scope="row">{escape(first)}</th>{inner}'
 
 
-def _cell(text: str) -> str:
+def _cell(column: str, text: str) -> str:
+    """Return a cell; narrow pages write the name of its column before it."""
+    label = f'data-column="{escape(column)}"'
     if text in _MARKS:
         name = text.replace(" ", "-")
-        return (
-            f'<td class="verdict {name}"><span aria-hidden="true">{_MARKS[text]}</span> {text}</td>'
-        )
-    return f"<td>{escape(text)}</td>"
+        mark = f'<span aria-hidden="true">{_MARKS[text]}</span>'
+        return f'<td {label} class="verdict {name}">{mark} {text}</td>'
+    return f"<td {label}>{escape(text)}</td>"

@@ -7,6 +7,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,9 @@ from .item import Item
 from .items import ITEMS
 from .report import page, section
 
-__all__ = ["FORMAT", "OutputError", "check_output", "run"]
+__all__ = ["FORMAT", "OutputError", "check_output", "check_settings", "run"]
 
-FORMAT = "reproduce-paper 1"
+FORMAT = "reproduce-paper 2"
 
 _RESULTS = "results.json"
 _REPORT = "report.html"
@@ -50,6 +51,25 @@ def check_output(out: Path) -> None:
         raise OutputError(f"{out} is not writable: {error.strerror}") from None
 
 
+def check_settings(out: Path, settings: Settings) -> None:
+    """See that the folder holds no report of other settings, which would be lost.
+
+    Raises
+    ------
+    OutputError
+        If it does.
+    """
+    try:
+        held = Settings(**_read(out)["settings"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return  # nothing there that could be lost
+    if held != settings:
+        raise OutputError(
+            f"{out} holds a report of other settings ({held}; now {settings}), which would be "
+            "replaced; give another folder"
+        )
+
+
 def run(
     items: Sequence[Item],
     out: Path,
@@ -57,11 +77,13 @@ def run(
     workers: int,
     progress: Callable[[Item], Progress] = lambda item: lambda done, total: None,
     finished: Callable[[Item, float], None] = lambda item, seconds: None,
+    limit: float | None = None,
 ) -> dict[str, Any]:
     """Compute items; write ``results.json``, figures and ``report.html`` as each finishes.
 
     Items that an earlier run of the same version left in the folder, with the same settings,
-    stay in the report; there is no need for them to run again.
+    stay in the report; there is no need for them to run again. Those that need one whose
+    numbers have changed leave it. Long items are shown while they run, as partial.
 
     Parameters
     ----------
@@ -75,6 +97,8 @@ def run(
         From an item to the function that receives its progress.
     finished : callable
         Called with every finished item and its time in seconds.
+    limit : float, optional
+        Seconds that each search may take.
 
     Returns
     -------
@@ -91,19 +115,35 @@ def run(
     state["run"]["workers"] = workers
     results: dict[str, Data] = state["items"]
     sections = {name: section(ITEMS[name], numbers, out) for name, numbers in results.items()}
-    for item in items:
-        context = Context(settings, out / "checkpoints", workers, progress(item), results)
-        begun = time.perf_counter()
-        numbers = _plain(item.compute(context))
-        seconds = time.perf_counter() - begun
+
+    def show(item: Item, numbers: Data, begun: float) -> None:
+        numbers = _plain(numbers)
+        if results.get(item.name) != numbers:
+            for name in _needing(item.name):
+                results.pop(name, None)
+                sections.pop(name, None)
         results[item.name] = numbers
-        state["items"] = results = {name: results[name] for name in ITEMS if name in results}
-        state["run"]["seconds"][item.name] = round(seconds, 2)
+        state["items"] = {name: results[name] for name in ITEMS if name in results}
+        state["run"]["seconds"][item.name] = round(time.perf_counter() - begun, 2)
         sections[item.name] = section(item, numbers, out)
         _write(out / _RESULTS, _dumps(state))
         _write(out / _REPORT, page(state, sections))
-        finished(item, seconds)
+
+    for item in items:
+        begun = time.perf_counter()
+        publish = partial(show, item, begun=begun)
+        context = Context(
+            settings, out / "checkpoints", workers, progress(item), publish, limit, results
+        )
+        publish(item.compute(context))
+        finished(item, time.perf_counter() - begun)
     return state
+
+
+def _needing(name: str) -> set[str]:
+    """Return the items that need one, directly or by way of others."""
+    direct = {item.name for item in ITEMS.values() if name in item.needs}
+    return direct.union(*map(_needing, direct))
 
 
 def _earlier(out: Path, settings: Settings) -> dict[str, Any]:
@@ -115,13 +155,18 @@ def _earlier(out: Path, settings: Settings) -> dict[str, Any]:
         "run": {"seconds": {}, "version": cg.__version__, "code": fingerprint.of_package()},
     }
     try:
-        state: dict[str, Any] = json.loads((out / _RESULTS).read_text(encoding="utf-8"))
+        state = _read(out)
         same = all(state[key] == fresh[key] for key in ("format", "settings"))
         if same and state["run"]["code"] == fresh["run"]["code"]:  # type: ignore[index]
             return state
     except (OSError, ValueError, KeyError, TypeError):
         pass  # nothing there that could be kept
     return fresh
+
+
+def _read(out: Path) -> dict[str, Any]:
+    state: dict[str, Any] = json.loads((out / _RESULTS).read_text(encoding="utf-8"))
+    return state
 
 
 def _plain(numbers: Data) -> Data:

@@ -10,7 +10,9 @@ from typing import Literal
 
 import numpy as np
 
+from cg.catalogue import methods
 from cg.frames.arrays import Array
+from cg.frames.rotations import rotate
 from cg.integration import integrate
 from cg.integration.built_in import Kind, integrate_heavy_top
 from cg.problems import HeavyTop
@@ -22,6 +24,7 @@ __all__ = [
     "Reading",
     "end_error",
     "errors",
+    "flow_distances",
     "reference_end",
     "reference_error",
 ]
@@ -50,7 +53,7 @@ class Errors:
     momentum : ndarray, shape (steps + 1,)
         2-norm of the error of the momentum.
     distance : ndarray, shape (steps + 1,)
-        Distance of B from SO(3) in the 2-norm.
+        Distance of B from SO(3) in the 2-norm, after the Newton–Schulz step of each step.
     """
 
     t: Array
@@ -100,6 +103,44 @@ def errors(reading: Reading, method: str, steps: int) -> Errors:
     )
     off = [_off_group(y[:9].tolist()) for y in solution.y]
     return Errors(solution.t, np.array(rotation), np.array(momentum), np.array(off))
+
+
+def flow_distances(reading: Reading, method: str, steps: int) -> Array:
+    """Return distances of B from SO(3) where flow follows flow and nothing else is done.
+
+    Steps are taken here, flow by flow, each by Rodrigues' formula: no quaternions between, and
+    no Newton–Schulz step after.
+
+    Parameters
+    ----------
+    reading : {"momentum", "velocity"}
+    method : str
+        Explicit, and a tableau.
+    steps : int
+        Number of equal steps over [0, 1].
+
+    Returns
+    -------
+    ndarray, shape (steps + 1,)
+    """
+    top, tableau, h = HeavyTop(reading), methods[method], 1 / steps
+
+    def follow(y: Array, weights: Sequence[float], fields: Sequence[Array]) -> Array:
+        rotation, momentum = y[:9].reshape(3, 3), y[9:]
+        for weight, field in zip(weights, fields, strict=False):
+            if weight:
+                rotation = rotate(-h * weight * field[:3], rotation.T).T
+                momentum = momentum + h * weight * field[3:]
+        return np.concatenate([rotation.ravel(), momentum])
+
+    y, points = top.y0, [top.y0]
+    for step in range(steps):
+        fields: list[Array] = []
+        for row, c in zip(tableau.a.tolist(), tableau.c.tolist(), strict=True):
+            fields.append(np.array(top.f((step + c) * h, follow(y, row, fields))))
+        y = follow(y, tableau.b.tolist(), fields)
+        points.append(y)
+    return np.array([_off_group(point[:9].tolist()) for point in points])
 
 
 def end_error(

@@ -1,10 +1,6 @@
 import json
-import signal
-import subprocess
 import sys
-import time
 from dataclasses import replace
-from fractions import Fraction
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -12,7 +8,7 @@ import pytest
 
 from cg.catalogue import methods
 from cg.quad import to_decimal
-from cg.reproduce import items, judges
+from cg.reproduce import items
 from cg.reproduce import run as run_module
 from cg.reproduce.blocks import Table, number
 from cg.reproduce.coefficients import fixed, labels, method_data
@@ -20,11 +16,8 @@ from cg.reproduce.context import Context, Settings
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
 from cg.reproduce.report import page
-from cg.reproduce.sections import fig4_1, search, table3_2
-from cg.reproduce.sections.appendix import compute as compare_appendix
+from cg.reproduce.sections import table3_2
 from cg.reproduce.sections.claims import CLAIMS, NEEDS
-from cg.reproduce.sections.search import PLANS
-from cg.runs import Store
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
 
@@ -98,6 +91,8 @@ def test_unknown_item_lists_those_there_are(capsys):
         (["--workers", "0"], "--workers"),
         (["--workers", "1.5"], "--workers"),
         (["--frequency"], "--frequency"),
+        (["--minutes", "-1"], "--minutes"),
+        (["--minutes", "nan"], "--minutes"),
     ],
 )
 def test_wrong_arguments_are_named(arguments, named, capsys):
@@ -158,7 +153,7 @@ def test_table_end_to_end(tmp_path, capsys):
     assert [(row["trees"], row["discarded"]) for row in rows] == [(22, 9), (64, 26), (196, 83)]
     text = (out / "report.html").read_text("utf-8")
     check_page(text)
-    assert all(f"<td>{n}</td>" in text for n in (13, 38, 113, 8, 17, 37, 15, 45, 136))
+    assert all(f">{n}</td>" in text for n in (13, 38, 113, 8, 17, 37, 15, 45, 136))
 
 
 @pytest.fixture(scope="module")
@@ -230,8 +225,64 @@ def test_items_of_an_equal_run_stay(tmp_path):
     assert set(read(tmp_path)["run"]["seconds"]) == {"table3.2", "appendix"}
     text = (tmp_path / "report.html").read_text("utf-8")
     assert Page(text).tags.count("section") == 2
-    main(["--only", "table3.2", "--seed", "5", *out])
+
+
+@pytest.mark.parametrize("other", [["--seed", "5"], ["--full"]])
+def test_a_report_of_other_settings_is_not_replaced(tmp_path, capsys, other):
+    out = ["--out", str(tmp_path)]
+    assert main(["--only", "table3.2", *out]) == 0
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    assert main(["--only", "appendix", *other, *out]) == 2
+    message = capsys.readouterr().err
+    assert "holds a report of other settings (seed 0, default search" in message
+    assert kept == {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+
+
+def test_full_goes_to_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for arguments in ([], ["--full"]):
+        assert main(["--only", "table3.2", *arguments]) == 0
+    for folder, full in (("reproduce/out", False), ("reproduce/out/full", True)):
+        assert read(tmp_path / folder)["settings"] == {"seed": 0, "full": full}
+
+
+def test_several_items_between_commas(tmp_path, capsys):
+    assert main(["--only", "table3.2, differences", "--out", str(tmp_path)]) == 0
+    assert list(read(tmp_path)["items"]) == ["differences", "table3.2"]
+    with pytest.raises(SystemExit) as stopped:
+        main(["--only", "table3.2,fig9.9,nothing"])
+    assert stopped.value.code == 2
+    message = capsys.readouterr().err
+    assert "'fig9.9', 'nothing'" in message
+    assert all(name in message for name in items.ITEMS)
+
+
+def test_items_leave_with_what_they_were_made_of(tmp_path):
+    run_module.check_output(tmp_path)
+    below = replace(items.ITEMS["table3.2"], compute=lambda context: {"rows": []})
+    above = replace(items.ITEMS["claims"], compute=lambda context: {"claims": [], "count": COUNT})
+    run_module.run([below, above], tmp_path, Settings(), 1)
+    run_module.run([below], tmp_path, Settings(), 1)
+    assert list(read(tmp_path)["items"]) == ["table3.2", "claims"]
+    run_module.run([items.ITEMS["table3.2"]], tmp_path, Settings(), 1)
     assert list(read(tmp_path)["items"]) == ["table3.2"]
+
+
+def test_what_is_published_is_shown_before_the_end(tmp_path):
+    def compute(context):
+        context.publish({"rows": [], "partial": {"starts": 3, "of": 9}})
+        assert read(tmp_path)["items"]["table3.2"]["partial"] == {"starts": 3, "of": 9}
+        text = (tmp_path / "report.html").read_text("utf-8")
+        assert "Partial searches. Table of Section 3.2: 3 of 9 starts." in text
+        return {"rows": []}
+
+    run_module.check_output(tmp_path)
+    run_module.run([replace(items.ITEMS["table3.2"], compute=compute)], tmp_path, Settings(), 1)
+    assert read(tmp_path)["items"]["table3.2"] == {"rows": []}
+    assert "Partial" not in (tmp_path / "report.html").read_text("utf-8")
+
+
+COUNT = {"pass": 0, "fail": 0, "not reproducible": 0}
 
 
 @pytest.mark.parametrize("left", ["", "{", "[1]", '{"format": "reproduce-paper 1"}', "null"])
@@ -258,70 +309,6 @@ def test_numbers_that_json_lacks_are_refused(tmp_path):
     broken = replace(items.ITEMS["fig4.1"], compute=lambda context: {"x": float("nan")})
     with pytest.raises(ValueError, match="JSON"):
         run_module.run([broken], tmp_path, Settings(), 1)
-
-
-SMALL = replace(PLANS[4], starts=60, full_starts=70)
-
-
-def test_interrupted_search_goes_on(tmp_path):
-    def stop(done, total):
-        if done == 20:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        search.compute(SMALL, context(tmp_path, progress=stop))
-    (kept_file,) = tmp_path.iterdir()
-    kept = kept_file.read_text().splitlines()
-    assert 21 <= len(kept) < 61
-    with kept_file.open("a") as stream:
-        stream.write('{"index": 59, "dou')  # what a kill in the middle of a line leaves
-
-    resumed = search.compute(SMALL, context(tmp_path))
-    assert kept_file.read_text().splitlines()[: len(kept)] == kept
-    fresh = tmp_path / "fresh"
-    fresh.mkdir()
-    assert resumed == search.compute(SMALL, context(fresh))
-    assert resumed["distinct"] > 3
-
-
-def test_search_with_other_settings_has_its_own_checkpoint(tmp_path):
-    search.compute(replace(SMALL, starts=2), context(tmp_path))
-    search.compute(replace(SMALL, starts=2, maxfev=100), context(tmp_path))
-    search.compute(replace(SMALL, starts=2), replace(context(tmp_path), settings=Settings(1)))
-    assert len(list(tmp_path.iterdir())) == 3
-
-
-def test_full_has_more_starts_and_shares_the_checkpoint(tmp_path):
-    default = search.compute(SMALL, context(tmp_path))
-    full = search.compute(SMALL, replace(context(tmp_path), settings=Settings(0, full=True)))
-    assert len(full["f_double"]) == 70
-    assert full["f_double"][:60] == default["f_double"]
-    assert len(list(tmp_path.iterdir())) == 1
-    assert all(plan.full_starts > 10 * plan.starts for plan in PLANS.values())
-
-
-def test_methods_are_chosen_as_the_paper_chose(tmp_path):
-    data = search.compute(replace(SMALL, starts=300), context(tmp_path))
-    inside = [method["abscissae_in_unit_interval"] for method in data["methods"]]
-    assert inside == sorted(inside, reverse=True)
-    assert inside[0]
-    for method in data["methods"]:
-        assert [label for label, _ in method["coefficients"]] == labels(5)
-        b = [Fraction(value) for label, value in method["coefficients"] if label[0] == "b"]
-        assert abs(sum(b) - 1) < 1e-33
-    sizes = data["largest_coefficients"]
-    assert sizes == sorted(sizes)
-
-
-def test_search_without_a_method_says_so(tmp_path):
-    plan = replace(PLANS[5], starts=2, maxfev=300)
-    data = search.compute(plan, context(tmp_path))
-    assert data["distinct"] == 0
-    assert data["f_quad_quartiles"] is None
-    blocks = search.present(plan, data)
-    titles = [block.caption for block in blocks if isinstance(block, Table)]
-    assert titles[-1].startswith("Not exact")
-    assert json.dumps(data, allow_nan=False)
 
 
 def test_coefficients_are_rounded_from_all_digits():
@@ -356,6 +343,7 @@ def test_slope_in_quad_is_seen_below_double():
 def test_page_escapes():
     state = {
         "settings": {"seed": 0, "full": False},
+        "items": {},
         "run": {"version": "<b>", "seconds": {}, "workers": 1},
     }
     assert "<b>" not in page(state, {})
@@ -366,69 +354,27 @@ def test_claims_name_where_they_are_made():
     assert len({(claim.section, claim.text) for claim in CLAIMS}) == len(CLAIMS)
 
 
-def test_verdicts_follow_numbers(tmp_path):
-    tables = table3_2.compute(context(tmp_path))
-    top = fig4_1.compute(context(tmp_path))
-    results = {"table3.2": tables, "fig4.1": top, "appendix": compare_appendix(context(tmp_path))}
-    assert judges.table({}, results)[0]
-    assert judges.superior("momentum", {}, results)[0]
-    assert judges.best_at_tenth("velocity", {}, results)[0]
-    assert judges.agrees("CG5a", {}, results)[0]
-
-    tables["rows"][1]["agree"] = False
-    assert not judges.table({}, results)[0]
-    runs = top["readings"]["momentum"]["methods"]
-    runs["CG4"], runs["CG4a"] = runs["CG4a"], runs["CG4"]
-    assert not judges.superior("momentum", {}, results)[0]
-    results["appendix"]["methods"]["CG5a"]["zeros_kept"] = False
-    assert not judges.agrees("CG5a", {}, results)[0]
-
-
-@pytest.mark.parametrize(
-    ("f", "usual"), [([1e-40, 1e-33, 1.0], True), ([1e-40, 1e-30, None], False), ([None], False)]
-)
-def test_usually_means_more_than_half(f, usual):
-    assert judges.usually(4, 1e-31, {}, {"search4": {"f_quad": f}})[0] is usual
-
-
-def recorded(path):
-    try:
-        with Store(path) as store:
-            return sum(run.starts for run in store.runs())
-    except OSError:  # the other process is just making it
-        return 0
-
-
-def start_search(out):
-    command = [sys.executable, "-m", "cg.reproduce", "--only", "search4", "--out", str(out)]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-
-
-@pytest.mark.slow
-def test_killed_run_goes_on(tmp_path):
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
-    process = start_search(killed)
-    deadline = time.monotonic() + 120
-    while not any(recorded(path) > 30 for path in killed.glob("checkpoints/*.db")):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
-    assert not (killed / "results.json").exists()
-    for out in (killed, whole):
-        process = start_search(out)
-        message = process.communicate()[1]
-        assert process.returncode == 0, message
-    assert read(killed)["items"] == read(whole)["items"]
+VERDICTS = dict.fromkeys((claim.text for claim in CLAIMS), "pass") | {
+    "An example of order six is given, CG6a.": "fail",
+    "Experiments confirm the expected order: six.": "fail",
+    "General solvers lose invariants: they drift from constraints and from unitarity.": (
+        "not reproducible"
+    ),
+    "These were the first of their kind.": "not reproducible",
+    "Munthe-Kaas has a method of order four, and carries over all classical ones.": (
+        "not reproducible"
+    ),
+    "… and no further.": "fail",
+    "Extended precision usually reduces f, from about 1e−6, to about 1e−8: order six.": "fail",
+    "The same: every condition.": "fail",
+    "All coefficients are truncated to 16 decimals.": "fail",
+}
+"""Of the default run; what isn't named passes."""
 
 
 @pytest.mark.slow
 def test_whole_default_run(tmp_path):
-    begun = time.process_time()
     assert main(["--out", str(tmp_path)]) == 0
-    # five minutes of two cores, less what other work on them may take
-    assert time.process_time() - begun < 450
     results = read(tmp_path)["items"]
     assert list(results) == list(items.ITEMS)
     assert results["search4"]["distinct"] >= 50
@@ -445,6 +391,9 @@ def test_whole_default_run(tmp_path):
             assert run["decades"] > (8.9 if name in ("CG6g", "CF6(5)") else 10)
     verdicts = results["claims"]["count"]
     assert sum(verdicts.values()) == len(CLAIMS)
+    assert {c["claim"]: c["verdict"] for c in results["claims"]["claims"]} == VERDICTS
+    for claim in results["claims"]["claims"]:
+        assert bool(claim["interpretation"]) == (claim["verdict"] == "fail")
     parsed = check_page((tmp_path / "report.html").read_text("utf-8"))
     assert parsed.tags.count("section") == len(items.ITEMS)
-    assert parsed.tags.count("figure") == 9
+    assert parsed.tags.count("figure") == 10

@@ -1,4 +1,4 @@
-"""The whole catalogue as a table, every entry computed from coefficients."""
+"""The whole catalogue as a table, computed from coefficients but for certificates."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ _EXPLANATION = (
     "error: 2-norm of the residuals of order q + 1. Effort: exponentials times the q-th root of "
     "the principal error, by which methods of the same order compare at equal accuracy. "
     "Residual: the largest through the order, in rational arithmetic. Rank: that of the "
-    "Jacobian of the independent conditions, and how many there are. Certificate: the radius "
-    "around the stored coefficients within which an exact method is proved to exist; 0 if the "
+    "Jacobian of the independent conditions, and how many there are. All these were computed in "
+    "this run. The last column wasn't: it is read from the certificates' files, the radius around "
+    "the stored coefficients within which an exact method was proved to exist, 0 if the "
     "coefficients themselves are one. python -m cg.certification --check repeats the proofs."
 )
 
@@ -69,8 +70,8 @@ def describe(method: Method) -> dict[str, Any]:
         ``largest_coefficient`` on the way to stages and result, ``abscissae`` (smallest and
         largest), ``principal_error`` and ``effort`` (see the report), ``largest_residual``
         through the order in rational arithmetic, ``rank`` of the Jacobian of the independent
-        ``conditions``, ``certificate``: null or its ``radius`` (decimal text) and
-        ``identities``.
+        ``conditions``, ``certificate``: null or, as its file has them, ``radius`` (decimal text)
+        and ``identities``.
     """
     abscissae = [sum(row, Fraction(0)) for row in method.exact[0]]
     tree = method.tree
@@ -122,7 +123,7 @@ def table(data: Data) -> Table:
     return Table(
         "The catalogue",
         ("method", "order", "stages", "exponentials", "largest coefficient", "abscissae",
-         "principal error", "effort", "residual", "rank", "certificate"),
+         "principal error", "effort", "residual", "rank", "certificate (from its file)"),
         [_row(entry) for entry in data["methods"]],
     )  # fmt: skip
 

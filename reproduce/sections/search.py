@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import partial
+from itertools import count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from cg.conditions import unknowns
 from cg.random_search import RandomStart, SearchResult, search
+from cg.runs import Store
+from cg.shared_numbers import Status
 from cg.tableau import Tableau
 
 from .. import fingerprint
@@ -19,12 +26,16 @@ from ..blocks import Block, Chart, Data, Table, Text, number
 from ..coefficients import coefficient_table, method_data
 from ..context import Context
 from ..item import Item
+from ..statistics import quartiles
 from ..style import PALETTE, grid
 
 __all__ = ["ITEMS", "PLANS", "Plan", "compute", "present"]
 
 _SHOWN = 3
 _SMALLEST_F = 1e-70  # what zero is drawn at
+
+_PAUSE = 60.0  # seconds at least between publications of what was found so far
+_PAUSES = 20.0  # and times what the last one took
 
 
 @dataclass(frozen=True)
@@ -56,6 +67,23 @@ class Plan:
     paper_double: float
     paper_quad: float
 
+    @property
+    def unknowns(self) -> int:
+        """Number of coefficients."""
+        return unknowns(self.stages)
+
+    def arguments(self, seed: int) -> dict[str, Any]:
+        """Return what `cg.search` is called with, but for the number of starts."""
+        return {
+            "order": self.order,
+            "stages": self.stages,
+            "seed": seed,
+            "algorithm": "lmdif",
+            "maxfev": self.maxfev,
+            "refine_below": self.refine_below,
+            "refine_maxfev": self.refine_maxfev,
+        }
+
 
 PLANS = {
     4: Plan(4, 5, 1000, 20_000, 3_200, 1e-12, 320, 1e-15, 1e-31),
@@ -69,37 +97,93 @@ PLANS = {
 def compute(plan: Plan, context: Context) -> Data:
     """Search, going on from a store where there is one.
 
+    What was found so far is published from time to time. Where
+    the search is cut short, by an interrupt or the limit of its time, its result is that of the
+    starts up to the first that isn't finished: those that take long are among them as often as
+    others.
+
     Returns
     -------
     Data
         ``settings`` of the search and the ``paper``'s values of f; by start the lists
-        ``f_double``, ``nfev_double``, ``f_quad``, ``nfev_quad`` (null where not refined) and
-        ``exact``; the number of ``distinct`` exact methods, of those with
-        ``abscissae_in_unit_interval``, their ``largest_coefficients``; ``methods``, the chosen
-        ones with all coefficients; ``best``, the start with the smallest residual.
+        ``f_double``, ``nfev_double``, ``info_double``, ``f_quad``, ``nfev_quad`` (null where not
+        refined) and ``exact``; how many starts are ``at_limit`` of evaluations in double; the
+        number of ``distinct`` exact methods, of those with ``abscissae_in_unit_interval``, their
+        ``largest_coefficients``; ``methods``, the chosen ones with all coefficients; ``best``,
+        the start with the smallest residual; ``partial``, null or how many ``starts`` ``of``
+        how many these are.
     """
-    seed, full = context.settings.seed, context.settings.full
-    arguments: dict[str, Any] = {
-        "order": plan.order,
-        "stages": plan.stages,
-        "seed": seed,
-        "algorithm": "lmdif",
-        "maxfev": plan.maxfev,
-        "refine_below": plan.refine_below,
-        "refine_maxfev": plan.refine_maxfev,
-    }
-    digest = fingerprint.of_search(arguments)
-    result = search(
-        **arguments,
-        starts=plan.full_starts if full else plan.starts,
-        workers=context.workers,
-        store=context.checkpoints / f"search{plan.order}-seed{seed}-{digest}.db",
-        progress=context.progress,
-    )
-    return _data(plan, result)
+    starts = plan.full_starts if context.settings.full else plan.starts
+    arguments = plan.arguments(context.settings.seed)
+    digest = fingerprint.of_code(search.__module__, arguments)
+    name = f"search{plan.order}-seed{context.settings.seed}-{digest}.db"
+    path = context.checkpoints / name
+    clock = _Clock(context, starts, path)
+
+    def found(finished: int) -> Data:
+        kept = search(**arguments, starts=finished, workers=1, store=path)
+        part = None if finished == starts else {"starts": finished, "of": starts}
+        return _data(plan, kept) | {"partial": part}
+
+    done = _finished(path)
+    shown, pause = time.monotonic(), _PAUSE
+    while True:
+        done = min(starts, (done // plan.starts + 1) * plan.starts)
+        try:
+            search(
+                **arguments,
+                starts=done,
+                workers=context.workers,
+                store=path,
+                progress=clock,
+            )
+        except KeyboardInterrupt:
+            if finished := _finished(path):
+                context.publish(found(min(finished, starts)))
+            raise
+        except _OutOfTimeError:
+            return found(_finished(path))
+        if done == starts:
+            return found(starts)
+        now = time.monotonic()
+        if now - shown >= pause:
+            context.publish(found(done))
+            shown = time.monotonic()
+            pause = max(_PAUSE, _PAUSES * (shown - now))
 
 
-def _data(plan: Plan, result: SearchResult) -> Data:
+class _OutOfTimeError(Exception):
+    """The time that a search may take is over."""
+
+
+class _Clock:
+    """Passes progress on until time is over; the next start at least is waited for."""
+
+    def __init__(self, context: Context, starts: int, store: Path) -> None:
+        self._context = context
+        self._starts = starts
+        self._store = store
+        self._before = _finished(store)
+        limit = math.inf if context.limit is None else context.limit
+        self._end = time.monotonic() + limit
+
+    def __call__(self, done: int, total: int) -> None:
+        self._context.progress(done, self._starts)
+        over = done < self._starts and time.monotonic() >= self._end
+        if over and _finished(self._store) > self._before:
+            raise _OutOfTimeError
+
+
+def _finished(path: Path) -> int:
+    """Return how many starts a store has without a gap."""
+    if not path.exists():
+        return 0
+    with Store(path) as store:
+        done = {number for run in store.runs() for number in store.run(run.number).numbers()}
+    return next(index for index in count() if index not in done)
+
+
+def _data(plan: Plan, result: SearchResult) -> dict[str, Any]:
     starts = result.starts
     refined = [start.quad for start in starts]
     f_double = [start.double.f for start in starts]
@@ -112,25 +196,19 @@ def _data(plan: Plan, result: SearchResult) -> Data:
         "paper": {"f_double": plan.paper_double, "f_quad": plan.paper_quad},
         "f_double": f_double,
         "nfev_double": [start.double.nfev for start in starts],
+        "info_double": [start.double.info for start in starts],
+        "at_limit": sum(start.double.info == Status.TOO_MANY_EVALUATIONS for start in starts),
         "f_quad": f_quad,
         "nfev_quad": [phase.nfev if phase else None for phase in refined],
         "exact": [start.exact for start in starts],
-        "f_double_quartiles": _quartiles(f_double),
-        "f_quad_quartiles": _quartiles([f for f in f_quad if f is not None]),
+        "f_double_quartiles": quartiles(f_double),
+        "f_quad_quartiles": quartiles([f for f in f_quad if f is not None]),
         "distinct": len(tableaux),
         "abscissae_in_unit_interval": sum(map(_in_unit_interval, tableaux)),
         "largest_coefficients": [_largest(method) for method in tableaux],
         "methods": [method_data(method, plan.order) for method in _chosen(plan.order, tableaux)],
         "best": _best(plan, result.best),
     }
-
-
-def _quartiles(values: Sequence[float]) -> list[float] | None:
-    """Return minimum, quartiles and maximum; they are values that occur."""
-    if not values:
-        return None
-    ordered: list[float] = np.quantile(values, (0, 0.25, 0.5, 0.75, 1), method="nearest").tolist()
-    return ordered
 
 
 def _chosen(order: int, methods: Sequence[Tableau]) -> Sequence[Tableau]:
@@ -173,15 +251,17 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
             f"{total} starts, uniform in [−{settings['width']:g}, {settings['width']:g}], seed "
             f"{settings['seed']}; lmdif in double with xtol = ftol = 1e−18 and at most "
             f"{settings['maxfev']} evaluations, then, for {every}, in real(16) with "
-            f"xtol = ftol = 1e−32 and at most {settings['refine_maxfev']}. NumPy's generators "
-            "with a spawned seed a start take the place of zufall.f: a start is determined by "
-            "the seed and its number alone."
+            f"xtol = ftol = 1e−32 and at most {settings['refine_maxfev']}. {data['at_limit']} of "
+            f"the starts ended at the limit of evaluations in double. f is the sum of squares "
+            "over the independent conditions, as in the paper, whose table has zeros for the "
+            "others; its root is the norm that lmdif's own drivers print. A start is determined "
+            "by the seed and its number alone."
         ),
         Chart(
             f"search{plan.order}",
             partial(_draw, data=data),
             f"Fraction of starts with at most this f, order {plan.order}, {plan.stages} stages. "
-            "Dotted lines: the paper's values.",
+            "Dotted lines: the paper's values, taken as f.",
             f"{total} starts; the median of f after double is "
             f"{number(data['f_double_quartiles'][2], 2)}; {exact} starts ended in an exact method.",
             size=(8.0, 3.6),
@@ -189,7 +269,7 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
         Table(
             "f after either phase",
             ("phase", "paper", "starts", "smallest", "lower quartile", "median", "upper quartile",
-             "largest"),
+             "largest", "root of the smallest", "root of the median"),
             [
                 _phase_row("double", "f_double", data, total),
                 _phase_row("real(16)", "f_quad", data, refined),
@@ -197,6 +277,8 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
         ),
         Text(_summary(data, exact, total)),
     ]  # fmt: skip
+    if data["partial"]:
+        blocks.insert(0, Text(_partial(data["partial"])))
     for method in data["methods"]:
         blocks.append(coefficient_table(_title(plan, method), method))
     if not data["methods"]:
@@ -209,6 +291,13 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
     return blocks
 
 
+def _partial(part: Data) -> str:
+    return (
+        f"Partial: the first {part['starts']} of {part['of']} starts. The search was cut short or "
+        "still runs; the same command goes on with it."
+    )
+
+
 def _title(plan: Plan, method: Data) -> str:
     inside = "in" if method["abscissae_in_unit_interval"] else "not all in"
     return (
@@ -217,10 +306,11 @@ def _title(plan: Plan, method: Data) -> str:
     )
 
 
-def _phase_row(title: str, key: str, data: Data, count: int) -> list[str]:
-    quartiles = data[f"{key}_quartiles"] or [None] * 5
-    values = (number(value, 2) for value in quartiles)
-    return [title, number(data["paper"][key], 1), number(count), *values]
+def _phase_row(title: str, key: str, data: Data, starts: int) -> list[str]:
+    five = data[f"{key}_quartiles"] or [None] * 5
+    roots = [None if value is None else math.sqrt(value) for value in (five[0], five[2])]
+    values = (number(value, 2) for value in (*five, *roots))
+    return [title, number(data["paper"][key], 1), number(starts), *values]
 
 
 def _summary(data: Data, exact: int, total: int) -> str:
@@ -260,6 +350,9 @@ def _draw(figure: Figure, data: Data) -> None:
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
+_COSTS = {4: (15.0, 700.0), 5: (150.0, 3000.0), 6: (130.0, 2600.0)}
+"""Seconds of one core, by default and in full."""
+
 ITEMS = tuple(
     Item(
         f"search{order}",
@@ -268,6 +361,8 @@ ITEMS = tuple(
         30 + order,
         partial(compute, plan),
         partial(present, plan),
+        cost=_COSTS[order],
+        limited=True,
     )
     for order, plan in PLANS.items()
 )
