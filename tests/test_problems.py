@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from cg.catalogue import methods
 from cg.convergence import observed_order
-from cg.frames import SE3, SU, Product, Sphere, UnitQuaternion, hat
+from cg.frames import hat
 from cg.integration import integrate
 from cg.problems import (
-    AffineField,
     BodyWithPendulum,
     ConingMotion,
     DoubleSphericalPendulum,
@@ -29,8 +28,14 @@ from cg.problems import (
 )
 
 CONING = ConingMotion()
+
+
 GYRO = CONING.sampled(np.linspace(0.0, 1.0, 401))
+
+
 SPACECRAFT = {"free": Spacecraft(), "controlled": Spacecraft(stiffness=1.0, damping=0.5)}
+
+
 WITH_TAYLOR = {
     "rigid body": FreeRigidBody(),
     "rolling ball": RollingBall(),
@@ -39,7 +44,11 @@ WITH_TAYLOR = {
     "forced body": ForcedRigidBody(),
     "reaction wheels": ReactionWheels(),
 }
+
+
 LATTICE = GradientFlow((2, 2))
+
+
 # The solution at time 1, by an oracle that knows no Crouch-Grossman method.
 ENDS = {
     **{name: lambda p: p.reference([1], bits=128).y[0, : len(p.y0)] for name in WITH_TAYLOR},
@@ -50,6 +59,8 @@ ENDS = {
     "chain": lambda p: p.reference([1.0])[0],
     "gradient flow": lambda p: p.reference([1]).y.view(complex).reshape(p.y0.shape),
 }
+
+
 PROBLEMS = {
     **WITH_TAYLOR,
     "gyro": GYRO,
@@ -59,6 +70,8 @@ PROBLEMS = {
     "chain": BodyWithPendulum(),
     "gradient flow": LATTICE,
 }
+
+
 STEPS = {"pendulum": (64, 128, 256), "chain": (64, 128, 256), "Toda": (32, 64, 128)}
 
 
@@ -336,57 +349,6 @@ def test_pendulum_swings_as_a_simple_one_in_a_plane():
     np.testing.assert_allclose(y[-1, :6], wanted, rtol=0, atol=1e-10)
 
 
-UNIT = [0.0, 0.0, 0.0, 1.0]
-ORDER_FRAMES = {
-    "SE3": (SE3(), np.eye(4)),
-    "SU2": (Product(SU(2)), np.array([1, 0, 0, 0, 0, 0, 1, 0])),
-    "S2": (Sphere(2), [0.0, 0.0, 1.0]),
-    "quaternion": (UnitQuaternion(), UNIT),
-}
-
-
-@pytest.fixture(scope="module", params=list(ORDER_FRAMES))
-def affine(request):
-    problem = AffineField(*ORDER_FRAMES[request.param], seed=3)
-    exact = problem.reference([1], bits=96).y[0, :-1].reshape(problem.frame.point_shape)
-    return problem, exact
-
-
-def end_error(problem, exact, tableau, n):
-    options = {"frame": problem.frame, "method": tableau, "h": 1 / n}
-    return np.abs(integrate(problem.f, (0, 1), problem.y0, **options).y[-1] - exact).max()
-
-
-@pytest.mark.parametrize(
-    ("name", "steps"), [("CG3", (32, 64, 128)), ("CG4a", (16, 32, 64)), ("CG5a", (8, 16, 32))]
-)
-def test_order_slopes(affine, name, steps):
-    errors = [end_error(*affine, name, n) for n in steps]
-    order = observed_order(1.0 / np.array(steps), errors).order
-    assert order == pytest.approx(methods[name].order, abs=0.15)
-
-
-def test_affine_fields_see_the_rows(affine):
-    """With two columns of a row exchanged the order drops, abscissae being the same."""
-    from cg.tableau import Tableau
-
-    tableau = methods["CG4a"]
-    a = tableau.a.copy()
-    a[3, :2] = a[3, 1::-1]
-    wrong = Tableau(a.tolist(), tableau.b.tolist())
-    np.testing.assert_allclose(wrong.c, tableau.c, atol=1e-15)
-    errors = [end_error(*affine, wrong, n) for n in (32, 64, 128)]
-    assert observed_order([1 / 32, 1 / 64, 1 / 128], errors).order < 3.3
-
-
-def test_affine_field_on_a_batch():
-    problem = AffineField(SE3(), np.eye(4))
-    points = problem.frame.random_point(np.random.default_rng(1), (2, 3))
-    found = problem.f(0.5, points)
-    assert found.shape == (2, 3, 6)
-    np.testing.assert_allclose(found[1, 2], problem.f(0.5, points[1, 2]), rtol=0, atol=1e-15)
-
-
 @pytest.mark.parametrize("name", ["rigid body", "rolling ball", "spacecraft", "Toda", "pendulum"])
 def test_right_sides_take_ensembles(name):
     problem = PROBLEMS[name]
@@ -436,63 +398,3 @@ def test_hat_is_used_as_documented():
 def test_bad_parameters_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
-
-
-def test_the_gradient_flow_descends_along_the_gradient():
-    problem = GradientFlow((3, 2, 2))
-    y, h = problem.y0, 1e-5
-    slope = problem.f(0.0, y)
-    up, down = (problem.action(problem.frame.flow(s * h * slope, y)) for s in (1, -1))
-    # The basis has squares of length one half.
-    assert (up - down) / (2 * h) == pytest.approx(-0.5 * slope @ slope, rel=1e-8)
-    for k in range(0, len(slope), 31):
-        v = np.zeros(len(slope))
-        v[k] = h
-        up, down = (problem.action(problem.frame.flow(s * v, y)) for s in (1, -1))
-        assert (up - down) / (2 * h) == pytest.approx(-0.5 * slope[k], abs=1e-6)
-
-
-def test_the_gradient_flow_does_not_see_the_gauge():
-    rng = np.random.default_rng(3)
-    gauge = SU(3).random_point(rng, 4)
-    y, h = LATTICE.y0, 1 / 32
-    turned = LATTICE.rotated(y, gauge)
-    assert LATTICE.action(turned) == pytest.approx(LATTICE.action(y), rel=1e-14)
-    ends = [
-        integrate(LATTICE.f, (0, 1), start, frame=LATTICE.frame, method="CF4", h=h).y[-1]
-        for start in (y, turned)
-    ]
-    np.testing.assert_allclose(LATTICE.rotated(ends[0], gauge), ends[1], rtol=0, atol=1e-13)
-    actions = LATTICE.action(
-        integrate(LATTICE.f, (0, 1), y, frame=LATTICE.frame, method="CF4", h=h).y
-    )
-    assert (np.diff(actions) < 0.0).all()
-
-
-@pytest.mark.slow
-def test_thirty_digits_of_the_gradient_flow():
-    problem = GradientFlow()
-    found = problem.reference([Fraction(1, 8)])
-    assert max(found.errors) < 1e-30
-    y = found.y.view(complex).reshape(problem.y0.shape)
-    end = integrate(
-        problem.f, (0, 0.125), problem.y0, frame=problem.frame, method="CF6c", h=1 / 512
-    ).y[-1]
-    np.testing.assert_allclose(end, y, rtol=0, atol=2e-14)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"sides": (2,)}, "sides must be two or more positive integers"),
-        ({"sides": 3}, "sides must be two or more positive integers"),
-        ({"sides": (2, 0)}, r"sides\[1\] must be a positive integer"),
-        ({"roughness": np.nan}, "roughness must be a finite number"),
-        ({"seed": -1}, "seed must be an integer of at least 0"),
-    ],
-)
-def test_bad_lattices(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        GradientFlow(**arguments)
-    with pytest.raises(ValueError, match="y must have shape"):
-        LATTICE.action(np.eye(3))

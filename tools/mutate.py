@@ -32,7 +32,9 @@ CPU_SECONDS = 120
 WALL_SECONDS = 900
 
 CERTIFICATION = "certify_weights krawczyk flat_rows orthogonality certify"
-INTEGRATION = "solve_ivp integrate integration_input dense events ensembles compiled_output"
+INTEGRATION = "integration_input solve_ivp integrate events compiled_output ensembles dense"
+# Cases that take long, and see what others see
+LONG = "not Stiefel and not Coadjoint and not second_way and not spacecraft and not slopes"
 TESTS = {  # module: files of tests in the order in which they are run
     "cg.trees": "trees conditions",
     "cg.conditions": "conditions points",
@@ -44,7 +46,7 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.integration.recorder": INTEGRATION,
     "cg.integration.events": "events dense",
     "cg.integration.dense": "dense events",
-    "cg.integration.time_grid": "integration_input solve_ivp integrate dense compiled_output",
+    "cg.integration.time_grid": "integration_input solve_ivp integrate compiled_output",
     "cg.integration.choice": "solve_ivp adaptive integrate",
     "cg.integration.arguments": "integration_input bad_input solve_ivp adaptive integrate",
     "cg.integration.interpolation": "dense events munthe_kaas compiled_output",
@@ -306,6 +308,7 @@ def run_child(module: str, number: int | None, log: Path) -> None:
     if number is not None:
         sys.meta_path.insert(0, Finder(module, number))
     options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not slow"]
+    options += ["-k", LONG]
     options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
     code = pytest.main([*options, *tests_of(module)], plugins=[WithoutShrinking()])
     sys.stdout.flush()
@@ -374,8 +377,9 @@ def run(modules: Sequence[str], size: int, seed: int, output: Path) -> Iterator[
             for mutant in sampled(module, size, seed)
             if (module, mutant["line"], mutant["change"]) not in known
         ]
-        if todo and outcome(module, None, log) != "survived":
-            raise SystemExit(f"{module}: its tests fail without a change, see {log}")
+        if todo and (found := outcome(module, None, log)) != "survived":
+            print(f"{module}: {found} without a change, see {log}", file=sys.stderr, flush=True)
+            continue
         for mutant in todo:
             begin = time.monotonic()
             result = outcome(module, mutant["number"], log)
@@ -409,7 +413,10 @@ def main() -> None:
         for record in run(modules, options.sample, options.seed, options.output):
             file.write(json.dumps(record, ensure_ascii=False) + "\n")
             file.flush()
-            print(f"{record['module']}:{record['line']} {record['outcome']}: {record['change']}")
+            print(
+                f"{record['module']}:{record['line']} {record['outcome']}: {record['change']}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -153,10 +153,12 @@ class Certificate:
         pair = {"embedded": dict} if "embedded" in entry else {}
         _check(entry, kinds | pair, "the certificate")
         embedded = entry.get("embedded")
+        if embedded is not None:
+            _check(embedded, {"order": int, "tree": str, "bound": str}, "embedded")
         return cls(
             name=entry["name"],
             order=entry["order"],
-            embedded_order=embedded.pop("order", None) if embedded else None,
+            embedded_order=embedded.pop("order") if embedded else None,
             radius=entry["radius"],
             bits=entry["bits"],
             identities=tuple(map(str, entry["identities"])),

@@ -1,0 +1,143 @@
+"""Runs that are killed at random moments lose nothing that they had recorded, and go on.
+
+The processes are forks of this one, which has the package loaded, so that moments fall into the
+work and not into imports. The environment's ``CG_KILLS`` is how many runs of each kind are killed.
+"""
+
+import contextlib
+import json
+import os
+import random
+import signal
+import sqlite3
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cg
+from cg.reproduce.main import main
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL"),
+]
+
+KILLS = int(os.environ.get("CG_KILLS", "8"))
+SEARCH: dict[str, Any] = {"order": 4, "stages": 5, "starts": 150, "seed": 1, "workers": 2}
+CONSTRUCT: dict[str, Any] = {"order": 5, "stages": 9, "seed": 1, "tries": 8, "workers": 2}
+
+
+def recorded(path: Path) -> set[tuple[Any, ...]]:
+    """Return all rows about starts that a store has."""
+    if not path.exists():
+        return set()
+    with closing(sqlite3.connect(path, timeout=60)) as connection:
+        try:
+            return set(connection.execute("SELECT * FROM starts"))
+        except sqlite3.OperationalError:  # not yet made
+            return set()
+
+
+def child(work: Any) -> int:
+    pid = os.fork()
+    if pid == 0:
+        code = 1
+        try:
+            with open(os.devnull, "w") as nothing, contextlib.redirect_stderr(nothing):
+                work()
+            code = 0
+        finally:
+            os._exit(code)
+    return pid
+
+
+def killed_at_random(work, stores, restart, seed):
+    """Kill runs until as many as wanted were, and each run that was begun has ended by itself.
+
+    Returns how many were killed while they had recorded something new.
+    """
+    rng = random.Random(seed)
+    begin = time.monotonic()
+    pid = child(work)
+    assert os.waitpid(pid, 0)[1] == 0
+    duration = time.monotonic() - begin
+    restart()
+    kills = useful = 0
+    while kills < KILLS:
+        before = set().union(*map(recorded, stores()))
+        pid = child(work)
+        time.sleep(rng.uniform(0, 0.6 * duration))
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            assert status == 0
+            yield kills, useful
+            restart()
+            continue
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+        kills += 1
+        after = set().union(*map(recorded, stores()))
+        assert before <= after
+        useful += before < after
+    pid = child(work)
+    assert os.waitpid(pid, 0)[1] == 0
+    yield kills, useful
+
+
+def report(kind: str, kills: int, useful: int, ended: int) -> None:
+    """Add a line to the file of figures, where one is named."""
+    if name := os.environ.get("CG_KILLS_REPORT"):
+        with open(name, "a", encoding="utf-8") as file:
+            line = {"kind": kind, "kills": kills, "with_new_records": useful, "ended": ended}
+            file.write(json.dumps(line) + "\n")
+
+
+@pytest.mark.parametrize("kind", ["search", "construct"])
+def test_searches_and_constructions(kind, tmp_path):
+    path = tmp_path / "runs.db"
+    function = cg.search if kind == "search" else cg.construct
+    settings = SEARCH if kind == "search" else CONSTRUCT
+    whole = function(**settings)
+
+    def restart():
+        for file in tmp_path.glob("runs.db*"):
+            file.unlink()
+
+    ended = kills = useful = 0
+    run = killed_at_random(lambda: function(**settings, store=path), lambda: [path], restart, 7)
+    for kills, useful in run:  # noqa: B007
+        assert function(**settings, store=path) == whole
+        ended += 1
+    assert kills == KILLS
+    assert ended
+    report(kind, kills, useful, ended)
+
+
+def test_reproduce(tmp_path):
+    whole, out = tmp_path / "whole", tmp_path / "out"
+
+    def run(folder):
+        assert main(["--only", "search4", "--out", str(folder)]) == 0
+
+    assert os.waitpid(child(lambda: run(whole)), 0)[1] == 0
+    expected = json.loads((whole / "results.json").read_text("utf-8"))["items"]
+
+    def restart():
+        for file in sorted(out.rglob("*"), reverse=True):
+            if file.is_dir():
+                file.rmdir()
+            else:
+                file.unlink()
+
+    ended = kills = useful = 0
+    stores = lambda: list(out.glob("checkpoints/*.db"))  # noqa: E731
+    for kills, useful in killed_at_random(lambda: run(out), stores, restart, 8):  # noqa: B007
+        found = json.loads((out / "results.json").read_text("utf-8"))["items"]
+        assert found == expected
+        ended += 1
+    assert kills == KILLS
+    report("reproduce", kills, useful, ended)

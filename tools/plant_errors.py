@@ -1,0 +1,329 @@
+"""Plant errors in the compiled core, one at a time, and see whether tests fail.
+
+Usage: ``python tools/plant_errors.py --output FILE [NUMBER ...]``
+
+The tree is copied, compiled without optimisation, and each error of `ERRORS` is put into the copy,
+compiled, tested and taken out again. None of the tests needs libminpack. One line of JSON an error
+goes to FILE; errors that are there already aren't planted again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+
+
+class Planted(NamedTuple):
+    """A wrong line, and which files of tests should see it."""
+
+    what: str
+    file: str
+    right: str
+    wrong: str
+    tests: str
+
+
+ERRORS = [
+    Planted(
+        "words are cut in two, and the parts exchanged",
+        "weights",
+        "self%left(begin:end, self%head(i))*self%e(begin:end, self%tail(i))",
+        "self%left(begin:end, self%tail(i))*self%e(begin:end, self%head(i))",
+        "conditions",
+    ),
+    Planted(
+        "n! of words of three letters and more",
+        "weights",
+        "first(t))/real(children, wp)",
+        "first(t))/real(children - 1, wp)",
+        "conditions",
+    ),
+    Planted(
+        "of several weights a point the last counts",
+        "weights",
+        "letter(m) = letter(m) + x(k)*chi(at(k))",
+        "letter(m) = x(k)*chi(at(k))",
+        "differential",
+    ),
+    Planted(
+        "the share that a letter has of an exponential's derivative",
+        "gradient",
+        "share = share*real(i, wp)/real(p + 1 + i, wp)",
+        "share = share*real(i, wp)/real(p + i, wp)",
+        "conditions",
+    ),
+    Planted(
+        "derivatives by flows before a segment",
+        "gradient",
+        "+ whole(s, weights%tail(i))*adjoint(c0:, t, s)",
+        "+ whole(s, weights%head(i))*adjoint(c0:, t, s)",
+        "point_conditions points",
+    ),
+    Planted(
+        "derivatives of assumptions on stages",
+        "gradient",
+        "- real(k, wp)*weights%chi(r, abscissa)**(k - 1)",
+        "- weights%chi(r, abscissa)**(k - 1)",
+        "structure",
+    ),
+    Planted(
+        "a flow on SO(3) turns by ten decimals",
+        "frames",
+        "e(1:3) = (sinc / 2) * v",
+        "e(1:3) = (sinc / 2) * v * (1 + 1e-10_wp)",
+        "flows frame_facts",
+    ),
+    Planted(
+        "the translation of a rigid motion",
+        "frames",
+        "b = half * sinc**2",
+        "b = half * sinc",
+        "flows frame_facts",
+    ),
+    Planted(
+        "the step towards the nearest rotation",
+        "frames",
+        "zx = -0.5_wp * dot_product(z, x)",
+        "zx = -0.5_wp * dot_product(z, y)",
+        "frame_project frame_facts rotation_frames",
+    ),
+    Planted(
+        "the exponent of the controller",
+        "controller",
+        "factor = min(largest_factor, max(smallest_factor, safety * factor**exponent))",
+        "factor = min(largest_factor, max(smallest_factor, safety * factor))",
+        "controller adaptive",
+    ),
+    Planted(
+        "steps grow after a rejection",
+        "controller",
+        "if (after_rejection) factor = min(factor, 1.0_wp)",
+        "if (after_rejection) factor = min(factor, largest_factor)",
+        "controller adaptive",
+    ),
+    Planted(
+        "the size of the first step",
+        "controller",
+        "first_size = (first_error * rate / slope)**exponent / rate",
+        "first_size = (first_error * rate / slope)**exponent",
+        "controller adaptive",
+    ),
+    Planted(
+        "differences of points, which interpolation is made of",
+        "coordinates",
+        "v = (2 * (atan2(sine, q(4)) / sine)) * q(1:3)",
+        "v = (2 * (sine / sine)) * q(1:3)",
+        "frame_coordinates dense",
+    ),
+    Planted(
+        "coordinates of a rigid motion, which interpolation is made of",
+        "coordinates",
+        "dot_product(n, u) * n - b * cross(n, u)",
+        "dot_product(n, u) * n + b * cross(n, u)",
+        "frame_coordinates dense",
+    ),
+    Planted(
+        "slopes that interpolation uses are those at the other end",
+        "integration",
+        "if (associated(output%f)) output%f(:, output%stored) = step%f(:, 1)",
+        "if (associated(output%f)) output%f(:, output%stored) = step%f(:, size(step%f, 2))",
+        "dense compiled_output",
+    ),
+    Planted(
+        "the second derivative along steps of least norm",
+        "minimum_norm",
+        "step = step + 0.5_wp*acceleration",
+        "step = step - 0.5_wp*acceleration",
+        "least_norm",
+    ),
+    Planted(
+        "the gain of a step of least norm",
+        "minimum_norm",
+        "predicted = f - sum((damping*y)**2)",
+        "predicted = f + sum((damping*y)**2)",
+        "least_norm",
+    ),
+    Planted(
+        "steps of lmdif's differences",
+        "levenberg_marquardt",
+        "step = sqrt(max(epsfcn, eps)) * abs(held)",
+        "step = sqrt(epsfcn) * abs(held)",
+        "lmdif_tolerances",
+    ),
+    Planted(
+        "lmdif's trust region",
+        "levenberg_marquardt",
+        "else if (.not. par > 0 .or. ratio >= 0.75_wp) then",
+        "else if (.not. par > 0 .or. ratio >= 0.5_wp) then",
+        "lmdif",
+    ),
+    Planted(
+        "lmdif's test of convergence in x",
+        "levenberg_marquardt",
+        "if (delta <= xtol * xnorm) info = small_step",
+        "if (0.5_wp * delta <= xtol * xnorm) info = small_step",
+        "lmdif_tolerances",
+    ),
+    Planted(
+        "the derivative of rotations' coordinates",
+        "algebra",
+        "factor = (1 - half * cos(half) / sin(half)) / (4 * half**2)",
+        "factor = (1 - half * cos(half) / sin(half)) / (2 * half**2)",
+        "munthe_kaas_compiled munthe_kaas",
+    ),
+    Planted(
+        "the derivative of rigid motions' coordinates, at small angles",
+        "algebra",
+        "a = (real(1 - k, wp) * b23(k + 1) + a) * square",
+        "a = (real(2 - k, wp) * b23(k + 1) + a) * square",
+        "munthe_kaas_compiled munthe_kaas brackets",
+    ),
+    Planted(
+        "coefficients of skew matrices",
+        "unitary",
+        "if (modulo(i + j, 2) == 0) v(k) = -v(k)",
+        "if (modulo(i + j, 2) == 1) v(k) = -v(k)",
+        "munthe_kaas_compiled frame_coordinates",
+    ),
+    Planted(
+        "the step towards determinant 1",
+        "unitary",
+        "times_real(-1 / real(n, wp), excess)",
+        "times_real(1 / real(n, wp), excess)",
+        "frame_project frame_facts frames compiled",
+    ),
+    Planted(
+        "the time of a stage of a method of two registers",
+        "register_stepper",
+        "call evaluate(field, t + method%c(i) * h, step%spare",
+        "call evaluate(field, t + method%c(i - 1) * h, step%spare",
+        "registers low_storage",
+    ),
+    Planted(
+        "what a register keeps",
+        "register_stepper",
+        "step%f(:, 2) = method%a(i) * step%f(:, 2) + step%f(:, last)",
+        "step%f(:, 2) = method%a(2) * step%f(:, 2) + step%f(:, last)",
+        "registers low_storage",
+    ),
+]
+
+
+def run(folder: Path, *command: str) -> None:
+    """Run a command of the build."""
+    bin_folder = Path(sys.executable).parent
+    variables = {**os.environ, "PATH": f"{bin_folder}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        command, cwd=folder, env=variables, capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise SystemExit(done.stdout[-2000:] + done.stderr)
+
+
+def compile_core(folder: Path) -> None:
+    """Compile what has changed in a copy, and put it beside its Python modules."""
+    if not (folder / "build").exists():
+        options = ["-Doptimization=0", "-Dbuildtype=plain"]
+        run(folder, "meson", "setup", "build", *options)
+    run(folder, "ninja", "-C", "build")
+    for file in (folder / "build" / "fortran").glob("*.so"):
+        shutil.copy(file, folder / "cg" / file.name)
+
+
+def tests_pass(folder: Path, names: str) -> tuple[bool, str]:
+    """Run tests on a copy; return whether they pass, and the first that fails."""
+    files = [f"tests/test_{name}.py" for name in names.split()]
+    files = [file for file in files if (folder / file).exists()]
+    # without `site`, which would find the editable install first
+    command = [sys.executable, "-S", "-P", "-m", "pytest", "-x", "-q", "-n", "0", "-m", "not slow"]
+    options = ["-p", "no:cacheprovider", "-k", "not bit_for_bit"]
+    variables = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(folder), sysconfig.get_path("purelib")]),
+    }
+    done = subprocess.run(
+        [*command, *options, *files],
+        cwd=folder,
+        env=variables,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=1800,
+    )
+    lines = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    if done.returncode not in (0, 1):
+        raise SystemExit(done.stdout[-3000:] + done.stderr)
+    first = lines[0].split()[1].removeprefix("tests/") if lines else ""
+    return done.returncode == 0, first
+
+
+def plant(folder: Path, error: Planted) -> tuple[str, str]:
+    """Put an error in, test, and take it out; return what became of it, and which test saw it."""
+    names = [f"{error.file}.f90.in", f"{error.file}.f90"]
+    (path,) = [folder / "fortran" / name for name in names if (folder / "fortran" / name).exists()]
+    text = path.read_text("utf-8")
+    if text.count(error.right) != 1:
+        raise SystemExit(f"{path.name} must have once: {error.right}")
+    try:
+        path.write_text(text.replace(error.right, error.wrong), "utf-8")
+        compile_core(folder)
+        passed, first = tests_pass(folder, error.tests)
+    finally:
+        path.write_text(text, "utf-8")
+    return ("survived" if passed else "caught"), first
+
+
+def main() -> None:
+    """Read the command line and run."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("numbers", nargs="*", type=int, help="from 1; by default all")
+    parser.add_argument("--output", type=Path, required=True)
+    options = parser.parse_args()
+    known = set()
+    if options.output.exists():
+        records = map(json.loads, options.output.read_text("utf-8").splitlines())
+        known = {record["what"] for record in records}
+    wanted = [ERRORS[k - 1] for k in options.numbers] or ERRORS
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    with tempfile.TemporaryDirectory() as name, options.output.open("a", encoding="utf-8") as file:
+        folder = Path(name)
+        for path in filter(lambda path: (ROOT / path).exists(), listed.stdout.splitlines()):
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / path, folder / path)
+        compile_core(folder)
+        for error in wanted:
+            if error.what in known:
+                continue
+            begin = time.monotonic()
+            result, first = plant(folder, error)
+            record = {
+                "what": error.what,
+                "file": error.file,
+                "outcome": result,
+                "by": first,
+                "seconds": round(time.monotonic() - begin, 1),
+            }
+            file.write(json.dumps(record, ensure_ascii=False) + "\n")
+            file.flush()
+            print(f"{error.file}: {error.what}: {result} {first}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
