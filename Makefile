@@ -6,7 +6,7 @@ PEERS := $(VENV)/.peers
 OUT ?=
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks lint benchmarks catalogue reference-steps implementations reliability docs wheel clean
+.PHONY: all build reproduce test test-all test-checks test-sanitize lint benchmarks catalogue reference-steps implementations reliability docs wheel clean
 
 all: build
 
@@ -43,6 +43,14 @@ test-checks:
 	PATH="$(CURDIR)/$(VENV)-checks/bin:$$PATH" $(VENV)-checks/bin/python -m pip install --quiet \
 		--no-build-isolation -Cbuild-dir=build/checks -Csetup-args=-Dchecks=true --editable ".[test]"
 	$(VENV)-checks/bin/python -m pytest --numprocesses auto -m "not slow" $(ARGS)
+
+# the core with the sanitizers of addresses and undefined behaviour
+SANITIZED := conditions differential structure least_norm lmdif lmdif_callback lmdif_tolerances \
+  flows frame_product registers compiled compiled_adaptive compiled_output munthe_kaas_compiled \
+  integrate solve_ivp events adaptive memory fuzz_callbacks
+test-sanitize: build $(PEERS)
+	sh tools/sanitized.sh $(PY) --numprocesses auto -m "not slow" \
+		$(foreach name,$(SANITIZED),tests/test_$(name).py) $(ARGS)
 
 benchmarks: build
 	$(PY) -m benchmarks $(ARGS)

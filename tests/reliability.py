@@ -1,17 +1,27 @@
 """Figures of what was tried to make the package fail: ``make reliability`` writes the page.
 
-It runs the tests about that, counts their cases, and writes ``docs/reliability.md``.
+It runs the tests about that, counts their cases, and writes ``docs/reliability.md``. What takes
+longer is in ``docs/reliability.json`` with the day on which it was run; ``python
+tests/reliability.py NAME ...`` runs it again, one of the names in `LONG` or all.
 """
 
+import datetime
+import json
+import os
 import re
 import subprocess
 import sys
 import tempfile
 import xml.etree.ElementTree as ET
+from collections import Counter
 from pathlib import Path
+from typing import Any
+
+from long_runs import EXPLAINED, LONG, figures
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reliability.md"
+STORED = ROOT / "docs" / "reliability.json"
 
 ROWS = [  # what is tried, file of tests, which of them
     ("Methods that don't fit into 4 GiB", "test_memory", "4_gib"),
@@ -19,6 +29,7 @@ ROWS = [  # what is tried, file of tests, which of them
     ("Numbers beyond reason in arguments and certificates", "test_hostile_text", "numbers"),
     ("Forged certificates, and files that are none", "test_hostile_text", "forged|files|goes_on"),
     ("Searches, proofs and digits in several threads", "test_threads", ""),
+    ("Eight threads that do all of it at once", "test_together", ""),
     ("Complex numbers where real ones are wanted", "test_limits", "complex"),
     ("`StopIteration` from the user's function", "test_limits", "stop_iteration|generator"),
     (
@@ -26,8 +37,10 @@ ROWS = [  # what is tried, file of tests, which of them
         "test_limits",
         "deep|order|wide|full|soon",
     ),
-    ("Forged, damaged, full and foreign stores", "test_store", ""),
-    ("Workers that die, and executors of all kinds", "test_executors", "Death|any_executor"),
+    ("Forged, damaged and shared stores of searches", "test_store", ""),
+    ("Tolerances and limits of lmdif", "test_lmdif_tolerances", ""),
+    ("Steps of least norm, beside NumPy's", "test_least_norm", ""),
+    ("Trees, flat orders and steps, beside kauri, NodePy and Lielab", "test_peers", ""),
     ("Systems that a weaker interval test would prove", "test_krawczyk", "contraction|outside"),
     ("Certificates proved a second, independent way", "test_krawczyk", "proved_a_second"),
     ("Wrong certificates given to the second way", "test_krawczyk", "second_way_refuses"),
@@ -39,12 +52,12 @@ def cases() -> list[tuple[str, str, bool]]:
     modules = sorted({f"tests/{module}.py" for _, module, _ in ROWS})
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
-        command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={report}", *modules]
-        subprocess.run(command, cwd=ROOT, check=False)
+        options = ["-q", "-m", "not slow or not slow", f"--junitxml={report}"]
+        subprocess.run([sys.executable, "-m", "pytest", *options, *modules], cwd=ROOT, check=False)
         found = ET.parse(report).getroot().iter("testcase")
         return [
             (
-                case.attrib["classname"].rpartition(".")[2],
+                case.attrib["classname"].split(".")[1],
                 case.attrib["name"],
                 not [part for part in case if part.tag in ("failure", "error", "skipped")],
             )
@@ -62,9 +75,91 @@ def calls_below_limits() -> tuple[int, int, int]:
     return done, refused, len(found) - done - refused
 
 
+def short_runs() -> list[str]:
+    """Return the lines about what is run each time."""
+    lines = ["| tried | tests | cases | not as wanted |", "|---|---|---:|---:|"]
+    found = cases()
+    for heading, module, pattern in ROWS:
+        own = [ok for file, name, ok in found if file == module and re.search(pattern, name)]
+        lines.append(f"| {heading} | `{module}.py` | {len(own)} | {own.count(False)} |")
+    done, refused, ended = calls_below_limits()
+    return [
+        *lines,
+        "",
+        f"Of {done + refused + ended} compiled calls and integrations below rising limits of",
+        f"memory, {done} were done, {refused} were refused with a `MemoryError`, and {ended} ended",
+        "the process.",
+    ]
+
+
+def planted(run: dict[str, Any]) -> list[str]:
+    """Return the lines about errors that were planted in the compiled core."""
+    caught = sum(error["outcome"] == "caught" for error in run["errors"])
+    lines = [
+        "## Errors planted in the compiled core",
+        "",
+        f"`tools/plant_errors.py` puts one wrong line at a time into a copy of `fortran/`. Of "
+        f"{len(run['errors'])} errors",
+        f"{caught} were caught by tests that `make test` runs, none of which needs libminpack "
+        f"({run['date']}).",
+        "",
+        "| error | in | caught by |",
+        "|---|---|---|",
+    ]
+    for error in run["errors"]:
+        test = f"`{error['by'].partition('[')[0]}`" if error["by"] else error["outcome"]
+        lines.append(f"| {error['what']} | `{error['file']}` | {test} |")
+    return lines
+
+
+def mutants(run: dict[str, Any]) -> list[str]:
+    """Return the lines about mutants of Python modules."""
+    total = Counter(mutant["outcome"] for mutant in run["mutants"])
+    killed = sum(count for outcome, count in total.items() if outcome.startswith("killed"))
+    lines = [
+        "## Mutants of Python modules",
+        "",
+        "`tools/mutate.py` changes one operator, constant or statement of a module at a time: a",
+        f"sample with a fixed seed, of which {sum(total.values())} were run ({run['date']}). "
+        f"{killed} were killed,",
+        f"{total['killed by the limit of time']} of them by the limit of time.",
+        "",
+        "| module | mutants | killed | killed by a test since | no difference | open |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
+    modules: dict[str, list[dict[str, Any]]] = {}
+    for mutant in run["mutants"]:
+        modules.setdefault(mutant["module"], []).append(mutant)
+    notes = []
+    for module, own in sorted(modules.items()):
+        left = [mutant for mutant in own if mutant["outcome"] == "survived"]
+        counts = Counter(
+            EXPLAINED.get((module, mutant["change"]), ("open", ""))[0] for mutant in left
+        )
+        lines.append(
+            f"| `{module}` | {len(own)} | {len(own) - len(left)} | {counts['since']} "
+            f"| {counts['same']} | {counts['open']} |"
+        )
+        for mutant in left:
+            why = EXPLAINED.get((module, mutant["change"]), ("", "open"))[1]
+            notes.append(f"- `{module}`, line {mutant['line']}, `{mutant['change']}`: {why}.")
+    return [*lines, "", "Those that survived:", "", *notes]
+
+
+def long_runs(stored: dict[str, Any]) -> list[str]:
+    """Return the lines about what was run once."""
+    lines = ["| tried | by | cases | what was found | run on |", "|---|---|---:|---|---|"]
+    for name, (heading, tests, _) in LONG.items():
+        run = stored.get(name, {"cases": "", "found": "not run yet", "date": ""})
+        if "cases" in run:
+            row = (heading, tests, run["cases"], run["found"], run["date"])
+            lines.append(f"| {' | '.join(map(str, row))} |")
+    return lines
+
+
 def page() -> str:
     """Return the text of the page."""
-    done, refused, ended = calls_below_limits()
+    stored = json.loads(STORED.read_text("utf-8"))
     lines = [
         "# Reliability",
         "",
@@ -72,21 +167,42 @@ def page() -> str:
         "this page; it runs the tests that are named, each of which asks for a clear error or the",
         "right result.",
         "",
-        "| tried | tests | cases | not as wanted |",
-        "|---|---|---:|---:|",
-    ]
-    found = cases()
-    for heading, module, pattern in ROWS:
-        own = [ok for file, name, ok in found if file == module and re.search(pattern, name)]
-        lines.append(f"| {heading} | `{module}.py` | {len(own)} | {own.count(False)} |")
-    lines += [
+        *short_runs(),
         "",
-        f"Of {done + refused + ended} compiled calls and integrations below rising limits of",
-        f"memory, {done} were done, {refused} were refused with a `MemoryError`, and {ended} ended",
-        "the process.",
+        "## What takes longer",
+        "",
+        "`python tests/reliability.py NAME` runs these again, each with its own name: "
+        + ", ".join(f"`{name}`" for name in LONG)
+        + ".",
+        "",
+        *long_runs(stored),
     ]
+    if "planted" in stored:
+        lines += ["", *planted(stored["planted"])]
+    if "mutants" in stored:
+        lines += ["", *mutants(stored["mutants"])]
     return "\n".join(lines) + "\n"
 
 
+def run_again(names: list[str]) -> None:
+    """Run what takes long, and keep its figures."""
+    stored = json.loads(STORED.read_text("utf-8")) if STORED.exists() else {}
+    for name in names:
+        _, _, command = LONG[name]
+        with tempfile.TemporaryDirectory() as folder:
+            variables = {**os.environ, **dict(command.variables)}
+            arguments = [
+                word.format(folder=folder, python=sys.executable) for word in command.words
+            ]
+            subprocess.run(arguments, cwd=ROOT, env=variables, check=False)
+            stored[name] = {
+                "date": datetime.date.today().isoformat(),
+                **figures(name, Path(folder)),
+            }
+        STORED.write_text(json.dumps(stored, indent=1, ensure_ascii=False) + "\n", "utf-8")
+
+
 if __name__ == "__main__":
+    if sys.argv[1:]:
+        run_again(sys.argv[1:])
     PAGE.write_text(page(), encoding="utf-8")

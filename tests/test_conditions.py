@@ -172,6 +172,9 @@ class TestExactOracle:
             ([[0, 0], [0]], [1, 0], "a must have shape"),
             ([[0]], [1, 0], "a must have shape"),
             ([[0]], [float("nan")], "b must hold finite real numbers, got nan"),
+            (0, [1], "a must be a sequence of rows, got 0"),
+            ("0", [1], "a must be a sequence of rows, got '0'"),
+            ([0], [1], "row 1 of a must be a sequence of numbers, got 0"),
         ],
     )
     def test_bad_input(self, a, b, message):

@@ -6,6 +6,7 @@ The environment's ``CG_FUZZ`` multiplies how many are tried.
 import os
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -131,3 +132,14 @@ def test_progress_of_searches(at, how):
     how = returned(3)[how % 25] if isinstance(how, int) else how
     wrong = Wrong(lambda *arguments: None, at, how)
     ends_well(lambda: cg.search(3, 3, 5, 0, workers=1, progress=wrong), wrong, ())
+
+
+@pytest.mark.parametrize(
+    "value",
+    [0.1j, np.array(0.1 + 1j), np.ma.masked, "0.1", np.datetime64(1, "s"), 10**400],
+    ids=lambda value: type(value).__name__,
+)
+def test_events_lose_no_part_of_what_they_return(value):
+    frame, start, _ = FRAMES["Euclidean"]
+    with pytest.raises(ValueError, match=r"events\[0\] must return a real number"):
+        cg.solve_ivp(lambda t, y: [0.1, 0.2], (0, 1), start, frame=frame, events=lambda t, y: value)

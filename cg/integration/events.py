@@ -83,8 +83,11 @@ class Event:
                 f"{raw!r} at t = {t:.17g}"
             )
         try:
-            value = float(np.asarray(raw, dtype=np.float64).item())
-        except (TypeError, ValueError) as error:
+            given = np.asarray(raw)
+            if given.dtype.kind not in "iufO" or np.ma.is_masked(raw):  # complex ones lose a part
+                raise TypeError("not real")
+            value = float(given.item())
+        except (TypeError, ValueError, OverflowError) as error:
             raise ValueError(
                 f"events[{self.index}] must return a real number, got {raw!r} at t = {t:.17g}"
             ) from error

@@ -1,0 +1,102 @@
+"""What takes long to run of `reliability.py`: the commands, their figures, and survivors."""
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any, NamedTuple
+
+
+class Command(NamedTuple):
+    """Words of a command and variables of its environment; {folder} is where it writes."""
+
+    words: tuple[str, ...]
+    variables: tuple[tuple[str, str], ...] = ()
+
+
+def _tests(*words: str, **variables: str) -> Command:
+    fixed = ("{python}", "-m", "pytest", "-q", "--junitxml={folder}/report.xml")
+    return Command((*fixed, *words), tuple(variables.items()))
+
+
+FUZZ, KILLS = 20, 67
+LONG: dict[str, tuple[str, str, Command]] = {
+    "differential": (
+        "Random tableaux and trees of points, explicit and implicit, orders 1 to 7: the compiled "
+        "core in both kinds against exact arithmetic",
+        "`test_differential.py`",
+        _tests("-m", "slow", "tests/test_differential.py"),
+    ),
+    "fuzz": (
+        "Spoilt files of methods, certificates and stores; functions that raise or return "
+        "something else at any call",
+        "`test_fuzz_*.py`",
+        _tests("tests/test_fuzz_readers.py", "tests/test_fuzz_callbacks.py", CG_FUZZ=str(FUZZ)),
+    ),
+    "kills": (
+        "Searches, constructions and reproductions killed at random moments",
+        "`test_kills.py`",
+        _tests("tests/test_kills.py", CG_KILLS=str(KILLS)),
+    ),
+    "together": (
+        "Eight threads, and eight processes by fork, spawn and forkserver",
+        "`test_together.py`",
+        _tests("tests/test_together.py"),
+    ),
+    "sanitizers": (
+        "The compiled core with the sanitizers of addresses and undefined behaviour",
+        "`make test-sanitize`",
+        Command(("make", "test-sanitize", "ARGS=--junitxml={folder}/report.xml")),
+    ),
+    "checks": (
+        "The compiled core with run-time checks and floating-point traps",
+        "`make test-checks`",
+        Command(("make", "test-checks", "ARGS=--junitxml={folder}/report.xml")),
+    ),
+    "planted": (
+        "Errors in Fortran",
+        "`tools/plant_errors.py`",
+        Command(("{python}", "tools/plant_errors.py", "--output", "{folder}/planted.jsonl")),
+    ),
+    "mutants": (
+        "Mutants of Python modules",
+        "`tools/mutate.py`",
+        Command(
+            ("{python}", "tools/mutate.py", "--sample", "12", "--output", "{folder}/mutants.jsonl")
+        ),
+    ),
+}
+
+# How many cases a test stands for
+PER_TEST = {"differential": 1000, "kills": KILLS}
+TEXTS = 150 + 80 + 150 + 100 + 40 + 150 + 80 + 30  # of one round of fuzzing
+
+
+def figures(name: str, folder: Path) -> dict[str, Any]:
+    """Return the figures of what a command has written."""
+    if name in ("planted", "mutants"):
+        lines = (folder / f"{name}.jsonl").read_text("utf-8").splitlines()
+        return {"errors" if name == "planted" else "mutants": list(map(json.loads, lines))}
+    found = list(ET.parse(folder / "report.xml").getroot().iter("testcase"))
+    failed = sum(any(part.tag in ("failure", "error") for part in case) for case in found)
+    number = TEXTS * FUZZ if name == "fuzz" else len(found) * PER_TEST.get(name, 1)
+    return {"cases": number, "found": f"{failed} tests fail" if failed else "all as wanted"}
+
+
+# Mutants that survived: "since" where a test was written that kills them, "same" where nothing is
+# different
+FROZEN = ("since", "nobody tried to change a value; `test_values.py` does")
+EXPLAINED = {
+    ("cg.trees", "True → False"): FROZEN,
+    ("cg.certification.krawczyk", "True → False"): FROZEN,
+    ("cg.certification.systems", "True → False"): (
+        "same",
+        "one is `frozen`, which `test_values.py` sees since; one the `strict` of a `zip` over "
+        "sequences of one length",
+    ),
+    ("cg.certification.certificate", "True → False"): FROZEN,
+    ("cg.condition_counts", "1 → 2"): ("same", "a list is one longer than what is read of it"),
+    ("cg.oracle", "raise ValueError(f'a must be a sequence of rows, got {a!r}') → pass"): (
+        "since",
+        "`a` that is no sequence was given to the compiled functions alone",
+    ),
+}
