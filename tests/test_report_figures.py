@@ -281,6 +281,7 @@ def test_figure_of_evaluations():
     for label, level in levels.items():
         assert curves(axes)[f"paper, {label}"].get_ydata()[0] == pytest.approx(level)
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["10", "20"]
     assert "passes the paper's 1e−06 between 10 and 20" in blocks[0].text
     assert "0.9 to 0.99, median 0.95" in blocks[1].text
     assert "0.5 to 0.7, median 0.6" in blocks[1].text

@@ -178,6 +178,8 @@ def _draw(figure: Figure, data: Data) -> None:
                 label=f"paper, {phase}, {how}",
             )  # fmt: skip
     grid(axes, x=True, y=True)
+    axes.set_xticks(limits[:-1], labels=map(str, limits[:-1]))  # the last two are close
+    axes.tick_params(axis="x", which="minor", bottom=False)
     axes.set_xlabel("limit of evaluations")
     axes.set_ylabel("f = sum of squared residuals")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper")
