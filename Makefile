@@ -59,6 +59,9 @@ catalogue: build
 	$(PY) tools/update_catalogue.py
 	$(PY) tools/make_reference_steps.py
 
+implementations: build
+	$(PY) tools/check_implementations.py
+
 reference-steps: build
 	$(PY) tools/make_reference_steps.py
 

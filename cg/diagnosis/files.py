@@ -16,7 +16,7 @@ from ..texts import read_json, read_toml
 from .diagnosis import Diagnosis, diagnose
 from .findings import Finding
 
-__all__ = ["diagnose_file"]
+__all__ = ["diagnose_file", "diagnose_tableau"]
 
 _KEYS = {"name", "source", "kind", "a", "b", "b_embedded", "c"}
 """Of a file that is more generous than one of the catalogue."""
@@ -53,7 +53,7 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
     if not {"a", "b"} <= set(entry) <= _KEYS:
         return diagnose(load(path))
     try:
-        return _diagnose_tableau({"name": path.stem} | entry)
+        return diagnose_tableau({"name": path.stem} | entry)
     except MethodError as error:
         raise type(error)(f"{path}: {error}") from None
 
@@ -64,7 +64,16 @@ def _read(text: str) -> dict[str, Any]:
     return read_toml(text, TableauError, parse_float=str)
 
 
-def _diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
+def diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
+    """Diagnose the tableau that an entry of a file is; see `diagnose_file`.
+
+    Parameters
+    ----------
+    entry : dict
+        With the keys ``a`` and ``b``, and if there are ``name``, ``source``, ``kind``,
+        ``b_embedded``, ``c``.
+    """
+    entry = dict(entry)
     c = entry.pop("c", None)
     equal = False
     try:

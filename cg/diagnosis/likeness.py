@@ -17,6 +17,7 @@ __all__ = ["Likeness", "likeness"]
 
 _MOST_CHANGED = 2
 _FEWEST_ALIKE = 3
+_ROUNDING = Fraction(1, 2**51)
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,9 @@ def _compare(method: Method, known: Method, within: Fraction) -> Likeness | None
     names, alike, changed = method.layout.names, 0, []
     # pairs have second weights at the end, which the other may lack
     for name, x, y in zip(names, one[1], other[1], strict=False):
-        if abs(x.value - y.value) <= max(x.unit + y.unit, within):
+        # what went through a double or two is the same
+        allowed = max(x.unit + y.unit, abs(y.value) * _ROUNDING, within)
+        if abs(x.value - y.value) <= allowed:
             alike += y.value != 0
         else:
             changed.append((name, x, y))

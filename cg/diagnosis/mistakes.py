@@ -86,7 +86,7 @@ def _known(method: Method, like: Likeness | None) -> Iterator[Finding]:
             yield Finding(
                 "slip",
                 "it is CG4a with a misprint that went from code to code: a_5,4 = "
-                f"{float(here.value)!r} has one digit wrong, where the paper has "
+                f"{_text(here)} has one digit wrong, where the paper has "
                 "-1.1092979392113465; its own c_5 tells which is right",
             )
             return

@@ -1,0 +1,119 @@
+"""Check other implementations: ``python tools/check_implementations.py``.
+
+Reads docs/implementations.toml, and writes what each tableau really is to docs/implementations.md.
+"""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cg.convergence import final_errors, observed_order
+from cg.diagnosis import Diagnosis
+from cg.diagnosis.files import diagnose_tableau
+from cg.method import Method
+from cg.problems import StateDependentRotation
+from cg.tableau import Tableau
+
+DOCS = Path(__file__).parent.parent / "docs"
+DATA, PAGE = DOCS / "implementations.toml", DOCS / "implementations.md"
+BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
+_FLOOR = 2e-13  # of errors: rounding over all steps
+_STEPS = (16, 24, 32, 48, 64)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A tableau of an implementation, and what it is."""
+
+    entry: dict[str, Any]
+    diagnosis: Diagnosis
+    slope: float
+
+    @property
+    def row(self) -> str:
+        """The row of the table."""
+        says, order = _pair(self.entry["says"], self.entry.get("says_embedded")), self.diagnosis
+        cells = (
+            self.entry["implementation"],
+            f"`{self.entry['name']}`",
+            says,
+            _pair(order.order, order.embedded_order),
+            str(order.flat_order),
+            f"{self.slope:.1f}",
+            self.verdict,
+        )
+        return f"| {' | '.join(cells)} |"
+
+    @property
+    def verdict(self) -> str:
+        """What was recognised, and how far conditions through the claimed order are off."""
+        found = "; ".join(finding.message for finding in self.diagnosis.findings)
+        note = self.entry.get("note", "")
+        residual = self.diagnosis.method.largest_residual(self.entry["says"])
+        size = f"conditions to {residual:.0e}" if residual else "conditions exactly"
+        right = self.diagnosis.order >= self.entry["says"]
+        return "; ".join(part for part in (found, note, size if right or residual < 1e-9 else
+                         f"conditions off by {residual:.1g}") if part)  # fmt: skip
+
+
+def read() -> list[dict[str, Any]]:
+    """Return the entries of the data file."""
+    entries: list[dict[str, Any]] = tomllib.loads(DATA.read_text(encoding="utf-8"))["method"]
+    return entries
+
+
+def check(entry: dict[str, Any]) -> Checked:
+    """Return what an entry is."""
+    keys = ("a", "b", "b_embedded", "c")
+    found = diagnose_tableau({"name": ""} | {key: entry[key] for key in keys if key in entry})
+    # without second weights, since `integrate` goes on with those of the higher order
+    return Checked(entry, found, slope_of(Tableau(entry["a"], entry["b"])))
+
+
+def slope_of(method: Method) -> float:
+    """Return the slope of the error at time one of a rotation that sees all trees."""
+    problem = StateDependentRotation()
+    steps = [1 / n for n in _STEPS]
+    errors = final_errors(
+        problem.f, (0, 1), problem.y0, _end(), frame=problem.frame, method=method, h=steps
+    )
+    return observed_order(steps, errors, floor=_FLOOR).order
+
+
+@cache
+def _end() -> Any:
+    solution = StateDependentRotation().reference([0, 1]).values[-1]
+    return np.array([float(x) for x in solution[:9]]).reshape(3, 3)
+
+
+def _pair(first: int, second: int | None) -> str:
+    return str(first) if second is None else f"{first}({second})"
+
+
+def table(checked: list[Checked]) -> str:
+    """Return the table of the page."""
+    heads = ("implementation", "method", "says order", "order", "where flows commute", "slope",
+             "what it is")  # fmt: skip
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *(c.row for c in checked)]
+    sources = [f"- {i}: {w}" for i, w in {c.entry["implementation"]: c.entry["where"] for c in
+               checked}.items()]  # fmt: skip
+    return "\n".join([*lines, "", "Sources:", "", *sources]) + "\n"
+
+
+def main() -> int:
+    """Write the page."""
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    shown = table([check(entry) for entry in read()])
+    PAGE.write_text(f"{before}{BEGIN}{shown}{END}{rest.partition(END)[2]}", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
