@@ -16,7 +16,8 @@ from cg.command import main
 from cg.facts import compute_facts, facts_of
 
 COMMANDS = [
-    "list", "show", "check", "search", "construct", "certify", "export", "reproduce", "completion"
+    "list", "show", "check", "search", "construct", "certify", "export", "plot", "runs",
+    "reproduce", "completion"
 ]  # fmt: skip
 SLIP = dumps(cg.methods["CG4a"]).replace(
     "-1.1092979392113465105841772499254356", "-1.1092979392113565"
@@ -49,7 +50,7 @@ class TestHelp:
             code, shown, _ = run(name, "--help")
             assert code == 0
             assert f"crouch-grossman {name}" in shown.partition("Examples:")[2]
-            assert ("--json" in shown) == (name not in {"export", "completion"})
+            assert ("--json" in shown) == (name not in {"export", "plot", "runs", "completion"})
 
     def test_without_arguments(self, run):
         assert run() == run("--help")
@@ -202,6 +203,18 @@ class TestExport:
     def test_digits(self, run):
         text = run("export", "CG4a", "json", "--digits", "50")[1]
         assert json.loads(text) == json.loads(cg.export("CG4a", "json", digits=50))
+
+
+class TestPlot:
+    @pytest.mark.parametrize("what", ["points", "tableau", "stability"])
+    def test_pictures(self, run, tmp_path, what):
+        file = tmp_path / "method.svg"
+        assert run("plot", "CG3", what, "-o", str(file)) == (0, "", "")
+        assert "<svg" in file.read_text()
+
+    def test_unknown_kinds_of_files(self, run, tmp_path):
+        code, _, error = run("plot", "CG3", "points", "-o", str(tmp_path / "method.nonsense"))
+        assert (code, "nonsense" in error) == (2, True)
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ _MODULES = {
     "construct": "searching",
     "certify": "proving",
     "export": "exporting",
+    "plot": "plotting",
     "runs": "runs",
     "reproduce": "reproducing",
     "completion": "completion",

@@ -1,0 +1,37 @@
+"""``plot``: pictures of a method."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cg.method import Method
+
+from .arguments import METHOD
+
+__all__ = ["plot_command"]
+
+
+@click.command("plot", short_help="Draw a method.")
+@click.argument("method", metavar="NAME|FILE", type=METHOD)
+@click.argument("what", metavar="WHAT", type=click.Choice(["points", "tableau", "stability"]))
+@click.option(
+    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), required=True,
+    metavar="FILE", help="The picture: .svg, .png, .pdf, ….",
+)  # fmt: skip
+def plot_command(method: Method, what: str, output: Path) -> None:
+    """Draw a method as a picture: its points, its tableau or its stability region.
+
+    \b
+    Examples:
+      crouch-grossman plot CF5a points -o cf5a.svg
+      crouch-grossman plot DP5(4) stability -o stability.png
+    """
+    import matplotlib as mpl
+
+    mpl.use("Agg")  # no window is wanted
+    from cg import plot
+
+    draw = {"points": plot.points, "tableau": plot.tableau, "stability": plot.stability_region}
+    draw[what](method).figure.savefig(output, bbox_inches="tight")
