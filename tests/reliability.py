@@ -37,7 +37,8 @@ ROWS = [  # what is tried, file of tests, which of them
         "test_limits",
         "deep|order|wide|full|soon",
     ),
-    ("Forged, damaged and shared stores of searches", "test_store", ""),
+    ("Forged, damaged, full and foreign stores", "test_store", ""),
+    ("Workers that die, and executors of all kinds", "test_executors", ""),
     ("Tolerances and limits of lmdif", "test_lmdif_tolerances", ""),
     ("Steps of least norm, beside NumPy's", "test_least_norm", ""),
     ("Trees, flat orders and steps, beside kauri, NodePy and Lielab", "test_peers", ""),
@@ -98,10 +99,10 @@ def planted(run: dict[str, Any]) -> list[str]:
     lines = [
         "## Errors planted in the compiled core",
         "",
-        f"`tools/plant_errors.py` puts one wrong line at a time into a copy of `fortran/`. Of "
-        f"{len(run['errors'])} errors",
-        f"{caught} were caught by tests that `make test` runs, none of which needs libminpack "
-        f"({run['date']}).",
+        "`tools/plant_errors.py` has a list of wrong lines and puts one at a time into a copy of",
+        f"`fortran/`. Of the {len(run['errors'])} that were run ({run['date']}) {caught} were caught",
+        "by tests that",
+        "`make test` runs, none of which needs libminpack.",
         "",
         "| error | in | caught by |",
         "|---|---|---|",
