@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cg
+
+# an editable install would run ninja for each name that is looked up; once is enough
+for finder in sys.meta_path:
+    if hasattr(finder, "_rebuild"):
+        setattr(finder, "_rebuild", partial(lambda tree: tree, finder._rebuild()))  # noqa: B010
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -42,7 +48,7 @@ myst_heading_anchors = 4
 autosummary_generate = True
 autodoc_typehints = "none"  # docstrings say types in words
 numpydoc_show_class_members = False
-default_role = "autolink"
+default_role = "py:obj"
 
 sphinx_gallery_conf = {
     "examples_dirs": "examples",

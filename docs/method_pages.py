@@ -11,9 +11,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import method_pictures
-from matplotlib.figure import Figure
-
 import cg
 from cg.certification import CertificationError, certificate_of
 from cg.formats import FORMATS
@@ -110,15 +107,18 @@ def write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def draw(path: Path, figure: Figure) -> None:
-    """Write a figure."""
+def draw(path: Path, ax: Any) -> None:
+    """Write the figure of axes."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=140)
+    ax.figure.savefig(path, dpi=140, bbox_inches="tight")
 
 
 def stamp_of(method: Method) -> str:
     """Return a digest of what a method's page is made of."""
-    parts = [Path(__file__), Path(method_pictures.__file__), Path(cg.formats.__file__)]
+    parts = [
+        Path(__file__),
+        *(Path(part) for part in (cg.plot.methods.__file__, cg.formats.__file__)),
+    ]
     texts = [path.read_bytes() for path in parts]
     texts += [cg.__version__.encode(), cg.export(method, "toml").encode()]
     return hashlib.sha256(b"\0".join(texts)).hexdigest()
@@ -143,13 +143,13 @@ def page(method: Method) -> str:
     name = slug(method.name)
     pictures = []
     if method.explicit and len(method.points) <= MOST_POINTS:
-        draw(FOLDER / "pictures" / f"{name}_tree.png", method_pictures.tree_figure(method))
+        draw(FOLDER / "pictures" / f"{name}_tree.png", cg.plot.points(method))
         pictures.append(
-            "## Tree of points\n\nEach arrow is a flow; numbers in circles are the stages that are "
-            "evaluated there; red is the result, dashed leads to the second one.\n\n"
+            "## Tree of points\n\nEach line is a flow; circles are stages, the square is the "
+            "result.\n\n"
             f"![Tree of points of {method.name}](pictures/{name}_tree.png)"
         )
-    draw(FOLDER / "pictures" / f"{name}_region.png", method_pictures.region_figure(method))
+    draw(FOLDER / "pictures" / f"{name}_region.png", cg.plot.stability_region(method))
     pictures.append(
         "## Stability\n\nWhere flows commute, a step multiplies a solution of `y' = λ y` by "
         f"R(hλ); coloured is where |R| ≤ 1.\n\n![Stability region of {method.name}]"
