@@ -35,6 +35,14 @@ FEHLBERG = cg.Tableau(
 )
 SCIPY = {"BS3(2)": RK23, "DP5(4)": RK45, "DOP853": DOP853}
 LIFTED = [name for name in SCIPY if name in methods]
+# flat orders of the tool's methods, and of their second weights
+ORDERS = {
+    "DVERK6(5)": (6, 5),
+    "Verner7(6)": (7, 6),
+    "DOP853": (8, 5),
+    "CooperVerner8": (8, None),
+    "Verner8(7)": (8, 7),
+}
 
 
 def pair(name):
@@ -285,19 +293,29 @@ def tool(monkeypatch):
 class TestTheTool:
     def test_flat_pairs_have_their_orders_exactly(self, tool):
         pairs = tool.tableaux()
-        for name, orders in (("DVERK6(5)", (6, 5)), ("Verner7(6)", (7, 6)), ("DOP853", (8, 5))):
-            found = flat_order(pairs[name]), flat_order(pairs[name], embedded=True)
-            assert found == orders
+        assert set(ORDERS) == set(pairs)
+        for name, (order, second) in ORDERS.items():
+            assert flat_order(pairs[name]) == order
+            if second is not None:
+                assert flat_order(pairs[name], embedded=True) == second
 
     def test_dop853_is_scipys_to_the_last_bit(self, tool):
         flat = tool.tableaux()["DOP853"]
         np.testing.assert_array_equal(flat.a, dop853_coefficients.A[:12, :12])
         np.testing.assert_array_equal(flat.b, dop853_coefficients.B)
 
-    def test_dop853_is_refined_from_its_start(self, tool):
-        flat = tool.tableaux()["DOP853"]
+    @pytest.mark.parametrize(
+        "name",
+        [
+            "DOP853",
+            pytest.param("CooperVerner8", marks=pytest.mark.slow),
+            pytest.param("Verner8(7)", marks=pytest.mark.slow),
+        ],
+    )
+    def test_order_eight_is_refined_from_its_start(self, tool, name):
+        flat = tool.tableaux()[name]
         method = tool.from_start(flat)
-        kept = methods["DOP853"]
+        kept = methods[name]
         assert method.points == kept.points
         assert method.exact == flat.exact
         assert method.exact_embedded == flat.exact_embedded

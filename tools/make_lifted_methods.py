@@ -1,7 +1,8 @@
-"""Bring the flat pairs of `flat_pairs.toml` to manifolds, as they are in the catalogue.
+"""Bring the flat methods of `flat_pairs.toml` to manifolds, as they are in the catalogue.
 
-All but one are found from random starts by `cg.lift`. The splitting of DOP853 took hours to find;
-`dop853_order8_start.toml` has it in double precision, and it is refined from there.
+Those up to order seven are found from random starts by `cg.lift`. The splittings of order eight
+took long to find; files beside this one have them in double precision, and they are refined from
+there.
 
     python tools/make_lifted_methods.py FOLDER [NAME ...]
 """
@@ -31,15 +32,18 @@ from cg.quad import DECIMAL_DIGITS, to_decimal
 
 HERE = Path(__file__).parent
 FLAT = HERE / "flat_pairs.toml"
-START = HERE / "dop853_order8_start.toml"
+STARTS = {
+    "DOP853": HERE / "dop853_order8_start.toml",
+    "CooperVerner8": HERE / "cooper_verner8_start.toml",
+    "Verner8(7)": HERE / "verner8(7)_start.toml",
+}
 
 RECIPES: dict[str, dict[str, Any]] = {
     "DVERK6(5)": {"chains": [1, 2, 3, 3, 3, 3, 3, 5], "hits": 4, "improve": True},
     "Verner7(6)": {"chains": [1, 1, 2, 3, 3, 3, 3, 3, 3, 8]},
 }
 NOTE = "; lifted: the flat pair stays exact, its rows split into flows"
-_ROOT = Fraction(isqrt(6 * 10**160), 10**80)
-_IRRATIONAL = re.compile(r"(?P<p>\S+) (?P<sign>[+-]) (?P<q>\S+) r6")
+_IRRATIONAL = re.compile(r"(?P<p>\S+) (?P<sign>[+-]) (?P<q>\S+) r(?P<square>\d+)")
 
 
 def main() -> None:
@@ -49,7 +53,7 @@ def main() -> None:
         if names and name not in names:
             continue
         start = time.process_time()
-        if name == "DOP853":
+        if name in STARTS:
             method = from_start(flat)
         else:
             lifted = cg.lift(flat, **RECIPES[name])
@@ -60,24 +64,30 @@ def main() -> None:
         save(method, Path(folder) / f"{name}.toml")
         seconds = time.process_time() - start
         print(
-            f"{name}: order {method.order}({method.embedded_order}), {method.exponentials} flows, "
+            f"{name}: order {orders_of(method)}, {method.exponentials} flows, "
             f"principal error {method.principal_error():.2e}, {seconds:.0f} s"
         )
 
 
 def tableaux() -> dict[str, cg.Tableau]:
-    """Return the flat pairs by their names."""
+    """Return the flat methods by their names."""
     pairs = tomllib.loads(FLAT.read_text(encoding="utf-8"))
     return {
         name: cg.Tableau(
             [[number(text) for text in row] for row in pair["a"]],
-            pair["b"],
-            b_embedded=pair["b_embedded"],
+            [number(text) for text in pair["b"]],
+            b_embedded=pair.get("b_embedded"),
             name=name,
             source=pair["source"] + NOTE,
         )
         for name, pair in pairs.items()
     }
+
+
+def orders_of(method: cg.CommutatorFree) -> str:
+    """Return the orders as in names of pairs."""
+    second = method.embedded_order
+    return str(method.order) if second is None else f"{method.order}({second})"
 
 
 def third_weights(name: str) -> list[str] | None:
@@ -101,27 +111,29 @@ def with_third(method: cg.CommutatorFree, third: list[str]) -> cg.CommutatorFree
 
 
 def number(text: str) -> str:
-    """Return a rational number as it is, and ``p + q r6`` with 36 digits."""
+    """Return a rational number as it is, and ``p + q r6``, with the root of 6, with 36 digits."""
     found = _IRRATIONAL.fullmatch(text)
     if found is None:
         return text
     q = Fraction(found["q"]) * (-1 if found["sign"] == "-" else 1)
-    return to_decimal(Fraction(found["p"]) + q * _ROOT, DECIMAL_DIGITS)
+    root = Fraction(isqrt(int(found["square"]) * 10**160), 10**80)
+    return to_decimal(Fraction(found["p"]) + q * root, DECIMAL_DIGITS)
 
 
-def start_of(flat: cg.Tableau, file: Path = START) -> tuple[Splitting, np.ndarray]:
+def start_of(flat: cg.Tableau) -> tuple[Splitting, np.ndarray]:
     """Return a splitting that is kept in double precision."""
-    found = tomllib.loads(file.read_text(encoding="utf-8"))
+    found = tomllib.loads(STARTS[flat.name].read_text(encoding="utf-8"))
     weights = [{int(k): w for k, w in point["weights"].items()} for point in found["points"]]
     layout = Layout(
         tuple(point["parent"] for point in found["points"]),
         tuple(tuple(sorted(row)) for row in weights),
         tuple(found["stage_points"]),
-        (found["result"], found["embedded_result"]),
+        tuple(found[key] for key in ("result", "embedded_result") if key in found),
     )
     x = np.array([float.fromhex(row[k]) for row in weights for k in sorted(row)])
     rows = FlatRows(*flat.exact, flat.exact_embedded)
-    splitting = Splitting(rows, layout, found["order"], found["embedded_order"], stage_orders(flat))
+    orders = found["order"], found.get("embedded_order", 0)
+    splitting = Splitting(rows, layout, *orders, stage_orders(flat))
     return splitting, splitting.nearest(x)
 
 

@@ -4,6 +4,11 @@ There are more conditions than count and more unknowns than those determine, so 
 derivatives have a wide range of singular values and a kernel. Far from a solution the normal
 equations serve; close to one they would square the range and stall, and steps are made of
 singular values instead.
+
+Derivatives take most of the time. Where there are far more conditions than unknowns, steps are
+made with some of the conditions, those that a pivoted QR factorisation of the derivatives chooses
+and those that are violated most; they are chosen again when the others don't follow. All conditions
+decide whether a fit has succeeded.
 """
 
 from __future__ import annotations
@@ -28,6 +33,12 @@ _PROBE = 0.1  # fraction of a step for the second derivative along it
 _MOST_BEND = 0.75  # largest ratio of acceleration and step that is trusted far from a solution
 _LEAST_DAMPING, _MOST_DAMPING = 1e-30, 1e8  # relative to the largest derivative
 _LEAST_GAIN = 1e-6
+_MANY = 600  # conditions from which on some are chosen: those of order eight
+_COUNT = 1e-9  # of the largest: pivots of conditions that are chosen
+_VIOLATED = 60  # conditions that are chosen since they are violated most
+_CHOSEN_FOR = 30  # steps
+_LEFT_BEHIND = 4.0  # times the sum over the chosen: the whole sum at which they are chosen again
+_LEAST_CHOSEN_FOR = 4
 
 
 @dataclass(frozen=True)
@@ -80,33 +91,40 @@ def fit(
     damping, iterations = 1e-2, 0
     steps: _Steps | None = None
     reached = [f]
+    chosen, taken = _chosen(splitting, x, residual), 0
     while iterations < max_iterations and f < np.inf and damping < _MOST_DAMPING:
         iterations += 1
         close = f < _CLOSE
+        if _outdated(chosen, taken, residual):
+            chosen, taken, steps = _chosen(splitting, x, residual), 0, None
         if steps is None:
-            steps = _Steps(splitting.jacobian(x), close)
+            steps = _Steps(splitting.jacobian(x, chosen), close)
         if not steps.damp(damping):
             damping *= 10
             continue
-        v = steps.step(residual)
+        now = residual[chosen]
+        v = steps.step(now)
         moved = directions @ v
-        ahead = splitting.residual(x + _PROBE * moved)
-        a = steps.step(2 / _PROBE * ((ahead - residual) / _PROBE - steps.jacobian @ v))
+        ahead = splitting.residual(x + _PROBE * moved)[chosen]
+        a = steps.step(2 / _PROBE * ((ahead - now) / _PROBE - steps.jacobian @ v))
         straight = np.linalg.norm(a) <= _MOST_BEND * np.linalg.norm(v)
         trials = [x + moved + directions @ a / 2] if straight else []
         if close:
             trials.append(x + moved)
-        best, best_f = x, f
+        before_f = best_f = float(now @ now)
+        best = x
         for trial in trials:
             trial_residual = splitting.residual(trial)
-            if trial_residual @ trial_residual < best_f:
+            part = trial_residual[chosen]
+            if part @ part < best_f:
                 best, residual = trial, trial_residual
-                best_f = float(residual @ residual)
-        gain = 1 - best_f / f if f else 0.0
+                best_f = float(part @ part)
+        gain = 1 - best_f / before_f if before_f else 0.0
         if f < SOLVED and gain < _LEAST_GAIN:
             break
-        if best_f < f:
-            x, f, steps = best, best_f, None
+        if best_f < before_f:
+            x, f, steps = best, float(residual @ residual), None
+            taken += 1
             damping = max(damping / 5, _LEAST_DAMPING)
         else:
             damping = 3 * max(damping, 1e-20)
@@ -115,6 +133,27 @@ def fit(
         if f > max(SOLVED, before / 2):
             break
     return Fit(x, f, iterations)
+
+
+def _chosen(splitting: Splitting, x: Vector, residual: Vector) -> NDArray[np.intp] | slice:
+    """Return which conditions steps are made with: indices, or all of them."""
+    if residual.size < _MANY:
+        return slice(None)
+    derivatives = splitting.jacobian(x).T
+    pivots, order = linalg.qr(derivatives, mode="r", pivoting=True, check_finite=False)
+    sizes = np.abs(np.diag(pivots))
+    counting = order[: int(np.sum(sizes > _COUNT * sizes[0]))]
+    violated = np.argsort(-np.abs(residual), kind="stable")[:_VIOLATED]
+    return np.union1d(counting, violated).astype(np.intp)
+
+
+def _outdated(chosen: NDArray[np.intp] | slice, taken: int, residual: Vector) -> bool:
+    """Tell whether conditions are to be chosen again after so many steps."""
+    if isinstance(chosen, slice) or taken < _LEAST_CHOSEN_FOR:
+        return False
+    part = residual[chosen]
+    bound = _LEFT_BEHIND * float(part @ part) + SOLVED / _LEFT_BEHIND
+    return taken >= _CHOSEN_FOR or float(residual @ residual) > bound
 
 
 class _Steps:

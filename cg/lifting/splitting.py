@@ -335,11 +335,14 @@ class Splitting:
         found = compiled_conditions.residuals(self.order, self.layout, x, trees, owner)
         return np.asarray(self.scale * found)
 
-    def jacobian(self, x: Vector) -> Vector:
-        """Return the derivatives of `residual` along `directions`, shape (m, unknowns)."""
-        trees, owner = self.conditions
+    def jacobian(self, x: Vector, chosen: NDArray[np.intp] | slice = slice(None)) -> Vector:
+        """Return the derivatives of `residual` along `directions`, shape (m, unknowns).
+
+        Of all conditions, or of those that are chosen by their indices.
+        """
+        trees, owner = (entries[chosen] for entries in self.conditions)
         found = compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
-        return np.asarray(self.scale[:, None] * (found @ self.directions))
+        return np.asarray(self.scale[chosen, None] * (found @ self.directions))
 
     @cached_property
     def _principal(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
