@@ -368,3 +368,48 @@ def test_certify_what_is_no_method(method):
 def test_certify_an_order_that_is_none(order, error):
     with pytest.raises(error, match="order must be"):
         certify("CG4a", order)
+
+
+class TestOnlySmall:
+    """Certificates of methods whose dependent conditions are only shown to be small."""
+
+    def test_what_depends_on_others_is_below_a_bound(self):
+        method = methods["CF5c"]
+        certificate = certify(method, small=True)
+        assert not certificate.complete
+        assert certificate_of(method).complete
+        assert "but for 8 conditions" in str(certificate)
+        assert "those are below 1e-" in str(certificate)
+        assert Certificate.loads(certificate.dumps()) == certificate
+        check(certificate, method)
+        heading, trees = certificate.identities[0].split(": ")
+        assert len(trees.split()) == 8
+        for wrong in ("1e-300", "1e-20", "0", "-1e-50", "small"):
+            name = f"only small, below {wrong}: {trees}"
+            with pytest.raises(CertificationError):
+                check(replace(certificate, identities=(name,)), method)
+        for wrong in (f"{heading}: {trees} []", f"{heading}: {trees} [[]", f"{heading}: "):
+            with pytest.raises(CertificationError):
+                check(replace(certificate, identities=(wrong,)), method)
+        with pytest.raises(CertificationError):
+            check(replace(certificate, identities=(*certificate.identities, "path: 0")), method)
+        with pytest.raises(CertificationError, match="only shown to be small"):
+            method.digits(40, certificate=certificate)
+
+    def test_an_independent_condition_is_not_as_small(self):
+        """It is as far off as coefficients are rounded, 1e-36, and not at a zero of others."""
+        method = methods["CG4a"]
+        certificate = certify(method)
+        free = [name for name in method.layout.names if name not in certificate.fixed]
+        wrong = replace(
+            certificate,
+            identities=("only small, below 1e-41: [[[[[]]]]]",),
+            fixed=(*certificate.fixed, free[0]),
+        )
+        with pytest.raises(CertificationError, match="that conditions are small is not proved"):
+            check(wrong, method)
+
+    def test_not_needed_where_all_are_independent(self):
+        assert certify("CG3", small=True).complete
+        with pytest.raises(TypeError, match="small"):
+            certify("CG3", small=1)

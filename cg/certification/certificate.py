@@ -77,7 +77,8 @@ class Certificate:
     bits : int
         Precision of the arithmetic.
     identities : tuple of str
-        Proved as well, since conditions depend on each other through them.
+        Proved as well, since conditions depend on each other through them; or which conditions
+        are only shown to be small, and how small.
     fixed : tuple of str
         The coefficients that are held, like ``a_3,1``, ``b_2`` and ``b_embedded_2``.
     beyond : Beyond
@@ -99,6 +100,11 @@ class Certificate:
     def __post_init__(self) -> None:
         _decimal(self.radius)
 
+    @property
+    def complete(self) -> bool:
+        """Whether all conditions are proved; otherwise some are only shown to be small."""
+        return not any(name.startswith("only small") for name in self.identities)
+
     def __str__(self) -> str:
         pair = f"({self.embedded_order})" if self.embedded_order else ""
         if Fraction(self.radius) == 0:
@@ -107,6 +113,10 @@ class Certificate:
             proved = f"within {self.radius} of the stored coefficients"
         headings = [name.partition(":")[0] for name in self.identities]
         identities = f", with {' and '.join(headings)}" if headings else ""
+        if not self.complete:
+            left = len(self.identities[0].partition(":")[2].split())
+            proved += f" but for {left} conditions"
+            identities = f"; those are{headings[0].removeprefix('only small,')} there"
         return (
             f"{self.name}: order {self.order}{pair} {proved}, {len(self.fixed)} of them held"
             f"{identities}; not order {self.order + 1}: {self.beyond.tree} is off by "

@@ -56,6 +56,8 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     if not isinstance(certificate, Certificate):
         raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
     packed = fitting(certificate, method)
+    if not certificate.complete:
+        raise CertificationError(f"{certificate.name}: some conditions are only shown to be small")
     texts = [coefficient.text for coefficient in packed.coefficients]
     free = free_of(packed, certificate)
     if Fraction(certificate.radius) == 0 or not free:

@@ -30,14 +30,17 @@ from .weights import Quantity, Weights
 from .words import Word, condition_words, nodes, parse, reciprocal_density, text
 
 __all__ = [
+    "LARGEST_SMALL",
     "STRUCTURES",
     "Structure",
     "augment",
     "find_identities",
     "name_of",
     "names_of_left_out",
+    "names_of_small",
     "read_identity",
     "read_left_out",
+    "read_small",
     "without",
 ]
 
@@ -45,6 +48,10 @@ _THRESHOLD = 1e-11  # singular values below this fraction of the largest count a
 _SMALL = 1e-20  # what counts as zero when identities are looked for, not when they are proved
 _DIGITS = 60  # of parameters
 _ORTHOGONAL = "orthogonality:"
+_SMALL_ONLY = "only small, below"
+
+LARGEST_SMALL = Fraction(1, 10**40)
+"""Larger bounds don't tell conditions that hold from coefficients that are rounded."""
 
 STRUCTURES: dict[str, type[FlatRows | TwoRegisters]] = {
     "flat tableau": FlatRows,
@@ -248,6 +255,32 @@ def read_left_out(names: Sequence[str]) -> tuple[list[Condition], str]:
         return [], ""
     trees = rest[0].removeprefix(_ORTHOGONAL).split()
     return [(int(one.startswith("*")), parse(one.removeprefix("*"))) for one in trees], structure
+
+
+def names_of_small(conditions: Sequence[Condition], bound: str) -> tuple[str, ...]:
+    """Write which conditions are only shown to be small at a zero of others, for `read_small`."""
+    trees = " ".join(f"{row * '*'}{text(word)}" for row, word in conditions)
+    return (f"{_SMALL_ONLY} {bound}: {trees}",)
+
+
+def read_small(names: Sequence[str]) -> tuple[list[Condition], Fraction | None]:
+    """Return the conditions that are only shown to be small, and the bound.
+
+    No conditions, and None, if there aren't any.
+
+    Raises
+    ------
+    ValueError
+        If there is anything else besides.
+    """
+    heading, _, trees = names[0].partition(": ") if names else ("", "", "")
+    if not heading.startswith(f"{_SMALL_ONLY} "):
+        return [], None
+    bound = read_fraction(heading.removeprefix(_SMALL_ONLY).strip())
+    if len(names) > 1 or not 0 < bound <= LARGEST_SMALL:
+        raise ValueError("conditions that are only small need a small bound, and nothing else")
+    found = [(int(one.startswith("*")), parse(one.removeprefix("*"))) for one in trees.split()]
+    return found, bound
 
 
 def without(

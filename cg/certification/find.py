@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,12 +11,19 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from .certificate import Certificate, CertificationError
-from .explain import STRUCTURES, augment, find_identities, name_of, names_of_left_out
+from .explain import (
+    STRUCTURES,
+    augment,
+    find_identities,
+    name_of,
+    names_of_left_out,
+    names_of_small,
+)
 from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
 from .orthogonality import Known, conditions_of, find_relations
-from .statement import Packed, names_of, orders_of, start, system_of
+from .statement import Packed, free_of, names_of, orders_of, start, system_of
 from .systems import EquationSystem, order_system
-from .zero import check_left_out, check_places, quantities
+from .zero import check_left_out, check_places, largest_residual, quantities
 
 __all__ = ["find_zero"]
 
@@ -27,7 +35,7 @@ class _Proved(NamedTuple):
     attempt: KrawczykTest
 
 
-def find_zero(packed: Packed, draft: Certificate) -> Certificate:
+def find_zero(packed: Packed, draft: Certificate, small: bool = False) -> Certificate:
     """Find a zero near the stored coefficients that can be proved.
 
     Parameters
@@ -35,6 +43,8 @@ def find_zero(packed: Packed, draft: Certificate) -> Certificate:
     packed : Packed
     draft : Certificate
         With everything that isn't to be found.
+    small : bool
+        Whether conditions that depend on others need no proof but that they are small.
 
     Returns
     -------
@@ -52,6 +62,8 @@ def find_zero(packed: Packed, draft: Certificate) -> Certificate:
     found = _try(packed, draft, system, to_double(jacobian))
     if isinstance(found, _Proved):
         return found.certificate
+    if small:
+        return _of_independent(packed, draft, to_double(jacobian))
     tried: list[str] = []
     if packed.layout.rows is None:
         extended, relations = _orthogonal(packed, draft, to_double(jacobian))
@@ -79,6 +91,33 @@ def find_zero(packed: Packed, draft: Certificate) -> Certificate:
     if found["rank"] < found["conditions"]:
         message += ", their derivatives are dependent and no known identities explain that"
     raise CertificationError(message, **found, tried="; ".join(tried) or "no identities")
+
+
+def _of_independent(
+    packed: Packed, draft: Certificate, jacobian: NDArray[np.float64]
+) -> Certificate:
+    """Prove a zero of as many conditions as are independent, and that the others are small."""
+    nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
+    rank = numerical_rank(jacobian[:, nonzero])[0]
+    pivots = linalg.qr(jacobian[:, nonzero].T, mode="r", pivoting=True)[1]
+    conditions = conditions_of(orders_of(draft))
+    left_out = [conditions[k] for k in sorted(map(int, pivots[rank:]))]
+    draft = replace(draft, identities=names_of_small(left_out, "1e-40"))
+    system = system_of(packed, draft)
+    kept = np.delete(jacobian, [conditions.index(one) for one in left_out], axis=0)
+    found = _try(packed, draft, system, kept)
+    if not isinstance(found, _Proved):
+        raise CertificationError(f"{draft.name}: no zero of independent conditions", **found)
+    proved, attempt = found
+    zero = packed.balls()
+    for k, ball in zip(free_of(packed, proved), attempt.image, strict=True):
+        zero[k] = ball
+    largest = float(largest_residual(packed, left_out, zero))
+    # a power of ten, with room for another rounding
+    bound = f"1e{math.ceil(math.log10(max(largest, 1e-300))) + 1}"
+    proved = replace(proved, identities=names_of_small(left_out, bound))
+    check_left_out(packed, proved, attempt)
+    return proved
 
 
 def _orthogonal(

@@ -6,7 +6,7 @@ import math
 from fractions import Fraction
 
 from ..catalogue import resolve_method
-from ..checks import check_integer
+from ..checks import check_flag, check_integer
 from ..conditions import HIGHEST_ORDER
 from ..method import Method
 from ..munthe_kaas import MuntheKaas
@@ -22,7 +22,7 @@ __all__ = ["certify", "check"]
 _GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
 
 
-def certify(method: Method | str, order: int | None = None) -> Certificate:
+def certify(method: Method | str, order: int | None = None, *, small: bool = False) -> Certificate:
     """Prove the order of a method.
 
     Shows by Krawczyk's test in ball arithmetic that close to the stored coefficients there
@@ -35,6 +35,10 @@ def certify(method: Method | str, order: int | None = None) -> Certificate:
         A name is looked up in the catalogue. Second weights of a pair are proved as well.
     order : int, optional
         By default the order of the method. It must be the order exactly.
+    small : bool, optional
+        Accept less: as many conditions as are independent have a zero close to the stored
+        coefficients, and the others are below a bound there, which the certificate names.
+        That is no proof of the order; `Certificate.complete` is false then.
 
     Returns
     -------
@@ -55,6 +59,7 @@ def certify(method: Method | str, order: int | None = None) -> Certificate:
     3
     """
     method = resolve_method(method)
+    small = check_flag("small", small)
     if isinstance(method, MuntheKaas):
         raise TypeError(f"method must be a Tableau or CommutatorFree, got {method!r}")
     order = method.order if order is None else check_integer("order", order, 1, HIGHEST_ORDER)
@@ -83,7 +88,7 @@ def certify(method: Method | str, order: int | None = None) -> Certificate:
     )
     with precision(draft.bits):
         if any(coefficient.unit for coefficient in packed.coefficients):
-            draft = find_zero(packed, draft)
+            draft = find_zero(packed, draft, small)
         else:
             check_rational(packed, draft)
         return find_beyond(packed, draft)

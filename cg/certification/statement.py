@@ -12,7 +12,15 @@ from ..conditions import HIGHEST_ORDER
 from ..layout import Layout
 from ..method import Method
 from .certificate import Certificate, CertificationError
-from .explain import STRUCTURES, Structure, augment, read_identity, read_left_out, without
+from .explain import (
+    STRUCTURES,
+    Structure,
+    augment,
+    read_identity,
+    read_left_out,
+    read_small,
+    without,
+)
 from .orthogonality import Condition
 from .parametric import RELATION_RADIUS
 from .relations import Identity
@@ -20,6 +28,7 @@ from .systems import EquationSystem, order_system
 
 __all__ = [
     "Packed",
+    "bound_of",
     "box",
     "fitting",
     "free_of",
@@ -130,11 +139,20 @@ def structure_of(packed: Packed, certificate: Certificate, name: str) -> Structu
 
 
 def left_out_of(certificate: Certificate) -> tuple[list[Condition], str]:
-    """Return the conditions that follow by orthogonality, and the name of a structure."""
+    """Return the conditions that are no equations, and the name of a structure.
+
+    They follow by orthogonality, or are only small.
+    """
     try:
-        return read_left_out(certificate.identities)
-    except ValueError as error:
+        small = read_small(certificate.identities)[0]
+        return (small, "") if small else read_left_out(certificate.identities)
+    except (ValueError, TypeError, ZeroDivisionError) as error:
         raise CertificationError(str(error)) from None
+
+
+def bound_of(certificate: Certificate) -> Fraction | None:
+    """Return what conditions that are left out are below; None if they vanish."""
+    return read_small(certificate.identities)[1]
 
 
 def _identities(certificate: Certificate) -> list[Identity]:

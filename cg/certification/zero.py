@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from flint import arb, arb_mat
+from flint import arb, arb_mat, fmpq
 
 from ..method import TOLERANCE_FACTOR
 from .certificate import Certificate, CertificationError
 from .krawczyk import KrawczykTest, krawczyk, to_double
-from .orthogonality import follow
+from .orthogonality import Condition, follow
 from .statement import (
     Packed,
+    bound_of,
     free_of,
     left_out_of,
     orders_of,
@@ -20,10 +21,17 @@ from .statement import (
     structure_of,
     system_of,
 )
-from .systems import EquationSystem, exact_residuals, order_system
+from .systems import EquationSystem, condition, exact_residuals, order_system
 from .words import condition_words, text
 
-__all__ = ["check_left_out", "check_places", "check_rational", "prove_box", "quantities"]
+__all__ = [
+    "check_left_out",
+    "check_places",
+    "check_rational",
+    "largest_residual",
+    "prove_box",
+    "quantities",
+]
 
 
 def prove_box(packed: Packed, certificate: Certificate) -> None:
@@ -51,14 +59,32 @@ def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTe
     left_out, name = left_out_of(certificate)
     structure = structure_of(packed, certificate, name)
     known = list(structure.relations()) if structure else []
+    if not left_out:
+        return
     zero = start(packed, certificate)
     for k, ball in zip(free_of(packed, certificate), attempt.image, strict=True):
         zero[k] = ball
-    if left_out and not follow(packed.layout, orders_of(certificate), zero, left_out, known):
+    bound = bound_of(certificate)
+    if bound is not None:
+        largest = largest_residual(packed, left_out, zero)
+        if not largest < arb(fmpq(bound.numerator, bound.denominator)):
+            raise CertificationError(
+                f"{certificate.name}: that conditions are small is not proved",
+                residual=float(largest),
+            )
+    elif not follow(packed.layout, orders_of(certificate), zero, left_out, known):
         raise CertificationError(
             f"{certificate.name}: that conditions follow from others is not proved",
             left_out=len(left_out),
         )
+
+
+def largest_residual(packed: Packed, some: Sequence[Condition], y: Sequence[arb]) -> arb:
+    """Return an upper bound of the residuals of conditions, for coefficients in balls."""
+    layout = packed.layout
+    equations = tuple(condition(word, layout.stages + row) for row, word in some)
+    values = EquationSystem(layout, equations).residuals(y)
+    return max((abs(value).upper() for value in values), key=float)
 
 
 def quantities(attempt: KrawczykTest) -> dict[str, float]:

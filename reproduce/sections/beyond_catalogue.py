@@ -31,7 +31,8 @@ _EXPLANATION = (
     "Jacobian of the independent conditions, and how many there are. All these were computed in "
     "this run. The last column wasn't: it is read from the certificates' files, the radius around "
     "the stored coefficients within which an exact method was proved to exist, 0 if the "
-    "coefficients themselves are one. python -m cg.certification --check repeats the proofs."
+    "coefficients themselves are one; partly where that was proved for independent conditions, "
+    "and of the others that they are tiny. python -m cg.certification --check repeats the proofs."
 )
 
 
@@ -110,7 +111,11 @@ def _certificate(method: Method) -> Data | None:
     if method.name not in certificate_names():
         return None
     found = certificate_of(method)
-    return {"radius": found.radius, "identities": list(found.identities)}
+    return {
+        "radius": found.radius,
+        "identities": list(found.identities),
+        "complete": found.complete,
+    }
 
 
 def present(data: Data) -> Sequence[Block]:
@@ -147,8 +152,15 @@ def _row(entry: Data) -> list[str]:
         number(entry["effort"]),
         number(entry["largest_residual"], 1),
         f"{entry['rank']} of {entry['conditions']}",
-        number(None) if certificate is None else number(float(certificate["radius"]), 2),
+        _proved(certificate),
     ]
+
+
+def _proved(certificate: Data | None) -> str:
+    if certificate is None:
+        return number(None)
+    radius = number(float(certificate["radius"]), 2)
+    return radius if certificate["complete"] else f"partly {radius}"
 
 
 def markdown(shown: Table) -> str:
