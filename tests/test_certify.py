@@ -21,7 +21,9 @@ from cg.certification import (
 )
 from cg.certification.__main__ import main
 from cg.certification.files import certificate_names, folder
-from cg.certification.statement import Packed, box
+from cg.certification.krawczyk import krawczyk
+from cg.certification.statement import Packed, box, free_of, system_of
+from cg.certification.zero import zero_of
 from cg.conditions import Rows
 from cg.precision import working_precision as precision
 from cg.solve.minimum_norm import fit_conditions
@@ -408,6 +410,21 @@ class TestOnlySmall:
         )
         with pytest.raises(CertificationError, match="that conditions are small is not proved"):
             check(wrong, method)
+
+    def test_where_the_zero_is(self):
+        """The map's image is taken again where it is wide, and still holds the zero."""
+        method = methods["CG4a"]
+        certificate = replace(certify(method), radius="1e-12")
+        packed = Packed.of(method)
+        with precision(certificate.bits):
+            system, free = system_of(packed, certificate), free_of(packed, certificate)
+            wide = krawczyk(system, packed.balls(), free, arb("1e-12"))
+            found = zero_of(packed, certificate, wide)
+            assert wide.proved
+            assert max(float(ball.rad()) for ball in wide.image) > 1e-30
+            assert max(float(found[k].rad()) for k in free) < 1e-45
+            assert all(wide.image[i].contains(found[k]) for i, k in enumerate(free))
+            assert all(abs(value) < 1e-40 for value in system.residuals(found))
 
     def test_not_needed_where_all_are_independent(self):
         assert certify("CG3", small=True).complete

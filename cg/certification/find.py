@@ -21,9 +21,9 @@ from .explain import (
 )
 from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
 from .orthogonality import Known, conditions_of, find_relations
-from .statement import Packed, free_of, names_of, orders_of, start, system_of
+from .statement import Packed, names_of, orders_of, start, system_of
 from .systems import EquationSystem, order_system
-from .zero import check_left_out, check_places, largest_residual, quantities
+from .zero import check_left_out, check_places, largest_residual, quantities, zero_of
 
 __all__ = ["find_zero"]
 
@@ -109,9 +109,7 @@ def _of_independent(
     if not isinstance(found, _Proved):
         raise CertificationError(f"{draft.name}: no zero of independent conditions", **found)
     proved, attempt = found
-    zero = packed.balls()
-    for k, ball in zip(free_of(packed, proved), attempt.image, strict=True):
-        zero[k] = ball
+    zero = zero_of(packed, proved, attempt)
     largest = float(largest_residual(packed, left_out, zero))
     # a power of ten, with room for another rounding
     bound = f"1e{math.ceil(math.log10(max(largest, 1e-300))) + 1}"

@@ -31,7 +31,11 @@ __all__ = [
     "largest_residual",
     "prove_box",
     "quantities",
+    "zero_of",
 ]
+
+_SHARP = "1e-45"  # radius of balls that hold a zero
+_MOST_IMAGES = 3
 
 
 def prove_box(packed: Packed, certificate: Certificate) -> None:
@@ -61,9 +65,7 @@ def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTe
     known = list(structure.relations()) if structure else []
     if not left_out:
         return
-    zero = start(packed, certificate)
-    for k, ball in zip(free_of(packed, certificate), attempt.image, strict=True):
-        zero[k] = ball
+    zero = zero_of(packed, certificate, attempt)
     bound = bound_of(certificate)
     if bound is not None:
         largest = largest_residual(packed, left_out, zero)
@@ -77,6 +79,27 @@ def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTe
             f"{certificate.name}: that conditions follow from others is not proved",
             left_out=len(left_out),
         )
+
+
+def zero_of(packed: Packed, certificate: Certificate, attempt: KrawczykTest) -> list[arb]:
+    """Return balls around the zero that a test proved: the map's image, again while it is wide."""
+    free = free_of(packed, certificate)
+    zero = start(packed, certificate)
+    image = attempt.image
+    for _ in range(_MOST_IMAGES):
+        widest = max((ball.rad() for ball in image), key=float)
+        if widest < arb(_SHARP):
+            break
+        for k, ball in zip(free, image, strict=True):
+            zero[k] = ball.mid()
+        # the zero is in this box, and the map takes it to itself
+        again = krawczyk(system_of(packed, certificate), zero, free, widest.upper())
+        if not again.image:
+            break
+        image = again.image
+    for k, ball in zip(free, image, strict=True):
+        zero[k] = ball
+    return zero
 
 
 def largest_residual(packed: Packed, some: Sequence[Condition], y: Sequence[arb]) -> arb:
