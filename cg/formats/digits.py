@@ -142,6 +142,8 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     try:
         if certificate is None:
             certificate = certificate_of(method)
+            if not certificate.complete:
+                raise CertificationError("some conditions are only shown to be small")
     except CertificationError as problem:
         raise ValueError(
             f"digits must be at most {known}, which are stored, since {problem}; got {digits}"
