@@ -304,16 +304,14 @@ class TestTheTool:
         np.testing.assert_array_equal(flat.a, dop853_coefficients.A[:12, :12])
         np.testing.assert_array_equal(flat.b, dop853_coefficients.B)
 
-    def test_dop853_is_refined_from_its_start(self, tool):
-        flat = tool.tableaux()["DOP853"]
-        method = tool.from_start(flat)
-        kept = methods["DOP853"]
-        assert method.points == kept.points
-        assert method.exact == flat.exact
-        assert method.exact_embedded == flat.exact_embedded
-
-    @pytest.mark.slow
-    @pytest.mark.parametrize("name", ["CooperVerner8", "Verner8(7)"])
+    @pytest.mark.parametrize(
+        "name",
+        [
+            "DOP853",
+            pytest.param("CooperVerner8", marks=pytest.mark.slow),
+            pytest.param("Verner8(7)", marks=pytest.mark.slow),
+        ],
+    )
     def test_order_eight_is_refined_from_its_start(self, tool, name):
         """To the point of the set of solutions that rounding in double precision leads to."""
         flat = tool.tableaux()[name]
