@@ -8,10 +8,16 @@ import pytest
 from cg import conditions, quad
 from cg.catalogue import methods
 from cg.conditions import HIGHEST_ORDER, Rows, residuals_exact, unpack
+from cg.random_search import search
 from cg.solve.minimum_norm import fit_conditions
 from cg.solve.polish import polish
 from cg.solve.refine import refine
 from cg.solve.system import ConditionSystem
+
+
+@pytest.fixture(scope="module")
+def order_four():
+    return search(**{"order": 4, "stages": 5, "starts": 24, "seed": 3}, workers=1)
 
 
 def packed(name):
