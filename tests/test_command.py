@@ -256,7 +256,8 @@ def test_broken_files_are_named(run, tmp_path):
 
 def test_reproduce_takes_the_options_of_reproduce_paper(run):
     code, shown, _ = run("reproduce", "--list")
-    assert (code, shown[:8]) == (0, "table3.2")
+    assert code == 0
+    assert "table3.2" in [line.split()[0] for line in shown.splitlines()]
     assert run("reproduce", "--help")[0] == 0
     assert run("reproduce", "--seed", "x")[0] == 2
 
