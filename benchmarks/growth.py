@@ -86,10 +86,11 @@ def run(quick: bool, figures: Path | None) -> Result:
         title="What a search will take: growth with order and points",
         method=(
             "A step of the solver for commutator-free methods with a chain of so many points and "
-            "a third as many stages, each in a process of its own. Predicted is a sum of three "
+            "a third as many stages, each in a process of its own. Predicted is a sum of four "
             "terms, whose constants are fitted to all of these times: one for every step, one for "
-            "each tree and unknown (weights and their derivatives), and one for m² n + m³/3 (the "
-            "normal equations of m conditions in n unknowns). Megabytes are those that the process "
+            "each tree and unknown (weights), one for each condition, tree and unknown (a pass "
+            "back over the trees for each condition), and one for m² n + m³/3 (the normal "
+            "equations of m conditions in n unknowns). Megabytes are those that the process "
             "grew by; two Jacobians and the matrix of the normal equations take what stands "
             "beside it."
         ),
@@ -111,6 +112,7 @@ def _predicted(found: list[dict[str, float]]) -> list[float]:
             [
                 1.0,
                 one["trees"] * one["unknowns"],
+                one["conditions"] * one["trees"] * one["unknowns"],
                 one["conditions"] ** 2 * one["unknowns"] + one["conditions"] ** 3 / 3,
             ]
             for one in found

@@ -273,8 +273,8 @@ class TestProcess:
 
     def test_interrupt(self, tmp_path):
         file = tmp_path / "runs"
-        command = [sys.executable, "-m", "cg", "search", "--order", "7", "--stages", "48",
-                   "--starts", "100", "--store", str(file)]  # fmt: skip
+        command = [sys.executable, "-m", "cg", "search", "--order", "5", "--stages", "9",
+                   "--starts", "100000", "--store", str(file)]  # fmt: skip
         running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         while not file.exists() and running.poll() is None:  # until it searches
             time.sleep(0.05)
