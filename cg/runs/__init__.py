@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from .execution import ExecutorLike, Finished, as_finished, check_executor, completed
-from .store import Failure, Record, RunSummary, Store, StoredRun
+from .records import Failure, Record, RunSummary
+from .store import Store, StoredRun
 
 __all__ = [
     "ExecutorLike",

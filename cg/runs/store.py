@@ -12,126 +12,22 @@ import json
 import math
 import os
 import platform
-import secrets
-import socket
 import sqlite3
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from .owner import AT_WORK, alive, owner
+from .records import Failure, Record, RunSummary
 from .schema import APPLICATION_ID, MIGRATIONS
 
-__all__ = ["Failure", "Record", "RunSummary", "Store", "StoredRun"]
+__all__ = ["Store", "StoredRun"]
 
 _BUSY_SECONDS = 60  # for which a writer waits for another
-_SILENT_SECONDS = 60  # after which a run on another machine is taken to have ended
-
-
-@dataclass(frozen=True)
-class Record:
-    """What a store keeps of one random start.
-
-    Attributes
-    ----------
-    number : int
-        Index of the start; with the run's settings it determines the rest but for `seconds`.
-    stages : int
-    flows : int or None
-        Where they count.
-    tree : str or None
-        The tree of points as JSON, where it was drawn with the start.
-    phase : {"double", "quad"}
-        Arithmetic of the last solver that ran.
-    f : float
-        Sum of squared residuals after the run in double precision.
-    status, evaluations : int or None
-        Of the solver in double precision.
-    refined_f, refined_status, refined_evaluations : float, int, int, or None
-        The same of the refinement.
-    largest_residual : float or None
-        Over all order conditions, at the coefficients.
-    solved : bool
-        Whether the start led to what was wanted.
-    coefficients : bytes
-        Packed, 16 bytes each: binary128.
-    seconds : float
-        Time that the start took.
-    """
-
-    number: int
-    stages: int
-    flows: int | None
-    tree: str | None
-    phase: str
-    f: float
-    status: int | None
-    evaluations: int | None
-    refined_f: float | None
-    refined_status: int | None
-    refined_evaluations: int | None
-    largest_residual: float | None
-    solved: bool
-    coefficients: bytes
-    seconds: float = 0.0
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A start whose worker died.
-
-    Attributes
-    ----------
-    index : int
-        Number of the start; with the seed it determines everything else.
-    message : str
-        What became known of it.
-    """
-
-    index: int
-    message: str
-
-
-@dataclass(frozen=True)
-class RunSummary:
-    """A run of a store, and how far it is.
-
-    Attributes
-    ----------
-    number : int
-        By which the store knows the run.
-    kind : {"search", "construct"}
-    settings : dict
-        What determines the results.
-    versions : dict
-        Of the package, Python and the machine that began the run.
-    created, changed : float
-        Seconds since 1970: when the run began, and when its last start was recorded.
-    starts, solved, failed : int
-        Starts recorded, how many of them led to what was wanted, and those whose worker died.
-    best : float or None
-        Smallest sum of squared residuals, refined where it was.
-    seconds : float
-        Time of all starts together.
-    running : bool
-        Whether a process is at work on it.
-    """
-
-    number: int
-    kind: str
-    settings: dict[str, Any]
-    versions: dict[str, str]
-    created: float
-    changed: float
-    starts: int
-    solved: int
-    failed: int
-    best: float | None
-    seconds: float
-    running: bool
 
 
 _COLUMNS = tuple(field.name for field in fields(Record))
@@ -246,7 +142,7 @@ class Store:
             If a process that lives is at work on the same run.
         """
         text = _canonical(settings)
-        connection, me = self._connection, _owner()
+        connection, me = self._connection, owner()
         with self._transaction():
             row = connection.execute(
                 "SELECT number, owner, changed FROM runs WHERE kind = ? AND settings = ?",
@@ -260,11 +156,11 @@ class Store:
                     (kind, text, json.dumps(_versions()), now, now, me),
                 ).lastrowid
             else:
-                number, owner, changed = row
-                if owner is not None and _alive(owner, changed):
+                number, other, changed = row
+                if other is not None and alive(other, changed):
                     raise BlockingIOError(
                         errno.EAGAIN,
-                        f"the run is in use by process {json.loads(owner)['process']}, "
+                        f"the run is in use by process {json.loads(other)['process']}, "
                         "which has the same settings",
                         str(self.path),
                     )
@@ -272,7 +168,7 @@ class Store:
                     "UPDATE runs SET owner = ?, changed = ? WHERE number = ?", (me, now, number)
                 )
         assert number is not None
-        _mine.add(me)
+        AT_WORK.add(me)
         return StoredRun(self, int(number), me)
 
     def run(self, number: int) -> StoredRun:
@@ -330,7 +226,7 @@ def _summary(
         failed,
         best,
         seconds,
-        owner is not None and _alive(owner, changed),
+        owner is not None and alive(owner, changed),
     )
 
 
@@ -423,7 +319,7 @@ class StoredRun:
                     (self.number, self._owner),
                 )
         finally:
-            _mine.discard(self._owner)
+            AT_WORK.discard(self._owner)
 
     def _touch(self, now: float) -> None:
         self._store._connection.execute(
@@ -483,47 +379,6 @@ def _named_errors(path: Path) -> Iterator[None]:
 
 def _canonical(settings: Mapping[str, Any]) -> str:
     return json.dumps(settings, sort_keys=True)
-
-
-_mine: set[str] = set()  # owners of this process that are at work
-
-
-def _owner() -> str:
-    """Return what tells this process, and this run in it, from others."""
-    return json.dumps(
-        {
-            "machine": socket.gethostname(),
-            "process": os.getpid(),
-            "began": _began(os.getpid()),
-            "token": secrets.token_hex(8),
-        }
-    )
-
-
-def _alive(owner: str, changed: float) -> bool:
-    """Return whether the process that a run belongs to is still at work on it."""
-    said = json.loads(owner)
-    # on Windows a signal of 0 would end the process
-    if said["machine"] != socket.gethostname() or os.name == "nt":
-        return owner in _mine or time.time() - changed < _SILENT_SECONDS
-    process = int(said["process"])
-    if process == os.getpid():
-        return owner in _mine
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
-    return bool(said["began"] == _began(process))
-
-
-def _began(process: int) -> int | None:
-    """Return when a process began, in ticks of the system's clock, where that can be told."""
-    try:
-        return int(Path(f"/proc/{process}/stat").read_text("utf-8").rsplit(")", 1)[1].split()[19])
-    except (OSError, IndexError, ValueError):
-        return None
 
 
 def _versions() -> dict[str, str]:
