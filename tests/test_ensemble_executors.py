@@ -124,6 +124,16 @@ def test_members_that_fail_are_named(library):
     np.testing.assert_array_equal(apart.y, whole.y)
 
 
+def test_all_members_that_fail_are_named(library):
+    f = cg.CompiledFunction(library, "rhs")
+    y0 = FRAME.random_point(np.random.default_rng(4), (40,))
+    rates = np.full((40, 2), 200.0)
+    rates[::3] = 1.0
+    options = {"frame": FRAME, "t_eval": TIMES, "parameters": rates, "rtol": 1e-6}
+    apart = cg.solve_ivp(f, (0, 1), y0, **options, workers=1)
+    assert list(apart.failures) == [(k,) for k in range(40) if k % 3]
+
+
 def test_an_exception_of_f_ends_the_call():
     with pytest.raises(ArithmeticError, match="too late"):
         cg.solve_ivp(diverging, (0, 1), POINTS, frame=FRAME, workers=2)

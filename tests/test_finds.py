@@ -72,7 +72,7 @@ def test_families_are_components(store):
     found = list(solutions(store.run(1)))
     groups = families(found)
     assert sum(map(len, groups)) == len(found)
-    assert len(groups) < len(found) / 2
+    assert 1 < len(groups) < len(found) / 2  # some walks arrive, not all
     assert [len(group) for group in groups] == sorted(map(len, groups), reverse=True)
     assert families([]) == []
 
@@ -87,7 +87,7 @@ def test_promotion(store, run, tmp_path):
     promoted = promote(store.run(run), "Mine", tmp_path)
     assert promoted.method.exact
     assert promoted.method.order == {1: 3, 2: 4, 3: 4}[run]
-    assert promoted.principal_error <= promoted.before
+    assert promoted.principal_error < promoted.before
     assert promoted.certificate is not None, promoted.reason
     assert [path.name for path in promoted.files] == ["Mine.toml", "Mine.certificate.toml"]
     assert cg.catalogue.load(promoted.files[0]) == promoted.method
