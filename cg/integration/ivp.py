@@ -209,7 +209,9 @@ def solve_ivp(
             "first_step": first_step, "max_steps": max_steps, "args": args,
             "stage_solver": stage_solver,
         }  # fmt: skip
-        return solve_apart(problem, f, t_span, parameters, executor, workers, out, options)
+        return solve_apart(
+            solve_ivp, problem, f, t_span, parameters, executor, workers, out, options
+        )
     start, stop = check_span(t_span)
     wanted = None if t_eval is None else check_t_eval(t_eval, start, stop)
     dense = check_flag("dense_output", dense_output)

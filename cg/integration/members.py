@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
@@ -28,6 +28,7 @@ __all__ = ["solve_apart"]
 class _Work:
     """What every chunk of members is integrated with; `cg.solve_ivp`'s arguments."""
 
+    solve: Callable[..., Solution]
     f: Any
     t_span: tuple[float, float]
     frame: Frame
@@ -36,8 +37,6 @@ class _Work:
 
     def __call__(self, data: list[tuple[Points, Array | None]]) -> list[Solution]:
         """Return the solutions of some members, or one for all of them."""
-        from cg.integration.ivp import solve_ivp
-
         rows: list[tuple[Points, Array | None]] = data
         if self.together:
             points = np.stack([y0 for y0, _ in data])
@@ -46,7 +45,7 @@ class _Work:
             )
             rows = [(points, numbers)]
         return [
-            solve_ivp(
+            self.solve(
                 self.f, self.t_span, y0, frame=self.frame, parameters=parameters, **self.options
             )
             for y0, parameters in rows
@@ -54,6 +53,7 @@ class _Work:
 
 
 def solve_apart(
+    solve: Callable[..., Solution],
     problem: Problem,
     f: Any,
     t_span: Sequence[float],
@@ -67,6 +67,8 @@ def solve_apart(
 
     Parameters
     ----------
+    solve
+        What integrates some members or one: `cg.solve_ivp`, which calls this.
     problem
         What was checked of the arguments.
     f, t_span, parameters, executor, workers, out
@@ -92,7 +94,7 @@ def solve_apart(
         ends = np.unique([start, stop])
         options = {**options, "t_eval": ends if stop >= start else ends[::-1]}
     together = isinstance(problem.rhs, CompiledRhs) and problem.in_compiled_code
-    work = _Work(f, (start, stop), problem.frame, options, together)
+    work = _Work(solve, f, (start, stop), problem.frame, options, together)
     if executor is not None and executor != "threads":
         _check_pickle(work)
     rows = points.reshape(-1, *problem.frame.point_shape)
