@@ -19,13 +19,11 @@ from .random_start import start_layout
 from .runs import Failure, Store
 from .search_records import RandomStart
 from .search_settings import SearchSettings
-from .solve.polish import polish
+from .solve.polish import polish_zeros
 from .solve.system import ConditionSystem
 from .tableau import Tableau
 
 __all__ = ["SearchResult", "StoredStarts"]
-
-_NOTHING = Fraction(1, 10**40)  # corrections leave this much of a coefficient that is zero
 
 
 class StoredStarts(Sequence[RandomStart]):
@@ -144,8 +142,8 @@ class SearchResult:
         name = f"order {settings.order}, {size}, start {start.index}"
         source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
         # the last places that real(16) leaves may not be right to the digits that are written
-        polished = polish(list(map(Fraction, start.x)), ConditionSystem(settings.order, layout))
-        x = [entry if abs(entry) > _NOTHING else Fraction() for entry in polished.x]
+        system = ConditionSystem(settings.order, layout)
+        x = polish_zeros(list(map(Fraction, start.x)), system, system.free).x
         if layout.rows is None:
             return CommutatorFree.from_packed(x, layout, name=name, source=source)
         return Tableau.from_packed(

@@ -11,7 +11,7 @@ from strategies import point_trees
 
 import cg
 from cg import CommutatorFree, MethodError, conditions
-from cg.catalogue import methods
+from cg.catalogue import dumps, methods
 from cg.certification import certify
 from cg.construction import (
     Candidate,
@@ -30,6 +30,7 @@ from cg.solve.minimum_norm import fit_conditions
 from cg.solve.polish import polish
 from cg.solve.refine import refine
 from cg.solve.system import ConditionSystem
+from cg.tree_shapes import layout_of
 
 CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
 
@@ -165,3 +166,24 @@ class TestSolvers:
             ConditionSystem(4, self.LAYOUT, Structure.MIDDLE)
         with pytest.raises(TypeError, match="layout must be a Layout, got 3"):
             ConditionSystem(4, 3)
+
+
+@pytest.mark.parametrize("name", ["CF6d", "CF7a", "CF6(5)"])
+def test_what_is_zero_but_for_roundings_is_written_as_zero(name):
+    method = cg.methods[name]
+    parents = tuple(point.parent for point in method.points)
+    results = [m for m in (method.result, method.embedded_result) if m is not None]
+    drawn = layout_of((parents, method.stage_points, *results))
+    weights = [
+        [float(point.weights.get(stage, 0)) for stage in stages]
+        for point, stages in zip(method.points, drawn.weights, strict=True)
+    ]
+    x = np.concatenate(weights)
+    absent = x == 0
+    assert absent.any()
+    x[absent] = 3e-18  # what a search leaves there
+    again = to_method(
+        Candidate(ConditionSystem(method.order, drawn), x), name=name, source="regenerated"
+    )
+    assert [set(p.weights) for p in again.points] == [set(p.weights) for p in method.points]
+    assert "0.0000000000" not in dumps(again)

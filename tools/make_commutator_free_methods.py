@@ -143,7 +143,6 @@ RECIPES = (
         stages=9,
         first_flows=18,
         goals=Goals(coefficients=1e-4, abscissae=1.0, bound_weight=0.03),
-        certified=False,
     ),
     Recipe(
         "CF6(5)", 6, None, (88,), flows=17, stages=8, first_flows=22, pair=True, certified=False
@@ -154,10 +153,9 @@ RECIPES = (
         SEVEN,
         (13,),
         flows=26,
-        certified=False,
     ),
     Recipe("CF7b", 7, SEVEN, (12,), flows=25, stages=10, certified=False),
-    Recipe("CF7c", 7, SEVEN, (13,), flows=28, stages=9, certified=False),
+    Recipe("CF7c", 7, SEVEN, (13,), flows=28, stages=9),
     Recipe(
         "CF6a",
         6,

@@ -17,7 +17,7 @@ from ..layout import Layout
 from ..method import Method
 from ..random_start import EXACT
 from ..solve.minimum_norm import fit_conditions
-from ..solve.polish import polish
+from ..solve.polish import polish_zeros
 from ..solve.refine import refine
 from ..solve.system import ConditionSystem
 from ..tableau import Tableau
@@ -199,7 +199,7 @@ def to_method(
 ) -> Method:
     """Refine a candidate in real(16) and make it a method.
 
-    Exact zeros of the candidate stay zero.
+    Exact zeros of the candidate stay zero, and what is zero but for roundings becomes it.
 
     Raises
     ------
@@ -219,11 +219,7 @@ def to_method(
             f"largest residual {refined.largest_residual:.2e} after refinement, "
             f"more than {EXACT * scale:.0e}"
         )
-    polished = polish(
-        quad.decode(refined.x),
-        system,
-        directions=np.eye(system.size)[:, free],
-    )
+    polished = polish_zeros(quad.decode(refined.x), system, free)
     decimals = [quad.to_decimal(entry) for entry in polished.x]
     return _method(system.layout, decimals, name, source)
 

@@ -19,8 +19,10 @@ from scipy import linalg
 from ..conditions import exact_residuals_of
 from .system import ConditionSystem, Structure
 
-__all__ = ["Polished", "polish"]
+__all__ = ["Polished", "polish", "polish_zeros"]
 
+_NOTHING = Fraction(1, 10**33)  # real(16) leaves this much at most of a weight that is zero
+_BELOW = Fraction(1, 10**44)
 _GRID = 10**60  # iterates are moved by multiples of 1/_GRID, so that they don't grow
 
 
@@ -52,7 +54,7 @@ def polish(
     *,
     directions: ArrayLike | None = None,
     rcond: float = 1e-10,
-    below: Fraction = Fraction(1, 10**44),
+    below: Fraction = _BELOW,
     max_iterations: int = 20,
 ) -> Polished:
     """Correct packed weights until its exact residuals are small.
@@ -111,6 +113,35 @@ def polish(
         best, best_residuals, size = trial, trial_residuals, trial_size
         iterations += 1
     return Polished(best, size, rank, iterations)
+
+
+def polish_zeros(
+    x: Sequence[Fraction], system: ConditionSystem, free: Sequence[int] | NDArray[np.intp]
+) -> Polished:
+    """Polish, with weights at zero that are zero but for the rounding of real(16).
+
+    They stay as they are where the conditions can't be solved without them.
+
+    Parameters
+    ----------
+    x, system
+        As `polish` takes them.
+    free : sequence of int
+        The entries that may change.
+
+    Returns
+    -------
+    Polished
+    """
+    unit = np.eye(system.size)
+    found = polish(x, system, directions=unit[:, free])
+    nothing = {k for k in free if 0 < abs(found.x[k]) <= _NOTHING}
+    rest = [k for k in free if k not in nothing]
+    if not nothing or not rest:
+        return found
+    without = [Fraction() if k in nothing else entry for k, entry in enumerate(found.x)]
+    again = polish(without, system, directions=unit[:, rest])
+    return again if again.largest_residual <= max(found.largest_residual, _BELOW) else found
 
 
 def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction, ...]:
