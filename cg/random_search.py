@@ -9,17 +9,28 @@ for: those of a given tree of points, or of trees that are drawn with the starts
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 from . import quad
 from .checks import LARGEST_COUNT, check_integer
 from .conditions import Rows
 from .random_start import EXACT, check_start, random_start, run_start, start_layout
-from .runs import ExecutorLike, Failure, Store, check_executor, completed
+from .runs import (
+    ExecutorLike,
+    Failure,
+    ProgressLine,
+    StoredRun,
+    Tally,
+    check_executor,
+    check_progress,
+    completed,
+    stored_run,
+)
 from .search_records import Phase, RandomStart
 from .search_result import SearchResult, StoredStarts
 from .search_settings import SearchSettings, checked_settings
@@ -52,7 +63,7 @@ def search(
     workers: int | None = None,
     executor: ExecutorLike = None,
     store: str | os.PathLike[str] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | ProgressLine | bool | None = None,
     force: bool = False,
     tree: Any = None,
     flows: int | None = None,
@@ -105,8 +116,10 @@ def search(
         File that receives every finished start (`cg.runs.Store`). The starts that it has of the
         same settings aren't run again; other runs may share it. The first interrupt lets the
         starts that are at work end.
-    progress : callable, optional
-        Called with the numbers of finished and of all starts.
+    progress : callable, ProgressLine or bool, optional
+        Called with the numbers of finished and of all starts. True tells them on standard error,
+        with the rate, the smallest f, how many are exact and the time that is left:
+        `cg.runs.ProgressLine`.
     force : bool, optional
         Try even where there are fewer unknowns than independent conditions. Methods may
         exist there, symmetric ones above all. With trees, where many conditions depend on
@@ -166,65 +179,73 @@ def search(
     )
     quad.core("cg.search")
     starts = check_integer("starts", starts, 1, LARGEST_COUNT)
-    if progress is not None and not callable(progress):
-        raise TypeError(f"progress must be callable, got {progress!r}")
+    call, line = check_progress(progress)
     executor, workers = check_executor(executor, workers)
-    if store is None:
-        done: dict[int, RandomStart] = {}
-        failures = []
-        run = completed(partial(run_start, settings), range(starts), starts, workers, executor)
-        with closing(run) as running:
-            for finished in running:
-                if finished.result is None:
-                    failures.append(Failure(finished.index, str(finished.failure)))
-                else:
-                    done[finished.index] = finished.result
-                if progress:
-                    progress(len(done) + len(failures), starts)
-        found = tuple(done[index] for index in sorted(done))
-        return SearchResult(settings, found, tuple(failures))
-    return _stored(settings, starts, store, workers, executor, progress)
+    run = partial(_run, settings, starts, workers, executor, call)
+    if store is not None:
+        with stored_run(store, "search", asdict(settings)) as kept:
+            return run(kept, Tally(line, "starts", starts))
+    return run(None, Tally(line, "starts", starts))
 
 
-def _stored(
+def _run(
     settings: SearchSettings,
     starts: int,
-    path: str | os.PathLike[str],
     workers: int | None,
     executor: ExecutorLike,
     progress: Callable[[int, int], None] | None,
+    kept: StoredRun | None,
+    tally: Tally,
 ) -> SearchResult:
-    """Search with a store, in which the starts stay."""
+    """Run the starts that a store doesn't have; with one, in which they stay."""
+    ended: dict[int, RandomStart] = {}
+    failures = [] if kept is None else [one for one in kept.failures() if one.index < starts]
+    known = _checked(settings, starts, kept, tally)
+    for failure in failures:
+        known[failure.index] = 1
+        tally.had_failed()
+    run = completed(
+        partial(run_start, settings),
+        (index for index in range(starts) if not known[index]),
+        starts - sum(known),
+        workers,
+        executor,
+        finish_on_interrupt=kept is not None,
+    )
     drawn = settings.flows is not None
-    with Store(path) as store, closing(store.begin("search", asdict(settings))) as kept:
-        done = bytearray(starts)
-        for record in kept.records():
-            check_start(settings, RandomStart.from_record(record))
-            if record.number < starts:
-                done[record.number] = 1
-        for failure in kept.failures():
-            if failure.index < starts:
-                done[failure.index] = 1
-        missing = (index for index in range(starts) if not done[index])
-        left = starts - sum(done)
-        run = completed(
-            partial(run_start, settings),
-            missing,
-            left,
-            workers,
-            executor,
-            finish_on_interrupt=True,
-        )
-        with closing(run) as running:
-            for finished in running:
-                start = finished.result
-                if start is None:
-                    kept.fail(Failure(finished.index, str(finished.failure)))
+    with closing(run) as running, tally:
+        for finished in running:
+            start = finished.result
+            if start is None:
+                failures.append(Failure(finished.index, str(finished.failure)))
+                if kept is not None:
+                    kept.fail(failures[-1])
+                tally.add_failed()
+            else:
+                if kept is None:
+                    ended[start.index] = start
                 else:
                     layout = start_layout(settings, start.index)
                     kept.append([start.record(layout, drawn=drawn, seconds=finished.seconds)])
-                left -= 1
-                if progress:
-                    progress(starts - left, starts)
-        failures = tuple(failure for failure in kept.failures() if failure.index < starts)
-        return SearchResult(settings, StoredStarts(store.path, kept.number, starts), failures)
+                tally.add(start.f, start.exact)
+            if progress:
+                progress(tally.done, starts)
+    failures.sort(key=attrgetter("index"))
+    found: Sequence[RandomStart] = (
+        tuple(ended[index] for index in sorted(ended)) if kept is None
+        else StoredStarts(kept.path, kept.number, starts)
+    )  # fmt: skip
+    return SearchResult(settings, found, tuple(failures))
+
+
+def _checked(
+    settings: SearchSettings, starts: int, kept: StoredRun | None, tally: Tally
+) -> bytearray:
+    """Return which starts a store has, a byte for each, after checking them all."""
+    known = bytearray(starts)
+    for record in () if kept is None else kept.records():
+        start = check_start(settings, RandomStart.from_record(record))
+        if start.index < starts:
+            known[start.index] = 1
+            tally.had(start.f, start.exact)
+    return known

@@ -64,6 +64,11 @@ class RandomStart:
     largest_residual: float
     exact: bool
 
+    @property
+    def f(self) -> float:
+        """Sum of squared residuals where the last solver ended."""
+        return (self.quad or self.double).f
+
     def record(self, layout: Layout, *, drawn: bool, seconds: float = 0.0) -> Record:
         """Return what a store keeps of it, from which `from_record` makes it again.
 

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TextIO
 
+from cg.runs.progress import duration
+
 from .context import Progress
 from .item import Item
 
@@ -104,12 +106,3 @@ class Display:
         place = f"[{self._finished + 1}/{len(self._items)}]"
         self._stream.write(f"{start}{place} {item.title}: {text}{end}")
         self._stream.flush()
-
-
-def duration(seconds: float) -> str:
-    """Write a time: ``12 s``, ``3 min``, ``2 h 10 min``."""
-    if seconds < 59.5:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min"

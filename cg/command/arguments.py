@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Callable
 from difflib import get_close_matches
 from typing import Any, TypeVar
@@ -25,7 +24,6 @@ __all__ = [
     "is_file",
     "json_option",
     "named",
-    "say",
     "workers_option",
 ]
 
@@ -88,9 +86,3 @@ METHOD = NamedMethod()
 def as_json(data: Any) -> None:
     """Print data as JSON."""
     click.echo(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False))
-
-
-def say(text: str) -> None:
-    """Print a line of progress on standard error, if that is a terminal."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)

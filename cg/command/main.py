@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from concurrent.futures import BrokenExecutor
 from importlib import import_module
 
 import click
@@ -100,19 +101,24 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
             standalone_mode=False,
             complete_var=COMPLETE,
         )
-    except (click.Abort, KeyboardInterrupt):
-        print(f"{program}: interrupted", file=sys.stderr)
+    except (click.Abort, KeyboardInterrupt) as end:
+        print(f"{program}: {_with_notes('interrupted', end.__cause__ or end)}", file=sys.stderr)
         return INTERRUPTED
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.ctx.get_help() if error.ctx else "")
         return 0
     except click.ClickException as error:
         return _refuse(program, error.format_message())
-    except (ArithmeticError, OSError, ValueError) as error:
-        return _refuse(program, str(error))
+    except (ArithmeticError, BrokenExecutor, OSError, ValueError) as error:
+        return _refuse(program, _with_notes(str(error), error))
     except MemoryError as error:
         return _refuse(program, f"not enough memory: {error}")
     return code if isinstance(code, int) else 0
+
+
+def _with_notes(text: str, error: BaseException) -> str:
+    """Return what is said of an error, with what was added to it on its way."""
+    return "; ".join([text, *getattr(error, "__notes__", ())])
 
 
 def _refuse(program: str, message: str) -> int:

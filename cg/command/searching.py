@@ -2,199 +2,133 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import wraps
+import json
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from cg.catalogue import dumps, save
-from cg.construction import construct
+from cg.construction import Construction, construct
+from cg.formats import export
 from cg.method import Method
-from cg.random_search import search
+from cg.random_search import SearchResult, search
 
-from .arguments import F, as_json, json_option, say, workers_option
-from .engines import engine, engine_options
+from .arguments import as_json
+from .engines import engine
 from .main import NO
-from .progress import Counter
+from .shapes import construction_options, search_options, settled
 
 __all__ = ["construct_command", "search_command"]
 
 
-def _shape(function: F) -> F:
-    """Add the options that both commands have."""
-    for option in (
-        json_option,
-        click.option(
-            "--output", "-o", type=click.Path(path_type=Path), metavar="PATH",
-            help="Write the methods there: a folder, or a file for one method.",
-        ),
-        click.option(
-            "--store", type=click.Path(dir_okay=False), metavar="FILE",
-            help="Keep what is finished there; an interrupted run goes on from it.",
-        ),
-        engine_options,
-        workers_option,
-        click.option(
-            "--force", is_flag=True, help="Try even with fewer unknowns than conditions."
-        ),
-        click.option("--embedded", is_flag=True, help="With --flows: pairs."),
-        click.option(
-            "--flows", type=click.IntRange(1), metavar="N",
-            help="Commutator-free methods with so many flows.",
-        ),
-        click.option("--seed", type=click.IntRange(0), default=0, show_default=True),
-        click.option("--stages", type=click.IntRange(1), required=True, metavar="N",
-                     help="Evaluations a step."),
-        click.option("--order", type=click.IntRange(1), required=True, metavar="N",
-                     help="Order wanted."),
-    ):  # fmt: skip
-        function = option(function)
-    return function
-
-
-def _naming_options(function: Callable[..., int]) -> Callable[..., int]:
-    """Turn what the solver refuses into errors of the command."""
-
-    @wraps(function)
-    def call(**options: Any) -> int:
-        try:
-            return function(**options)
-        except ValueError as problem:
-            message = str(problem).replace("pass force=True", "pass --force")
-            raise click.UsageError(message) from None
-
-    return call
-
-
 @click.command("search", short_help="Search for methods from random starts.")
-@_shape
-@click.option("--starts", type=click.IntRange(1), default=100, show_default=True, metavar="N",
-              help="Random starts.")  # fmt: skip
-@_naming_options
-def search_command(
-    order: int,
-    stages: int,
-    starts: int,
-    seed: int,
-    flows: int | None,
-    embedded: bool,
-    force: bool,
-    workers: int | None,
-    processes: bool,
-    dask: str | None,
-    mpi: bool,
-    store: str | None,
-    output: Path | None,
-    in_json: bool,
-) -> int:
+@search_options
+def search_command(**options: Any) -> int:
     """Search for methods of an order from random starts.
 
-    Prints a line for each method, the one with the smallest coefficients first. The numbers don't
-    depend on --workers. Exits with 1 if no start led to a method.
+    By default for tableaux of Crouch-Grossman type, explicit or with --rows implicit; for
+    commutator-free methods with --flows, which draws trees of points, or with --tree, the shape of
+    a method. Prints a line for each method, the one with the smallest coefficients first. Neither
+    --workers nor where starts run changes the result.
+
+    How far it is, is told on standard error. With --store an interrupted search goes on when the
+    same command is given again, and `runs` shows what it found. Exits with 1 if no start led to a
+    method.
 
     \b
     Examples:
       crouch-grossman search --order 4 --stages 5 --starts 200 --seed 1
       crouch-grossman search --order 5 --stages 6 --flows 9 --starts 200 -o found
+      crouch-grossman search --order 4 --tree CF4 --store runs.db
+      crouch-grossman search --order 3 --stages 2 --rows diagonal --algorithm lmdif
+      crouch-grossman search --order 6 --stages 8 --flows 16 --embedded --first-same-as-last
     """
-    with engine(processes, dask, mpi) as executor:
-        found = search(
-            order,
-            stages,
-            starts,
-            seed,
-            flows=flows,
-            embedded=embedded,
-            force=force,
-            workers=workers,
-            executor=executor,
-            store=store,
-            progress=Counter("starts"),
-        )
-    for failure in found.failures:
-        click.echo(f"start {failure.index} of seed {seed}: {failure.message}", err=True)
-    say("")
-    return _give(list(found.methods), output, in_json)
+
+    def found(result: SearchResult, _: bool) -> Sequence[Method]:
+        return result.methods
+
+    return _run(search, found, "start", **options)
 
 
 @click.command("construct", short_help="Construct one method of an order.")
-@_shape
-@click.option("--tries", type=click.IntRange(1), default=400, show_default=True, metavar="N",
-              help="Random starts at most.")  # fmt: skip
-@_naming_options
-def construct_command(
-    order: int,
-    stages: int,
-    tries: int,
-    seed: int,
-    flows: int | None,
-    embedded: bool,
-    force: bool,
-    workers: int | None,
-    processes: bool,
-    dask: str | None,
-    mpi: bool,
-    store: str | None,
-    output: Path | None,
-    in_json: bool,
-) -> int:
+@construction_options
+def construct_command(**options: Any) -> int:
     """Construct one method, leaving stages or flows out along the way.
 
-    Prints it as a file of a method. Exits with 1 if no try succeeded.
+    By default a tableau of Crouch-Grossman type; with --flows or --tree a commutator-free method.
+    Prints it as a file of a method. How far it is, is told on standard error; the time left is
+    that of all tries, of which most may not be needed. With --store an interrupted construction
+    goes on when the same command is given again. Exits with 1 if no try succeeded.
 
     \b
     Examples:
       crouch-grossman construct --order 5 --stages 9
       crouch-grossman construct --order 6 --stages 13 --seed 1 -o six.toml
+      crouch-grossman construct --order 5 --stages 6 --flows 9 --first-flows 10
+      crouch-grossman construct --order 5 --tree CF5a --largest 2
+      crouch-grossman construct --order 5 --stages 9 --structure stage-order-two
     """
-    counter = Counter("tries")
+
+    def found(result: Construction, plain: bool) -> Sequence[Method]:
+        if plain and result.method is not None:
+            click.echo(dumps(result.method), nl=False)
+        return [] if result.method is None else [result.method]
+
+    return _run(construct, found, "try", **options)
+
+
+def _run(
+    function: Callable[..., Any],
+    found: Callable[[Any, bool], Sequence[Method]],
+    piece: str,
+    *,
+    processes: bool,
+    dask: str | None,
+    mpi: bool,
+    quiet: bool,
+    output: Path | None,
+    in_json: bool,
+    **options: Any,
+) -> int:
+    """Call a function with what the command was given; print and write what it found."""
+    arguments = settled(options)
     with engine(processes, dask, mpi) as executor:
-        found = construct(
-            order,
-            stages,
-            seed,
-            tries=tries,
-            flows=flows,
-            embedded=embedded,
-            force=force,
-            workers=workers,
-            executor=executor,
-            store=store,
-            progress=counter.one_of(tries),
+        try:
+            result = function(**arguments, executor=executor, progress=not quiet)
+        except ValueError as problem:
+            raise click.UsageError(_of_options(str(problem), arguments)) from None
+        except KeyboardInterrupt as interrupt:
+            if arguments["store"] is None:
+                interrupt.add_note("with --store FILE it would go on from there")
+            raise
+    for failure in result.failures:
+        click.echo(
+            f"{piece} {failure.index} of seed {arguments['seed']}: {failure.message}", err=True
         )
-    method = found.method
-    for failure in found.failures:
-        click.echo(f"try {failure.index} of seed {seed}: {failure.message}", err=True)
-    say("")
-    if method is None:
-        return _give([], output, in_json)
-    if output is None and not in_json:
-        click.echo(dumps(method), nl=False)
-        return 0
-    return _give([method], output, in_json)
-
-
-def _give(methods: list[Method], output: Path | None, in_json: bool) -> int:
-    methods.sort(key=_largest)
+    plain = function is construct and output is None and not in_json
+    methods = sorted(found(result, plain), key=_largest)
     if output is not None:
         if len(methods) > 1 and not output.is_dir():
             output.mkdir(parents=True)
         for method in methods:
             save(method, output)
     if in_json:
-        import json
-
-        from cg.formats import export
-
         as_json([json.loads(export(method, "json")) for method in methods])
-    else:
+    elif not methods:
+        click.echo("no method found")
+    elif not plain:
         for method in methods:
             click.echo(f"{method!r}, largest coefficient {_largest(method):.3g}")
-        if not methods:
-            click.echo("no method found")
     return 0 if methods else NO
+
+
+def _of_options(message: str, names: Iterable[str]) -> str:
+    """Return what a function says of an argument with the name of its option."""
+    message = message.replace("pass force=True", "pass --force")
+    first, _, rest = message.partition(" ")
+    return f"--{first.replace('_', '-')} {rest}" if first in names else message
 
 
 def _largest(method: Method) -> float:

@@ -13,7 +13,18 @@ from .. import quad
 from ..checks import LARGEST_COUNT, check_flag, check_integer
 from ..method import Method
 from ..parallel import single_threads
-from ..runs import ExecutorLike, Failure, Finished, Store, StoredRun, check_executor, completed
+from ..runs import (
+    ExecutorLike,
+    Failure,
+    Finished,
+    ProgressLine,
+    StoredRun,
+    Tally,
+    check_executor,
+    check_progress,
+    completed,
+    stored_run,
+)
 from ..solve.system import Structure
 from .attempt import Attempt, arrived, check_attempt, refined, run_attempt
 from .settings import ConstructionSettings, tableau_settings, tree_settings
@@ -68,7 +79,7 @@ def construct(
     workers: int | None = None,
     executor: ExecutorLike = None,
     store: str | os.PathLike[str] | None = None,
-    progress: Callable[[Attempt], None] | None = None,
+    progress: Callable[[Attempt], None] | ProgressLine | bool | None = None,
     force: bool = False,
     tree: Any = None,
     flows: int | None = None,
@@ -116,8 +127,10 @@ def construct(
     store : path, optional
         File that receives every try, and from which an interrupted run goes on, as `cg.search`
         takes it.
-    progress : callable, optional
-        Called with each `Attempt`.
+    progress : callable, ProgressLine or bool, optional
+        Called with each `Attempt`. True tells on standard error how far it is:
+        `cg.runs.ProgressLine`. The time that is left is that of all tries, of which most may not
+        be needed.
     force : bool, optional
         Try even where there are fewer unknowns than independent conditions; for trees, than
         conditions where flows commute.
@@ -173,13 +186,13 @@ def construct(
         settings = tableau_settings(*common, width, iterations, force)
     quad.core("cg.construct")
     tries = check_integer("tries", tries, 1, LARGEST_COUNT)
-    if progress is not None and not callable(progress):
-        raise TypeError(f"progress must be callable, got {progress!r}")
+    call, line = check_progress(progress)
     executor, workers = check_executor(executor, workers)
+    told = partial(_Told, settings, call, Tally(line, "tries", tries))
     if store is None:
-        return _construct(settings, tries, workers, executor, None, progress)
-    with Store(store) as opened, closing(opened.begin("construct", asdict(settings))) as kept:
-        return _construct(settings, tries, workers, executor, kept, progress)
+        return _construct(settings, tries, workers, executor, told(None))
+    with stored_run(store, "construct", asdict(settings)) as kept:
+        return _construct(settings, tries, workers, executor, told(kept))
 
 
 def _construct(
@@ -187,26 +200,21 @@ def _construct(
     tries: int,
     workers: int | None,
     executor: ExecutorLike,
-    kept: StoredRun | None,
-    progress: Callable[[Attempt], None] | None,
+    told: _Told,
 ) -> Construction:
-    done: dict[int, Attempt | Failure] = {}
-    if kept is not None:
-        attempts = map(Attempt.from_record, kept.records())
-        done = {attempt.index: check_attempt(settings, attempt) for attempt in attempts}
-        done |= {failure.index: failure for failure in kept.failures()}
+    done = told.known(tries)
     missing = [index for index in range(tries) if index not in done]
     work = partial(run_attempt, settings)
     run = completed(
-        work, missing, len(missing), workers, executor, finish_on_interrupt=kept is not None
+        work, missing, len(missing), workers, executor, finish_on_interrupt=told.kept is not None
     )
     ended: list[Attempt] = []
     failures: list[Failure] = []
-    with closing(run) as running:
+    with closing(run) as running, told.tally:
         for index in range(tries):
             while index not in done:
                 finished = next(running)
-                done[finished.index] = _kept(finished, kept, progress)
+                done[finished.index] = told.ended(finished)
             attempt = done[index]
             if isinstance(attempt, Failure):
                 failures.append(attempt)
@@ -218,24 +226,60 @@ def _construct(
                     return Construction(settings, method, attempt, index + 1, tuple(failures))
     if not ended:
         raise RuntimeError(f"the workers of all {tries} tries died: {failures[0].message}")
-    best = min(ended, key=lambda a: (not a.solved, a.stages, a.flows or 0, a.f))
+    best = min(ended, key=lambda one: (*_size(one), one.f))
     return Construction(settings, None, best, tries, tuple(failures))
 
 
-def _kept(
-    finished: Finished[Attempt],
-    kept: StoredRun | None,
-    progress: Callable[[Attempt], None] | None,
-) -> Attempt | Failure:
-    """Return how a try ended, after recording it."""
-    attempt = finished.result
-    if attempt is None:
-        failure = Failure(finished.index, str(finished.failure))
-        if kept is not None:
-            kept.fail(failure)
-        return failure
-    if kept is not None:
-        kept.append([attempt.record(finished.seconds)])
-    if progress:
-        progress(attempt)
-    return attempt
+def _size(attempt: Attempt) -> tuple[float, ...]:
+    """Return what makes an attempt a better one before f does, the smaller the better."""
+    return not attempt.solved, attempt.stages, attempt.flows or 0
+
+
+@dataclass
+class _Told:
+    """Who is to know of tries that end: a function, the line of progress, and a store."""
+
+    settings: ConstructionSettings
+    progress: Callable[[Attempt], None] | None
+    tally: Tally
+    kept: StoredRun | None
+
+    def known(self, tries: int) -> dict[int, Attempt | Failure]:
+        """Return the tries that the store has, checked."""
+        done: dict[int, Attempt | Failure] = {}
+        if self.kept is None:
+            return done
+        for record in self.kept.records():
+            attempt = check_attempt(self.settings, Attempt.from_record(record))
+            done[attempt.index] = attempt
+            if attempt.index < tries:
+                self.tally.had(*self._said(attempt))
+        for failure in self.kept.failures():
+            done[failure.index] = failure
+            if failure.index < tries:
+                self.tally.had_failed()
+        return done
+
+    def ended(self, finished: Finished[Attempt]) -> Attempt | Failure:
+        """Return how a try ended, after recording it."""
+        attempt = finished.result
+        if attempt is None:
+            failure = Failure(finished.index, str(finished.failure))
+            if self.kept is not None:
+                self.kept.fail(failure)
+            self.tally.add_failed()
+            return failure
+        if self.kept is not None:
+            self.kept.append([attempt.record(finished.seconds)])
+        self.tally.add(*self._said(attempt))
+        if self.progress:
+            self.progress(attempt)
+        return attempt
+
+    def _said(self, attempt: Attempt) -> tuple[float, bool, tuple[float, ...], str]:
+        """Return what the line says of a try."""
+        size = f"{attempt.stages} stages"
+        if attempt.flows is not None:
+            size += f" and {attempt.flows} flows"
+        solved = attempt.solved and arrived(self.settings, attempt)
+        return attempt.f, solved, _size(attempt), f" with {size}"

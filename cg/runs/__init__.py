@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from .execution import ExecutorLike, Finished, as_finished, check_executor, completed
+from .progress import ProgressLine, Tally, check_progress
 from .records import Failure, Record, RunSummary
+from .resuming import stored_run
 from .store import Store, StoredRun
 
 __all__ = [
     "ExecutorLike",
     "Failure",
     "Finished",
+    "ProgressLine",
     "Record",
     "RunSummary",
     "Store",
     "StoredRun",
+    "Tally",
     "as_finished",
     "check_executor",
+    "check_progress",
     "completed",
+    "stored_run",
 ]

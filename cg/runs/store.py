@@ -240,6 +240,11 @@ class StoredRun:
         (count,) = self._query("SELECT count(*) FROM starts WHERE run = ?").fetchone()
         return int(count)
 
+    @property
+    def path(self) -> Path:
+        """The store's file."""
+        return self._store.path
+
     def kind(self) -> str:
         """Return what kind of run it is: ``"search"`` or ``"construct"``."""
         (kind,) = self._query("SELECT kind FROM runs WHERE number = ?").fetchone()

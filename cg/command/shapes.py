@@ -1,0 +1,194 @@
+"""Options of ``search`` and ``construct``: the arguments of the functions, by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cg.layout import Layout, Rows
+from cg.method import Method
+from cg.munthe_kaas import MuntheKaas
+from cg.points import MethodError
+from cg.search_settings import ALGORITHMS
+from cg.solve.system import Structure
+from cg.tree_shapes import layout_of
+
+from .arguments import F, NamedMethod, json_option, workers_option
+from .engines import engine_options
+
+__all__ = ["construction_options", "search_options", "settled"]
+
+
+class _Shape(NamedMethod):
+    """The shape of a method: its tree of points."""
+
+    def convert(  # type: ignore[override]
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Layout:
+        if isinstance(value, Layout):
+            return value
+        method: Method = super().convert(value, param, ctx)
+        try:
+            if not isinstance(method, MuntheKaas):
+                return layout_of(method)
+        except (MethodError, TypeError):  # it is implicit
+            pass
+        problem = ValueError(f"{method!r} is no explicit method with a tree of points")
+        raise self._refused(param, problem)
+
+
+class _Member(click.Choice):  # type: ignore[type-arg]
+    """A member of an enumeration, by its name in small letters with hyphens."""
+
+    def __init__(self, kind: type[Rows] | type[Structure]) -> None:
+        self._members = {member.name.lower().replace("_", "-"): member for member in kind}
+        super().__init__(list(self._members))
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return self._members.get(value) or self._members[super().convert(value, param, ctx)]
+
+
+Option = Callable[[F], F]
+_COUNT, _SIZE = click.IntRange(1), click.FloatRange(0, min_open=True)
+
+_WANTED: Sequence[Option[Any]] = (
+    click.option("--order", type=_COUNT, required=True, metavar="N", help="Order wanted."),
+    click.option(
+        "--stages", type=_COUNT, metavar="N",
+        help="Evaluations a step; those of the tree by default, required without one.",
+    ),
+)  # fmt: skip
+
+_POINTS: Sequence[Option[Any]] = (
+    click.option(
+        "--flows", type=_COUNT, metavar="N", help="Commutator-free methods with so many flows.",
+    ),
+    click.option(
+        "--tree", type=_Shape(), metavar="NAME|FILE",
+        help="Commutator-free methods with the tree of points of a method, and weights where its "
+        "weights aren't zero.",
+    ),
+    click.option("--embedded", is_flag=True, help="With --flows: pairs."),
+    click.option(
+        "--first-same-as-last", is_flag=True,
+        help="With --flows: the last stage is at the result, where the next step begins.",
+    ),
+)  # fmt: skip
+
+_RUN: Sequence[Option[Any]] = (
+    click.option("--force", is_flag=True, help="Try even with fewer unknowns than conditions."),
+    workers_option,
+    engine_options,
+    click.option(
+        "--store", type=click.Path(dir_okay=False), metavar="FILE",
+        help="Keep what is finished there; an interrupted run goes on from it.",
+    ),
+    click.option("--quiet", "-q", is_flag=True, help="Don't tell how far it is."),
+    click.option(
+        "--output", "-o", type=click.Path(path_type=Path), metavar="PATH",
+        help="Write the methods there: a folder, or a file for one method.",
+    ),
+    json_option,
+)  # fmt: skip
+
+
+def _random(name: str, default: int, help: str) -> Sequence[Option[Any]]:
+    return (
+        click.option(name, type=_COUNT, default=default, show_default=True, metavar="N", help=help),
+        click.option(
+            "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N",
+            help="Of all random numbers: the same seed gives the same result.",
+        ),
+        click.option(
+            "--width", type=_SIZE, metavar="W",
+            help="Guesses are uniform in [-W, W]; by default what suits the order.",
+        ),
+    )  # fmt: skip
+
+
+_SEARCH: Sequence[Option[Any]] = (
+    click.option(
+        "--rows", type=_Member(Rows), default="explicit", show_default=True,
+        help="Explicit, diagonally implicit or fully implicit tableaux.",
+    ),
+    click.option(
+        "--algorithm", type=click.Choice(ALGORITHMS), default=ALGORITHMS[0], show_default=True,
+        help="Steps of least norm with the exact Jacobian, or the paper's way.",
+    ),
+    click.option(
+        "--maxfev", type=_COUNT, metavar="N",
+        help="Evaluations of a start in double precision at most; by default what suits the order.",
+    ),
+    click.option(
+        "--refine-below", type=click.FloatRange(0), default=1e-15, show_default=True, metavar="F",
+        help="A start goes on to quadruple precision if its sum of squares is at most this.",
+    ),
+    click.option(
+        "--refine-maxfev", type=_COUNT, metavar="N",
+        help="Evaluations there at most; by default 20 for each unknown and one.",
+    ),
+)  # fmt: skip
+
+_CONSTRUCTION: Sequence[Option[Any]] = (
+    click.option(
+        "--first-flows", type=_COUNT, metavar="N",
+        help="With --flows: the flows of the trees that are drawn, from which points are left out.",
+    ),
+    click.option(
+        "--first-stages", type=_COUNT, metavar="N",
+        help="Stages of the random starts; by default what order and structure make easy.",
+    ),
+    click.option(
+        "--structure", type=_Member(Structure),
+        help="Simplifying assumptions on tableaux; by default those of middle from order 6 on, "
+        "and for fewer stages than the conditions of a general method need.",
+    ),
+    click.option(
+        "--largest", type=_SIZE, default=3.0, show_default=True, metavar="X",
+        help="Bound on the magnitude of coefficients.",
+    ),
+    click.option(
+        "--restarts", type=click.IntRange(0), default=1, show_default=True, metavar="N",
+        help="Walks along the solution set where elimination gets stuck.",
+    ),
+    click.option(
+        "--full-rank", is_flag=True,
+        help="Only where all conditions are independent, which makes proofs easy.",
+    ),
+    click.option(
+        "--iterations", type=_COUNT, metavar="N",
+        help="Steps of the solver for a random start at most; by default what suits the order.",
+    ),
+)  # fmt: skip
+
+
+def _all(*groups: Sequence[Option[Any]]) -> Option[Any]:
+    """Return what adds options in their order."""
+    options = [option for group in groups for option in group]
+    return lambda function: reduce(lambda so_far, option: option(so_far), options[::-1], function)
+
+
+search_options = _all(_WANTED, _random("--starts", 100, "Random starts."), _POINTS, _SEARCH, _RUN)
+construction_options = _all(
+    _WANTED, _random("--tries", 400, "Random starts at most."), _POINTS, _CONSTRUCTION, _RUN
+)
+
+
+def settled(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of a function; the stages are those of the tree if none were given.
+
+    Raises
+    ------
+    click.UsageError
+        If neither a number of stages nor a tree was given.
+    """
+    stages, tree = options["stages"], options["tree"]
+    if stages is None:
+        if tree is None:
+            raise click.UsageError("Missing option '--stages', or '--tree'.")
+        stages = tree.stages
+    return {**options, "stages": stages}
