@@ -68,9 +68,9 @@ class ProgressLine:
     >>> import cg, sys
     >>> from cg.runs import ProgressLine
     >>> line = ProgressLine(sys.stdout, every=0, clock=iter(range(9)).__next__)
-    >>> _ = cg.search(2, 2, starts=2, seed=1, workers=1, progress=line)
-    1 of 2 starts, 1 a second, best f 0.0e+00, 1 solved, 1 s left
-    2 of 2 starts, 1 a second, best f 0.0e+00, 2 solved
+    >>> _ = cg.search(2, 2, 2, seed=1, workers=1, progress=line)  # doctest: +ELLIPSIS
+    1 of 2 starts, 1 a second, best f ..., 1 solved, 1 s left
+    2 of 2 starts, 1 a second, best f ..., 2 solved
     """
 
     def __init__(
