@@ -12,8 +12,9 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from functools import partial
 from multiprocessing import get_context
+from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -184,6 +185,13 @@ class TestDeath:
         with Store(path) as opened:
             assert [(run.starts, run.failed) for run in opened.runs()] == [(2, 1)]
 
+    @pytest.mark.parametrize("ready", [False, True])
+    def test_a_worker_that_dies_while_another_is_being_started(self, ready):
+        # in a process of its own, since what it is about is that the run never ended
+        words = [sys.executable, __file__, "ready" if ready else "not yet"]
+        ended = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        assert ended.stdout.split() == [str(index) for index in range(6)], ended.stderr
+
     @pytest.mark.slow
     def test_fifty_workers_killed_from_outside(self):
         killed = 0
@@ -194,6 +202,32 @@ class TestDeath:
                 kill_a_child()
                 killed += 1
         assert killed == 50
+
+
+class StartedLate(SpawnProcess):
+    """A worker whose start lasts until the one before it has died and is known to have."""
+
+    before: ClassVar[list[SpawnProcess]] = []
+    ready = False
+
+    def start(self) -> None:
+        self.before.append(self)
+        if len(self.before) != 2:
+            return super().start()
+        if self.ready:
+            super().start()
+        self.before[0].kill()
+        self.before[0].join()
+        time.sleep(0.5)
+        return None if self.ready else super().start()
+
+
+class LateContext(SpawnContext):
+    Process = StartedLate
+
+
+def late_processes() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(2, mp_context=LateContext())
 
 
 def slow_double(index: int) -> int:
@@ -315,3 +349,8 @@ def test_no_executor(call, executor, error, message, tmp_path: Path):
     with pytest.raises(error, match=message):
         call(order=3, stages=3, seed=1, executor=executor, store=path, **options)
     assert not path.exists()
+
+
+if __name__ == "__main__":
+    StartedLate.ready = sys.argv[1] == "ready"
+    print(*sorted(done.index for done in completed(slow_double, range(6), 6, 2, late_processes)))

@@ -292,13 +292,20 @@ class _Pool:
         for future in self.pending:
             future.cancel()
         if self._make is not None:
-            self.executor.shutdown(wait=True)
+            self._shut_down(wait=True)
 
     def wants_more(self) -> bool:
         return len(self.pending) < _CHUNKS_A_WORKER * self.workers
 
     def submit(self, work: Callable[[int], Any], chunk: list[int]) -> None:
-        self.pending[self.handed_out(work, chunk)] = chunk
+        try:
+            future = self.handed_out(work, chunk)
+        except (BrokenExecutor, OSError) as error:
+            # a worker died since the last chunk, perhaps while this one's was being started
+            future = Future()
+            died = error if isinstance(error, BrokenExecutor) else BrokenExecutor(str(error))
+            future.set_exception(died)
+        self.pending[future] = chunk
 
     def handed_out(self, work: Callable[[Any], Any], chunk: list[int]) -> Future[Any]:
         """Give a chunk to the executor."""
@@ -331,9 +338,20 @@ class _Pool:
         """Make a new executor in place of a broken one; return whether that can be done."""
         if self._make is None:
             return False
-        self.executor.shutdown(wait=False)
+        self._shut_down(wait=False)
         self.executor = self._make()
         return True
+
+    def _shut_down(self, wait: bool) -> None:
+        """Shut an executor of one's own down, and end workers that it has lost sight of.
+
+        A broken `ProcessPoolExecutor` waits for all its workers, also for one that it was starting
+        when another died, which nobody told to end.
+        """
+        if getattr(self.executor, "_broken", False):
+            for worker in list((getattr(self.executor, "_processes", None) or {}).values()):
+                worker.kill()
+        self.executor.shutdown(wait=wait)
 
 
 class _Chunks:
