@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 __all__ = [
     "Stopped",
     "available_cores",
+    "end_with_parent",
     "new_flag",
     "raise_if_stopped",
     "single_threads",
@@ -135,3 +136,21 @@ def new_flag() -> StopFlag:
 def work_for(stop_flag: StopFlag) -> None:
     """Make the current thread a worker of the run with this flag."""
     _worker.stop_flag = stop_flag
+
+
+def end_with_parent() -> None:
+    """End this process when the one that started it has ended, even if that was killed.
+
+    Workers of a pool would wait for work for ever.
+    """
+    from multiprocessing import parent_process
+
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, name="end_with_parent", daemon=True).start()

@@ -18,7 +18,7 @@ def _tests(*words: str, **variables: str) -> Command:
     return Command((*fixed, *words), tuple(variables.items()))
 
 
-FUZZ, KILLS = 20, 67
+FUZZ, KILLS, ENGINE_KILLS = 20, 67, 50
 LONG: dict[str, tuple[str, str, Command]] = {
     "differential": (
         "Random tableaux and trees of points, explicit and implicit, orders 1 to 7: the compiled "
@@ -36,6 +36,12 @@ LONG: dict[str, tuple[str, str, Command]] = {
         "Searches, constructions and reproductions killed at random moments",
         "`test_kills.py`",
         _tests("tests/test_kills.py", CG_KILLS=str(KILLS)),
+    ),
+    "engines": (
+        "Searches in processes and on Dask: the run, a worker or the scheduler killed at random "
+        "moments",
+        "`test_kills_engines.py`",
+        _tests("tests/test_kills_engines.py", CG_KILLS=str(ENGINE_KILLS)),
     ),
     "together": (
         "Eight threads, and eight processes by fork, spawn and forkserver",
@@ -67,7 +73,7 @@ LONG: dict[str, tuple[str, str, Command]] = {
 }
 
 # How many cases a test stands for
-PER_TEST = {"differential": 1000, "kills": KILLS}
+PER_TEST = {"differential": 1000, "kills": KILLS, "engines": ENGINE_KILLS}
 TEXTS = 150 + 80 + 150 + 100 + 40 + 150 + 80 + 30  # of one round of fuzzing
 
 

@@ -7,7 +7,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from functools import partial
@@ -33,6 +39,16 @@ if __name__ == "__main__":
         found = cg.search(3, 3, 30, 5, executor=pool, store=sys.argv[1])
         assert found == cg.search(3, 3, 30, 5), "other results"
         print("equal,", pool.num_workers, "workers")
+"""
+FOREVER = """
+import sys
+import cg
+def begun(done, total):
+    if done == 3:
+        print("begun", flush=True)
+if __name__ == "__main__":
+    cg.search(5, 9, 10**6, 1, maxfev=60, workers=2, executor="processes", store=sys.argv[1],
+              progress=begun)
 """
 
 
@@ -85,6 +101,25 @@ class Unfair(Executor):
 
     def shutdown(self, wait=True, *, cancel_futures=False):
         self._pool.shutdown(wait)
+
+
+class Losing(ThreadPoolExecutor):
+    """Takes so many pieces of work, and then loses those that it has."""
+
+    def __init__(self, pieces: int, moment: str) -> None:
+        super().__init__(1)
+        self._left, self._moment = pieces, moment
+
+    def submit(self, function, /, *args, **kwargs):
+        self._left -= 1
+        if self._left >= 0:
+            return super().submit(function, *args, **kwargs)
+        if self._moment == "handed out":
+            raise BrokenExecutor("it has ended")
+        future: Future[Any] = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
 
 
 @pytest.mark.parametrize("executor", [None, "threads", ThreadPoolExecutor, Unfair])
@@ -191,6 +226,58 @@ class TestDeath:
         words = [sys.executable, __file__, "ready" if ready else "not yet"]
         ended = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
         assert ended.stdout.split() == [str(index) for index in range(6)], ended.stderr
+
+    @pytest.mark.parametrize("moment", ["at work", "handed out"])
+    def test_an_executor_that_loses_its_work(self, moment):
+        """As that of Dask does whose scheduler was killed."""
+        made: list[Losing] = []
+
+        def make() -> Executor:
+            made.append(Losing(9 if not made else 1000, moment))
+            return made[-1]
+
+        ended = {
+            finished.index: finished.result
+            for finished in completed(double, range(40), 40, 2, make)
+        }
+        assert ended == {index: 2 * index for index in range(40)}
+        assert len(made) == 2
+        with pytest.raises(BrokenExecutor, match=r"pieces \[.*\] (that )?were at work"):
+            list(completed(double, range(40), 40, 2, Losing(9, moment)))
+
+    def test_a_search_that_lost_its_executor_goes_on_with_another(self, tmp_path):
+        path = tmp_path / "runs.db"
+        with pytest.raises(BrokenExecutor) as lost:
+            cg.search(**SEARCH, executor=Losing(9, "at work"), store=path)
+        assert lost.value.__notes__ == [
+            f"what had ended is in {path}, and the same search goes on from there, on any executor"
+        ]
+        with Store(path) as opened:
+            (run,) = opened.runs()
+            before = set(opened.run(1).records())
+            assert 0 < len(before) == run.starts < 30
+            assert not run.running
+        assert cg.search(**SEARCH, store=path) == cg.search(**SEARCH)
+        with Store(path) as opened:
+            assert before <= set(opened.run(1).records())
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
+    def test_workers_end_with_a_run_that_is_killed(self, tmp_path):
+        path = tmp_path / "runs.db"
+        script = tmp_path / "run.py"
+        script.write_text(FOREVER)
+        with subprocess.Popen([sys.executable, script, path], stdout=subprocess.PIPE) as running:
+            assert running.stdout is not None
+            first = running.stdout.readline()
+            running.kill()
+            # the other end of the pipe is closed when the last worker has ended
+            assert (first, running.stdout.read()) == (b"begun\n", b"")
+        with Store(path) as opened:
+            (kept,) = opened.runs()
+            starts = kept.starts + 3
+        assert cg.search(5, 9, starts, 1, maxfev=60, store=path) == cg.search(
+            5, 9, starts, 1, maxfev=60
+        )
 
     @pytest.mark.slow
     def test_fifty_workers_killed_from_outside(self):

@@ -25,7 +25,8 @@ from multiprocessing import get_context
 from typing import Any, Generic, TypeVar
 
 from ..checks import check_integer
-from ..parallel import available_cores, new_flag, single_threads, work_for
+from ..parallel import available_cores, end_with_parent, new_flag, single_threads, work_for
+from .lost import broken_executor, dropped, worker_died
 
 __all__ = ["ExecutorLike", "Finished", "as_finished", "check_executor", "completed"]
 
@@ -132,7 +133,7 @@ def completed(
     Exception
         That of the first piece that raised one, after the results before it.
     BrokenExecutor
-        If a worker died and the executor can't be made anew.
+        If a worker died, or the executor lost its scheduler, and it can't be made anew.
 
     Notes
     -----
@@ -166,7 +167,7 @@ def completed(
                 try:
                     results, error = future.result()
                 except Exception as died:
-                    if not _worker_died(died):
+                    if not worker_died(died) and not dropped(died):
                         raise
                     suspects += chunk
                     reason = died
@@ -215,14 +216,6 @@ def _run_whole(
     return [Finished(chunk[0], result, seconds, chunk=chunk)], None
 
 
-def _worker_died(error: Exception) -> bool:
-    """Return whether an exception says that a process ended, not that a piece of work failed."""
-    of_dask = type(error).__name__ == "KilledWorker" and type(error).__module__.startswith(
-        "distributed"
-    )
-    return isinstance(error, BrokenExecutor) or of_dask
-
-
 def _one_by_one(
     pool: _Pool, work: Callable[[int], Result], suspects: list[int], reason: Exception
 ) -> Iterator[Finished[Result]]:
@@ -230,19 +223,16 @@ def _one_by_one(
     if pool.broken(reason):
         suspects = sorted({*suspects, *(index for chunk in pool.take_pending() for index in chunk)})
         if not pool.renew():
-            raise type(reason)(
-                f"a worker died while pieces {suspects} were at work; if `executor` is a function "
-                "that makes an executor, the run goes on without the one that ends its worker"
-            ) from reason
+            raise broken_executor(reason, suspects) from reason
     for index in suspects:
         for attempt in range(_ATTEMPTS):
             try:
                 results, error = pool.handed_out(work, [index]).result()
             except Exception as died:
-                if not _worker_died(died):
+                if not worker_died(died) and not dropped(died):
                     raise
                 if pool.broken(died) and not pool.renew():
-                    raise
+                    raise broken_executor(died, [index]) from died
                 if attempt == _ATTEMPTS - 1:
                     message = f"{type(died).__name__}: {died}"
                     yield Finished(index, None, failure=message, chunk=[index])
@@ -275,7 +265,12 @@ class _Pool:
         elif executor == "processes":
             workers = workers or available_cores()
             # a fork of a process with threads may hang
-            self._make = partial(ProcessPoolExecutor, workers, mp_context=get_context("spawn"))
+            self._make = partial(
+                ProcessPoolExecutor,
+                workers,
+                mp_context=get_context("spawn"),
+                initializer=end_with_parent,
+            )
         elif isinstance(executor, Executor) or not callable(executor):
             self.executor: Executor = executor  # type: ignore[assignment]
         else:
@@ -300,10 +295,12 @@ class _Pool:
     def submit(self, work: Callable[[int], Any], chunk: list[int]) -> None:
         try:
             future = self.handed_out(work, chunk)
-        except (BrokenExecutor, OSError) as error:
+        except Exception as error:
             # a worker died since the last chunk, perhaps while this one's was being started
+            died = BrokenExecutor(str(error)) if _refused(error) else error
+            if not worker_died(died) and not dropped(died):
+                raise
             future = Future()
-            died = error if isinstance(error, BrokenExecutor) else BrokenExecutor(str(error))
             future.set_exception(died)
         self.pending[future] = chunk
 
@@ -332,7 +329,7 @@ class _Pool:
 
     def broken(self, reason: Exception) -> bool:
         """Return whether the executor takes no more work after this."""
-        return isinstance(reason, BrokenExecutor)
+        return isinstance(reason, BrokenExecutor) or dropped(reason)
 
     def renew(self) -> bool:
         """Make a new executor in place of a broken one; return whether that can be done."""
@@ -352,6 +349,11 @@ class _Pool:
             for worker in list((getattr(self.executor, "_processes", None) or {}).values()):
                 worker.kill()
         self.executor.shutdown(wait=wait)
+
+
+def _refused(error: Exception) -> bool:
+    """Return whether an executor couldn't take work since it couldn't start a worker."""
+    return isinstance(error, OSError) and not dropped(error)
 
 
 class _Chunks:

@@ -24,7 +24,7 @@ def stored_run(
     with Store(path) as store, closing(store.begin(kind, settings)) as run:
         try:
             yield run
-        except (KeyboardInterrupt, BrokenExecutor) as end:
+        except (KeyboardInterrupt, BrokenExecutor, OSError) as end:
             end.add_note(
                 f"what had ended is in {os.fspath(path)}, and the same {_NOUNS[kind]} goes on from "
                 "there, on any executor"

@@ -1,0 +1,271 @@
+"""Searches on processes and on Dask: the run, a worker or the scheduler killed at random moments.
+
+Whatever was killed, nothing that was recorded is lost or run again, no more than what was handed
+out is repeated, and the result is that of a run by itself to the last bit. The environment's
+``CG_KILLS`` is how many of each kind are killed.
+"""
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import BrokenExecutor
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_kills import KILLS, child, recorded, report
+
+import cg
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc"),
+]
+
+SEARCH: dict[str, Any] = {"order": 5, "stages": 9, "starts": 60, "seed": 1, "maxfev": 60}
+HANDED_OUT = 4  # chunks: two workers, two each
+LONGEST = 12.0  # seconds between kills, at most
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return cg.search(**SEARCH)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "runs.db"
+
+
+def children(pid: int) -> list[int]:
+    """Return the workers of a pool that a process has."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (entry / "cmdline").read_bytes()
+            parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+        except OSError:  # it has ended
+            continue
+        if parent == pid and b"spawn_main" in words:
+            found.append(int(entry.name))
+    return found
+
+
+def repeated(path: Path) -> int:
+    """Return how many starts below the last one that was recorded weren't: they run again."""
+    numbers = {row[1] for row in recorded(path)}
+    return max(numbers, default=-1) + 1 - len(numbers)
+
+
+def wait_for_more(path: Path, before: int, rng: random.Random, running: Any) -> bool:
+    """Wait until something was recorded, and then for a random time; False if the run ended."""
+    ends = time.monotonic() + LONGEST
+    while len(recorded(path)) <= before and time.monotonic() < ends:
+        if not running():
+            return False
+        time.sleep(0.01)
+    time.sleep(rng.uniform(0.0, 0.4))
+    return bool(running())
+
+
+def test_the_run_itself(path, whole):
+    """Its workers end too, although nobody tells them to."""
+    rng = random.Random(3)
+    kills = ended = useful = 0
+
+    def work() -> None:
+        cg.search(**SEARCH, executor="processes", workers=2, store=path)
+
+    while kills < KILLS:
+        before = recorded(path)
+        pid = child(work)
+        running = lambda pid=pid: os.waitpid(pid, os.WNOHANG) == (0, 0)  # noqa: E731
+        if not wait_for_more(path, len(before), rng, running):
+            assert cg.search(**SEARCH, store=path) == whole
+            ended += 1
+            for file in path.parent.glob("runs.db*"):
+                file.unlink()
+            continue
+        workers = children(pid)
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+        kills += 1
+        after = recorded(path)
+        assert before <= after
+        useful += before < after
+        assert repeated(path) <= HANDED_OUT * 8  # of at most so many starts a chunk
+        ends = time.monotonic() + 20
+        while any(
+            Path(f"/proc/{worker}/cmdline").exists() and _at_work(worker) for worker in workers
+        ):
+            assert time.monotonic() < ends, "workers are left"
+            time.sleep(0.05)
+    assert cg.search(**SEARCH, store=path) == whole
+    report("processes", kills, useful, ended + 1)
+
+
+def _at_work(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+class Killer(threading.Thread):
+    """Kills something at random moments of a run, each time after something new was recorded."""
+
+    def __init__(self, path: Path, kill: Any, kills: int, seed: int) -> None:
+        super().__init__()
+        self.path, self._kill, self._left, self._rng = path, kill, kills, random.Random(seed)
+        self.kills = 0
+        self.lost = False  # something that was recorded
+        self._ended = threading.Event()
+
+    def run(self) -> None:
+        while self.kills < self._left:
+            before = recorded(self.path)
+            if not wait_for_more(
+                self.path, len(before), self._rng, lambda: not self._ended.is_set()
+            ):
+                return
+            self.kills += self._kill(self._rng)
+            self.lost |= not before <= recorded(self.path)
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *_):
+        self._ended.set()
+        self.join()
+
+
+def until_killed(kind, path, whole, kill, run):
+    """Run searches anew until as many as wanted were killed during them."""
+    kills = ended = 0
+    while kills < KILLS:
+        for file in path.parent.glob("runs.db*"):
+            file.unlink()
+        with Killer(path, kill, KILLS - kills, kills) as killer:
+            found = run()
+        assert found == whole
+        assert not found.failures
+        assert not killer.lost
+        kills += killer.kills
+        ended += 1
+    report(kind, kills, kills, ended)
+
+
+def kill_a_worker(rng: random.Random) -> bool:
+    workers = children(os.getpid())
+    if workers:
+        os.kill(rng.choice(workers), signal.SIGKILL)
+    return bool(workers)
+
+
+def test_workers_of_a_pool(path, whole):
+    until_killed(
+        "workers", path, whole, kill_a_worker,
+        lambda: cg.search(**SEARCH, executor="processes", workers=2, store=path),
+    )  # fmt: skip
+
+
+class Cluster:
+    """A scheduler of Dask, and workers of one thread each, all of which may be killed."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.socket() as found:
+            found.bind(("127.0.0.1", 0))
+            self._port = found.getsockname()[1]
+        self._folder = folder
+        self.address = f"tcp://127.0.0.1:{self._port}"
+        listen = ["--host", "127.0.0.1", "--port", str(self._port)]
+        self.scheduler = self._begin("scheduler", *listen)
+        self.workers = [self._worker(), self._worker()]
+
+    def _begin(self, what: str, *words: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *words, "--no-dashboard"]
+        return subprocess.Popen(command, stderr=subprocess.DEVNULL, cwd=self._folder)
+
+    def _worker(self) -> subprocess.Popen[bytes]:
+        return self._begin("worker", self.address, "--nthreads", "1", "--no-nanny")
+
+    def kill_a_worker(self, rng: random.Random) -> bool:
+        place = rng.randrange(2)
+        self.workers[place].kill()
+        self.workers[place].wait()
+        self.workers[place] = self._worker()
+        return True
+
+    def kill_the_scheduler(self, _: random.Random) -> bool:
+        self.scheduler.kill()
+        self.scheduler.wait()
+        return True
+
+    @contextmanager
+    def executor(self):
+        from distributed import Client
+
+        with ExitStack() as stack:
+            client = stack.enter_context(Client(self.address, timeout="60s"))
+            client.wait_for_workers(2, timeout=60)
+            yield stack.enter_context(client.get_executor())
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def dask():
+    pytest.importorskip("distributed")
+
+
+@pytest.mark.usefixtures("dask")
+def test_workers_of_dask(path, whole, tmp_path):
+    with Cluster(tmp_path) as cluster, cluster.executor() as pool:
+        until_killed(
+            "Dask's workers", path, whole, cluster.kill_a_worker,
+            lambda: cg.search(**SEARCH, executor=pool, store=path),
+        )  # fmt: skip
+
+
+@pytest.mark.usefixtures("dask")
+def test_the_scheduler_of_dask(path, whole, tmp_path):
+    kills = ended = useful = 0
+    while kills < KILLS:
+        before = recorded(path)
+        with Cluster(tmp_path) as cluster, cluster.executor() as pool:
+            killer = Killer(path, cluster.kill_the_scheduler, 1, kills)
+            told = None
+            try:
+                with killer:
+                    cg.search(**SEARCH, executor=pool, store=path)
+            except BrokenExecutor as lost:
+                told = lost
+        assert (told is not None) == bool(killer.kills)
+        if told is not None:
+            assert "its scheduler has ended" in str(told)
+            assert f"what had ended is in {path}, and the same search" in told.__notes__[0]
+        kills += killer.kills
+        after = recorded(path)
+        assert before <= after
+        assert not killer.lost
+        useful += killer.kills and before < after
+        if len(after) > SEARCH["starts"] - 20:  # the rest on another executor
+            assert cg.search(**SEARCH, store=path) == whole
+            ended += 1
+            for file in path.parent.glob("runs.db*"):
+                file.unlink()
+    assert cg.search(**SEARCH, store=path) == whole
+    report("Dask's scheduler", kills, useful, ended + 1)
