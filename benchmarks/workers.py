@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import logging
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
@@ -19,6 +21,7 @@ import cg
 from cg.problems import HeavyTop
 
 from .compiled_top import CompiledTop
+from .memory import memory_rows
 from .record import Aim, Result, Row
 
 WORKERS = 2
@@ -27,31 +30,73 @@ _AIM = Aim(90.0, True, "value")
 
 def run(quick: bool, figures: Path | None) -> Result:
     """Measure searches and ensembles; by the clock, so on a machine that does nothing else."""
-    rounds, starts = (1, 60) if quick else (5, 600)
+    rounds = 1 if quick else 5
     rows = []
-    for name, pool in _pools().items():
-        with pool() as (one, two):
-            ratios = []
-            for _ in range(rounds):
-                alone = _clock(lambda: cg.search(5, 9, starts, 1, executor=one, workers=1))
-                both = _clock(lambda: cg.search(5, 9, starts, 1, executor=two, workers=WORKERS))
-                ratios.append(alone / (WORKERS * both))
-        efficiency = float(np.median(ratios))
-        rows.append(
-            Row(f"search of {starts} starts, {name}: of twice one worker", 100 * efficiency, "%",
-                aim=_AIM)
-        )  # fmt: skip
+    with TemporaryDirectory() as folder:
+        cases = _cases(quick, Path(folder))
+        for name, pool in _pools().items():
+            with pool() as (one, two):
+                for case, call in cases.items():
+                    ratios = []
+                    for _ in range(rounds):
+                        alone = _clock(lambda: call(one, 1))  # noqa: B023
+                        ratios.append(alone / (WORKERS * _clock(lambda: call(two, WORKERS))))  # noqa: B023
+                    efficiency = 100 * float(np.median(ratios))
+                    rows.append(
+                        Row(f"{case}, {name}: of twice one worker", efficiency, "%", aim=_AIM)
+                    )
     rows += _ensembles(quick)
+    rows += memory_rows(quick)
     return Result(
         title="Workers, and ensembles of any size",
         method=(
-            "By the clock. The search is for order five with nine stages. Dask's two workers are "
-            "processes that speak with the scheduler by TCP over the loopback, as two machines "
-            "would. Ensembles are heavy tops with a compiled right-hand side, 50 steps of CG4a "
-            "each, in threads."
+            "By the clock. The search is for order five with nine stages. Tries of the "
+            "construction, for order five with seven stages, which don't exist, take from 1 to 50 "
+            "times as long as each other; of the trajectories one in 25 takes 40 times as long as "
+            "the others. Dask's workers stand for machines: each is a group of processes of its "
+            "own, which speaks with the scheduler by TCP over the loopback. Ensembles are heavy "
+            "tops with a compiled right-hand side, 50 steps of CG4a each, in threads. Memory is "
+            "the most that a process of its own had above what it had before, files mapped into "
+            "it left out: of searches with a store whose starts are copies of the first one, of "
+            "trajectories whose last points go to a file."
         ),
         rows=tuple(rows),
     )
+
+
+Call = Callable[[Executor, int], object]
+
+
+def _cases(quick: bool, folder: Path) -> dict[str, Call]:
+    """Return work of three kinds: pieces that are alike, and pieces of which few take long."""
+    starts, tries, members = (60, 8, 100) if quick else (600, 120, 2000)
+    top, rng = HeavyTop(), np.random.default_rng(1)
+    library = CompiledTop(top, folder)
+    f: Any = cg.CompiledFunction(folder / "heavy_top.so", "heavy_top", library.constants)
+    tops = top.frame.random_point(rng, (members,))
+    tops[..., -3:] *= np.where(np.arange(members) % 25, 1.0, 40.0)[
+        :, None
+    ]  # fast spin, small steps
+
+    def search(pool: Executor, workers: int) -> object:
+        return cg.search(5, 9, starts, 1, executor=pool, workers=workers)
+
+    def construct(pool: Executor, workers: int) -> object:
+        return cg.construct(
+            5, 7, 1, tries=tries, first_stages=9, force=True, executor=pool, workers=workers
+        )
+
+    def ensemble(pool: Executor, workers: int) -> object:
+        return cg.solve_ivp(
+            f, (0.0, 1.0), tops, frame=top.frame, rtol=1e-8, t_eval=[1.0],
+            executor=pool, workers=workers,
+        )  # fmt: skip
+
+    return {
+        f"search of {starts} starts": search,
+        f"construction, {tries} tries": construct,
+        f"{members} trajectories with steps of their own": ensemble,
+    }
 
 
 def _clock(call: Callable[[], object]) -> float:
@@ -99,19 +144,36 @@ def _dask() -> Iterator[Pools]:
     with ExitStack() as stack, TemporaryDirectory() as folder:
         pools = []
         for workers in (1, WORKERS):
-            cluster = stack.enter_context(
-                distributed.LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    dashboard_address=None,
-                    silence_logs=logging.CRITICAL,
-                    local_directory=folder,
-                )
-            )
-            client = stack.enter_context(distributed.Client(cluster))
+            address = stack.enter_context(_machines(workers, folder))
+            client = stack.enter_context(distributed.Client(address, timeout="60s"))
+            client.wait_for_workers(workers, timeout=60)
             pools.append(stack.enter_context(client.get_executor()))
             cg.search(3, 3, 50, 1, executor=pools[-1])
         yield pools[0], pools[1]
+
+
+@contextmanager
+def _machines(workers: int, folder: str) -> Iterator[str]:
+    """Start a scheduler and so many workers, each a group of processes of its own."""
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        port = found.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    commands = [["scheduler", "--host", "127.0.0.1", "--port", str(port)]]
+    commands += [["worker", address, "--nthreads", "1"]] * workers
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-m", f"distributed.cli.dask_{what}", *words, "--no-dashboard"],
+            stderr=subprocess.DEVNULL, cwd=folder, start_new_session=True,
+        )
+        for what, *words in commands
+    ]  # fmt: skip
+    try:
+        yield address
+    finally:
+        for process in reversed(running):
+            process.terminate()
+            process.wait()
 
 
 def _ensembles(quick: bool) -> list[Row]:
