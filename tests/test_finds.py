@@ -1,11 +1,15 @@
 """What runs found: solutions told apart, the best of them, and methods made of them."""
 
+import json
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import cg
+from cg.command import main
 from cg.construction.candidate import Candidate
 from cg.finds import best, families, promote, solutions
 from cg.finds.solutions import OBJECTIVES, connected
@@ -130,3 +134,78 @@ def test_decades(store):
     assert min(counts) < -60
     assert list(counts) == sorted(counts)
     assert max(store.run(4).decades()) > -10
+
+
+class TestFromAStoreToTheCatalogue:
+    """A find is a method like those of the package: known by name, with its proof and a page."""
+
+    @pytest.fixture
+    def own(self, tmp_path, monkeypatch):
+        folder = tmp_path / "own"
+        folder.mkdir()
+        monkeypatch.setenv("CG_METHODS", str(folder))
+        return folder
+
+    @pytest.mark.filterwarnings("error")
+    def test_a_method_of_the_user(self, store, own, capsys):
+        found = best(store.run(1), "principal-error", 1)[0]
+        made = promote(store.run(1), "Mine", own, number=found.record.number)
+        assert cg.methods["Mine"] == made.method
+        assert cg.certification.certificate_of(cg.methods["Mine"]) == made.certificate
+        assert made.method.digits(60) is not None
+        assert main(["show", "Mine", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["certificate"] == str(made.certificate)
+        assert main(["certify", "Mine"]) == 0
+        assert main(["export", "Mine", "json", "--digits", "60"]) == 0
+
+    def test_the_certificate_of_another_method_is_none(self, store, own):
+        first = promote(store.run(1), "Mine", own)
+        promote(store.run(2), "Other", own)
+        (own / "Mine.certificate.toml").write_text((own / "Other.certificate.toml").read_text())
+        with pytest.raises(cg.certification.CertificationError):
+            cg.certification.certificate_of(first.method)
+
+    def test_a_method_for_the_package(self, store, tmp_path, monkeypatch):
+        folder = tmp_path / "catalogue"
+        (folder / "certificates").mkdir(parents=True)
+        made = promote(store.run(2), "CF4z", folder)
+        assert made.files == (folder / "CF4z.toml", folder / "certificates" / "CF4z.toml")
+        catalogue = cg.catalogue.Catalogue(folder)
+        assert catalogue["CF4z"] == made.method
+        cg.certification.check(cg.certification.Certificate.load(made.files[1]), made.method)
+
+    @pytest.mark.slow
+    def test_its_page(self, store, own, tmp_path, monkeypatch):
+        pytest.importorskip("matplotlib").use("Agg")
+        monkeypatch.syspath_prepend(str(Path(__file__).parent.parent / "docs"))
+        import method_pages
+
+        monkeypatch.setattr(method_pages, "FOLDER", tmp_path / "methods")
+        made = promote(store.run(2), "CF4z", own)
+        text = method_pages.page(cg.methods["CF4z"])
+        assert text.startswith("# CF4z\n")
+        assert str(made.certificate).partition("within ")[2].partition(" ")[0] in text
+        assert made.method.source in text
+        for form in ("toml", "json", "c", "julia"):
+            assert list((tmp_path / "methods" / "files" / form).iterdir())
+
+    def test_a_proof_in_part(self, store, tmp_path, monkeypatch):
+        module = sys.modules["cg.finds.promote"]
+
+        def whole_only(method, *, small=False):
+            if not small:
+                raise cg.certification.CertificationError("two conditions are left")
+            return certify(method)
+
+        certify = module.certify
+        monkeypatch.setattr(module, "certify", whole_only)
+        made = promote(store.run(1), "Part", tmp_path)
+        assert made.certificate is not None
+        assert made.reason == "two conditions are left"
+        assert len(made.files) == 2
+
+    def test_names_of_the_package_are_taken(self, store, tmp_path):
+        for name in ("CF4", "RKMK4"):
+            with pytest.raises(ValueError, match=f"'{name}', which the package has"):
+                promote(store.run(1), name, tmp_path)
+        assert not list(tmp_path.iterdir())

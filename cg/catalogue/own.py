@@ -12,7 +12,10 @@ from ..method import Method
 from ..points import MethodError
 from .entries import SUFFIXES, read
 
-__all__ = ["VARIABLE", "OwnMethods", "own_folders"]
+__all__ = ["PROOF", "VARIABLE", "OwnMethods", "own_folders"]
+
+PROOF = ".certificate.toml"
+"""What the names of certificates end in, which are beside the files of methods."""
 
 VARIABLE = "CG_METHODS"
 """The environment variable with the folders of the user, in place of the usual one."""
@@ -65,12 +68,19 @@ class OwnMethods(Mapping[str, Method]):
         self._taken = taken
         self._stamps: tuple[_Stamp, ...] = ()
         self._methods: dict[str, Method] = {}
+        self._files: dict[str, Path] = {}
         self._problems: dict[str, str] = {}
 
     def problem(self, name: str) -> str | None:
         """Return why a file of that name, without suffix, holds no method that can be used."""
         self._refresh()
         return self._problems.get(name)
+
+    def proof(self, name: str) -> Path:
+        """Return where the certificate of a method is, if there is one."""
+        self._refresh()
+        file = self._files[name]
+        return file.with_name(file.stem + PROOF)
 
     def __getitem__(self, name: str) -> Method:
         self._refresh()
@@ -92,6 +102,7 @@ class OwnMethods(Mapping[str, Method]):
             return
         known = set(self._problems.values())
         methods: dict[str, Method] = {}
+        where: dict[str, Path] = {}
         problems: dict[str, str] = {}
         for text, _, _ in stamps:
             path = Path(text)
@@ -101,8 +112,9 @@ class OwnMethods(Mapping[str, Method]):
             except (MethodError, OSError) as error:
                 problems[path.stem] = str(error)
             else:
-                methods[method.name] = method
+                methods[method.name], where[method.name] = method, path
         self._stamps, self._methods, self._problems = stamps, methods, problems
+        self._files = where
         for problem in problems.values():
             if problem not in known:
                 warnings.warn(f"left out of cg.methods: {problem}", stacklevel=4)
@@ -118,7 +130,11 @@ class OwnMethods(Mapping[str, Method]):
 
 def _files_in(folder: Path) -> list[Path]:
     try:
-        return sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+        return sorted(
+            path
+            for path in folder.iterdir()
+            if path.suffix.lower() in SUFFIXES and not path.name.endswith(PROOF)
+        )
     except OSError:  # there is no such folder, or it may not be read
         return []
 

@@ -6,10 +6,11 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
 
-from ..catalogue import methods
+from ..catalogue import methods, packaged
 from ..method import Method
 from .certificate import Certificate, CertificationError
 from .prove import check
+from .statement import fitting
 
 __all__ = ["certificate_names", "certificate_of", "check_file", "folder"]
 
@@ -26,22 +27,30 @@ def certificate_names() -> list[str]:
 
 
 def certificate_of(method: Method) -> Certificate:
-    """Return the certificate of a method of the catalogue.
+    """Return the certificate of a method of the catalogue, or of one of the user's.
+
+    That of a method in a folder of the user is ``NAME.certificate.toml`` beside its file. It isn't
+    proved again here: see `check`.
 
     Raises
     ------
     CertificationError
-        If it has none, or if the method isn't the one that the catalogue has by its name.
+        If it has none or another one's, or if the method isn't the one that the catalogue has by
+        its name.
     """
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     name = method.name
     if name not in methods or methods[name] != method:
         raise CertificationError(f"{name or 'the method'} isn't in the catalogue: see cg.certify")
-    path = folder() / f"{name}.toml"
+    own = name not in packaged
+    path = methods.own.proof(name) if own else folder() / f"{name}.toml"
     if not path.is_file():
         raise CertificationError(f"{name} has no certificate")
-    return Certificate.loads(path.read_text(encoding="utf-8"))
+    certificate = Certificate.loads(path.read_text(encoding="utf-8"))
+    if own:
+        fitting(certificate, method)
+    return certificate
 
 
 def check_file(path: str | PathLike[str], method: Method | None = None) -> Certificate:

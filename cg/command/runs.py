@@ -156,15 +156,20 @@ def promote_start(
 ) -> int:
     """Make a method of a start: optimise, refine, prove, and write NAME.toml.
 
-    Exits with 1 if there is no proof; the method is written all the same.
+    Its certificate is NAME.certificate.toml. From a folder of CG_METHODS both are known by the
+    method's name. Exits with 1 if the order isn't proved, or only in part; the method is written
+    all the same.
     """
     made = promote(run, name, folder, number=start, max_iterations=steps)
     click.echo(f"{made.method!r}")
     click.echo(f"principal error {made.before:.3g}, now {made.principal_error:.3g}")
-    click.echo(f"not proved: {made.reason}" if made.certificate is None else str(made.certificate))
+    if made.reason:
+        click.echo(f"{'not' if made.certificate is None else 'only in part'} proved: {made.reason}")
+    if made.certificate is not None:
+        click.echo(str(made.certificate))
     for file in made.files:
         click.echo(f"wrote {file}")
-    return 0 if made.certificate is not None else NO
+    return NO if made.reason else 0
 
 
 def _solution(one: Solution) -> dict[str, Any]:

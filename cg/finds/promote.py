@@ -6,7 +6,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..catalogue import save
+from ..catalogue import munthe_kaas, packaged, save
+from ..catalogue.own import PROOF
 from ..certification import Certificate, CertificationError, certify
 from ..checks import check_integer
 from ..construction.candidate import to_method
@@ -33,8 +34,10 @@ class Promotion:
     before : float
         The principal error of the start itself.
     certificate : Certificate or None
-        None if there is no proof; `reason` says why.
+        None if there is no proof. It isn't `complete` where some conditions are only shown to be
+        small.
     reason : str
+        Why there is no complete one.
     files : tuple of Path
         The method's, and the certificate's if there is one.
     """
@@ -66,7 +69,9 @@ def promote(
         Of the method; fit for a file's name.
     folder : path
         Where ``NAME.toml`` goes, and ``NAME.certificate.toml``; from a folder in which `cg.methods`
-        looks the method is known by its name.
+        looks the method is known by its name, with its certificate. In a folder like that of the
+        package's catalogue, with a folder ``certificates``, the certificate goes there, and
+        ``make catalogue`` and ``make docs`` do the rest.
     number : int, optional
         Which start; by default the one of the smallest principal error.
     goals : Goals, optional
@@ -77,8 +82,8 @@ def promote(
     Raises
     ------
     ValueError
-        If the run has no such solution, the name isn't fit for a file's name, or a file of that
-        name is there already.
+        If the run has no such solution, the name isn't fit for a file's name, the package has a
+        method of that name, or a file of that name is there already.
     NotADirectoryError
         If there is no such folder.
 
@@ -96,7 +101,11 @@ def promote(
     folder = Path(folder)
     if not folder.is_dir():
         raise NotADirectoryError(f"folder must be one that exists, got {str(folder)!r}")
-    file, proof = file_in(folder, name), file_in(folder, name, ".certificate.toml")
+    if name in packaged or name in munthe_kaas:
+        raise ValueError(f"name must be a new one, got {name!r}, which the package has")
+    proofs = folder / "certificates"
+    file = file_in(folder, name)
+    proof = file_in(proofs, name) if proofs.is_dir() else file_in(folder, name, PROOF)
     for path in (file, proof):
         if path.exists():
             raise ValueError(f"name must be a new one, got {name!r}: {path} is there already")
@@ -110,11 +119,7 @@ def promote(
         f"{', then along the solution set' if max_iterations else ''}"
     )
     method = to_method(better, name=name, source=source)
-    certificate, reason = None, ""
-    try:
-        certificate = certify(method)
-    except CertificationError as error:
-        reason = str(error)
+    certificate, reason = _proved(method)
     save(method, file)
     files = [file]
     if certificate is not None:
@@ -122,6 +127,18 @@ def promote(
         files.append(proof)
     after = Solution(chosen.record, better).principal_error
     return Promotion(method, after, chosen.principal_error, certificate, reason, tuple(files))
+
+
+def _proved(method: Method) -> tuple[Certificate | None, str]:
+    """Return a certificate, or else one in part, or else none; and why it isn't a whole one."""
+    try:
+        return certify(method), ""
+    except CertificationError as error:
+        reason = str(error)
+    try:
+        return certify(method, small=True), reason
+    except CertificationError:
+        return None, reason
 
 
 def _chosen(run: StoredRun, number: int | None) -> Solution:
