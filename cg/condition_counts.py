@@ -48,6 +48,11 @@ def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
     independent : bool, optional
         Leave out the trees whose condition follows from those of lower order: keep
         the words of trees that are Lyndon words.
+
+    Examples
+    --------
+    >>> condition_trees(3), condition_trees(3, independent=True)
+    ((2, 3, 4, 5, 6, 7, 8, 9), (2, 4, 6, 8, 9))
     """
     order = check_order(order, None)
     trees = forest(order + 1)
@@ -59,13 +64,27 @@ def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
 
 @lru_cache(maxsize=None, typed=True)
 def table_rows(order: int) -> tuple[int, ...]:
-    """Return the paper's integer table: tree indices, zero where a tree can be discarded."""
+    """Return the paper's integer table: tree indices, zero where a tree can be discarded.
+
+    Examples
+    --------
+    >>> table_rows(3)
+    (2, 0, 4, 0, 6, 0, 8, 9)
+    """
     independent = set(condition_trees(order, independent=True))
     return tuple(t if t in independent else 0 for t in condition_trees(order))
 
 
 def count(order: int, independent: bool = False) -> int:
-    """Return the number of order conditions through `order` (``N_CG`` if independent)."""
+    """Return the number of order conditions through `order` (``N_CG`` if independent).
+
+    Examples
+    --------
+    >>> [count(order) for order in range(1, 7)]
+    [1, 3, 8, 22, 64, 196]
+    >>> [count(order, independent=True) for order in range(1, 7)]
+    [1, 2, 5, 13, 38, 113]
+    """
     return len(condition_trees(check_order(order, None), independent))
 
 
@@ -79,6 +98,11 @@ def count_classical(order: int) -> int:
     ----------
     order : int
         At most 2000.
+
+    Examples
+    --------
+    >>> [count_classical(order) for order in range(1, 9)]
+    [1, 2, 4, 8, 17, 37, 85, 200]
     """
     order = check_integer("order", order, 1, _MOST_CLASSICAL)
     trees = [0, 1]
@@ -91,6 +115,12 @@ def count_classical(order: int) -> int:
 
 
 def right_sides(order: int, independent: bool = False) -> tuple[Fraction, ...]:
-    """Return ``1/γ(t)`` for the trees of `condition_trees`."""
+    """Return ``1/γ(t)`` for the trees of `condition_trees`.
+
+    Examples
+    --------
+    >>> [str(side) for side in right_sides(3)]
+    ['1', '1/2', '1/2', '1/6', '1/3', '1/6', '1/6', '1/6']
+    """
     trees = forest(check_order(order, None) + 1)
     return tuple(Fraction(1, trees.density[t - 1]) for t in condition_trees(order, independent))

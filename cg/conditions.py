@@ -88,6 +88,11 @@ def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.flo
     ------
     ValueError
         If shapes don't match, an entry isn't finite, or `rows` would lose a nonzero entry.
+
+    Examples
+    --------
+    >>> pack([[0, 0], [0.5, 0]], [0, 1])
+    array([0.5, 0. , 1. ])
     """
     a_array, b_array = _check_tableau(a, b)
     narrowest = rows_of(a_array)
@@ -102,7 +107,13 @@ def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.flo
 def unpack(
     x: Sequence[Any] | NDArray[Any], stages: int, rows: Rows = Rows.EXPLICIT
 ) -> tuple[list[list[Any]], list[Any]]:
-    """Unpack what `pack` packed, into full rows of ``a`` and ``b``; zeros are ints."""
+    """Unpack what `pack` packed, into full rows of ``a`` and ``b``; zeros are ints.
+
+    Examples
+    --------
+    >>> unpack([0.5, 0.0, 1.0], stages=2)
+    ([[0, 0], [0.5, 0]], [0.0, 1.0])
+    """
     *a, b = Layout.tableau(stages, rows).full_rows(x)
     return a, b
 
@@ -110,7 +121,13 @@ def unpack(
 def weights(
     a: ArrayLike, b: ArrayLike, order: int, independent: bool = False
 ) -> NDArray[np.float64]:
-    """Return ``Φ(t)`` for the trees of `condition_trees`; arguments as for `residuals`."""
+    """Return ``Φ(t)`` for the trees of `condition_trees`; arguments as for `residuals`.
+
+    Examples
+    --------
+    >>> weights([[0, 0], [0.5, 0]], [0, 1], 2)
+    array([1. , 0.5, 0.5])
+    """
     order = check_order(order)
     return weights_at(*_packed(*_check_tableau(a, b)), order, independent)
 
@@ -138,6 +155,16 @@ def residuals(
     ------
     ValueError
         If a shape doesn't match, an entry isn't finite, or the order is out of range.
+
+    Examples
+    --------
+    The midpoint rule has order two, and not three.
+
+    >>> import cg
+    >>> residuals([[0, 0], [0.5, 0]], [0, 1], 2)
+    array([0., 0., 0.])
+    >>> residuals([[0, 0], [0.5, 0]], [0, 1], 3).round(3)
+    array([ 0.   ,  0.   ,  0.   ,  0.   , -0.083,  0.083, -0.042, -0.167])
     """
     order = check_order(order)
     return residuals_at(*_packed(*_check_tableau(a, b)), order, independent)
@@ -158,6 +185,13 @@ def jacobian(
     Returns
     -------
     ndarray, shape (count(order, independent), unknowns(s, rows))
+
+    Examples
+    --------
+    >>> jacobian([[0, 0], [0.5, 0]], [0, 1], 2)
+    array([[0. , 1. , 1. ],
+           [0. , 1. , 1. ],
+           [1. , 0. , 0.5]])
     """
     order = check_order(order)
     return jacobian_at(*_packed(*_check_tableau(a, b), rows), order, independent)
@@ -166,7 +200,15 @@ def jacobian(
 def weights_at(
     layout: Layout, x: NDArray[np.float64], order: int, independent: bool = False
 ) -> NDArray[np.float64]:
-    """Return ``Φ(t)`` for the trees of `condition_trees`; arguments as for `residuals_at`."""
+    """Return ``Φ(t)`` for the trees of `condition_trees`; arguments as for `residuals_at`.
+
+    Examples
+    --------
+    >>> import cg
+    >>> layout = cg.methods["CG2"].layout
+    >>> weights_at(layout, np.array([0.5, 0.0, 1.0]), 2)
+    array([1. , 0.5, 0.5])
+    """
     return compiled_conditions.weights(order, layout, x, _trees(order, independent))
 
 
@@ -188,6 +230,12 @@ def residuals_at(
     Returns
     -------
     ndarray, shape (count(order, independent),)
+
+    Examples
+    --------
+    >>> from cg.layout import Layout
+    >>> residuals_at(Layout.tableau(2), np.array([0.5, 0.0, 1.0]), 2)
+    array([0., 0., 0.])
     """
     return compiled_conditions.residuals(order, layout, x, _trees(order, independent))
 
@@ -200,6 +248,12 @@ def jacobian_at(
     Returns
     -------
     ndarray, shape (count(order, independent), layout.size)
+
+    Examples
+    --------
+    >>> from cg.layout import Layout
+    >>> jacobian_at(Layout.tableau(2), np.array([0.5, 0.0, 1.0]), 1)
+    array([[0., 1., 1.]])
     """
     trees = _trees(order, independent)
     return np.ascontiguousarray(compiled_conditions.jacobian(order, layout, x, trees))
@@ -226,6 +280,12 @@ def residuals_of(
     ------
     ValueError
         If the order is out of range, or there is no second result.
+
+    Examples
+    --------
+    >>> import cg
+    >>> [bool(abs(residuals_of(cg.methods["CF4"], order)).max() < 1e-15) for order in (4, 5)]
+    [True, False]
     """
     order = check_order(order)
     tree = result_tree(method, embedded)

@@ -21,7 +21,14 @@ T = TypeVar("T")
 
 
 class Rows(IntEnum):
-    """Which entries of ``a`` a tableau may have."""
+    """Which entries of ``a`` a tableau may have.
+
+    Examples
+    --------
+    >>> from cg.conditions import Rows, unknowns
+    >>> [unknowns(4, rows) for rows in Rows]
+    [10, 14, 20]
+    """
 
     EXPLICIT = 0
     DIAGONAL = 1
@@ -35,6 +42,11 @@ def check_rows(rows: Rows | str | int) -> Rows:
     ------
     ValueError
         If it is none of these.
+
+    Examples
+    --------
+    >>> check_rows("diagonal")
+    <Rows.DIAGONAL: 1>
     """
     if isinstance(rows, Rows):
         return rows
@@ -47,7 +59,13 @@ def check_rows(rows: Rows | str | int) -> Rows:
 
 
 def unknowns(stages: int, rows: Rows | str | int = Rows.EXPLICIT) -> int:
-    """Return the number of entries of a tableau: s(s + 1)/2 for explicit ones."""
+    """Return the number of entries of a tableau: s(s + 1)/2 for explicit ones.
+
+    Examples
+    --------
+    >>> unknowns(5), unknowns(16)
+    (15, 136)
+    """
     s = check_integer("stages", stages, 1)
     above = {Rows.EXPLICIT: s * (s - 1) // 2, Rows.DIAGONAL: s * (s + 1) // 2, Rows.FULL: s * s}
     return above[check_rows(rows)] + s

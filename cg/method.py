@@ -52,6 +52,13 @@ class Method(ABC):
         The points of a step. Those of an implicit method depend on stages yet to be found.
     coefficients : tuple of Coefficient
         All coefficients with their text, packed as `layout` says.
+
+    Examples
+    --------
+    >>> import cg
+    >>> method = cg.methods["CF4"]
+    >>> isinstance(method, cg.Method), method.order, method.stages, method.exponentials
+    (True, 4, 4, 5)
     """
 
     name: str

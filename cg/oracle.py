@@ -66,6 +66,16 @@ def residuals_exact(
     ValueError
         If a shape doesn't match, an entry isn't a finite real number, or the order is out of
         range.
+
+    Examples
+    --------
+    Heun's method of order three has order two on manifolds.
+
+    >>> a, b = [[0, 0, 0], ["1/3", 0, 0], [0, "2/3", 0]], ["1/4", 0, "3/4"]
+    >>> any(residuals_exact(a, b, 2))
+    False
+    >>> [str(residual) for residual in residuals_exact(a, b, 3)[3:]]
+    ['0', '-1/48', '1/48', '0', '0']
     """
     order = check_order(order, None)
     weights_row = _rationals(b, "b")
@@ -94,6 +104,14 @@ def exact_residuals_of(
     Returns
     -------
     tuple of Fraction
+
+    Examples
+    --------
+    >>> import cg
+    >>> any(exact_residuals_of(cg.methods["CG3"], 3))
+    False
+    >>> any(exact_residuals_of(cg.methods["CG3"], 4))
+    True
     """
     order = check_order(order, None)
     tree = result_tree(method, embedded)
@@ -120,6 +138,13 @@ def ball_residuals_of(
     Returns
     -------
     tuple of arb
+
+    Examples
+    --------
+    >>> import cg
+    >>> balls = ball_residuals_of(cg.methods["CF4"], 4)
+    >>> all(0 in ball for ball in balls)
+    True
     """
     order = check_order(order, None)
     tree = result_tree(method, False)
@@ -154,6 +179,13 @@ def exact_weights(
     Returns
     -------
     list of numbers
+
+    Examples
+    --------
+    >>> from fractions import Fraction
+    >>> import cg
+    >>> exact_weights(cg.methods["CG3"].tree, 3, [2, 3, 4], Fraction)
+    [Fraction(1, 1), Fraction(1, 2), Fraction(1, 2)]
     """
     trees = forest(order + 1)
     weights_of = [

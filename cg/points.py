@@ -16,7 +16,17 @@ START = -1
 
 
 class MethodError(ValueError):
-    """Points or coefficients don't make a method; the message names what is at fault."""
+    """Points or coefficients don't make a method; the message names what is at fault.
+
+    Examples
+    --------
+    >>> import cg
+    >>> try:
+    ...     cg.CommutatorFree([(0, {0: 1})], [-1], 0)
+    ... except cg.MethodError as error:
+    ...     print(error)
+    the parent of point 0 must come before it, or there is a cycle, got 0
+    """
 
 
 @dataclass(frozen=True, eq=False)

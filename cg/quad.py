@@ -45,7 +45,16 @@ _LONGEST = 100  # decimal places up to which numbers are written without an expo
 
 
 class MissingQuadsError(RuntimeError):
-    """What was asked for needs quadruple precision, and this build has none."""
+    """What was asked for needs quadruple precision, and this build has none.
+
+    Examples
+    --------
+    >>> from cg import quad
+    >>> try:
+    ...     core = quad.core("refinement")
+    ... except quad.MissingQuadsError:
+    ...     print("built with -Dquad=disabled: double precision only")
+    """
 
 
 @cache

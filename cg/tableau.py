@@ -23,7 +23,17 @@ Entries = tuple[tuple[Coefficient, ...], ...]
 
 
 class TableauError(MethodError):
-    """The coefficients don't make a tableau; the message names the one at fault."""
+    """The coefficients don't make a tableau; the message names the one at fault.
+
+    Examples
+    --------
+    >>> import cg
+    >>> try:
+    ...     cg.Tableau([[0, 1], ["1/2", 0]], ["1/2", "1/2"], explicit=True)
+    ... except cg.TableauError as error:
+    ...     print(error)
+    a must be strictly lower in an explicit tableau, but a_12 = 1
+    """
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

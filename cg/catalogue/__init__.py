@@ -91,6 +91,16 @@ class Methods(Mapping[str, Method]):
     ----------
     own : Mapping
         Those of the user; see `cg.catalogue.own.own_folders`.
+
+    Examples
+    --------
+    >>> import cg
+    >>> cg.methods["CG4a"]
+    <Tableau CG4a: order 4, 5 evaluations, 15 flows>
+    >>> [name for name in cg.methods if name.startswith("CG4")]
+    ['CG4(3)', 'CG4(3)b', 'CG4', 'CG4a', 'CG4b', 'CG4c']
+    >>> "RK4" in cg.methods
+    False
     """
 
     def __init__(self, package: Catalogue, own: OwnMethods) -> None:

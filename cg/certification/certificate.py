@@ -25,6 +25,18 @@ class CertificationError(ArithmeticError):
         What was found, by name: ``conditions``, ``rank``, ``singular_values`` (the
         smallest), ``residual`` and what the stored places ``allow``, ``radius``,
         ``ratio``, ``correction``, ``contraction`` (see `cg.certification.krawczyk`), …
+
+    Examples
+    --------
+    The paper's example of order six satisfies the conditions only approximately.
+
+    >>> import cg
+    >>> try:
+    ...     cg.certify("CG6a")
+    ... except cg.CertificationError as error:
+    ...     found, allowed = error.quantities["residual"], error.quantities["allowed"]
+    ...     print(f"a residual of {found:.1e}, where its digits allow {allowed:.1e}")
+    a residual of 6.4e-07, where its digits allow 4.8e-07
     """
 
     def __init__(self, message: str, **quantities: Any) -> None:
@@ -85,6 +97,15 @@ class Certificate:
         Why the order isn't higher.
     embedded_beyond : Beyond or None
         Why that of the second weights isn't.
+
+    Examples
+    --------
+    >>> import cg
+    >>> proof = cg.certify("CG4a")
+    >>> proof.order, proof.complete, proof.beyond.tree
+    (4, True, '[[[[][[]]]]]')
+    >>> float(proof.radius) < 1e-30
+    True
     """
 
     name: str

@@ -37,6 +37,15 @@ class Diagnosis:
         The first order condition that doesn't hold; None if all that can be told hold.
     findings : tuple of Finding
         Known mistakes that were recognised, and the method of the catalogue that it is.
+
+    Examples
+    --------
+    The midpoint rule, with the wrong weights:
+
+    >>> import cg
+    >>> found = cg.diagnose(cg.Tableau([[], ["1/2"]], ["1/2", "1/2"], name="mine"))
+    >>> found.order, str(found.failing.tree)
+    (1, '[[[]]]')
     """
 
     method: Method

@@ -19,7 +19,18 @@ MEMBERSHIP_TOLERANCE = 1e-8
 
 
 class FlowOverflowError(OverflowError):
-    """Coefficients are so large that double precision has no digits of their flow."""
+    """Coefficients are so large that double precision has no digits of their flow.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cg.frames import SL
+    >>> try:
+    ...     SL(2).flow([1e14, 0.0, 0.0], np.eye(2))
+    ... except FlowOverflowError as error:
+    ...     print(str(error).partition(":")[0])
+    the flow of v with |v| = 1e+14 can't be computed in double precision
+    """
 
 
 class Frame(FieldAlgebra):
@@ -45,6 +56,22 @@ class Frame(FieldAlgebra):
     ----------
     .. [1] Z. Jackiewicz, A. Marthinsen, B. Owren, "Construction of Runge-Kutta methods of
        Crouch-Grossman type of high order", Adv. Comput. Math. 13 (2000), 405-415.
+
+    Examples
+    --------
+    What all frames have in common, here for unit quaternions:
+
+    >>> import numpy as np
+    >>> from cg.frames import UnitQuaternion
+    >>> frame = UnitQuaternion()
+    >>> frame.dim, frame.point_shape
+    (3, (4,))
+    >>> y = frame.random_point(np.random.default_rng(0))
+    >>> moved = frame.flow([0.1, 0.2, 0.3], y)
+    >>> frame.exp_coordinates(y, moved).round(12)
+    array([0.1, 0.2, 0.3])
+    >>> bool(frame.membership_error(moved) < 1e-15)
+    True
     """
 
     @property

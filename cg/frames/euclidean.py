@@ -28,6 +28,11 @@ class Euclidean(Frame):
     ------
     ValueError
         If ``n`` is not a positive integer.
+
+    Examples
+    --------
+    >>> Euclidean(2).flow([1.0, -2.0], [0.5, 0.5])
+    array([ 1.5, -1.5])
     """
 
     n: int

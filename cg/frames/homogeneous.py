@@ -27,6 +27,13 @@ class HomogeneousSpace(Frame):
     ----------
     .. [1] A. Iserles, H. Z. Munthe-Kaas, S. P. Norsett, A. Zanna, "Lie-group methods", Acta
        Numerica 9 (2000), 215-365.
+
+    Examples
+    --------
+    >>> from cg.frames import Sphere
+    >>> space = Sphere(2)
+    >>> isinstance(space, HomogeneousSpace), space.group
+    (True, SO(3, "space"))
     """
 
     @property

@@ -45,6 +45,17 @@ class MatrixGroup(Frame):
     ``convention="body"`` has the fields :math:`y' = y\,\Omega(v)` and ``convention="space"`` has
     :math:`y' = \Omega(v)\,y`.  A group supplies ``dim``, ``size``, ``convention``,
     ``_make_basis`` and ``membership_error``, and closed forms where it has them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cg.frames import SU
+    >>> group = SU(2)
+    >>> isinstance(group, MatrixGroup), group.dim, group.size
+    (True, 3, 2)
+    >>> group.algebra([0.0, 0.0, 1.0])
+    array([[0.-0.5j, 0.+0.j ],
+           [0.+0.j , 0.+0.5j]])
     """
 
     @property

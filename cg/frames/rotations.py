@@ -90,6 +90,11 @@ def vee(matrix: ArrayLike) -> Array:
     ------
     ValueError
         If the trailing shape isn't ``(3, 3)``.
+
+    Examples
+    --------
+    >>> vee(hat([1.0, 2.0, 3.0]))
+    array([1., 2., 3.])
     """
     m = np.asarray(matrix, dtype=np.float64)
     if m.shape[-2:] != (3, 3):

@@ -32,6 +32,21 @@ class SO3(SO):
     -----
     The flow is Rodrigues' formula (`rotate`), followed by a step towards the group that removes
     rounding errors, as in `SO`.
+
+    Examples
+    --------
+    A quarter of a turn about the third axis of the body, or of space:
+
+    >>> import numpy as np
+    >>> upright = SO3().flow([np.pi / 2, 0.0, 0.0], np.eye(3))
+    >>> SO3("body").flow([0.0, 0.0, np.pi / 2], upright).round(15) + 0.0
+    array([[ 0., -1.,  0.],
+           [ 0.,  0., -1.],
+           [ 1.,  0.,  0.]])
+    >>> SO3("space").flow([0.0, 0.0, np.pi / 2], upright).round(15) + 0.0
+    array([[0., 0., 1.],
+           [1., 0., 0.],
+           [0., 1., 0.]])
     """
 
     n: int = field(default=3, init=False)

@@ -41,6 +41,19 @@ class DenseOutput:
         The times of the steps, shape ``(steps + 1,)``.
     t_min, t_max
         Between which times there is a solution.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> frame = cg.frames.UnitQuaternion()
+    >>> run = cg.solve_ivp(
+    ...     lambda t, q: [np.cos(t), 0.5, np.sin(t)], (0, 10), [0.0, 0.0, 0.0, 1.0],
+    ...     frame=frame, rtol=1e-8, atol=1e-8, dense_output=True,
+    ... )
+    >>> between = run.sol([2.5, 5.0, 7.5])
+    >>> between.shape, bool((frame.membership_error(between) < 1e-14).all())
+    ((3, 4), True)
     """
 
     def __init__(

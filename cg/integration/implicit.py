@@ -46,6 +46,20 @@ class ConvergenceError(RuntimeError):
         Time at which the step starts.
     h
         Signed step size.
+
+    Examples
+    --------
+    A step so long that its stage equations have no solution:
+
+    >>> import cg
+    >>> try:
+    ...     cg.integrate(
+    ...         lambda t, y: 1.0 + y**2, (0, 4), [0.0], frame=cg.frames.Euclidean(1),
+    ...         method="ImplicitMidpoint", h=4.0,
+    ...     )
+    ... except cg.ConvergenceError as error:
+    ...     print(f"the step from t = {error.t:g} with h = {error.h:g}")
+    the step from t = 0 with h = 4
     """
 
     def __init__(self, reason: str, iterations: int, residual: float, t: float, h: float) -> None:

@@ -28,6 +28,19 @@ class StepTooLongError(ArithmeticError):
 
     Rotations reach it after a full turn.  A chosen step is tried again with a smaller size; a
     fixed one needs a smaller ``h``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> try:
+    ...     cg.integrate(
+    ...         lambda t, y: [0.0, 9.0, 9.0 * y[0, 0]], (0, 2), np.eye(3), frame=cg.frames.SO3(),
+    ...         method="RKMK4", h=1.0,
+    ...     )
+    ... except cg.StepTooLongError as error:
+    ...     print(str(error)[:46])
+    the step from t = 0 is too long for a method o
     """
 
     def __init__(self, t: float) -> None:

@@ -34,6 +34,19 @@ class Trajectory:
         Why members of an ensemble ended early, by their indices.  ``y`` is NaN from there on.
     frame
         The frame that holds the points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> run = cg.integrate(
+    ...     lambda t, y: [0.0, np.sin(t), y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
+    ...     method="CG4a", h=0.1,
+    ... )
+    >>> run
+    Trajectory(t=0...5, steps=50, nfev=250, nexp=750, h=0.1)
+    >>> run.y.shape
+    (51, 3, 3)
     """
 
     t: Array
@@ -98,6 +111,19 @@ class Solution:
         Why members of an ensemble ended early, by their indices.  ``y`` is NaN from there on.
     frame
         The frame that holds the points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> run = cg.solve_ivp(
+    ...     lambda t, y: [0.0, np.sin(t), y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
+    ...     method="CF4(3)", rtol=1e-6, atol=1e-6, t_eval=[0, 2.5, 5],
+    ... )
+    >>> run.success, run.y.shape, run.nfev > 4 * run.steps
+    (True, (3, 3, 3), True)
+    >>> run.message
+    'The end of t_span was reached.'
     """
 
     t: Array

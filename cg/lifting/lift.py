@@ -44,6 +44,18 @@ class LiftError(ArithmeticError):
     ----------
     best : float
         The least sum of squared residuals that was reached.
+
+    Examples
+    --------
+    One flow to each stage and one to the result are too few:
+
+    >>> import cg
+    >>> heun = cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"])
+    >>> try:
+    ...     cg.lift(heun, chains=[1, 1, 1], tries=2)
+    ... except cg.LiftError as error:
+    ...     print(f"{error.best:.0e}")
+    2e-02
     """
 
     def __init__(self, message: str, best: float) -> None:
@@ -67,6 +79,15 @@ class Lifted:
         Weights that the flat tableau leaves open, and how many of them the conditions determine.
     largest_residual : float
         Of the order conditions, in extended precision.
+
+    Examples
+    --------
+    Heun's method of order three, which has order two on manifolds as it stands:
+
+    >>> import cg
+    >>> found = cg.lift(cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"]))
+    >>> found.method.order, found.flows, found.largest_residual < 1e-30
+    (3, 4, True)
     """
 
     method: CommutatorFree

@@ -47,6 +47,15 @@ def convergence(
         If the shapes differ, or a number isn't finite and positive.
     TypeError
         If `ax` is no axes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> h = np.array([0.4, 0.2, 0.1, 0.05])
+    >>> ax = cg.plot.convergence(h, 3 * h**4, label="CG4a", order=4)
+    >>> ax.get_xlabel(), ax.get_xscale()
+    ('step size h', 'log')
     """
     sizes, values = _pairs("h", h, errors)
     slope = None if order is None else check_real("order", order)
@@ -99,6 +108,14 @@ def work_precision(
         If the shapes differ, or a number isn't finite and positive.
     TypeError
         If `ax` is no axes.
+
+    Examples
+    --------
+    >>> import cg
+    >>> ax = cg.plot.work_precision([100, 200, 400], [1e-3, 6e-5, 4e-6], label="CG4a")
+    >>> ax = cg.plot.work_precision([100, 200, 400], [1e-2, 1e-3, 2e-4], ax, label="CG3")
+    >>> ax.get_xlabel(), len(ax.lines)
+    ('evaluations of f', 2)
     """
     numbers, values = _pairs("work", work, errors)
     ax = _draw(numbers, values, ax, label)

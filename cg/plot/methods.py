@@ -41,6 +41,13 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     ------
     TypeError, ValueError
         If there is no such method, `digits` is no positive integer, or `ax` is no axes.
+
+    Examples
+    --------
+    >>> import cg
+    >>> ax = cg.plot.tableau("CG3", digits=3)
+    >>> sorted({text.get_text() for text in ax.texts})[:4]
+    ['0', '0.551', '13/51', '17/108']
     """
     method = resolve_method(method)
     digits = check_integer("digits", digits, 1)
@@ -105,6 +112,13 @@ def points(method: str | Method, ax: Any = None) -> Any:
     ------
     TypeError, ValueError
         If there is no such method, it is implicit, or `ax` is no axes.
+
+    Examples
+    --------
+    >>> import cg
+    >>> ax = cg.plot.points("CF4")
+    >>> ax.get_title()
+    'CF4: order 4, 4 evaluations, 5 flows'
     """
     method = resolve_method(method)
     if not method.explicit:

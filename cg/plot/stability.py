@@ -47,6 +47,13 @@ def stability_region(
     ------
     TypeError, ValueError
         If there is no such method, a range isn't increasing, or `ax` is no axes.
+
+    Examples
+    --------
+    >>> import cg
+    >>> ax = cg.plot.stability_region(["CG2", "CF4"])
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
+    ['CG2', 'CF4']
     """
     given = [method] if isinstance(method, str | Method) else list(method)
     methods = [resolve_method(one) for one in given]

@@ -40,6 +40,17 @@ def trajectory_on_sphere(
         If the shape is another one, numbers aren't finite, or the axes aren't three-dimensional.
     TypeError
         If `ax` is no axes.
+
+    Examples
+    --------
+    >>> import cg
+    >>> run = cg.integrate(
+    ...     lambda t, y: [0.2, 0.0, 1.0], (0, 3), [1.0, 0.0, 0.0], frame=cg.frames.Sphere(2),
+    ...     method="CG3", h=0.1,
+    ... )
+    >>> ax = cg.plot.trajectory_on_sphere(run.y, label="CG3")
+    >>> ax.name
+    '3d'
     """
     points = _points(y, (3,))
     ax = spatial_axes_for(ax)
@@ -76,6 +87,18 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
         If the shape is another one, numbers aren't finite, or the axes aren't three-dimensional.
     TypeError
         If `ax` is no axes, or `triads` no integer.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> run = cg.integrate(
+    ...     lambda t, y: [0.2, 0.0, 1.0], (0, 3), np.eye(3), frame=cg.frames.SO3(),
+    ...     method="CG3", h=0.1,
+    ... )
+    >>> ax = cg.plot.trajectory_of_axes(run.y)
+    >>> ax.name
+    '3d'
     """
     from ..checks import check_integer
 

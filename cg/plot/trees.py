@@ -38,7 +38,9 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
     Examples
     --------
     >>> import cg
-    >>> ax = cg.plot.tree("[[][[]]]")  # doctest: +SKIP
+    >>> ax = cg.plot.tree("[[][[]]]")
+    >>> ax.get_xlabel()
+    '[[][[]]]   γ = 3'
     """
     if isinstance(tree, str):
         tree = OrderedTree.parse(tree)

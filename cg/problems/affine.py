@@ -46,6 +46,14 @@ class AffineField:
         If ``frame`` isn't a `Frame`, or ``seed`` isn't an integer.
     ValueError
         If points are complex, ``initial`` isn't a point, or the fields aren't affine.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cg.frames import SO3
+    >>> problem = AffineField(SO3(), np.eye(3), seed=1)
+    >>> problem.f(0.0, problem.y0)
+    array([1.   , 0.5  , 0.875])
     """
 
     frame: Frame

@@ -70,6 +70,15 @@ class BodyWithPendulum:
     ----------
     .. [1] T. Lee, M. Leok, N. H. McClamroch, *Global Formulations of Lagrangian and Hamiltonian
        Dynamics on Manifolds*, Springer, 2018, chapter 9.
+
+    Examples
+    --------
+    >>> import cg
+    >>> problem = BodyWithPendulum()
+    >>> run = cg.solve_ivp(problem.f, (0, 1), problem.y0, frame=problem.frame, rtol=1e-9, atol=1e-9)
+    >>> energy = problem.invariants(run.y)["energy"]
+    >>> bool(abs(energy - energy[0]).max() < 1e-7)
+    True
     """
 
     inertia: tuple[float, ...] = (1.0, 1.25, 0.75)

@@ -57,6 +57,17 @@ class DoubleSphericalPendulum:
     ----------
     .. [1] T. Lee, M. Leok, N. H. McClamroch, "Lagrangian mechanics and variational integrators on
        two-spheres", Int. J. Numer. Meth. Eng. 79 (2009), 1147-1174.
+
+    Examples
+    --------
+    >>> import cg
+    >>> problem = DoubleSphericalPendulum()
+    >>> run = cg.solve_ivp(problem.f, (0, 1), problem.y0, frame=problem.frame, rtol=1e-9, atol=1e-9)
+    >>> [place.shape for place in problem.places(run.y[-1])]
+    [(3,), (3,)]
+    >>> energy = problem.invariants(run.y)["energy"]
+    >>> bool(abs(energy - energy[0]).max() < 1e-7)
+    True
     """
 
     masses: tuple[float, ...] = (1.0, 0.5)

@@ -44,6 +44,16 @@ class ForcedRigidBody:
     ------
     ValueError
         If a parameter isn't as many finite numbers, or no body has these moments.
+
+    Examples
+    --------
+    >>> import cg
+    >>> problem = ForcedRigidBody(frequency=2.0)
+    >>> problem.torque(0.0)
+    array([ 0.5  , -0.25 ,  0.125])
+    >>> run = cg.integrate(problem.f, (0, 2), problem.y0, frame=problem.frame, method="CF4", h=0.02)
+    >>> bool(abs(problem.invariants(run.y)["determinant"] - 1).max() < 1e-14)
+    True
     """
 
     inertia: tuple[float, ...] = (1.0, 1.5, 2.0)

@@ -45,6 +45,17 @@ class FreeRigidBody:
     References
     ----------
     .. [1] L. D. Landau, E. M. Lifshitz, *Mechanics*, 3rd ed., Pergamon, 1976, section 37.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> problem = FreeRigidBody()
+    >>> run = cg.integrate(
+    ...     problem.f, (0, 5), problem.y0, frame=problem.frame, method="CG5a", h=0.05
+    ... )
+    >>> np.allclose(problem.body_momentum(run.y[-1]), problem.exact_momentum(5.0), atol=1e-8)
+    True
     """
 
     inertia: tuple[float, ...] = (3.0, 2.0, 1.25)

@@ -61,6 +61,14 @@ class GradientFlow:
     References
     ----------
     .. [1] M. Lüscher, "Properties and uses of the Wilson flow in lattice QCD", JHEP 08 (2010) 071.
+
+    Examples
+    --------
+    >>> import cg
+    >>> problem = GradientFlow(sides=(2, 2))
+    >>> run = cg.integrate(problem.f, (0, 1), problem.y0, frame=problem.frame, method="CF3", h=0.05)
+    >>> bool(problem.action(run.y[-1]) < problem.action(problem.y0))
+    True
     """
 
     sides: tuple[int, ...] = (2, 2, 2, 2)

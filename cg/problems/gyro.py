@@ -36,6 +36,16 @@ class GyroAttitude:
     ValueError
         If an argument isn't finite or has another shape, the times don't increase, or
         ``initial`` isn't a unit quaternion.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> times = np.linspace(0, 1, 101)
+    >>> problem = GyroAttitude(times, np.column_stack([np.cos(times), 0 * times, np.sin(times)]))
+    >>> run = cg.solve_ivp(problem.f, problem.t_span, problem.y0, frame=problem.frame, rtol=1e-8)
+    >>> run.y[-1].round(6)
+    array([ 0.403129, -0.038648,  0.22023 ,  0.887408])
     """
 
     times: ArrayLike
@@ -123,6 +133,16 @@ class ConingMotion:
     ----------
     .. [1] P. G. Savage, "Strapdown inertial navigation integration algorithm design part 1:
        attitude algorithms", J. Guidance Control Dyn. 21 (1998), 19-28.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> motion = ConingMotion()
+    >>> problem = motion.sampled(np.linspace(0, 2, 201))
+    >>> run = cg.solve_ivp(problem.f, problem.t_span, problem.y0, frame=problem.frame, rtol=1e-10)
+    >>> bool(problem.frame.distance(run.y[-1], motion.attitude(2.0)) < 1e-7)
+    True
     """
 
     precession: float = 3.0

@@ -65,6 +65,19 @@ class HeavyTop:
     ----------
     .. [1] Z. Jackiewicz, A. Marthinsen, B. Owren, "Construction of Runge-Kutta methods of
        Crouch-Grossman type of high order", Adv. Comput. Math. 13 (2000), 405-415.
+
+    Examples
+    --------
+    The problem of the paper, and its example of order five:
+
+    >>> import cg
+    >>> problem = HeavyTop()
+    >>> run = cg.integrate(
+    ...     problem.f, (0, 1), problem.y0, frame=problem.frame, method="CG5a", h=0.01
+    ... )
+    >>> energy = problem.invariants(run.y)["energy"]
+    >>> bool(abs(energy - energy[0]).max() < 1e-6)
+    True
     """
 
     reading: Literal["momentum", "velocity"] = "momentum"

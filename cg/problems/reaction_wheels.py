@@ -57,6 +57,20 @@ class ReactionWheels:
     References
     ----------
     .. [1] B. Wie, *Space Vehicle Dynamics and Control*, 2nd ed., AIAA, 2008, chapter 7.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> problem = ReactionWheels()
+    >>> run = cg.solve_ivp(
+    ...     problem.f, (0, 40), problem.y0, frame=problem.frame, rtol=1e-8, atol=1e-8
+    ... )
+    >>> run.y[-1, 4:7].round(4) + 0.0
+    array([ 0.    , -0.0001,  0.0004])
+    >>> momentum = problem.invariants(run.y)["angular momentum"]
+    >>> np.allclose(momentum, momentum[0], atol=1e-6)
+    True
     """
 
     inertia: tuple[float, ...] = (1.0, 1.5, 2.0)

@@ -58,6 +58,15 @@ class RollingBall:
        on manifolds", J. Nonlinear Sci. 3 (1993), 1-33.
     .. [2] K. Weltner, "Stable circular orbits of freely moving balls on rotating discs",
        Am. J. Phys. 47 (1979), 984-986.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> problem = RollingBall()
+    >>> run = cg.integrate(problem.f, (0, 2), problem.y0, frame=problem.frame, method="CF4", h=0.02)
+    >>> np.allclose(run.y[-1, 12:], problem.exact_place(2.0), atol=1e-6)
+    True
     """
 
     table_rate: float = 2.0

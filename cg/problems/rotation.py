@@ -42,6 +42,21 @@ class StateDependentRotation:
     ------
     ValueError
         If there is no such convention.
+
+    Examples
+    --------
+    >>> import cg
+    >>> from cg.convergence import final_errors, observed_order
+    >>> problem = StateDependentRotation()
+    >>> exact = cg.integrate(
+    ...     problem.f, (0, 1), problem.y0, frame=problem.frame, method="CF6c", h=0.01
+    ... ).y[-1]
+    >>> h = [1 / 8, 1 / 16, 1 / 32]
+    >>> errors = final_errors(
+    ...     problem.f, (0, 1), problem.y0, exact, frame=problem.frame, method="CG3", h=h
+    ... )
+    >>> round(observed_order(h, errors).order, 1)
+    3.0
     """
 
     convention: Literal["body", "space"] = "body"

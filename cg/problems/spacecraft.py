@@ -59,6 +59,18 @@ class Spacecraft:
     ----------
     .. [1] J. R. Wertz (ed.), *Spacecraft Attitude Determination and Control*, Reidel, 1978,
        chapters 16 and 17.
+
+    Examples
+    --------
+    Control aligns the spacecraft with its orbit:
+
+    >>> import cg
+    >>> problem = Spacecraft(stiffness=2.0, damping=3.0)
+    >>> run = cg.solve_ivp(
+    ...     problem.f, (0, 30), problem.y0, frame=problem.frame, rtol=1e-8, atol=1e-8
+    ... )
+    >>> abs(run.y[-1, :4]).round(4)
+    array([0., 0., 0., 1.])
     """
 
     inertia: tuple[float, ...] = (1.0, 1.5, 2.0)

@@ -40,6 +40,18 @@ class TodaFlow:
        Physica D 4 (1982), 275-280.
     .. [2] M. P. Calvo, A. Iserles, A. Zanna, "Numerical solution of isospectral flows", Math.
        Comp. 66 (1997), 1461-1486.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> problem = TodaFlow()
+    >>> run = cg.integrate(problem.f, (0, 2), problem.y0, frame=problem.frame, method="CF4", h=0.02)
+    >>> np.allclose(run.y[-1], problem.exact(2.0), atol=1e-6)
+    True
+    >>> eigenvalues = problem.invariants(run.y)["eigenvalues"]
+    >>> np.allclose(eigenvalues, eigenvalues[0], rtol=0, atol=1e-13)
+    True
     """
 
     initial: ArrayLike = ((1.0, 0.5, 0.0, 0.0), (0.5, -1.0, 0.75, 0.0),

@@ -43,6 +43,15 @@ class TwoLevelSystem:
     ----------
     .. [1] I. I. Rabi, "Space quantization in a gyrating magnetic field", Phys. Rev. 51 (1937),
        652-654.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> problem = TwoLevelSystem()
+    >>> run = cg.integrate(problem.f, (0, 3), problem.y0, frame=problem.frame, method="CF4", h=0.02)
+    >>> np.allclose(abs(run.y[-1, 1, 0]) ** 2, problem.transition_probability(3.0), atol=1e-7)
+    True
     """
 
     splitting: float = 2.0

@@ -40,6 +40,14 @@ class Structure(IntEnum):
       b_2 = 0.
     - ``MIDDLE``: that, b_1 = 0, and abscissae in the middle of the pieces of the step,
       c_k = Σ_{j<k} b_j + b_k/2 for k > 2.
+
+    Examples
+    --------
+    >>> import cg
+    >>> found = cg.construct(order=4, stages=6, seed=1, structure=cg.Structure.STAGE_ORDER_TWO)
+    >>> c = found.method.c
+    >>> bool(abs(found.method.a[2:] @ c - c[2:] ** 2 / 2).max() < 1e-15)
+    True
     """
 
     GENERAL = 0
