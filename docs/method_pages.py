@@ -11,6 +11,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import method_work
+
 import cg
 from cg.certification import CertificationError, certificate_of
 from cg.formats import FORMATS
@@ -115,10 +117,8 @@ def draw(path: Path, ax: Any) -> None:
 
 def stamp_of(method: Method) -> str:
     """Return a digest of what a method's page is made of."""
-    parts = [
-        Path(__file__),
-        *(Path(part) for part in (cg.plot.methods.__file__, cg.formats.__file__)),
-    ]
+    modules = [method_work, cg.plot.methods, cg.formats, *method_work.parts()]
+    parts = [Path(__file__), *(Path(module.__file__) for module in modules)]
     texts = [path.read_bytes() for path in parts]
     texts += [cg.__version__.encode(), cg.export(method, "toml").encode()]
     return hashlib.sha256(b"\0".join(texts)).hexdigest()
@@ -155,6 +155,7 @@ def page(method: Method) -> str:
         f"R(hλ); coloured is where |R| ≤ 1.\n\n![Stability region of {method.name}]"
         f"(pictures/{name}_region.png)"
     )
+    pictures.append(method_work.section(FOLDER, name, method))
     use = f'cg.integrate(f, t_span, y0, frame=frame, method="{method.name}", h=h)'
     if method.embedded_order:
         use = f'cg.solve_ivp(f, t_span, y0, frame=frame, method="{method.name}")'
