@@ -196,11 +196,22 @@ def index(methods: list[Method]) -> str:
 
 
 def claims() -> str:
-    """Return a table of the paper's claims."""
-    from cg.reproduce.sections.claims import CLAIMS
+    """Return a table of the paper's claims and their verdicts, and how those that fail are read."""
+    from cg.reproduce.sections.claims import CLAIMS, VERDICTS
 
-    rows = [f"| {claim.section} | {claim.text} |" for claim in CLAIMS]
-    return "\n".join(["| section | claim, in our words |", "|---|---|", *rows]) + "\n"
+    counts = [sum(claim.found == verdict for claim in CLAIMS) for verdict in VERDICTS]
+    passed, failed, other = counts
+    lines = [
+        f"Of {len(CLAIMS)} claims {passed} pass, {failed} fail, and {other} are not reproducible.",
+        "",
+        "| section | claim, in our words | verdict |",
+        "|---|---|---|",
+    ]
+    for claim in CLAIMS:
+        verdict = claim.found if claim.found == VERDICTS[0] else f"**{claim.found}**"
+        reading = f" *{claim.interpretation}*" if claim.interpretation else ""
+        lines.append(f"| {claim.section} | {claim.text}{reading} | {verdict} |")
+    return "\n".join(lines) + "\n"
 
 
 def generate(app: Any) -> None:
