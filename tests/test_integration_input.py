@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import cg
 from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, UnitQuaternion
@@ -151,3 +152,30 @@ def test_continuous_solutions_can_be_pickled_whatever_f_is(options, compiled_fra
     for same in (copy.deepcopy(solution), pickle.loads(pickle.dumps(solution))):
         np.testing.assert_array_equal(same.y, solution.y)
         np.testing.assert_array_equal(same.sol(times), solution.sol(times))
+
+
+@pytest.mark.parametrize("batch", [(), (2,)])
+@pytest.mark.parametrize(
+    ("frame", "y0"),
+    [
+        (UnitQuaternion(), [0.0, 0.0, 0.0, 1.0]),
+        (Product(UnitQuaternion(), Euclidean(3)), [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_the_derivative_of_the_point_is_recognised(frame, y0, batch):
+    start = np.broadcast_to(y0, (*batch, len(y0)))
+    with pytest.raises(ValueError, match="coefficients of the frame's fields, not the deriv"):
+        cg.solve_ivp(lambda t, y: np.zeros_like(y), (0, 1), start, frame=frame)
+    with pytest.raises(ValueError, match=rf"got shape \({'2, ' if batch else ''}2,?\) at t = 0$"):
+        cg.solve_ivp(lambda t, y: np.zeros((*batch, 2)), (0, 1), start, frame=frame)
+
+
+def test_rotations_among_points_of_factors_are_to_be_joined():
+    for parts in ((Rotation.identity(), [1.0, 0.0, 0.0]), [QUATERNION, [1.0, 0.0, 0.0]]):
+        with pytest.raises(ValueError, match=r"got 2 parts: join them by frame\.join\(\*y0\)"):
+            cg.solve_ivp(never, (0, 1), parts, frame=ATTITUDE)
+
+
+def test_a_name_in_other_letters_is_recognised():
+    with pytest.raises(KeyError, match="no method is named 'CG4A'; near it are CG4a"):
+        cg.methods["CG4A"]

@@ -201,7 +201,9 @@ HALVES = Tableau([["1/2"]], ["1"])
     [
         ({"f": 3}, TypeError, "f must be callable"),
         ({"frame": "SO3"}, TypeError, "frame must be a Frame"),
-        ({"method": "RK45"}, ValueError, "method must be one of .*got 'RK45'"),
+        ({"method": "RK45"}, ValueError, r"method must be one of .*got 'RK45'; .*DP5\(4\) has its"),
+        ({"method": "RK23"}, ValueError, r"got 'RK23'; .*BS3\(2\) has its"),
+        ({"method": "LSODA"}, ValueError, "got 'LSODA'; .*DICG"),
         ({"method": "DOP835"}, ValueError, "got 'DOP835'; near it are DOP853"),
         ({"method": "rkmk5"}, ValueError, r"got 'rkmk5'; near it are .*RKMK5\(4\)"),
         ({"method": "CG4a"}, ValueError, "method must be a pair unless h .*'CG4a'"),

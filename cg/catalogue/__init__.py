@@ -32,6 +32,7 @@ __all__ = [
     "loads",
     "methods",
     "munthe_kaas",
+    "near",
     "own_folders",
     "packaged",
     "resolve_method",
@@ -117,6 +118,7 @@ class Methods(Mapping[str, Method]):
         if isinstance(name, str) and (problem := self.own.problem(name)):
             raise MethodError(problem)
         there = "; cg.catalogue.munthe_kaas has it" if name in munthe_kaas else ""
+        there = there or near(name)
         raise KeyError(f"no method is named {name!r}{there}; the catalogue has {', '.join(self)}")
 
     def __contains__(self, name: object) -> bool:
@@ -142,8 +144,25 @@ packaged = Catalogue(files(__name__))
 munthe_kaas = Catalogue(files(__name__) / "munthe_kaas")
 """Those of Runge, Kutta and Munthe-Kaas, by name."""
 
+_STIFF = "of the pairs here DICG3(2) is for stiff equations"
+_IN_SCIPY = {
+    "RK45": "SciPy has a method of that name; DP5(4) has its coefficients",
+    "RK23": "SciPy has a method of that name; BS3(2) has its coefficients",
+} | dict.fromkeys(("Radau", "BDF", "LSODA"), f"SciPy has a method of that name; {_STIFF}")
+
 methods = Methods(packaged, OwnMethods(lambda name: name in packaged or name in munthe_kaas))
 """`packaged`, and the methods of the user, by name."""
+
+
+def near(name: object) -> str:
+    """Return what may be meant by a name that no method has, to end an error message with."""
+    if not isinstance(name, str):
+        return ""
+    if name in _IN_SCIPY:
+        return f"; {_IN_SCIPY[name]}"
+    known = {given.upper(): given for given in (*methods, *munthe_kaas)}
+    found = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
+    return f"; near it are {', '.join(found)}" if found else ""
 
 
 def resolve_method(method: str | Method) -> Method:
@@ -171,8 +190,6 @@ def resolve_method(method: str | Method) -> Method:
     if method not in methods:
         if problem := methods.own.problem(method):
             raise ValueError(f"method {method!r} can't be used: {problem}")
-        known = [*methods, *munthe_kaas]
-        near = get_close_matches(method.upper(), known, n=3, cutoff=0.5)
-        hint = f"; near it are {', '.join(near)}" if near else ""
-        raise ValueError(f"method must be one of {', '.join(known)}, got {method!r}{hint}")
+        known = ", ".join([*methods, *munthe_kaas])
+        raise ValueError(f"method must be one of {known}, got {method!r}{near(method)}")
     return methods[method]

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from difflib import get_close_matches
 from typing import Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
-from cg.catalogue import load, methods, munthe_kaas, resolve_method
+from cg.catalogue import load, methods, munthe_kaas, near, resolve_method
 from cg.method import Method
 from cg.points import MethodError
 
@@ -44,9 +43,7 @@ def named(name: str) -> Method:
     """Return the method of the catalogue with a name; the ValueError names those near it."""
     if name in methods or name in munthe_kaas:
         return resolve_method(name)
-    near = get_close_matches(name.upper(), [*methods, *munthe_kaas], n=3, cutoff=0.5)
-    hint = f"; near it are {', '.join(near)}" if near else ""
-    raise ValueError(f"no method is named {name!r}, and it is no .toml or .json file{hint}")
+    raise ValueError(f"no method is named {name!r}, and it is no .toml or .json file{near(name)}")
 
 
 class MethodArgument(click.ParamType):  # type: ignore[type-arg]

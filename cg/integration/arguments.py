@@ -71,8 +71,10 @@ def check_joined(frame: Product, y0: Any) -> None:
     if not isinstance(y0, list | tuple) or len(y0) != len(frame.factors):
         return
     shapes = [factor.point_shape for factor in frame.factors]
+    pairs = zip(frame.factors, y0, strict=True)
     try:
-        parts = all(np.shape(part) == shape for part, shape in zip(y0, shapes, strict=True))
+        found = [np.shape(factor.read_points(part)) for factor, part in pairs]
+        parts = found == shapes
     except ValueError:  # ragged, whatever it is
         parts = False
     if parts and any(shapes) and np.shape(y0[0]) != frame.point_shape:

@@ -134,9 +134,9 @@ class PythonRhs:
             wanted = f"an array of shape {shape}" if self.batch else f"{shape[0]} real numbers"
             raise ValueError(f"f must return {wanted}, got {value!r} at t = {t:.17g}") from error
         if coefficients.shape != self.shape:
+            got = "None" if value is None else f"shape {coefficients.shape}"
             raise ValueError(
-                f"f must return an array of shape {self.shape}, "
-                f"got shape {coefficients.shape} at t = {t:.17g}"
+                f"f must return an array of shape {self.shape}, got {got} at t = {t:.17g}"
                 f"{self._hint(coefficients.shape[len(self.batch) :])}"
             )
         # Sums are finite only if all their terms are, and take a fraction of the time.
@@ -150,9 +150,11 @@ class PythonRhs:
         return coefficients
 
     def _hint(self, shape: tuple[int, ...]) -> str:
-        """Return what to do if ``f`` returned an element of the Lie algebra as a matrix."""
+        """Return what to do if ``f`` returned a matrix of the Lie algebra, or a derivative."""
         group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
         if not isinstance(group, MatrixGroup) or shape != group.point_shape:
-            return ""
+            if shape != self.frame.point_shape:
+                return ""
+            return "; f returns coefficients of the frame's fields, not the derivative of y"
         name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
         return f"; {name}(matrix) are those of a matrix in the Lie algebra"
