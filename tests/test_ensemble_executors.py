@@ -207,6 +207,22 @@ def test_arguments(change, error, message):
         cg.solve_ivp(given.pop("f"), (0, 1), given.pop("y0"), **given)
 
 
+def test_methods_of_the_package_travel_by_name(monkeypatch):
+    """So that what was found out about one isn't found out again for each chunk."""
+    known, complete = [], members.completed
+
+    def noted(work, *args, **options):
+        known.append(work.options["method"])
+        return complete(work, *args, **options)
+
+    monkeypatch.setattr(members, "completed", noted)
+    pair = cg.methods["CF4(3)"]
+    own = cg.catalogue.loads(cg.catalogue.dumps(pair).replace("CF4(3)", "Mine", 1))
+    for method in ("CF4(3)", pair, "RKMK5(4)", own):
+        cg.solve_ivp(field, (0, 0.1), POINTS[0], frame=FRAME, method=method, workers=2)
+    assert known == ["CF4(3)", "CF4(3)", "RKMK5(4)", own]
+
+
 def test_pointers_do_not_travel(library):
     pointer = ctypes.CDLL(str(library)).rhs
     doubles = ctypes.POINTER(ctypes.c_double)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg.catalogue import munthe_kaas, packaged
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.integration.arguments import check_span
@@ -19,6 +20,7 @@ from cg.integration.compiled_rhs import CompiledRhs
 from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.problem import Problem
 from cg.integration.results import Solution
+from cg.method import Method
 from cg.runs import ExecutorLike, check_executor, completed
 
 __all__ = ["solve_apart"]
@@ -94,6 +96,8 @@ def solve_apart(
         ends = np.unique([start, stop])
         options = {**options, "t_eval": ends if stop >= start else ends[::-1]}
     together = isinstance(problem.rhs, CompiledRhs) and problem.in_compiled_code
+    # by its name each process knows a method once, with what was found out about it
+    options = {**options, "method": _by_name(problem.method)}
     work = _Work(solve, f, (start, stop), problem.frame, options, together)
     if executor is not None and executor != "threads":
         _check_pickle(work)
@@ -121,6 +125,12 @@ def solve_apart(
                 for member, solution in zip(members, finished.result, strict=True):
                     parts.add([member], solution)
     return parts.solution(batch)
+
+
+def _by_name(method: Method) -> str | Method:
+    """Return the name of a method that comes with the package, others as they are."""
+    known = any(own.get(method.name) is method for own in (packaged, munthe_kaas))
+    return method.name if known else method
 
 
 def _check_pickle(work: _Work) -> None:
