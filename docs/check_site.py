@@ -14,6 +14,9 @@ from urllib.parse import unquote, urlsplit
 # words, and a page among those that a search for each must give
 SOUGHT = {
     "quaternion": "howto/spacecraft",
+    "attitude": "howto/gyro",
+    "munthe": "rkmk",
+    "conditions": "mathematics/index",
     "gyro": "howto/gyro",
     "vortices": "howto/vortices",
     "tableau": "howto/questions",

@@ -65,6 +65,8 @@ html_title = "crouch-grossman"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_search_scorer = str(HERE / "search_scorer.js")
+html_favicon = "_static/favicon.svg"
 templates_path = ["_templates"]
 copybutton_exclude = ".linenos, .gp, .go"
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import method_work
+from matplotlib import pyplot
 
 import cg
 from cg.certification import CertificationError, certificate_of
@@ -110,9 +111,10 @@ def write(path: Path, text: str) -> None:
 
 
 def draw(path: Path, ax: Any) -> None:
-    """Write the figure of axes."""
+    """Write the figure of axes, and drop it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     ax.figure.savefig(path, dpi=140, bbox_inches="tight")
+    pyplot.close(ax.figure)
 
 
 def stamp_of(method: Method) -> str:
