@@ -107,8 +107,7 @@ def section(folder: Path, file: str, method: Method) -> str:
         f"manifold, over what the steps took, beside {others[0]} and {others[1]}: the "
         "[heavy top](../reference/generated/cg.problems.HeavyTop.rst) of the paper, and a "
         "[free rigid body](../reference/generated/cg.problems.FreeRigidBody.rst). Errors below "
-        f"{ROUNDING:g} are rounding, and left out.\n\n"
-        + "\n".join(pictures)
+        f"{ROUNDING:g} are rounding, and left out.\n\n" + "\n".join(pictures)
     )
 
 
