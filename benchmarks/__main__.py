@@ -1,4 +1,4 @@
-"""Run benchmarks: ``python -m benchmarks [NAME …] [--quick]``."""
+"""Run benchmarks: ``python -m benchmarks [NAME …] [--quick] [--case NAME]``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from . import page
+from .cases import NAMES as CASES
 from .environment import describe
 from .record import Result
 
@@ -41,13 +42,23 @@ def main(arguments: list[str] | None = None) -> int:
         "names", nargs="*", metavar="NAME", help=f"one of {', '.join(NAMES)}; all by default"
     )
     parser.add_argument("--quick", action="store_true", help="less of everything; writes no files")
+    parser.add_argument(
+        "--case",
+        action="append",
+        choices=CASES,
+        default=[],
+        help="of rivals this problem alone, or several; writes no files",
+    )
     parsed = parser.parse_args(arguments)
+    if parsed.case and parsed.names != ["rivals"]:
+        parser.error(f"--case must stand with rivals alone, got {parsed.names}")
     for name in parsed.names:
         if name not in NAMES:
             parser.error(f"NAME must be one of {', '.join(NAMES)}, got {name!r}")
     file = HERE / "results.json"
-    results = {} if parsed.quick else page.read(file)
-    environments = {} if parsed.quick else page.read_environments(file)
+    kept = not parsed.quick and not parsed.case
+    results = page.read(file) if kept else {}
+    environments = page.read_environments(file) if kept else {}
     environment = describe()
     names = parsed.names or NAMES
     # first, since limits reach only what is loaded
@@ -55,13 +66,14 @@ def main(arguments: list[str] | None = None) -> int:
     with threadpool_limits(1):
         for name, module in modules.items():
             print(f"{name} …", file=sys.stderr, flush=True)
-            result: Result = module.run(parsed.quick, None if parsed.quick else DOCS)
+            options = {"only": parsed.case} if parsed.case else {}
+            result: Result = module.run(parsed.quick, DOCS if kept else None, **options)
             results[name] = result
             environments[name] = environment
             shown = page.render({name: result}, {name: environment})
             print(shown.split("\n\n", 2)[2])
     ordered = {name: results[name] for name in NAMES if name in results}
-    if not parsed.quick:
+    if kept:
         page.write(ordered, environments, file)
         (DOCS / "benchmarks.md").write_text(page.render(ordered, environments), encoding="utf-8")
     return 0

@@ -22,7 +22,7 @@ from cg.problems import (
     TwoLevelSystem,
 )
 
-__all__ = ["Case", "cases"]
+__all__ = ["NAMES", "Case", "cases"]
 
 Array = NDArray[np.float64]
 Field = Callable[[float, Any], Any]
@@ -199,3 +199,6 @@ _CASES: dict[str, Callable[[str], Case]] = {
     "two_levels": _levels,
     "gradient_flow": _lattice,
 }
+
+NAMES = tuple(_CASES)
+"""The names of all cases."""

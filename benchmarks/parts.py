@@ -20,7 +20,7 @@ from scipy import LowLevelCallable
 import cg
 from cg.catalogue import resolve_method
 from cg.frames import SE3, SO3, SU, Euclidean, Frame, Product, UnitQuaternion
-from cg.integration.blocks import describe_blocks
+from cg.integration.blocks import block_constants, describe_blocks
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.paths import paths_of
 from cg.integration.problem import make_problem
@@ -141,7 +141,7 @@ def _parts(
     """Return flows of some paths, evaluations, and dexp⁻¹, each of as many points."""
     import cg._external as core
 
-    blocks = describe_blocks(frame)
+    blocks, constants = describe_blocks(frame), block_constants(frame)
     points = np.repeat(y0[None], _COUNT, axis=0)
     flat = points.reshape(-1).view(np.float64)
     u = 0.3 * _H * rng.standard_normal(_COUNT * frame.dim)
@@ -155,7 +155,7 @@ def _parts(
 
         def call() -> None:
             turn[0] = 1 - turn[0]
-            core.move(blocks, count, away[turn[0]], restoring, flat)
+            core.move(blocks, constants, count, away[turn[0]], restoring, flat)
 
         return call
 

@@ -57,6 +57,7 @@ class BlockKind(IntEnum):
     SO = 7  # rotation matrices of any size, row by row
     SU = 8  # complex matrices of any size, row by row
     U = 9  # likewise, of any determinant
+    ISOSPECTRAL = 10  # symmetric matrices with given eigenvalues, moved by SO(n)
 
 
 class BlockOption(IntEnum):

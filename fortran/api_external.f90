@@ -45,9 +45,9 @@ contains
 end module runs
 
 ! An integration of trajectories that start at the same time. Steps have to be chosen next.
-subroutine run_open(blocks, description, members, integers, list, terms, weight, stages, c, &
-                        function_address, data_address, data_stride, n, trajectories, t, points, &
-                        first_step, address)
+subroutine run_open(blocks, description, numbers, constants, members, integers, list, terms, &
+                    weight, stages, c, function_address, data_address, data_stride, n, &
+                    trajectories, t, points, first_step, address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use frames_r64, only: make_frame
   use integration_r64, only: start_trajectory
@@ -55,8 +55,9 @@ subroutine run_open(blocks, description, members, integers, list, terms, weight,
   use method_r64, only: make_method
   use runs, only: address_of, run_t
   implicit none
-  integer, intent(in) :: blocks, members, integers, terms, stages, n, trajectories
+  integer, intent(in) :: blocks, numbers, members, integers, terms, stages, n, trajectories
   integer, intent(in) :: description(3, blocks)
+  real(wp), intent(in) :: constants(numbers)
   integer, intent(in) :: list(integers)
   real(wp), intent(in) :: weight(terms), c(stages)
   integer(c_intptr_t), intent(in) :: function_address, data_address, data_stride
@@ -68,7 +69,7 @@ subroutine run_open(blocks, description, members, integers, list, terms, weight,
   integer :: i
 
   allocate (run)
-  call make_frame(description, members, run%problem%frame)
+  call make_frame(description, constants, members, run%problem%frame)
   call make_method(list, weight, c, run%problem%method)
   run%problem%members = members
   run%function_address = function_address
@@ -125,9 +126,9 @@ subroutine run_use_grid(address, start, stop, step, last, steps)
 end subroutine run_use_grid
 
 ! Steps chosen by the error estimate of a pair
-subroutine run_use_tolerances(address, stop, rtol, m, atol, exponent, max_step)
+subroutine run_use_tolerances(address, stop, rtol, m, atol, in_entries, exponent, max_step)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use integration_r64, only: tolerances_t
+  use error_norm_r64, only: tolerances_t
   use kinds_r64, only: wp
   use runs, only: run_at, run_t
   implicit none
@@ -135,13 +136,14 @@ subroutine run_use_tolerances(address, stop, rtol, m, atol, exponent, max_step)
   real(wp), intent(in) :: stop, rtol, exponent, max_step
   integer, intent(in) :: m
   real(wp), intent(in) :: atol(m)
+  logical, intent(in) :: in_entries                  ! of points, not in coordinates
   type(run_t), pointer :: run
 
   run => run_at(address)
   run%problem%adaptive = .true.
   run%problem%stop = stop
-  run%problem%tolerances = tolerances_t(atol=atol, rtol=rtol, exponent=exponent, &
-                                            max_step=max_step)
+  run%problem%tolerances = tolerances_t(atol=atol, rtol=rtol, in_entries=in_entries, &
+                                        exponent=exponent, max_step=max_step)
 end subroutine run_use_tolerances
 
 ! At most budget trial steps of each of some trajectories
@@ -316,7 +318,7 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
   type(frame_t) :: frame
   integer :: i
 
-  call make_frame(description, 1, frame)
+  call make_frame(description, [real(wp) ::], 1, frame)
   associate (n => frame%point_size, m => frame%dimension)
     do i = 0, points / n - 1
       call difference(frame, x(i * n + 1:(i + 1) * n), y(i * n + 1:(i + 1) * n), &
@@ -341,7 +343,7 @@ subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   logical :: exists
   integer :: i
 
-  call make_frame(description, 1, frame)
+  call make_frame(description, [real(wp) ::], 1, frame)
   associate (m => frame%dimension)
     do i = 0, fields / m - 1
       call dexpinv(frame, order, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m), exists)
@@ -351,22 +353,23 @@ subroutine frame_dexpinv(blocks, description, order, fields, u, v)
 end subroutine frame_dexpinv
 
 ! Points moved along the time-1 flows of as many fields each, the first one first
-subroutine frame_move(blocks, description, flows, fields, v, restoring, points, y)
+subroutine frame_move(blocks, description, numbers, constants, flows, fields, v, restoring, points, y)
   use kinds_r64, only: wp
   use frames_r64, only: frame_t, make_frame, move, restore
   implicit none
-  integer, intent(in) :: blocks, flows, fields, points
+  integer, intent(in) :: blocks, numbers, flows, fields, points
   integer, intent(in) :: description(3, blocks)
+  real(wp), intent(in) :: constants(numbers)
   real(wp), intent(in) :: v(fields)          ! (dimension, flows, trajectories)
   logical, intent(in) :: restoring           ! whether to remove rounding off the manifold
   real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
   type(frame_t) :: frame
   real(wp) :: ones(flows)
-  integer :: numbers(flows + 1), i
+  integer :: order(flows + 1), i
 
-  call make_frame(description, 1, frame)
+  call make_frame(description, constants, 1, frame)
   ones = 1.0_wp
-  numbers = [(i, i=1, flows + 1)]
+  order = [(i, i=1, flows + 1)]
   call move_all(frame%dimension, frame%point_size, points / frame%point_size, v, y)
 
 contains
@@ -377,7 +380,7 @@ contains
     real(wp), intent(inout) :: y(point_size, trajectories)
 
     do i = 1, trajectories
-      call move(frame, 1, flows, numbers, ones, numbers(:flows), v(:, :, i), y(:, i))
+      call move(frame, 1, flows, order, ones, order(:flows), v(:, :, i), y(:, i))
       if (restoring) call restore(frame, y(:, i))
     end do
   end subroutine move_all

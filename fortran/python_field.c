@@ -1,10 +1,12 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
  * The user data is a tuple
- *   (f, args, shape, dtype number, dim, check)
+ *   (f, args, shape, dtype number, result shape, check, spare)
  * of the function, its further arguments, the shape of its points, the type of their entries, the
- * number of coefficients, and a function check(value, t, y) that returns them as an array, or raises
- * what is wrong with them.  It is called for all but the plainest results.
+ * shape of its coefficients, a function check(value, t, y) that returns them as an array, or raises
+ * what is wrong with them, and a list of one entry.  The check is called for all but the plainest
+ * results.  In the list is the array that f was given last, or None: if nobody else has kept it,
+ * the next point goes into it.
  */
 #include <math.h>
 #include <string.h>
@@ -13,20 +15,63 @@
 #include "fortranobject.h"
 #include "shared_numbers.h"
 
-enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, COUNT, CHECK };
+enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE };
 enum { MOST_ARGUMENTS = 32 };
+
+/* Whether an array has a shape, given as a tuple */
+static int has_shape(PyArrayObject *array, PyObject *shape)
+{
+    const int rank = (int)PyTuple_GET_SIZE(shape);
+    if (PyArray_NDIM(array) != rank) {
+        return 0;
+    }
+    for (int i = 0; i < rank; i++) {
+        if (PyArray_DIM(array, i) != PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, i))) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* The array of the call before, out of its place: f may call itself by way of another integration.
+ * NULL if somebody has it still, as a whole or as a part, or has turned it into another one. */
+static PyObject *take_spare(PyObject *context, PyObject *shape, int type)
+{
+    PyObject *spare = PyTuple_GET_ITEM(context, SPARE);
+    PyObject *point = PyList_GET_ITEM(spare, 0);
+    if (point == Py_None || Py_REFCNT(point) != 1) {
+        return NULL;
+    }
+    PyArrayObject *array = (PyArrayObject *)point;
+    if (PyArray_TYPE(array) != type || !has_shape(array, shape) || !PyArray_ISCARRAY_RO(array)
+        || !PyArray_CHKFLAGS(array, NPY_ARRAY_OWNDATA)) {
+        return NULL;
+    }
+    Py_INCREF(Py_None);
+    PyList_SET_ITEM(spare, 0, Py_None); /* its reference is the caller's now */
+    return point;
+}
+
+static void keep_spare(PyObject *context, PyObject *point)
+{
+    Py_INCREF(point);
+    PyList_SetItem(PyTuple_GET_ITEM(context, SPARE), 0, point);
+}
 
 /* Points are given as arrays of their own, which the function may keep but not change. */
 static PyObject *make_point(PyObject *context, const double *y)
 {
     PyObject *shape = PyTuple_GET_ITEM(context, SHAPE);
-    int rank = (int)PyTuple_GET_SIZE(shape);
     int type = (int)PyLong_AsLong(PyTuple_GET_ITEM(context, TYPE));
-    npy_intp lengths[NPY_MAXDIMS];
-    for (int i = 0; i < rank; i++) {
-        lengths[i] = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, i));
+    PyObject *point = take_spare(context, shape, type);
+    if (point == NULL) {
+        int rank = (int)PyTuple_GET_SIZE(shape);
+        npy_intp lengths[NPY_MAXDIMS];
+        for (int i = 0; i < rank; i++) {
+            lengths[i] = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, i));
+        }
+        point = PyArray_SimpleNew(rank, lengths, type);
     }
-    PyObject *point = PyArray_SimpleNew(rank, lengths, type);
     if (point != NULL) {
         memcpy(PyArray_DATA((PyArrayObject *)point), y, PyArray_NBYTES((PyArrayObject *)point));
         PyArray_CLEARFLAGS((PyArrayObject *)point, NPY_ARRAY_WRITEABLE);
@@ -50,23 +95,55 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
                                (size_t)(2 + count) | PY_VECTORCALL_ARGUMENTS_OFFSET, NULL);
 }
 
-/* Whether a result is finite numbers in the order and the type in which they are needed */
-static int is_plain(PyObject *value, Py_ssize_t count)
+/* Copies a list or a tuple of numbers, which are all floats; returns 0 if it isn't one. */
+static int copy_sequence(PyObject *value, PyObject *shape, double *f)
 {
+    if (PyTuple_GET_SIZE(shape) != 1) {
+        return 0;
+    }
+    const Py_ssize_t count = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, 0));
+    if (PySequence_Fast_GET_SIZE(value) != count) {
+        return 0;
+    }
+    PyObject **items = PySequence_Fast_ITEMS(value);
+    double sum = 0.0;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        /* NumPy's numbers of this type are floats of Python */
+        if (!PyFloat_CheckExact(items[i]) && !PyArray_IsScalar(items[i], Double)) {
+            return 0;
+        }
+        f[i] = PyFloat_AS_DOUBLE(items[i]);
+        sum += f[i];
+    }
+    return isfinite(sum);
+}
+
+/* Copies a result that is finite numbers, in the order and the type in which they are needed or in
+ * a list; returns 0 if it is another one. */
+static int copy_plain(PyObject *value, PyObject *shape, double *f)
+{
+    if (PyList_CheckExact(value) || PyTuple_CheckExact(value)) {
+        return copy_sequence(value, shape, f);
+    }
     if (!PyArray_CheckExact(value)) {
         return 0;
     }
     PyArrayObject *array = (PyArrayObject *)value;
-    if (PyArray_TYPE(array) != NPY_DOUBLE || PyArray_NDIM(array) != 1
-        || PyArray_DIM(array, 0) != count || !PyArray_ISCARRAY_RO(array)) {
+    if (PyArray_TYPE(array) != NPY_DOUBLE || !PyArray_ISCARRAY_RO(array)
+        || !has_shape(array, shape)) {
         return 0;
     }
     const double *numbers = PyArray_DATA(array);
+    const Py_ssize_t count = PyArray_SIZE(array);
     double sum = 0.0;
     for (Py_ssize_t i = 0; i < count; i++) {
         sum += numbers[i];
     }
-    return isfinite(sum);
+    if (!isfinite(sum)) {
+        return 0;
+    }
+    memcpy(f, numbers, (size_t)count * sizeof(double));
+    return 1;
 }
 
 int call_python_field(double t, const double *y, double *f, void *user_data)
@@ -80,16 +157,20 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
     if (time != NULL && point != NULL) {
         value = call(context, time, point);
     }
-    Py_ssize_t count = PyLong_AsSsize_t(PyTuple_GET_ITEM(context, COUNT));
-    if (value != NULL && !is_plain(value, count)) {
+    if (value != NULL && copy_plain(value, PyTuple_GET_ITEM(context, RESULT), f)) {
+        code = 0;
+    } else if (value != NULL) {
         PyObject *checked = PyObject_CallFunctionObjArgs(PyTuple_GET_ITEM(context, CHECK), value,
                                                          time, point, NULL);
-        Py_DECREF(value);
-        value = checked;
+        if (checked != NULL) {
+            memcpy(f, PyArray_DATA((PyArrayObject *)checked),
+                   (size_t)PyArray_NBYTES((PyArrayObject *)checked));
+            Py_DECREF(checked);
+            code = 0;
+        }
     }
-    if (value != NULL) {
-        memcpy(f, PyArray_DATA((PyArrayObject *)value), (size_t)count * sizeof(double));
-        code = 0;
+    if (point != NULL) {
+        keep_spare(context, point);
     }
     Py_XDECREF(value);
     Py_XDECREF(point);

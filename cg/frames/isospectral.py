@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, complex_array, real_array
 from cg.frames.base import MEMBERSHIP_TOLERANCE
+from cg.frames.block_kinds import LARGEST_MATRIX, BlockKind, Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
@@ -112,6 +113,12 @@ class IsospectralOrbit(HomogeneousSpace):
     def dtype(self) -> np.dtype[Any]:
         """Complex where ``hermitian``."""
         return self.group.dtype
+
+    def _blocks(self) -> Blocks | None:
+        n = len(self.spectrum)
+        if self.hermitian or n > LARGEST_MATRIX:
+            return None
+        return ((BlockKind.ISOSPECTRAL, n, 0, *self.spectrum),)
 
     def _act(self, x: Points, y: Points) -> Points:
         return np.asarray(x @ y @ x.mT.conj())

@@ -6,10 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.base import Frame
+from cg.frames.block_kinds import compared_by_entries
 
-__all__ = ["describe_blocks", "is_compiled"]
+__all__ = ["block_constants", "describe_blocks", "has_compiled_difference", "is_compiled"]
 
-_KNOWN = "SO, SU, U, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them"
+_KNOWN = (
+    "SO, SU, U, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them, real "
+    "IsospectralOrbit"
+)
 
 
 def describe_blocks(frame: Frame) -> NDArray[np.int32]:
@@ -17,9 +21,20 @@ def describe_blocks(frame: Frame) -> NDArray[np.int32]:
     blocks = frame.compiled_blocks()
     if blocks is None:
         raise ValueError(f"frame must be one that is compiled, {_KNOWN}; {frame!r} is not")
-    return np.array(blocks, dtype=np.int32, order="C").T
+    return np.array([block[:3] for block in blocks], dtype=np.int32, order="C").T
+
+
+def block_constants(frame: Frame) -> NDArray[np.float64]:
+    """Return the constants of all blocks of a frame, and a zero, since no array may be empty."""
+    return np.array([x for block in frame.compiled_blocks() or () for x in block[3:]] + [0.0])
 
 
 def is_compiled(frame: Frame) -> bool:
     """Tell whether compiled code has the flows of a frame."""
     return frame.compiled_blocks() is not None
+
+
+def has_compiled_difference(frame: Frame) -> bool:
+    """Tell whether compiled code has the coefficients of the flow from one point to another."""
+    blocks = frame.compiled_blocks()
+    return blocks is not None and not compared_by_entries(blocks)

@@ -17,7 +17,7 @@ from cg.checks import memory
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.arguments import check_count
-from cg.integration.blocks import describe_blocks
+from cg.integration.blocks import block_constants, describe_blocks
 from cg.integration.paths import paths_of
 from cg.integration.step_budget import StepBudget
 from cg.method import Method
@@ -148,7 +148,8 @@ def integrate_affine(
     def prepare(core: Any, convert: _Convert) -> _Call:
         constant, slope = (convert(_fractions(x)) for x in (problem.constant, problem.slope))
         linear = convert(_fractions(problem.linear), problem.linear.shape)
-        return partial(core.affine_field, description, constant, linear, slope)
+        constants = convert(_fractions(block_constants(problem.frame)))
+        return partial(core.affine_field, description, constants, constant, linear, slope)
 
     return _integrate(prepare, _fractions(problem.y0), problem.frame, method, h, steps, kind)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.blocks import describe_blocks
+from cg.integration.blocks import block_constants, describe_blocks
 from cg.integration.compiled_rhs import CompiledRhs
 from cg.integration.messages import failure, too_many_steps, too_small_a_step
 from cg.integration.paths import paths_of
@@ -122,8 +122,7 @@ class CompiledStepper(Stepper):
         )
         with reserved(needed, f"{self.trajectories} trajectories of {self.width} numbers"):
             self._address: int = core.open(
-                frame_blocks, members, paths.integers,
-                np.array(paths.weights, dtype=np.float64), np.array(paths.c, dtype=np.float64),
+                frame_blocks, block_constants(frame), members, paths.integers, *paths.doubles,
                 *data, schedule.start, rows.T, first,
             )  # fmt: skip
         weakref.finalize(self, core.close, self._address)
@@ -134,10 +133,11 @@ class CompiledStepper(Stepper):
             )  # fmt: skip
         else:
             norm = schedule.norm
+            shape = (frame.dim,) if norm.in_algebra else frame.point_shape
             core.use_tolerances(
                 self._address, schedule.stop, norm.rtol,
-                np.array(np.broadcast_to(norm.atol, frame.dim)), error_exponent(method),
-                schedule.max_step,
+                np.broadcast_to(norm.atol, shape).flatten(), not norm.in_algebra,
+                error_exponent(method), schedule.max_step,
             )  # fmt: skip
 
     @property

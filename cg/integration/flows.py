@@ -10,7 +10,12 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
-from cg.integration.blocks import describe_blocks, is_compiled
+from cg.integration.blocks import (
+    block_constants,
+    describe_blocks,
+    has_compiled_difference,
+    is_compiled,
+)
 
 __all__ = ["Dexpinv", "Difference", "Flows", "dexpinv_of", "difference_of", "flows_of"]
 
@@ -50,7 +55,7 @@ def flows_of(frame: Frame) -> Flows:
 
 def difference_of(frame: Frame) -> Difference:
     """Return the function that finds the coefficients of the flow between two points."""
-    return _CompiledDifference(frame) if is_compiled(frame) else frame.exp_coordinates
+    return _CompiledDifference(frame) if has_compiled_difference(frame) else frame.exp_coordinates
 
 
 def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
@@ -94,7 +99,7 @@ class _CompiledFlows:
 
         self.frame = frame
         self.move = core.move
-        self.description = describe_blocks(frame)
+        self.blocks = describe_blocks(frame), block_constants(frame)
 
     def __reduce__(self) -> tuple[Callable[[Frame], Flows], tuple[Frame]]:
         return flows_of, (self.frame,)  # compiled functions can't be pickled
@@ -104,7 +109,7 @@ class _CompiledFlows:
         if v.size and moved.size:
             fields = np.ascontiguousarray(v).reshape(-1)
             flat = moved.reshape(-1).view(np.float64)
-            self.move(self.description, v.shape[-2], fields, restore, flat)
+            self.move(*self.blocks, v.shape[-2], fields, restore, flat)
         return moved
 
 

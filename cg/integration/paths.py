@@ -109,6 +109,14 @@ class MethodPaths:
         )
 
     @cached_property
+    def doubles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The weights and the abscissae as arrays, which nobody may write into."""
+        found = np.array(self.weights, dtype=np.float64), np.array(self.c, dtype=np.float64)
+        for array in found:
+            array.flags.writeable = False
+        return found
+
+    @cached_property
     def integers(self) -> NDArray[np.intc]:
         """What else compiled code needs, as ``make_method`` of ``fortran/method.f90.in`` reads it.
 

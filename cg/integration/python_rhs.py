@@ -96,8 +96,9 @@ class PythonRhs:
             args,
             (*batch, *frame.point_shape),
             frame.dtype.num,
-            math.prod(self.shape),
+            self.shape,
             self.check,
+            [None],
         )
 
     def __call__(self, t: float, point: Points) -> Array:

@@ -1,0 +1,140 @@
+"""What compiled code gives to functions in Python, and takes of them."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.frames import SO3, SU, Euclidean, Power, Product
+
+FRAME = Product(SO3(), Euclidean(3))
+Y0 = FRAME.join(np.eye(3), [0.1, -0.2, 0.3])
+OPTIONS = {"frame": FRAME, "method": "CF4", "h": 0.125}
+
+
+def rates(t, y):
+    return np.array([y[9], y[1], t, y[10] * y[0], y[11], -y[9]])
+
+
+def run(f, y0=Y0, **options):
+    return cg.integrate(f, (0.0, 1.0), y0, **{**OPTIONS, **options}).y
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [
+        list,
+        tuple,
+        np.ndarray.tolist,
+        lambda v: tuple(v.tolist()),
+        lambda v: [*v[:3], *v[3:].tolist()],
+        lambda v: v[::-1][::-1],
+        lambda v: np.stack([v, v], axis=1)[:, 0],
+        lambda v: v.astype(object),
+        lambda v: [np.longdouble(x) for x in v],
+    ],
+)
+def test_all_that_stands_for_numbers_is_the_same(convert):
+    np.testing.assert_array_equal(run(lambda t, y: convert(rates(t, y))), run(rates))
+
+
+def test_integers_are_numbers():
+    expected = run(lambda t, y: np.array([1.0, 0.0, 2.0, 0.0, -1.0, 3.0]))
+    for value in ([1, 0, 2.0, 0, -1, 3], (1, 0, 2, 0, -1, 3), np.array([1, 0, 2, 0, -1, 3])):
+        np.testing.assert_array_equal(run(lambda t, y, value=value: value), expected)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ([1.0] * 5, r"array of shape \(6,\), got shape \(5,\)"),
+        ((1.0,) * 7, r"array of shape \(6,\), got shape \(7,\)"),
+        ([True] * 6, "6 real numbers"),
+        ([1.0] * 5 + ["1"], "6 real numbers"),
+        ([1.0] * 5 + [1j], "6 real numbers"),
+        ([1.0] * 5 + [float("nan")], "finite numbers"),
+        ((1.0,) * 5 + (np.inf,), "finite numbers"),
+        ([[1.0]] * 6, r"array of shape \(6,\), got shape \(6, 1\)"),
+        (None, "got None"),
+    ],
+)
+def test_other_results_are_refused(value, message):
+    with pytest.raises(ValueError, match=f"f must return .*{message}"):
+        run(lambda t, y: value)
+
+
+def test_an_ensemble_needs_the_shape_of_its_coefficients():
+    y0 = np.stack([Y0, Y0])
+    fine = run(lambda t, y: np.ones((2, 6)), y0)
+    np.testing.assert_array_equal(run(lambda t, y: [[1.0] * 6] * 2, y0), fine)
+    for flat in (np.ones(12), [1.0] * 12):
+        with pytest.raises(ValueError, match=r"f must return an array of shape \(2, 6\)"):
+            run(lambda t, y, flat=flat: flat, y0)
+
+
+def points_seen(keep, frame=FRAME, y0=Y0):
+    """Return what f kept of its points, and copies of the points."""
+    kept, copies = [], []
+
+    def f(t, y):
+        kept.append(keep(y))
+        copies.append(y.copy())
+        return np.linspace(0.1, 0.7, frame.dim)
+
+    run(f, y0, frame=frame)
+    return kept, copies
+
+
+def test_points_that_f_keeps_stay_as_they_were():
+    kept, copies = points_seen(lambda y: y)
+    np.testing.assert_array_equal(kept, copies)
+    assert len({y.tobytes() for y in kept}) > 8
+    kept, copies = points_seen(lambda y: y[9:])
+    np.testing.assert_array_equal(kept, np.array(copies)[:, 9:])
+    kept, copies = points_seen(memoryview)
+    np.testing.assert_array_equal([np.array(view) for view in kept], copies)
+    every_third = [0]
+
+    def sometimes(y):
+        every_third[0] += 1
+        return y if every_third[0] % 3 else None
+
+    kept, copies = points_seen(sometimes)
+    pairs = [(y, z) for y, z in zip(kept, copies, strict=True) if y is not None]
+    np.testing.assert_array_equal(*zip(*pairs, strict=True))
+
+
+@pytest.mark.parametrize("frame", [FRAME, SU(3), Power(SO3(), 2)], ids=repr)
+def test_what_f_does_to_its_point_is_undone(frame):
+    y0 = frame.random_point(np.random.default_rng(1))
+    v = np.linspace(0.1, 0.7, frame.dim)
+    seen = []
+
+    def spoil(t, y):
+        seen.append((y.shape, y.dtype, y.flags.writeable))
+        y.flags.writeable = True
+        y[...] = 7.0
+        y.flags.writeable = False
+        if len(seen) % 2:
+            y.shape = (y.size,)
+        return v
+
+    found = run(spoil, y0, frame=frame)
+    np.testing.assert_array_equal(found, run(lambda t, y: v, y0, frame=frame))
+    assert set(seen) == {(frame.point_shape, frame.dtype, False)}
+
+
+def test_f_may_integrate_itself():
+    depth = [0]
+
+    def f(t, y):
+        before = y.copy()
+        if depth[0] < 2:
+            depth[0] += 1
+            inner = run(f)
+            depth[0] -= 1
+            assert inner.shape == (9, 12)
+        np.testing.assert_array_equal(y, before)
+        return rates(t, y)
+
+    found = cg.integrate(f, (0.0, 0.25), Y0, **OPTIONS).y
+    np.testing.assert_array_equal(found, cg.integrate(rates, (0.0, 0.25), Y0, **OPTIONS).y)
