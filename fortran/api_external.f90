@@ -219,7 +219,7 @@ subroutine run_slope(address, i, m, f, evaluations, status, flag)
     if (.not. trajectory%known) then
       call make_field(run, i, field)
       point = trajectory%point
-      call evaluate(field, trajectory%t, point, trajectory%slope, failure)
+      call evaluate(field, run%problem%frame, trajectory%t, point, trajectory%slope, failure)
       evaluations = 1
       trajectory%known = failure%status == finished
     end if
@@ -251,7 +251,7 @@ subroutine run_evaluate(address, i, points, n, m, t, y, f, done, status, flag)
   run => run_at(address)
   call make_field(run, i, field)
   do done = 0, points - 1
-    call evaluate(field, t(done + 1), y(:, done + 1), f(:, done + 1), failure)
+    call evaluate(field, run%problem%frame, t(done + 1), y(:, done + 1), f(:, done + 1), failure)
     if (failure%status /= finished) exit
   end do
   status = failure%status
@@ -278,7 +278,7 @@ subroutine call_field(function_address, data_address, data_stride, t, members, n
   do done = 0, members - 1
     call make_external_field(function_address, data_address + int(done, c_intptr_t) * data_stride, &
                              field)
-    call field%coefficients(t, y(:, done + 1), f(:, done + 1), flag)
+    call field%coefficients(n, m, t, y(:, done + 1), f(:, done + 1), flag)
     if (flag /= 0) exit
   end do
 end subroutine call_field
@@ -380,7 +380,8 @@ contains
     real(wp), intent(inout) :: y(point_size, trajectories)
 
     do i = 1, trajectories
-      call move(frame, 1, flows, order, ones, order(:flows), v(:, :, i), y(:, i))
+      call move(frame, 1, flows, flows, flows, flows, order, ones, order(:flows), v(:, :, i), &
+                y(:, i))
       if (restoring) call restore(frame, y(:, i))
     end do
   end subroutine move_all

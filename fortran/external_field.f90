@@ -46,11 +46,12 @@ contains
   end subroutine make_external_field
 
   ! What the function leaves out stays NaN, which the stepper reports.
-  subroutine coefficients(self, t, y, f, flag)
+  subroutine coefficients(self, n, m, t, y, f, flag)
     class(external_field_t), intent(inout) :: self
+    integer, intent(in) :: n, m
     real(wp), intent(in) :: t
-    real(wp), contiguous, intent(in) :: y(:)       ! (point_size)
-    real(wp), contiguous, intent(out) :: f(:)      ! (dimension)
+    real(wp), intent(in) :: y(n)
+    real(wp), intent(out) :: f(m)
     integer, intent(out) :: flag
 
     f = self%nan
