@@ -99,7 +99,7 @@ def test_documented_table_is_the_catalogue(catalogue):
         ("CF6d", "exponentials", 6),
         ("CF6b", "effort", 6),
         ("CF7c", "stages", 7),
-        ("CooperVerner8", "stages", 8),
+        ("CF8a", "stages", 8),
         ("DOP853", "exponentials", 8),
         ("CF7b", "exponentials", 7),
         ("CF7b", "effort", 7),
