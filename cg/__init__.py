@@ -16,7 +16,7 @@ from .installation import check_folder
 check_folder(__path__[0])
 
 _listed, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 __distribution__ = "crouch-grossman"
 
 
