@@ -118,8 +118,9 @@ class Methods(Mapping[str, Method]):
         if isinstance(name, str) and (problem := self.own.problem(name)):
             raise MethodError(problem)
         there = "; cg.catalogue.munthe_kaas has it" if name in munthe_kaas else ""
-        there = there or near(name)
-        raise KeyError(f"no method is named {name!r}{there}; the catalogue has {', '.join(self)}")
+        hint = "" if there else near(name)
+        known = ", ".join(self)
+        raise KeyError(f"no method is named {name!r}{there}; the catalogue has {known}{hint}")
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and (name in self._package or name in self.own)
