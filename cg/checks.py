@@ -15,6 +15,7 @@ __all__ = [
     "MOST_STAGES",
     "WIDEST",
     "check_flag",
+    "check_generator",
     "check_integer",
     "check_real",
     "memory",
@@ -38,6 +39,15 @@ def check_flag(name: str, value: Any) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} must be True or False, got {value!r}")
     return bool(value)
+
+
+def check_generator(name: str, value: Any) -> np.random.Generator:
+    """Return `value` if it draws random numbers; TypeError, which names the argument, if not."""
+    if not isinstance(value, np.random.Generator):
+        raise TypeError(
+            f"{name} must be a generator such as numpy.random.default_rng(0), got {value!r}"
+        )
+    return value
 
 
 def check_real(name: str, value: Any, *, positive: bool = False, most: float = math.inf) -> float:

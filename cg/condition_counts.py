@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from functools import lru_cache
+from functools import cache
 
 from . import _core_r64
-from .checks import check_integer
+from .checks import check_flag, check_integer
 from .trees import MOST_NODES, forest
 
 __all__ = [
@@ -37,7 +37,6 @@ def check_order(order: int, highest: int | None = HIGHEST_ORDER) -> int:
     return checked
 
 
-@lru_cache(maxsize=None, typed=True)  # typed, or True would be found as 1
 def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
     """Return the indices of the trees whose conditions give this order.
 
@@ -54,7 +53,11 @@ def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
     >>> condition_trees(3), condition_trees(3, independent=True)
     ((2, 3, 4, 5, 6, 7, 8, 9), (2, 4, 6, 8, 9))
     """
-    order = check_order(order, None)
+    return _condition_trees(check_order(order, None), check_flag("independent", independent))
+
+
+@cache
+def _condition_trees(order: int, independent: bool) -> tuple[int, ...]:
     trees = forest(order + 1)
     indices = range(2, len(trees) + 1)
     if not independent:
@@ -62,7 +65,6 @@ def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
     return tuple(index for index in indices if trees.is_independent(index))
 
 
-@lru_cache(maxsize=None, typed=True)
 def table_rows(order: int) -> tuple[int, ...]:
     """Return the paper's integer table: tree indices, zero where a tree can be discarded.
 

@@ -34,7 +34,7 @@ from .condition_counts import (
     right_sides,
     table_rows,
 )
-from .layout import Layout, Rows, check_rows, rows_of, unknowns
+from .layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
 from .oracle import (
     HasTree,
     ball_residuals_of,
@@ -114,6 +114,7 @@ def unpack(
     >>> unpack([0.5, 0.0, 1.0], stages=2)
     ([[0, 0], [0.5, 0]], [0.0, 1.0])
     """
+    check_length(x, unknowns(stages, rows))  # before there is a layout of so many stages
     *a, b = Layout.tableau(stages, rows).full_rows(x)
     return a, b
 
@@ -209,6 +210,7 @@ def weights_at(
     >>> weights_at(layout, np.array([0.5, 0.0, 1.0]), 2)
     array([1. , 0.5, 0.5])
     """
+    order, x = _check_packed(layout, x, order)
     return compiled_conditions.weights(order, layout, x, _trees(order, independent))
 
 
@@ -237,6 +239,7 @@ def residuals_at(
     >>> residuals_at(Layout.tableau(2), np.array([0.5, 0.0, 1.0]), 2)
     array([0., 0., 0.])
     """
+    order, x = _check_packed(layout, x, order)
     return compiled_conditions.residuals(order, layout, x, _trees(order, independent))
 
 
@@ -255,6 +258,7 @@ def jacobian_at(
     >>> jacobian_at(Layout.tableau(2), np.array([0.5, 0.0, 1.0]), 1)
     array([[0., 1., 1.]])
     """
+    order, x = _check_packed(layout, x, order)
     trees = _trees(order, independent)
     return np.ascontiguousarray(compiled_conditions.jacobian(order, layout, x, trees))
 
@@ -317,6 +321,21 @@ def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDA
             f"a must have shape ({stages}, {stages}) to match b, got {checked[0].shape}"
         )
     return checked[0], weights_
+
+
+def _check_packed(
+    layout: Layout, x: NDArray[np.float64], order: int
+) -> tuple[int, NDArray[np.float64]]:
+    """Return the order and `x`, which compiled code reads as far as the layout says."""
+    if not isinstance(layout, Layout):
+        raise TypeError(f"layout must be a Layout, got {layout!r}")
+    try:
+        array = np.asarray(x)
+    except ValueError:  # lists of several lengths
+        array = np.array(None)
+    if np.ma.is_masked(x) or array.dtype.kind not in "iuf" or array.shape != (layout.size,):
+        raise ValueError(f"x must have {layout.size} real numbers, got {x!r}")
+    return check_order(order), array.astype(np.float64, copy=False)
 
 
 def _packed(

@@ -242,10 +242,7 @@ class Layout:
             If x isn't a sequence of `size` numbers, or the layout isn't that of a tableau.
         """
         _ = self._tableau_rows
-        if isinstance(x, str | bytes) or not isinstance(x, Sized):
-            raise ValueError(f"x must be a sequence of numbers, got {x!r}")
-        if len(x) != self.size:
-            raise ValueError(f"x must have {self.size} entries, got {len(x)}")
+        check_length(x, self.size)
         return [[x[k] for k in self.row(r)] for r in range(len(self.ends))]
 
     def full_rows(self, x: Sequence[T] | NDArray[Any]) -> list[list[T | int]]:
@@ -311,6 +308,15 @@ def _tableau(stages: int, rows: Rows, pair: bool) -> Layout:
             last = len(parents) - 1
         ends.append(last)
     return Layout(tuple(parents), tuple(columns), tuple(ends[:stages]), tuple(ends[stages:]), rows)
+
+
+def check_length(x: Any, size: int) -> None:
+    """Raise ValueError unless `x` is a sequence of so many numbers."""
+    scalar = isinstance(x, str | bytes) or not isinstance(x, Sized)
+    if scalar or (isinstance(x, np.ndarray) and x.ndim != 1):
+        raise ValueError(f"x must be a sequence of numbers, got {x!r}")
+    if len(x) != size:
+        raise ValueError(f"x must have {size} entries, got {len(x)}")
 
 
 def _row_lengths(stages: int, rows: Rows, pair: bool) -> tuple[int, ...]:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from functools import lru_cache
+from functools import cache
 from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,7 @@ from .commutator_free import CommutatorFree
 from .method import TOLERANCE_FACTOR, Method, read_coefficient
 from .oracle import HasTree
 from .points import MethodError
+from .trees import MOST_NODES
 
 if TYPE_CHECKING:
     from flint import fmpq
@@ -138,6 +139,8 @@ def two_registers(method: Method) -> Registers | None:
     >>> [str(x) for x in a], [str(x) for x in b]
     (['0', '-17/32', '-32/27'], ['1/4', '8/9', '3/4'])
     """
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
     if not method.explicit or method.embedded_result is not None:
         return None
     stages = method.stages
@@ -176,7 +179,6 @@ def _units(method: Method) -> list[dict[int, Fraction]]:
     return [{k: w.unit for k, w in row.items()} for row in method.point_coefficients]
 
 
-@lru_cache(maxsize=None, typed=True)
 def rooted_trees(order: int) -> tuple[RootedTree, ...]:
     """Return the rooted trees with at most so many nodes, children unordered, by their size.
 
@@ -190,8 +192,13 @@ def rooted_trees(order: int) -> tuple[RootedTree, ...]:
     tuple of nested tuples
         1, 1, 2, 4, 9, 20, … of them have 1, 2, 3, 4, 5, 6, … nodes.
     """
+    return _rooted_trees(check_integer("order", order, 1, MOST_NODES))
+
+
+@cache
+def _rooted_trees(order: int) -> tuple[RootedTree, ...]:
     by_size: list[list[RootedTree]] = [[], [()]]
-    for nodes in range(2, check_integer("order", order, 1) + 1):
+    for nodes in range(2, order + 1):
         by_size.append(list(_forests(nodes - 1, nodes - 1, by_size)))
     return tuple(tree for trees in by_size for tree in trees)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import conditions
-from .checks import check_integer
+from .checks import check_flag, check_integer
 from .coefficients import Coefficient
 from .later import Later
 from .layout import Layout
@@ -112,6 +112,7 @@ class Method(ABC):
         >>> cg.methods["CF5(4)"].description()
         'order 5(4), 7 evaluations, 9 flows'
         """
+        complete = check_flag("complete", complete)
         parts = [f"{self.stages} evaluation{'s' * (self.stages != 1)}"]
         parts.append(f"{self.exponentials} flow{'s' * (self.exponentials != 1)}")
         if complete or self._order_is_cheap:
@@ -294,6 +295,7 @@ class Method(ABC):
 
         The tolerance is that of `exact_order`.
         """
+        order = check_integer("order", order, 1)
         layout, x = self.layout, self._floats
         rough = np.abs(conditions.residuals_at(layout, x, order, independent=True))
         sizes = conditions.weights_at(layout, np.abs(x), order, independent=True)
@@ -399,6 +401,11 @@ def read_texts(
         if not isinstance(text, str):
             raise error(f"{label} must be a str, got {text!r}")
     order, residual = nominal
+    if order is not None:
+        try:
+            order = check_integer("order", order, 1)
+        except (TypeError, ValueError) as problem:
+            raise error(f"nominal_order: {problem}") from None
     if (order is None) != (residual is None):
         raise error("nominal_order and nominal_residual must be given together")
     if residual is not None:

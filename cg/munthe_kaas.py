@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .checks import check_flag, check_integer
 from .coefficients import Coefficient
 from .flat import flat_order
 from .layout import Layout
@@ -191,7 +192,7 @@ class MuntheKaas(Method):
 
     def satisfies(self, order: int) -> bool:
         """Tell whether the conditions of vector spaces hold through an order."""
-        return self.exact_order >= order
+        return self.exact_order >= check_integer("order", order, 1)
 
     def residuals(self, order: int, *, embedded: bool = False) -> tuple[Fraction, ...]:
         """Return ``Φ(t) - 1/γ(t)`` for rooted trees through an order, which are exact.
@@ -203,6 +204,7 @@ class MuntheKaas(Method):
         embedded : bool, optional
             Of the second weights.
         """
+        embedded = check_flag("embedded", embedded)
         a, b = self.tableau.exact
         if embedded and self.exact_embedded is None:
             raise ValueError(f"embedded: {self!r} has no second result")
@@ -220,7 +222,7 @@ class MuntheKaas(Method):
         order : int, optional
             q, by default the method's own order.
         """
-        order = self.order if order is None else order
+        order = self.order if order is None else check_integer("order", order, 0)
         lower = len(rooted_trees(order)) if order else 0
         return float(np.linalg.norm([float(r) for r in self.residuals(order + 1)[lower:]]))
 

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from .checks import check_flag, check_integer
 from .condition_counts import check_order, condition_trees, right_sides
-from .points import START, PointTree, tree_of_rows
+from .points import START, PointTree, points_of, tree_of_rows
 from .precision import working_precision
 from .texts import read_fraction
 from .trees import forest
@@ -32,6 +33,8 @@ __all__ = [
 ]
 
 ExactRows = Sequence[Sequence[Any]]
+
+_MOST_BITS = 1_000_000  # beyond, a sum of products would take hours
 
 
 class HasTree(Protocol):
@@ -133,7 +136,7 @@ def ball_residuals_of(
     order, independent
         As for `residuals_exact`.
     bits : int, optional
-        Precision of the midpoints.
+        Precision of the midpoints, at most a million.
 
     Returns
     -------
@@ -148,6 +151,7 @@ def ball_residuals_of(
     """
     order = check_order(order, None)
     tree = result_tree(method, False)
+    bits = check_integer("bits", bits, 2, _MOST_BITS)
     with working_precision(bits):
         found = exact_weights(tree, order, condition_trees(order, independent), _ball)
         sides = right_sides(order, independent)
@@ -238,8 +242,8 @@ def _word_weights(
 
 def result_tree(method: HasTree, embedded: bool) -> PointTree:
     """Return the points of one of a method's results alone."""
-    tree = method.tree
-    if not embedded:
+    tree = points_of(method)
+    if not check_flag("embedded", embedded):
         return replace(tree, embedded_result=None)
     if tree.embedded_result is None:
         raise ValueError(f"embedded: {method!r} has no second result")
@@ -247,7 +251,8 @@ def result_tree(method: HasTree, embedded: bool) -> PointTree:
 
 
 def _rationals(entries: Any, name: str) -> list[Fraction]:
-    if not isinstance(entries, Iterable) or isinstance(entries, str | bytes):
+    sequence = isinstance(entries, Iterable) and not isinstance(entries, str | bytes)
+    if not sequence or (isinstance(entries, np.ndarray) and entries.ndim == 0):
         raise ValueError(f"{name} must be a sequence of numbers, got {entries!r}")
     return [_rational(entry, name) for entry in entries]
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
-__all__ = ["START", "MethodError", "Point", "PointTree", "check_tree", "tree_of_rows"]
+__all__ = ["START", "MethodError", "Point", "PointTree", "check_tree", "points_of", "tree_of_rows"]
 
 START = -1
 """The index of the point that a step starts from."""
@@ -132,6 +132,14 @@ class PointTree:
             same = Point(parent, point.weights)
             merged[m] = first.setdefault(same, m) if point.weights else parent
         return merged
+
+
+def points_of(method: Any) -> PointTree:
+    """Return the points of a method or of a tree of points; TypeError if it is anything else."""
+    tree = getattr(method, "tree", None)
+    if not isinstance(tree, PointTree):
+        raise TypeError(f"method must be a Method or a PointTree, got {method!r}")
+    return tree
 
 
 def check_tree(tree: PointTree) -> None:

@@ -41,6 +41,7 @@ DECIMAL_DIGITS = 36
 _PRECISION = 113
 _MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
 _MAX_EXPONENT = 16383 - 112
+_MOST_DIGITS = 100_000
 _LONGEST = 100  # decimal places up to which numbers are written without an exponent
 
 
@@ -105,7 +106,11 @@ def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
         If a value is beyond the largest binary128 number.
     ValueError
         If a value isn't a finite number.
+    TypeError
+        If there is no sequence of values.
     """
+    if not isinstance(values, Iterable) or (isinstance(values, np.ndarray) and values.ndim == 0):
+        raise TypeError(f"values must be a sequence of numbers, got {values!r}")
     packed = b"".join(_encode_one(_exact(value)) for value in values)
     return np.frombuffer(packed, dtype=np.int8).reshape(-1, 16).copy()
 
@@ -217,9 +222,9 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS) -> str:
 
     Parameters
     ----------
-    value : Fraction
+    value : Fraction or int
     digits : int, optional
-        At least 1; 36 keep a binary128 number apart from all others.
+        From 1 to 100000; 36 keep a binary128 number apart from all others.
 
     Returns
     -------
@@ -227,7 +232,9 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS) -> str:
         Without trailing zeros, ``"0"`` for zero. Positional, except that magnitudes beyond
         ``10**±100`` are written as in ``"-1.25e-4950"``.
     """
-    check_integer("digits", digits, 1)
+    if not isinstance(value, Fraction | int) or isinstance(value, bool):
+        raise TypeError(f"value must be a Fraction, got {value!r}")
+    digits = check_integer("digits", digits, 1, _MOST_DIGITS)
     if value == 0:
         return "0"
     magnitude = abs(value)

@@ -67,7 +67,7 @@ def checked_settings(
     order = check_order(order)
     stages = check_integer("stages", stages, 1, MOST_STAGES)
     seed = check_integer("seed", seed, 0)
-    if algorithm not in ALGORITHMS:
+    if not isinstance(algorithm, str) or algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
     rows = check_rows(rows)
     force = check_flag("force", force)

@@ -59,6 +59,8 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
     """
     from flint import fmpq, fmpq_mat
 
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
     a, b = method.exact
     row = [fmpq(x.numerator, x.denominator) for x in b]
     matrix = fmpq_mat([[fmpq(x.numerator, x.denominator) for x in entries] for entries in a])

@@ -12,7 +12,7 @@ import numpy as np
 
 from .checks import check_integer
 from .coefficients import Coefficient
-from .layout import Layout, Rows, rows_of
+from .layout import Layout, Rows, check_length, rows_of, unknowns
 from .method import ExactTableau, Method, read_coefficient, read_texts
 from .points import MethodError, PointTree, tree_of_rows
 from .quad import DECIMAL_DIGITS, to_decimal
@@ -151,13 +151,15 @@ class Tableau(Method):
         """
         if digits is not None:
             try:
-                check_integer("digits", digits, 1, DECIMAL_DIGITS)
+                digits = check_integer("digits", digits, 1, DECIMAL_DIGITS)
             except ValueError as error:
                 raise TableauError(str(error)) from None
-            entries = enumerate(_listed(x, "x"), 1)
-            x = [to_decimal(_read(entry, f"x_{k}").value, digits) for k, entry in entries]
+            numbers = enumerate(_listed(x, "x"), 1)
+            x = [to_decimal(_read(entry, f"x_{k}").value, digits) for k, entry in numbers]
         try:
-            *a, b = Layout.tableau(stages, rows).full_rows(_listed(x, "x"))
+            entries = _listed(x, "x")
+            check_length(entries, unknowns(stages, rows))  # before there is a layout of so many
+            *a, b = Layout.tableau(stages, rows).full_rows(entries)
         except ValueError as error:
             raise TableauError(str(error)) from None
         return cls(a, b, **names)

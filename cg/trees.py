@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 from math import comb
 
 __all__ = ["Forest", "OrderedTree", "catalan", "forest"]
@@ -245,7 +245,6 @@ class Forest:
         return {tree: index for index, tree in enumerate(self._trees, 1)}
 
 
-@lru_cache(maxsize=None, typed=True)  # typed, or True would be found as 1
 def forest(max_nodes: int) -> Forest:
     """Return the `Forest` of all ordered trees with at most `max_nodes` nodes.
 
@@ -260,6 +259,11 @@ def forest(max_nodes: int) -> Forest:
         raise TypeError(f"max_nodes must be an int, got {max_nodes!r}")
     if not 1 <= max_nodes <= MOST_NODES:
         raise ValueError(f"max_nodes must be between 1 and {MOST_NODES}, got {max_nodes}")
+    return _forest(max_nodes)
+
+
+@cache
+def _forest(max_nodes: int) -> Forest:
     columns: tuple[list[int], ...] = ([1], [0], [0], [0], [0], [1])
     nodes, first, rest, prefix, last, density = columns
     children: list[tuple[int, ...]] = [()]

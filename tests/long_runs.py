@@ -28,14 +28,19 @@ LONG: dict[str, tuple[str, str, Command]] = {
     ),
     "fuzz": (
         "Spoilt files of methods, certificates and stores; functions that raise or return "
-        "something else at any call",
+        "something else at any call; hostile arguments of everything public",
         "`test_fuzz_*.py`",
-        _tests("tests/test_fuzz_readers.py", "tests/test_fuzz_callbacks.py", CG_FUZZ=str(FUZZ)),
+        _tests(
+            "tests/test_fuzz_readers.py",
+            "tests/test_fuzz_callbacks.py",
+            "tests/test_fuzz_arguments.py",
+            CG_FUZZ=str(FUZZ),
+        ),
     ),
     "kills": (
         "Searches, constructions and reproductions killed at random moments",
         "`test_kills.py`",
-        _tests("tests/test_kills.py", CG_KILLS=str(KILLS)),
+        _tests("tests/test_kills.py", CG_KILLS=str(KILLS), CG_KILLS_REPORT="{folder}/kills.jsonl"),
     ),
     "engines": (
         "Searches in processes and on Dask: the run, a worker or the scheduler killed at random "
@@ -74,7 +79,7 @@ LONG: dict[str, tuple[str, str, Command]] = {
 
 # How many cases a test stands for
 PER_TEST = {"differential": 1000, "kills": KILLS, "engines": ENGINE_KILLS}
-TEXTS = 150 + 80 + 150 + 100 + 40 + 150 + 80 + 30  # of one round of fuzzing
+TEXTS = 150 + 80 + 150 + 100 + 40 + 150 + 80 + 30 + 300  # of one round of fuzzing
 
 
 def figures(name: str, folder: Path) -> dict[str, Any]:
@@ -88,21 +93,38 @@ def figures(name: str, folder: Path) -> dict[str, Any]:
     return {"cases": number, "found": f"{failed} tests fail" if failed else "all as wanted"}
 
 
-# Mutants that survived: "since" where a test was written that kills them, "same" where nothing is
-# different
+# Mutants that survived, by module, line and change: "since" where a test was written that kills
+# them, "same" where nothing is different
+EQUALITY = ("same", "the class has its own `__eq__` and `__hash__`")
 FROZEN = ("since", "nobody tried to change a value; `test_values.py` does")
 EXPLAINED = {
-    ("cg.trees", "True → False"): FROZEN,
-    ("cg.certification.krawczyk", "True → False"): FROZEN,
-    ("cg.certification.systems", "True → False"): (
+    ("cg.trees", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
+    ("cg.points", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
+    (
+        "cg.tableau",
+        "@dataclass(frozen=True, init=False, eq=False, repr=False)",
+        "False → True",
+    ): EQUALITY,
+    ("cg.certification.certificate", "@dataclass(frozen=True)", "True → False"): FROZEN,
+    ("cg.certification.krawczyk", "@dataclass(frozen=True)", "True → False"): FROZEN,
+    ("cg.certification.systems", "@dataclass(frozen=True)", "True → False"): FROZEN,
+    (
+        "cg.certification.systems",
+        "for value, word in zip(found, words, strict=True)",
+        "True → False",
+    ): ("same", "both sequences are made of the same words"),
+    (
+        "cg.condition_counts",
+        "of_size = [0] * (order + 1)  # Σ d t_d over the divisors d of each k",
+        "1 → 2",
+    ): ("same", "a list is one longer than what is read of it"),
+    ("cg.points", "continue", "continue → break"): (
         "same",
-        "one is `frozen`, which `test_values.py` sees since; one the `strict` of a `zip` over "
-        "sequences of one length",
+        "only the last of two results may be missing",
     ),
-    ("cg.certification.certificate", "True → False"): FROZEN,
-    ("cg.condition_counts", "1 → 2"): ("same", "a list is one longer than what is read of it"),
-    ("cg.oracle", "raise ValueError(f'a must be a sequence of rows, got {a!r}') → pass"): (
-        "since",
-        "`a` that is no sequence was given to the compiled functions alone",
-    ),
+    (
+        "cg.tableau",
+        'labels = [f"a_{i}{separator}{j}" for j in range(1, stages + 1)]',
+        "1 → 2",
+    ): ("same", "of the end of a range: one label more than there are entries"),
 }

@@ -2,7 +2,8 @@
 
 It runs the tests about that, counts their cases, and writes ``docs/reliability.md``. What takes
 longer is in ``docs/reliability.json`` with the day on which it was run; ``python
-tests/reliability.py NAME ...`` runs it again, one of the names in `LONG` or all.
+tests/reliability.py NAME ...`` runs it again, one of the names in `LONG`. With ``NAME=FOLDER`` it
+takes the figures of a run that has written into a folder.
 """
 
 import datetime
@@ -17,7 +18,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from long_runs import EXPLAINED, LONG, figures
+from long_runs import EXPLAINED, LONG, Command, figures
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reliability.md"
@@ -113,6 +114,12 @@ def planted(run: dict[str, Any]) -> list[str]:
     return lines
 
 
+def explained(mutant: dict[str, str]) -> tuple[str, str]:
+    """Return what became of a mutant that survived, and why."""
+    key = mutant["module"], mutant["code"], mutant["change"]
+    return EXPLAINED.get(key, ("open", "open"))
+
+
 def mutants(run: dict[str, Any]) -> list[str]:
     """Return the lines about mutants of Python modules."""
     total = Counter(mutant["outcome"] for mutant in run["mutants"])
@@ -134,16 +141,14 @@ def mutants(run: dict[str, Any]) -> list[str]:
     notes = []
     for module, own in sorted(modules.items()):
         left = [mutant for mutant in own if mutant["outcome"] == "survived"]
-        counts = Counter(
-            EXPLAINED.get((module, mutant["change"]), ("open", ""))[0] for mutant in left
-        )
+        counts = Counter(explained(mutant)[0] for mutant in left)
         lines.append(
             f"| `{module}` | {len(own)} | {len(own) - len(left)} | {counts['since']} "
             f"| {counts['same']} | {counts['open']} |"
         )
         for mutant in left:
-            why = EXPLAINED.get((module, mutant["change"]), ("", "open"))[1]
-            notes.append(f"- `{module}`, line {mutant['line']}, `{mutant['change']}`: {why}.")
+            why = explained(mutant)[1]
+            notes.append(f"- `{module}`, `{mutant['change']}` in `{mutant['code']}`: {why}.")
     return [*lines, "", "Those that survived:", "", *notes]
 
 
@@ -185,17 +190,23 @@ def page() -> str:
     return "\n".join(lines) + "\n"
 
 
+def run(command: Command, folder: str) -> None:
+    """Run one of the commands that take long; it writes into a folder."""
+    values = {"folder": folder, "python": sys.executable}
+    variables = {name: value.format(**values) for name, value in command.variables}
+    arguments = [word.format(**values) for word in command.words]
+    subprocess.run(arguments, cwd=ROOT, env={**os.environ, **variables}, check=False)
+
+
 def run_again(names: list[str]) -> None:
-    """Run what takes long, and keep its figures."""
+    """Run what takes long, or take what was written into a folder; keep its figures."""
     stored = json.loads(STORED.read_text("utf-8")) if STORED.exists() else {}
-    for name in names:
-        _, _, command = LONG[name]
-        with tempfile.TemporaryDirectory() as folder:
-            variables = {**os.environ, **dict(command.variables)}
-            arguments = [
-                word.format(folder=folder, python=sys.executable) for word in command.words
-            ]
-            subprocess.run(arguments, cwd=ROOT, env=variables, check=False)
+    for argument in names:
+        name, _, written = argument.partition("=")
+        with tempfile.TemporaryDirectory() as made:
+            folder = written or made
+            if not written:
+                run(LONG[name][2], folder)
             stored[name] = {
                 "date": datetime.date.today().isoformat(),
                 **figures(name, Path(folder)),

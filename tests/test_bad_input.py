@@ -8,7 +8,15 @@ from cg import conditions
 from cg.catalogue import dumps, load, loads, save
 from cg.certification import certificate_of
 from cg.certification import check as prove
-from cg.conditions import Rows, check_rows, count, residuals, residuals_exact, unknowns
+from cg.conditions import (
+    Rows,
+    check_rows,
+    count,
+    count_classical,
+    residuals,
+    residuals_exact,
+    unknowns,
+)
 from cg.construction import (
     Goals,
     compose,
@@ -93,7 +101,7 @@ def test_names_of_methods_to_certify():
     "function",
     [
         count,
-        conditions.count_classical,
+        count_classical,
         conditions.condition_trees,
         conditions.table_rows,
         lambda order: residuals([[0]], [1], order),
@@ -121,6 +129,11 @@ def test_orders(function):
 def test_orders_with_more_trees_than_memory(function):
     with pytest.raises(ValueError, match="order must be at most 13, got 99"):
         function(99)
+
+
+def test_orders_of_classical_conditions():
+    with pytest.raises(ValueError, match="order must be at most 2000, got 2001"):
+        count_classical(2001)
 
 
 def test_numbers_of_stages():

@@ -72,6 +72,15 @@ def test_every_explicit_method_runs(method, affine):
     assert fast.nexp == slow.nexp
 
 
+@pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])
+def test_rounding_off_the_manifold_does_not_add_up(name, affine):
+    problem = PROBLEMS[name]
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "method": "CG2", "h": 1 / 16384}
+    end = integrate(f, (0.0, 1.0), problem.y0, save_every=16384, **options).y[-1]
+    assert problem.frame.membership_error(end) < 1e-15  # of all steps it would be 1e-14
+
+
 @pytest.mark.parametrize("size", [1e-300, 1e-160, 1e-154, 1e-9, 1e-4, 30.0, 3e3])
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])
 def test_large_and_tiny_rotations(name, size, affine):

@@ -47,7 +47,10 @@ def test_compiled_flows_are_the_frames(frame, batch):
     assert frame.membership_error(moved).max() < 1e-15
 
 
-@pytest.mark.parametrize("frame", [SO3(), UnitQuaternion(), Sphere(2), SU(2)], ids=repr)
+CURVED = [SO3("space"), SO3(), UnitQuaternion(), Sphere(2), SU(2), SO(2), SO(4), SU(3), U(1)]
+
+
+@pytest.mark.parametrize("frame", CURVED, ids=repr)
 def test_a_point_off_the_manifold_is_led_to_the_same_point(frame):
     rng = np.random.default_rng(11)
     points, fields = frame.random_point(rng, (20,)), frame.random_vector(rng, (20, 3))
@@ -56,6 +59,18 @@ def test_a_point_off_the_manifold_is_led_to_the_same_point(frame):
     points = points + 1e-9 * off
     moved = flows_of(frame)(WEIGHTS * fields, points)
     np.testing.assert_allclose(moved, _Flows(frame)(WEIGHTS * fields, points), rtol=0, atol=1e-14)
+    assert frame.membership_error(moved).max() < 1e-15
+
+
+@pytest.mark.parametrize("frame", [SE3(), SE3("space")], ids=repr)
+def test_a_motion_off_the_group_is_led_to_the_same_rotation(frame):
+    rng = np.random.default_rng(12)
+    points, fields = frame.random_point(rng, (20,)), frame.random_vector(rng, (20, 3))
+    points[..., :3, :3] += 1e-9 * rng.standard_normal((20, 3, 3))
+    moved = flows_of(frame)(WEIGHTS * fields, points)
+    wanted = _Flows(frame)(WEIGHTS * fields, points)
+    np.testing.assert_allclose(moved[..., :3], wanted[..., :3], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(moved, wanted, rtol=0, atol=1e-8)
     assert frame.membership_error(moved).max() < 1e-15
 
 

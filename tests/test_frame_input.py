@@ -217,3 +217,12 @@ def test_frames_too_large_for_any_machine(frame, dim):
     group = frame if isinstance(frame, MatrixGroup) else frame.group
     with pytest.raises(MemoryError, match=r"is too large: the matrices of its .* fields need"):
         group.basis  # noqa: B018
+
+
+@pytest.mark.parametrize("u", [[np.inf, 0.2, 0.3], [1e200, 0.2, 0.3], [np.nan, 0.2, 0.3]])
+def test_what_overflows_is_not_taken_for_commuting(u):
+    """Beyond a turn there is no derivative of coordinates, unless they commute."""
+    with np.errstate(all="ignore"):
+        assert np.isnan(SO3().dexpinv(u, [0.1, 0.2, 0.3])).all()
+        frame = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]])
+        assert np.isnan(frame.dexpinv([u[0], 0.2], [0.2, 0.1], order=4)).all()

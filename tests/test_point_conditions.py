@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from flint import arb, fmpq
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from quad_core import residuals_quad
 from strategies import dyadics, point_trees, rationals, tableaux
@@ -99,6 +99,7 @@ class TestResiduals:
         )
 
     @settings(deadline=None, max_examples=40)
+    @example(methods["CF4"].tree, 5)  # a stage whose path begins where another's ends
     @given(point_trees(), st.integers(2, 5))
     def test_derivatives_are_exact_differences(self, tree, order):
         layout, x = Layout.of_tree(tree), floats(tree)

@@ -11,6 +11,7 @@ import cg
 # They work for one run alone
 CHANGE = {
     "cg.certification.spanned.Spanned",
+    "cg.construction.construct._Told",
     "cg.integration.compiled_stepper.CompiledStepper",
     "cg.integration.python_stepper.PythonStepper",
     "cg.integration.stepper.Counts",

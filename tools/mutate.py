@@ -31,15 +31,15 @@ ROOT = Path(__file__).parents[1]
 CPU_SECONDS = 120
 WALL_SECONDS = 900
 
-CERTIFICATION = "certify_weights krawczyk flat_rows orthogonality certify"
+CERTIFICATION = "values certify_weights krawczyk flat_rows orthogonality certify"
 INTEGRATION = "integration_input solve_ivp integrate events compiled_output ensembles dense"
 # Cases that take long, and see what others see
 LONG = "not Stiefel and not Coadjoint and not second_way and not spacecraft and not slopes"
 TESTS = {  # module: files of tests in the order in which they are run
-    "cg.trees": "trees conditions",
-    "cg.conditions": "conditions points",
-    "cg.condition_counts": "conditions trees",
-    "cg.oracle": "conditions points",
+    "cg.trees": "trees values conditions",
+    "cg.conditions": "bad_input conditions point_conditions points",
+    "cg.condition_counts": "bad_input conditions trees",
+    "cg.oracle": "bad_input conditions point_conditions points",
     "cg.points": "points point_conditions",
     "cg.tableau": "tableau points catalogue",
     "cg.commutator_free": "points catalogue",
@@ -52,7 +52,7 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.integration.interpolation": "dense events munthe_kaas compiled_output",
     "cg.integration.python_stepper": INTEGRATION,
     "cg.integration.step": INTEGRATION,
-    "cg.certification.krawczyk": "krawczyk certify",
+    "cg.certification.krawczyk": "values krawczyk certify",
     "cg.certification.find": CERTIFICATION,
     "cg.certification.prove": CERTIFICATION,
     "cg.certification.statement": CERTIFICATION,
@@ -61,7 +61,7 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.certification.weights": "certify_weights points krawczyk certify",
     "cg.certification.systems": CERTIFICATION,
     "cg.certification.identities": "orthogonality flat_rows certify",
-    "cg.certification.certificate": "hostile_text certify krawczyk",
+    "cg.certification.certificate": "values hostile_text certify krawczyk",
     "cg.certification.digits": "krawczyk certify tableau points",
     "cg.certification.words": CERTIFICATION,
     "cg.frames.power": "frame_product compiled gradient_flow problems frames",
@@ -233,10 +233,12 @@ class Mutator(ast.NodeTransformer):
 
 
 def mutants(path: Path) -> list[dict[str, Any]]:
-    """Return number, line and change of each mutant of a file."""
+    """Return number, line, the text of the line and the change of each mutant of a file."""
+    text = path.read_text("utf-8")
+    lines = text.splitlines()
     mutator = Mutator()
-    mutator.visit(ast.parse(path.read_text("utf-8")))
-    return mutator.found
+    mutator.visit(ast.parse(text))
+    return [{**mutant, "code": lines[mutant["line"] - 1].strip()} for mutant in mutator.found]
 
 
 class Loader(importlib.machinery.SourceFileLoader):
@@ -369,13 +371,13 @@ def run(modules: Sequence[str], size: int, seed: int, output: Path) -> Iterator[
     known = set()
     if output.exists():
         records = map(json.loads, output.read_text("utf-8").splitlines())
-        known = {(record["module"], record["line"], record["change"]) for record in records}
+        known = {(record["module"], record["number"], record["change"]) for record in records}
     log = output.with_suffix(".log")
     for module in modules:
         todo = [
             mutant
             for mutant in sampled(module, size, seed)
-            if (module, mutant["line"], mutant["change"]) not in known
+            if (module, mutant["number"], mutant["change"]) not in known
         ]
         if todo and (found := outcome(module, None, log)) != "survived":
             print(f"{module}: {found} without a change, see {log}", file=sys.stderr, flush=True)

@@ -170,7 +170,11 @@ class Certificate:
         ------
         CertificationError
             If a key is missing, unknown, or has a value of the wrong kind.
+        TypeError
+            If `text` isn't a str.
         """
+        if not isinstance(text, str):
+            raise TypeError(f"text must be a str, got {text!r}")
         entry = read_toml(text, CertificationError)
         kinds: dict[str, type] = {
             "name": str,

@@ -152,7 +152,10 @@ def movable(system: ConditionSystem, frozen: Sequence[int] | NDArray[np.intp]) -
     ValueError
         If `frozen` isn't a sequence of indices of entries.
     """
-    array = np.asarray(frozen)
+    try:
+        array = np.asarray(frozen)
+    except ValueError:  # lists of several lengths
+        array = np.array(None)
     indices = array.ndim == 1 and (array.dtype.kind in "iu" or not array.size)
     if not (indices and ((array >= 0) & (array < system.size)).all()):
         raise ValueError(

@@ -52,6 +52,8 @@ def compose(
     for label, value in (("methods", methods), ("gammas", gammas)):
         if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
             raise TypeError(f"{label} must be a sequence, got {value!r}")
+        if isinstance(value, np.ndarray) and value.ndim == 0:
+            raise TypeError(f"{label} must be a sequence, got {value!r}")
     if not len(methods) or len(methods) != len(gammas):
         raise ValueError(
             f"gammas must have one entry a method, got {len(gammas)} for {len(methods)} methods"

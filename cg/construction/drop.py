@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_real
+from ..checks import check_generator, check_integer, check_real
 from ..solve.singular import finish
 from ..solve.system import ConditionSystem, Structure
 from ..tree_shapes import held_weights
@@ -85,6 +85,7 @@ def drop_stage(
         If an argument is out of its range.
     """
     check_candidate(candidate)
+    check_generator("random", random)
     if candidate.system.embedded:
         raise ValueError("candidate must be one method, got a pair")
     tries = check_integer("tries", tries, 1)

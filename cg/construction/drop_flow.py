@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_real
+from ..checks import check_generator, check_integer, check_real
 from ..layout import Layout
 from ..points import START
 from .candidate import Candidate, check_candidate, solved
@@ -121,6 +121,7 @@ def _first_solved(
     iterations: int,
     accept: Callable[[Candidate], bool],
 ) -> Candidate | None:
+    check_generator("random", random)
     tries = check_integer("tries", tries, 1)
     iterations = check_integer("iterations", iterations, 1)
     largest = check_real("largest", largest, positive=True)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..checks import check_integer
+from ..checks import WIDEST, check_generator, check_integer, check_real
 from ..solve.system import Structure
 from .candidate import Candidate, check_candidate, correct, solved
 from .drop import drop_stage, held
@@ -45,6 +45,8 @@ def eliminate_stage(
     """
     check_candidate(candidate)
     stage = check_integer("stage", stage, 0, candidate.system.stages - 1)
+    largest = check_real("largest", largest, positive=True)
+    budget = check_integer("budget", budget, 1)
     column = candidate.column(stage)
     target = candidate.x[column].copy()
     left, step, used = 1.0, 0.2, 0
@@ -75,6 +77,10 @@ def walk(
     candidate: Candidate, random: np.random.Generator, *, size: float = 0.3, largest: float = 4.0
 ) -> Candidate:
     """Return another point of the solution set, a random step of this Euclidean length away."""
+    check_candidate(candidate)
+    check_generator("random", random)
+    size = check_real("size", size, most=WIDEST)
+    largest = check_real("largest", largest, positive=True)
     for _ in range(6):
         free = candidate.system.free
         x = candidate.x.copy()
@@ -123,6 +129,10 @@ def eliminate(
     Candidate
         With one stage less than the one before.
     """
+    check_candidate(candidate)
+    check_generator("random", random)
+    stages = check_integer("stages", stages, 1)
+    restarts = check_integer("restarts", restarts, 0)
     stuck = 0
     while candidate.system.stages > stages:
         found = None

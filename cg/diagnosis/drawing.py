@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ..points import START, PointTree
+from ..checks import check_integer
+from ..points import START, points_of
 from ..trees import OrderedTree
 
 __all__ = ["draw_points", "draw_tree"]
@@ -41,7 +42,7 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     ----------
     method : cg.Method or PointTree
     digits : int, optional
-        Significant digits of weights.
+        Significant digits of weights, at most 17.
 
     Examples
     --------
@@ -52,7 +53,7 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     │   └── point 3: -0.0833333 F1 + 0.75 F3; result
     └── point 2: 0.666667 F2; stage 3
     """
-    tree: PointTree = method.tree
+    tree, digits = points_of(method), check_integer("digits", digits, 1, 17)
     below: dict[int, list[int]] = {m: [] for m in range(START, len(tree.points))}
     for m, point in enumerate(tree.points):
         below[point.parent].append(m)

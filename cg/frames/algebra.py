@@ -15,6 +15,7 @@ from cg.frames.dexpinv import frobenius, series_dexpinv
 # Up to this dimension products of coefficients with structure constants take less time than those
 # of matrices.
 MOST_CONSTANTS = 16
+_MOST_ORDER = 200  # of a Runge-Kutta method, which all the terms of the series serve
 
 
 class FieldAlgebra(ABC):
@@ -94,7 +95,7 @@ class FieldAlgebra(ABC):
         ValueError
             If a last axis hasn't length ``dim``, or ``order`` is no positive integer.
         """
-        check_integer("order", order, 1)
+        order = check_integer("order", order, 1, _MOST_ORDER)
         return self._dexpinv(self._vectors(u, "u"), self._vectors(v), order)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cg.checks import check_generator
 
 __all__ = [
     "Array",
@@ -18,6 +21,7 @@ __all__ = [
     "check_size",
     "complex_array",
     "is_array",
+    "is_complex_array",
     "real_array",
 ]
 
@@ -26,6 +30,8 @@ Points = NDArray[Any]
 """Points and tangents: float64 or complex128, as `Frame.dtype` says."""
 
 Convention = Literal["body", "space"]
+
+_MOST_POINTS = 2**40  # more than fit into any memory
 
 Size = int | Sequence[int]
 """The leading axes of random points, or the length of one such axis."""
@@ -39,6 +45,14 @@ def is_array(value: Any, dtype: Any) -> TypeGuard[Points]:
 def real_array(value: Any, name: str) -> Array:
     """Return ``value`` as a new C-ordered float64 array; ValueError if it isn't real numbers."""
     return _number_array(value, name, np.float64, "iufO", "real")
+
+
+def is_complex_array(value: Any) -> bool:
+    """Return whether what is given for an array has complex numbers."""
+    try:
+        return np.iscomplexobj(value)
+    except (TypeError, ValueError):
+        return False
 
 
 def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
@@ -77,11 +91,12 @@ def check_convention(convention: Any) -> None:
 
 def check_random(rng: Any, size: Any) -> tuple[int, ...]:
     """Return ``size`` as a tuple after checking the arguments of random points and vectors."""
-    if not isinstance(rng, np.random.Generator):
-        raise TypeError(f"rng must be a generator such as numpy.random.default_rng(0), got {rng!r}")
+    check_generator("rng", rng)
     axes = size if isinstance(size, tuple | list) else (size,)
     if any(isinstance(n, bool) or not isinstance(n, int | np.integer) for n in axes):
         raise TypeError(f"size must be an integer or a tuple of integers, got {size!r}")
     if any(n < 0 for n in axes):
         raise ValueError(f"size must not be negative, got {size!r}")
+    if math.prod(map(int, axes)) > _MOST_POINTS:
+        raise ValueError(f"size must be at most {_MOST_POINTS} in all, got {size!r}")
     return tuple(map(int, axes))

@@ -100,7 +100,9 @@ def series_dexpinv(
     if terms and bound is not None and (far := bound >= _RADIUS).any():
         growth, commuting = _growth(adjoint, v, bound, axes)
         far = far.reshape(*far.shape, *[1] * axes)
-        total = np.where(far & commuting, v, np.where(far & (growth >= _RADIUS), np.nan, total))
+        finite = np.isfinite(bound).reshape(far.shape)  # nothing is known of what overflows
+        sums = ~far | (finite & (growth < _RADIUS))
+        total = np.where(far & finite & commuting, v, np.where(sums, total, np.nan))
     return total
 
 
@@ -181,7 +183,8 @@ def _beyond_a_turn(found: Array, half: Array, u: Array, v: Array, once: Array) -
     if not beyond.any():
         return found
     lengths = [np.linalg.norm(x, axis=-1) for x in (u, v, once)]
-    apart = lengths[2] > _COMMUTE * lengths[0] * lengths[1]
+    bound = _COMMUTE * lengths[0] * lengths[1]
+    apart = ~(np.isfinite(bound) & (lengths[2] <= bound))  # nothing is known of what overflows
     return np.where(beyond[..., None], np.where(apart[..., None], np.nan, v), found)
 
 

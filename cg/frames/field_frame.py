@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -93,7 +93,7 @@ class FieldFrame(UserFrame):
         random_point: Function | None = None,
         bracket: Function | None = None,
     ) -> None:
-        if callable(fields) or not isinstance(fields, Iterable):
+        if callable(fields) or not _has_many(fields):
             raise TypeError(f"fields must be a sequence of functions, got {fields!r}")
         functions = tuple(fields)
         if not functions:
@@ -104,7 +104,7 @@ class FieldFrame(UserFrame):
         ]:
             if not callable(value):
                 raise TypeError(f"{name} must be a function, got {value!r}")
-        lengths = point_shape if isinstance(point_shape, Iterable) else (point_shape,)
+        lengths = point_shape if _has_many(point_shape) else (point_shape,)
         shape = tuple(check_size(length, name="point_shape") for length in lengths)
         if dtype not in (float, complex, np.float64, np.complex128):
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")
@@ -205,3 +205,8 @@ class FieldFrame(UserFrame):
         arguments = [(vector, 1), (point, len(self._point_shape))]
         moved = self._call("flow", self._flow, arguments, self.point_shape, self.dtype)
         return self.restore(moved)
+
+
+def _has_many(value: Any) -> TypeGuard[Iterable[Any]]:
+    """Return whether a value can be iterated over, which an array without axes only seems to."""
+    return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, complex_array, real_array
+from cg.frames.arrays import Array, Points, Size, complex_array, is_complex_array, real_array
 from cg.frames.base import MEMBERSHIP_TOLERANCE
 from cg.frames.block_kinds import LARGEST_MATRIX, BlockKind, Blocks
 from cg.frames.homogeneous import HomogeneousSpace
@@ -87,7 +87,7 @@ class IsospectralOrbit(HomogeneousSpace):
         ValueError
             If ``y0`` isn't a finite square matrix, or not symmetric.
         """
-        is_complex = np.iscomplexobj(y0)
+        is_complex = is_complex_array(y0)
         point: Points = complex_array(y0, "y0") if is_complex else real_array(y0, "y0")
         if point.ndim != 2 or point.shape[0] != point.shape[1] or not np.isfinite(point).all():
             raise ValueError(f"y0 must be a finite square matrix, got {y0!r}")
@@ -159,6 +159,10 @@ class IsospectralOrbit(HomogeneousSpace):
         orbit.
         """
         point = self._points(y)
+        finite = np.asarray(np.isfinite(point).all(axis=(-2, -1)))
+        if not finite.all():  # for which there may be no eigenvalues
+            error = self.membership_error(np.where(finite[..., None, None], point, 0.0))
+            return np.where(finite, error, np.nan)
         adjoint = point.mT.conj()
         skew = np.linalg.matrix_norm(0.5 * (point - adjoint), ord=2)
         eigenvalues = np.linalg.eigvalsh(0.5 * (point + adjoint))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, check_size, complex_array, real_array
+from cg.frames.arrays import Array, Points, check_size, complex_array, is_complex_array, real_array
 from cg.frames.base import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
@@ -68,7 +68,7 @@ class MatrixFrame(UserFrame):
         project: Function | None = None,
         random_point: Function | None = None,
     ) -> None:
-        is_complex = np.iscomplexobj(matrices)
+        is_complex = is_complex_array(matrices)
         array: Points = (complex_array if is_complex else real_array)(matrices, "matrices")
         if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
             raise ValueError(f"matrices must have shape (m, n, n), got {array.shape}")

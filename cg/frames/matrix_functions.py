@@ -277,6 +277,8 @@ def unit_step(y: Points) -> Points:
 def distance_from_unitary(y: Points, *, special: bool) -> Array:
     r"""Return the 2-norm distance to the nearest matrix with orthonormal columns.
 
+    It is NaN of matrices that aren't finite.
+
     Parameters
     ----------
     y
@@ -287,6 +289,10 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
         value is turned round, so that a reflection is at distance 2; the polar factor of a
         complex matrix, with determinant :math:`e^{i\theta}`, is turned by :math:`-\theta / n`.
     """
+    finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))
+    if not finite.all():  # for which there may be no singular values
+        error = distance_from_unitary(np.where(finite[..., None, None], y, 0.0), special=special)
+        return np.where(finite, error, np.nan)
     if not special:
         singular = np.linalg.svd(y, compute_uv=False)
         return np.asarray(np.abs(singular - 1.0).max(axis=-1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -149,7 +150,7 @@ class MatrixGroup(Frame):
 
     def _algebra_projection(self, matrices: Points) -> Array:
         """Return the coefficients of the orthogonal projections of matrices onto the algebra."""
-        flat = matrices.reshape(*matrices.shape[:-2], -1)
+        flat = matrices.reshape(*matrices.shape[:-2], math.prod(matrices.shape[-2:]))
         return np.asarray((flat @ self._dual.conj().T).real)
 
     @cached_property

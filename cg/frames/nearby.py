@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -121,7 +122,9 @@ def newton_correction(frame: MovingFrame, v: Array, start: Points, y: Points, en
 
 def _lengths(points: Points) -> Array:
     """Return the Euclidean norms of points, shape ``(count,)``."""
-    return np.asarray(np.linalg.norm(points.reshape(len(points), -1), axis=-1))
+    return np.asarray(
+        np.linalg.norm(points.reshape(len(points), math.prod(points.shape[1:])), axis=-1)
+    )
 
 
 def shortest_coefficients(
@@ -138,7 +141,10 @@ def shortest_coefficients(
     tolerance
         Singular values below this fraction of the largest count as zero.
     """
-    rows = np.ascontiguousarray(fields).reshape(*fields.shape[:2], -1).view(np.float64)
-    right = np.ascontiguousarray(tangent).reshape(len(tangent), -1).view(np.float64)
+    size = math.prod(fields.shape[2:])
+    rows = np.ascontiguousarray(fields).reshape(*fields.shape[:2], size).view(np.float64)
+    right = np.ascontiguousarray(tangent).reshape(len(tangent), size).view(np.float64)
+    finite = np.asarray(np.isfinite(rows).all(axis=(1, 2)))[:, None]
+    rows = np.where(finite[..., None], rows, 0.0)  # there may be no singular values otherwise
     inverse = np.linalg.pinv(rows.mT, rcond=tolerance)
-    return np.asarray((inverse @ right[..., None])[..., 0])
+    return np.where(finite, (inverse @ right[..., None])[..., 0], np.nan)

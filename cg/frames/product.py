@@ -181,6 +181,9 @@ class Product(Frame):
     def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' shortest coefficients, joined: shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
+        lead = np.broadcast_shapes(vector.shape[:-1], point.shape[:-1])
+        vector = np.broadcast_to(vector, (*lead, self.dim))
+        point = np.broadcast_to(point, (*lead, *self.point_shape))
         parts = zip(self.factors, self._split_vector(vector), self._split(point), strict=True)
         return np.concatenate([factor.shortest(u, x) for factor, u, x in parts], axis=-1)
 

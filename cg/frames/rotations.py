@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array
+from cg.frames.arrays import Array, real_array
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -62,7 +62,7 @@ def hat(v: ArrayLike) -> Array:
     >>> hat([0.0, 0.0, 1.0]) @ [1.0, 0.0, 0.0]
     array([0., 1., 0.])
     """
-    vector = np.asarray(v, dtype=np.float64)
+    vector = real_array(v, "v")
     if vector.ndim == 0 or vector.shape[-1] != 3:
         raise ValueError(f"v must have shape (..., 3), got {vector.shape}")
     # Explicit placement, not a product with the generators: 0 * inf must not spread NaN.
@@ -96,7 +96,7 @@ def vee(matrix: ArrayLike) -> Array:
     >>> vee(hat([1.0, 2.0, 3.0]))
     array([1., 2., 3.])
     """
-    m = np.asarray(matrix, dtype=np.float64)
+    m = real_array(matrix, "matrix")
     if m.shape[-2:] != (3, 3):
         raise ValueError(f"matrix must have shape (..., 3, 3), got {m.shape}")
     skew = 0.5 * (m - np.swapaxes(m, -1, -2))

@@ -16,6 +16,7 @@ from functools import cached_property
 from itertools import permutations, product
 from math import factorial, prod
 
+from ..checks import MOST_STAGES, check_integer
 from ..conditions import condition_trees, exact_weights, right_sides
 from ..points import START, Point, PointTree
 from ..trees import OrderedTree, forest
@@ -256,7 +257,12 @@ def read_shape(text: str, stages: int) -> Shape | PathShape:
     ------
     ValueError
         If it names none with so many stages.
+    TypeError
+        If it is no str, or `stages` no integer.
     """
+    if not isinstance(text, str):
+        raise TypeError(f"text must be a str, got {text!r}")
+    stages = check_integer("stages", stages, 0, MOST_STAGES)
     if text == "tableau":
         return TableauShape(stages)
     flows = text.removeprefix("path of ")

@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
+from cg.checks import LARGEST_COUNT
 from cg.frames.base import Frame
 from cg.integration.arguments import check_count
 from cg.integration.compiled_rhs import CompiledRhs
@@ -137,7 +138,7 @@ def integrate(
     """
     problem = make_problem(f, frame, method, y0, parameters=parameters, stage_solver=stage_solver)
     check_order(problem.method, stacklevel=3)
-    save_every = check_count(save_every, "save_every")
+    save_every = min(check_count(save_every, "save_every"), LARGEST_COUNT)
     workers = check_count(workers, "workers")
     if workers != 1 and not (isinstance(problem.rhs, CompiledRhs) and problem.in_compiled_code):
         raise ValueError(

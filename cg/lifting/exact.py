@@ -61,7 +61,7 @@ def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
     """
     jacobian = splitting.jacobian(x)
     left, values, right = linalg.svd(jacobian, full_matrices=False)
-    rank = int(np.sum(values > _GAP * values[0]))
+    rank = int(np.sum(values > _GAP * values.max(initial=0.0)))
     inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
     # from orthonormal directions to the unknowns, which are entries themselves
     inverse = splitting.directions[splitting.free] @ inverse

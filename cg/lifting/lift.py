@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_flag, check_integer
+from ..checks import MOST_STAGES, check_flag, check_integer
 from ..commutator_free import CommutatorFree
 from ..conditions import HIGHEST_ORDER
 from ..flat import flat_order, stage_orders
@@ -186,7 +186,7 @@ def lift(
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
     lengths = _check_shape(rows, order, flows, chains)
     if flows is not None:
-        flows = check_integer("flows", flows, len(rows.own) + 1)
+        flows = check_integer("flows", flows, len(rows.own) + 1, MOST_STAGES)
     seed = check_integer("seed", seed, 0)
     tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
     reduce, improve = check_flag("reduce", reduce), check_flag("improve", improve)
@@ -275,13 +275,17 @@ def _check_shape(
         return [*(min(_STAGE_CHAINS[order], k) for k in rows.own), _CHAINS[order]]
     if flows is not None:
         raise ValueError("flows and chains exclude each other")
+    if isinstance(chains, str | bytes) or not isinstance(chains, Sequence | np.ndarray):
+        raise TypeError(f"chains must be a sequence of integers, got {chains!r}")
+    if isinstance(chains, np.ndarray) and chains.ndim != 1:
+        raise ValueError(f"chains must be a sequence of integers, got shape {chains.shape}")
     lengths = list(chains)
     if len(lengths) != len(rows.own) + 1:
         raise ValueError(
             f"chains must have {len(rows.own) + 1} lengths, of stages and the result, "
             f"got {len(lengths)}"
         )
-    return [check_integer("a length in chains", length, 1) for length in lengths]
+    return [check_integer("a length in chains", length, 1, MOST_STAGES) for length in lengths]
 
 
 def _start(splitting: Splitting, generator: np.random.Generator) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_real
-from .style import FAINT, axes_for, curve_style
+from .style import FAINT, axes_for, check_label, curve_style
 
 __all__ = ["convergence", "work_precision"]
 
@@ -124,6 +124,7 @@ def work_precision(
 
 
 def _draw(x: NDArray[np.float64], errors: NDArray[np.float64], ax: Any, label: str | None) -> Any:
+    check_label(label)
     ax = axes_for(ax)
     order = np.argsort(x)
     ax.plot(x[order], errors[order], label=label, **curve_style(ax))
@@ -155,7 +156,7 @@ def _pairs(
     for label, values in ((name, x), ("errors", errors)):
         try:
             found.append(np.asarray(values, dtype=np.float64))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"{label} must be a vector of numbers, got {values!r}") from None
     numbers, sizes = found
     if numbers.ndim != 1 or numbers.shape != sizes.shape:

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["COLOURS", "FAINT", "axes_for", "blank", "curve_style", "spatial_axes_for"]
+__all__ = [
+    "COLOURS",
+    "FAINT",
+    "axes_for",
+    "blank",
+    "check_label",
+    "curve_style",
+    "spatial_axes_for",
+]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Those of Okabe and Ito, which stay apart for colour-blind readers."""
@@ -74,3 +82,9 @@ def curve_style(ax: Any) -> dict[str, Any]:
         "linewidth": 1.4,
         "gid": _CURVE,
     }
+
+
+def check_label(label: Any) -> None:
+    """Raise TypeError unless a label is a text, or there is none."""
+    if label is not None and not isinstance(label, str):
+        raise TypeError(f"label must be a str or None, got {label!r}")

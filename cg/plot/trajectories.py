@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .style import COLOURS, spatial_axes_for
+from .style import COLOURS, check_label, spatial_axes_for
 
 __all__ = ["trajectory_of_axes", "trajectory_on_sphere"]
 
@@ -53,11 +53,14 @@ def trajectory_on_sphere(
     '3d'
     """
     points = _points(y, (3,))
+    check_label(label)
+    if color is not None and not isinstance(color, str):
+        raise TypeError(f"color must be a str or None, got {color!r}")
     ax = spatial_axes_for(ax)
     radius = float(np.linalg.norm(points, axis=-1).max())
     number = len(ax.get_lines())
     _draw_sphere(ax, radius)
-    colour = color or COLOURS[number % len(COLOURS)]
+    colour = COLOURS[number % len(COLOURS)] if color is None else color
     _draw_path(ax, points, colour, label)
     if label is not None:
         ax.legend(frameon=False, fontsize=8)
@@ -103,7 +106,7 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     from ..checks import check_integer
 
     matrices = _points(y.as_matrix() if hasattr(y, "as_matrix") else y, (3, 3))
-    triads = check_integer("triads", triads, 0)
+    triads = min(check_integer("triads", triads, 0), len(matrices))
     ax = spatial_axes_for(ax)
     _draw_sphere(ax, 1.0)
     for k, name in enumerate(_NAMES):
@@ -121,7 +124,7 @@ def _points(y: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     values = getattr(y, "y", y)
     try:
         points = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"y must be an array of numbers, got {y!r}") from None
     if points.ndim != 1 + len(shape) or points.shape[1:] != shape or len(points) == 0:
         wanted = ", ".join(("n", *map(str, shape)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..checks import check_flag
 from ..trees import OrderedTree
 from .style import COLOURS, axes_for, blank
 
@@ -60,7 +61,7 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
     ax.set_aspect("equal", anchor="S")
     ax.set_xlim(min(xs) - 0.6, max(xs) + 0.6)
     ax.set_ylim(-0.4, max(ys) + 0.4)
-    if title:
+    if check_flag("title", title):
         ax.set_xlabel(f"{tree}   γ = {tree.density}")
     return ax
 

@@ -66,7 +66,7 @@ class AffineField:
     def __post_init__(self) -> None:
         if not isinstance(self.frame, Frame):
             raise TypeError(f"frame must be a Frame such as SO3(), got {self.frame!r}")
-        check_integer("seed", self.seed, 0)
+        object.__setattr__(self, "seed", check_integer("seed", self.seed, 0))
         if self.frame.dtype.kind != "f":
             raise ValueError(
                 f"frame must have real points, such as Product({self.frame!r}), got {self.frame!r}"

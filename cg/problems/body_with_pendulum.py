@@ -148,7 +148,7 @@ class BodyWithPendulum:
 
     def places(self, y: ArrayLike) -> tuple[Array, Array]:
         """Return where the pendulum hangs and where its mass is (m), each ``(..., 3)``."""
-        turn, q, _, _ = _parts(np.asarray(y, dtype=np.float64))
+        turn, q, _, _ = _parts(self.frame._points(y))
         joint = turn @ np.array(self.joint)
         return joint, joint + self.length * q
 
@@ -157,7 +157,7 @@ class BodyWithPendulum:
 
         Energy (J), momentum (kg m²/s) and rate (rad/s) have shape ``(...)``; the rate is zero.
         """
-        points = np.asarray(y, dtype=np.float64)
+        points = self.frame._points(y)
         turn, q, body, rod = _parts(points)
         (mass, m), inertia = self.masses, np.array(self.inertia)
         _, place = self.places(points)

@@ -118,7 +118,7 @@ class DoubleSphericalPendulum:
 
     def places(self, y: ArrayLike) -> tuple[Array, Array]:
         """Return the places of the masses (m), each of shape ``(..., 3)``."""
-        q1, q2, _, _ = _parts(np.asarray(y, dtype=np.float64))
+        q1, q2, _, _ = _parts(self.frame._points(y))
         first = self.lengths[0] * q1
         return first, first + self.lengths[1] * q2
 
@@ -129,7 +129,7 @@ class DoubleSphericalPendulum:
         components of the angular velocities along the rods (rad/s), have shape ``(..., 2)``;
         they are zero.
         """
-        q1, q2, w1, w2 = _parts(np.asarray(y, dtype=np.float64))
+        q1, q2, w1, w2 = _parts(self.frame._points(y))
         (m11, m12, m22), (g1, g2) = self._inertia(), self._weights()
         v1, v2 = np.cross(w1, q1), np.cross(w2, q2)
         kinetic = 0.5 * (

@@ -157,7 +157,7 @@ class GradientFlow:
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
         """Return the determinants of the links, shape ``(..., links)``, which are one."""
-        return {"determinant": np.asarray(np.linalg.det(complex_array(y, "y")))}
+        return {"determinant": np.asarray(np.linalg.det(self.frame._points(y)))}
 
     def reference(self, times: Sequence[Time], *, bits: int = 160) -> Reference:
         """Return the solution at given times in extended precision.

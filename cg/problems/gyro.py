@@ -71,7 +71,11 @@ class GyroAttitude:
             object.__setattr__(self, name, value)
         object.__setattr__(self, "_span", (float(times[0]), float(times[-1])))
         object.__setattr__(self, "_beyond", (times[1] - times[0], times[-1] - times[-2]))
-        object.__setattr__(self, "_spline", scipy.interpolate.CubicSpline(times, rates))
+        try:
+            spline = scipy.interpolate.CubicSpline(times, rates)
+        except ValueError:  # slopes beyond the range of doubles
+            raise ValueError("rates must have differences that are finite") from None
+        object.__setattr__(self, "_spline", spline)
 
     @property
     def frame(self) -> UnitQuaternion:
@@ -107,7 +111,7 @@ class GyroAttitude:
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
         """Return the quaternion's length, shape ``(...)``; a driven rotation conserves no more."""
-        return {"length": np.asarray(np.linalg.norm(y, axis=-1))}
+        return {"length": np.asarray(np.linalg.norm(self.frame._points(y), axis=-1))}
 
 
 @dataclass(frozen=True)

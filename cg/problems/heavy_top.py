@@ -89,7 +89,8 @@ class HeavyTop:
     gravity = Fraction(981, 100)
 
     def __post_init__(self) -> None:
-        if self.reading not in ("momentum", "velocity"):
+        known = isinstance(self.reading, str) and self.reading in ("momentum", "velocity")
+        if not known:
             raise ValueError(f'reading must be "momentum" or "velocity", got {self.reading!r}')
         try:
             angle = read_fraction(self.phi_over_pi)

@@ -87,7 +87,10 @@ class TodaFlow:
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
         """Return the eigenvalues, increasing, shape ``(..., n)``."""
-        return {"eigenvalues": np.linalg.eigvalsh(np.asarray(y, dtype=np.float64))}
+        points = self.frame._points(y)
+        if not np.isfinite(points).all():
+            raise ValueError(f"y must be finite, got {points}")
+        return {"eigenvalues": np.linalg.eigvalsh(points)}
 
     def exact(self, t: ArrayLike) -> Array:
         r"""Return the solution at given times, shape ``(..., n, n)``.
@@ -96,6 +99,9 @@ class TodaFlow:
         diagonal.  Long times are divided, so that the exponential stays well conditioned.
         """
         times = times_array(t)
+        most = _MOST_PARTS / max(1.0, self.frame.spectrum[-1] - self.frame.spectrum[0])
+        if times.size and np.abs(times).max() > most:
+            raise ValueError(f"t must be at most {most:.3g}, got {t!r}")
         spread = self.frame.spectrum[-1] - self.frame.spectrum[0]
         found = np.empty((*times.shape, *self.y0.shape))
         for index, time in np.ndenumerate(times):
@@ -105,6 +111,9 @@ class TodaFlow:
                 matrix = _moved(matrix, time / parts)
             found[index] = matrix
         return found
+
+
+_MOST_PARTS = 100_000  # that a time is divided into
 
 
 def _moved(matrix: Array, t: float) -> Array:

@@ -81,7 +81,7 @@ class TwoLevelSystem:
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
         """Return the norms of the columns, shape ``(..., 2)``, and the determinant, ``(...)``."""
-        u = np.asarray(y, dtype=np.complex128)
+        u = self.frame._points(y)
         return {
             "norms": np.asarray(np.linalg.norm(u, axis=-2)),
             "determinant": np.asarray(np.linalg.det(u)),

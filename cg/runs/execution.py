@@ -277,6 +277,10 @@ class _Pool:
             self._make = executor
         if self._make is not None:
             self.executor = self._make()
+        if not callable(getattr(self.executor, "submit", None)):
+            raise TypeError(
+                f"executor must return an executor, which takes work, got {self.executor!r}"
+            )
         self.workers = workers or _workers_of(self.executor)
 
     def __enter__(self) -> _Pool:

@@ -352,6 +352,12 @@ def _checked(given: Any) -> Path:
     if not isinstance(given, str | os.PathLike):
         raise TypeError(f"store must be a path, got {given!r}")
     path = Path(given)
+    try:
+        encoded = os.fsencode(path)
+    except UnicodeEncodeError:
+        encoded = b"\0"
+    if b"\0" in encoded:
+        raise ValueError(f"store must be a path that the system can write, got {given!r}")
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "store must be a file", str(path))
     # a device or a pipe may never end

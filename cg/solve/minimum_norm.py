@@ -16,7 +16,7 @@ from scipy.linalg import cython_blas, cython_lapack
 
 from cg import _minimum_norm
 
-from ..checks import check_flag, check_integer
+from ..checks import LARGEST_COUNT, check_flag, check_integer, check_real
 from ..compiled_conditions import fit_minimum_norm
 from ..parallel import stoppable
 from ..shared_numbers import MinimumNormStatus
@@ -99,11 +99,9 @@ def fit_conditions(
     if x.shape != (size,) or not np.isfinite(x).all():
         raise ValueError(f"x0 must have {size} finite entries, got shape {x.shape}: {x}")
     indices = system.moving(free)
-    if not 0 <= ftol < np.inf:
-        raise ValueError(f"ftol must be finite and not negative, got {ftol}")
-    if not 0 < damping < np.inf:
-        raise ValueError(f"damping must be finite and positive, got {damping}")
-    max_iterations = check_integer("max_iterations", max_iterations, 0)
+    ftol = check_real("ftol", ftol)
+    damping = check_real("damping", damping, positive=True)
+    max_iterations = check_integer("max_iterations", max_iterations, 0, LARGEST_COUNT)
     accurate = check_flag("accurate", accurate)
     trees, owner = system.conditions(independent=True)
     moving = (indices + 1).astype(np.intc)

@@ -94,7 +94,7 @@ class ConditionSystem:
             raise ValueError(f"order must be at least 2 for an embedded pair, got {self.order}")
         try:
             structure = Structure(self.structure)
-        except ValueError:
+        except (TypeError, ValueError):
             names = ", ".join(map(str, Structure.__members__))
             raise ValueError(f"structure must be one of {names}, got {self.structure!r}") from None
         object.__setattr__(self, "structure", structure)

@@ -1,0 +1,532 @@
+"""Calls of everything public that work, whose arguments `test_fuzz_arguments.py` exchanges."""
+
+import contextlib
+import inspect
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import matplotlib.figure
+import numpy as np
+from frame_examples import HEISENBERG
+
+import cg
+from cg import (
+    catalogue,
+    certification,
+    conditions,
+    construction,
+    diagnosis,
+    frames,
+    impossibility,
+    low_storage,
+    plot,
+    problems,
+    quad,
+    stability,
+    trees,
+)
+from cg.frames import FlowOverflowError
+
+
+class Call(NamedTuple):
+    """What is called, with arguments that are right, and the errors of its own."""
+
+    function: Callable[..., Any]
+    arguments: dict[str, Any]
+    own: tuple[type[Exception], ...] = ()
+
+
+RNG = np.random.default_rng(0)
+PAIR, CG3, CF4 = cg.methods["CG4(3)"], cg.methods["CG3"], cg.methods["CF4"]
+TREE = trees.OrderedTree.parse("[[]]")
+SO3 = frames.SO3()
+EULER = {"a": [[0.0, 0.0], [0.5, 0.0]], "b": [0.0, 1.0]}
+X = np.linspace(0.1, 0.6, 6)
+CANDIDATE = construction.pack_method(CG3)
+SOLVED = cg.solve_ivp(lambda t, y: [0.1, 0.2, 0.3], (0, 1), np.eye(3), frame=SO3, dense_output=True)
+
+
+def turning(t, y):
+    return np.array([0.3, -0.2 * np.cos(t), 0.1])
+
+
+def residual(x):
+    return np.array([x[0] - 1.0, x[1] + 2.0])
+
+
+def axes():
+    return matplotlib.figure.Figure().add_subplot()
+
+
+EXAMPLES: dict[str, Call] = {
+    "solve_ivp": Call(
+        cg.solve_ivp,
+        {
+            "f": turning,
+            "t_span": (0.0, 1.0),
+            "y0": np.eye(3),
+            "frame": SO3,
+            "method": "CG4(3)",
+            "rtol": 1e-3,
+            "atol": 1e-3,
+            "t_eval": [0.25, 0.5],
+            "dense_output": True,
+            "events": lambda t, y: t - 0.7,
+            "max_step": 0.5,
+            "first_step": 0.1,
+            "max_steps": 100,
+            "progress": lambda t, end: None,
+        },
+        (cg.ConvergenceError,),
+    ),
+    "solve_ivp, implicit": Call(
+        cg.solve_ivp,
+        {
+            "f": turning,
+            "t_span": (0.0, 0.5),
+            "y0": np.eye(3),
+            "frame": SO3,
+            "method": "ImplicitMidpoint",
+            "h": 0.25,
+            "args": None,
+            "stage_solver": "fixed-point",
+        },
+        (cg.ConvergenceError,),
+    ),
+    "integrate": Call(
+        cg.integrate,
+        {
+            "f": turning,
+            "t_span": (0.0, 0.5),
+            "y0": np.eye(3),
+            "frame": SO3,
+            "method": "CG3",
+            "h": 0.25,
+            "stage_solver": "fixed-point",
+            "save_every": 1,
+            "workers": 1,
+            "parameters": None,
+            "progress": None,
+        },
+        (cg.ConvergenceError,),
+    ),
+    "search": Call(
+        cg.search,
+        {
+            "order": 2,
+            "stages": 2,
+            "starts": 2,
+            "seed": 1,
+            "algorithm": "minimum-norm",
+            "rows": "explicit",
+            "width": 1.0,
+            "maxfev": 50,
+            "refine_below": 1e-15,
+            "refine_maxfev": 3,
+            "workers": 1,
+            "executor": None,
+            "store": None,
+            "progress": None,
+            "force": False,
+            "tree": None,
+            "flows": None,
+            "embedded": False,
+            "first_same_as_last": False,
+        },
+        (OSError,),
+    ),
+    "construct": Call(
+        cg.construct,
+        {
+            "order": 3,
+            "stages": 3,
+            "seed": 1,
+            "tries": 1,
+            "largest": 3.0,
+            "restarts": 1,
+            "full_rank": False,
+            "structure": cg.Structure.GENERAL,
+            "first_stages": 3,
+            "width": 1.0,
+            "iterations": 20,
+            "workers": 1,
+            "executor": None,
+            "store": None,
+            "progress": None,
+            "force": True,
+            "tree": None,
+            "flows": None,
+            "first_flows": None,
+            "embedded": False,
+            "first_same_as_last": False,
+        },
+        (OSError,),
+    ),
+    "lift": Call(
+        cg.lift,
+        {
+            "tableau": CG3,
+            "order": 3,
+            "embedded_order": None,
+            "flows": None,
+            "chains": None,
+            "seed": 0,
+            "tries": 2,
+            "hits": 1,
+            "reduce": False,
+            "improve": False,
+            "max_iterations": 50,
+            "name": "",
+            "source": "",
+        },
+        (cg.LiftError,),
+    ),
+    "certify": Call(
+        cg.certify, {"method": "CG3", "order": 3, "small": False}, (cg.CertificationError,)
+    ),
+    "diagnose": Call(cg.diagnose, {"method": "CG3", "c": [0, Fraction(3, 4), Fraction(17, 24)]}),
+    "export": Call(cg.export, {"method": CG3, "format": "python", "digits": 20}),
+    "lmdif": Call(
+        cg.lmdif,
+        {
+            "f": residual,
+            "x0": [0.0, 0.0],
+            "ftol": 1e-8,
+            "xtol": 1e-8,
+            "gtol": 0.0,
+            "maxfev": 100,
+            "epsfcn": 1e-16,
+            "factor": 100.0,
+            "diag": [1.0, 1.0],
+        },
+    ),
+    "Tableau": Call(
+        cg.Tableau,
+        {
+            "a": [[0, 0], ["1/2", 0]],
+            "b": [0, 1],
+            "name": "x",
+            "source": "y",
+            "b_embedded": [1, 0],
+            "explicit": True,
+            "nominal_order": 2,
+            "nominal_residual": "1e-3",
+        },
+    ),
+    "Tableau.from_packed": Call(
+        cg.Tableau.from_packed, {"x": ["1/2", 0, 1], "stages": 2, "rows": "explicit", "digits": 9}
+    ),
+    "CommutatorFree": Call(
+        cg.CommutatorFree,
+        {
+            "points": [(-1, {0: "1/2"}), (-1, {1: 1})],
+            "stage_points": [-1, 0],
+            "result": 1,
+            "embedded_result": 0,
+            "third": None,
+            "name": "x",
+            "source": "y",
+            "nominal_order": None,
+            "nominal_residual": None,
+        },
+    ),
+    "MuntheKaas": Call(cg.MuntheKaas, {"tableau": CG3, "third": None, "name": "x", "source": "y"}),
+    "methods[]": Call(cg.methods.__getitem__, {"name": "CG3"}, (KeyError,)),
+    "Solution.sol": Call(SOLVED.sol, {"t": [0.25, 0.5]}),
+    "digits": Call(CG3.digits, {"digits": 20, "embedded": False, "certificate": None}),
+    "Method.largest_residual": Call(CG3.largest_residual, {"order": 3}),
+    "Method.principal_error": Call(CG3.principal_error, {"order": 3}),
+    "Method.satisfies": Call(CG3.satisfies, {"order": 3}),
+    "Method.description": Call(CG3.description, {"complete": False}),
+    "MuntheKaas.residuals": Call(
+        catalogue.munthe_kaas["RKMK5(4)"].residuals, {"order": 3, "embedded": False}
+    ),
+    "Certificate.loads": Call(
+        cg.Certificate.loads, {"text": cg.certify("CG3").dumps()}, (cg.CertificationError,)
+    ),
+    "certification.check": Call(
+        certification.check,
+        {"certificate": cg.certify("CG3"), "method": CG3},
+        (cg.CertificationError,),
+    ),
+    "conditions.residuals": Call(conditions.residuals, {**EULER, "order": 3, "independent": False}),
+    "conditions.residuals_exact": Call(
+        conditions.residuals_exact, {**EULER, "order": 3, "independent": False}
+    ),
+    "conditions.weights": Call(conditions.weights, {**EULER, "order": 3, "independent": False}),
+    "conditions.jacobian": Call(
+        conditions.jacobian, {**EULER, "order": 3, "independent": False, "rows": None}
+    ),
+    "conditions.pack": Call(conditions.pack, {**EULER, "rows": None}),
+    "conditions.unpack": Call(
+        conditions.unpack, {"x": [0.5, 0.0, 1.0], "stages": 2, "rows": conditions.Rows.EXPLICIT}
+    ),
+    "conditions.count": Call(conditions.count, {"order": 4, "independent": True}),
+    "conditions.count_classical": Call(conditions.count_classical, {"order": 4}),
+    "conditions.condition_trees": Call(
+        conditions.condition_trees, {"order": 4, "independent": True}
+    ),
+    "conditions.right_sides": Call(conditions.right_sides, {"order": 4, "independent": True}),
+    "conditions.table_rows": Call(conditions.table_rows, {"order": 4}),
+    "conditions.unknowns": Call(conditions.unknowns, {"stages": 4, "rows": "explicit"}),
+    "conditions.check_rows": Call(conditions.check_rows, {"rows": "explicit"}),
+    "conditions.residuals_of": Call(
+        conditions.residuals_of,
+        {"method": PAIR, "order": 3, "independent": False, "embedded": True},
+    ),
+    "conditions.exact_residuals_of": Call(
+        conditions.exact_residuals_of,
+        {"method": PAIR, "order": 3, "independent": False, "embedded": True},
+    ),
+    "conditions.weights_at": Call(
+        conditions.weights_at, {"layout": CG3.layout, "x": X, "order": 3, "independent": False}
+    ),
+    "conditions.residuals_at": Call(
+        conditions.residuals_at, {"layout": CG3.layout, "x": X, "order": 3, "independent": False}
+    ),
+    "conditions.jacobian_at": Call(
+        conditions.jacobian_at, {"layout": CG3.layout, "x": X, "order": 3, "independent": False}
+    ),
+    "conditions.ball_residuals_of": Call(
+        conditions.ball_residuals_of,
+        {"method": CG3, "order": 3, "independent": False, "bits": 128},
+    ),
+    "OrderedTree.parse": Call(trees.OrderedTree.parse, {"text": "[[]]"}),
+    "forest": Call(trees.forest, {"max_nodes": 4}),
+    "quad.encode": Call(quad.encode, {"values": ["1/3", 2, 0.5]}),
+    "quad.to_decimal": Call(quad.to_decimal, {"value": Fraction(1, 3), "digits": 9}),
+    "quad.from_float": Call(quad.from_float, {"values": [1.0, 0.5]}),
+    "stability.stability_function": Call(stability.stability_function, {"method": CG3}),
+    "stability.stability_limits": Call(stability.stability_limits, {"method": CG3}),
+    "low_storage.from_two_registers": Call(
+        low_storage.from_two_registers, {"a": [0, "-1/2"], "b": ["1/2", 1], "name": "x"}
+    ),
+    "low_storage.two_registers": Call(low_storage.two_registers, {"method": CG3}),
+    "catalogue.loads": Call(catalogue.loads, {"text": catalogue.dumps(CG3)}),
+    "catalogue.dumps": Call(catalogue.dumps, {"method": CG3}),
+    "catalogue.dumps_json": Call(catalogue.dumps_json, {"method": CG3}),
+    "catalogue.resolve_method": Call(catalogue.resolve_method, {"method": "CG3"}),
+    "diagnosis.draw_tree": Call(diagnosis.draw_tree, {"tree": TREE}),
+    "diagnosis.draw_points": Call(diagnosis.draw_points, {"method": CG3, "digits": 4}),
+    "construction.compose": Call(
+        construction.compose, {"methods": [CG3, CG3], "gammas": ["1/2", "1/2"], "name": "x"}
+    ),
+    "construction.triple_jump": Call(construction.triple_jump, {"order": 2, "digits": 9}),
+    "construction.pack_method": Call(construction.pack_method, {"method": CG3, "order": 3}),
+    "construction.correct": Call(
+        construction.correct,
+        {
+            "candidate": CANDIDATE,
+            "frozen": [1],
+            "ftol": 1e-20,
+            "damping": 1e-6,
+            "max_iterations": 5,
+            "accurate": None,
+        },
+    ),
+    "construction.Goals": Call(
+        construction.Goals,
+        {"principal_error": 1.0, "coefficients": 0.0, "abscissae": 0.0, "bound": 1.5},
+    ),
+    "construction.walk": Call(
+        construction.walk,
+        {"candidate": CANDIDATE, "random": np.random.default_rng(1), "size": 0.3, "largest": 4.0},
+    ),
+    "construction.optimise": Call(
+        construction.optimise,
+        {
+            "candidate": CANDIDATE,
+            "goals": construction.Goals(),
+            "frozen": [],
+            "max_iterations": 1,
+            "tolerance": 1e-3,
+            "progress": None,
+        },
+    ),
+    "impossibility.read_shape": Call(
+        impossibility.read_shape,
+        {"text": "tableau", "stages": 2},
+        (cg.impossibility.ImpossibilityError,),
+    ),
+    "hat": Call(frames.hat, {"v": [0.1, 0.2, 0.3]}),
+    "vee": Call(frames.vee, {"matrix": frames.hat([0.1, 0.2, 0.3])}),
+    "plot.convergence": Call(
+        plot.convergence,
+        {"h": [0.1, 0.05], "errors": [1e-3, 1e-4], "ax": axes(), "label": "x", "order": 3.0},
+    ),
+    "plot.work_precision": Call(
+        plot.work_precision,
+        {"work": [10, 20], "errors": [1e-3, 1e-4], "ax": axes(), "label": "x", "unit": "f"},
+    ),
+    "plot.trajectory_on_sphere": Call(
+        plot.trajectory_on_sphere, {"y": np.eye(3), "ax": None, "label": "x", "color": "C0"}
+    ),
+    "plot.trajectory_of_axes": Call(
+        plot.trajectory_of_axes, {"y": np.array([np.eye(3)] * 2), "ax": None, "triads": 2}
+    ),
+    "plot.tree": Call(plot.tree, {"tree": TREE, "ax": axes(), "title": True}),
+    "plot.points": Call(plot.points, {"method": "CG3", "ax": axes()}),
+    "plot.tableau": Call(plot.tableau, {"method": "CG3", "ax": axes(), "digits": 4}),
+    "plot.stability_region": Call(
+        plot.stability_region,
+        {"method": "CG3", "ax": axes(), "x": (-3.0, 1.0), "y": (-2.0, 2.0)},
+    ),
+}
+
+FRAMES = {
+    "SO3": SO3,
+    "SO": frames.SO(4),
+    "U": frames.U(2),
+    "SU": frames.SU(2),
+    "GL": frames.GL(2),
+    "SL": frames.SL(2),
+    "Sp": frames.Sp(2),
+    "SE3": frames.SE3(),
+    "Semidirect": frames.Semidirect(frames.SO(2), 2),
+    "Sphere": frames.Sphere(2),
+    "Stiefel": frames.Stiefel(3, 2),
+    "UnitQuaternion": frames.UnitQuaternion(),
+    "Euclidean": frames.Euclidean(3),
+    "IsospectralOrbit": frames.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    "CoadjointOrbit": frames.CoadjointOrbit(SO3, (0.6, 0.0, -0.8)),
+    "Product": frames.Product(frames.Sphere(2), frames.Euclidean(2)),
+    "Power": frames.Power(frames.Sphere(2), 2),
+    "FieldFrame": HEISENBERG,
+    "MatrixFrame": frames.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
+}
+
+
+def of_frame(name, frame):
+    """Return calls of the methods of a frame."""
+    y = np.zeros(frame.point_shape, frame.dtype)
+    with contextlib.suppress(NotImplementedError):
+        y = frame.random_point(np.random.default_rng(2))
+    v = 0.1 * np.arange(1.0, frame.dim + 1)
+    near = frame.flow(v, y)
+    arguments = {
+        "field": {"v": v, "y": y},
+        "flow": {"v": v, "y": y},
+        "shortest": {"v": v, "y": y},
+        "membership_error": {"y": y},
+        "relative_error": {"y": y},
+        "project": {"y": y},
+        "random_point": {"rng": RNG, "size": (2,)},
+        "random_vector": {"rng": RNG, "size": (2,)},
+        "distance": {"x": y, "y": near},
+        "exp_coordinates": {"y0": y, "y1": near},
+        "nearby_coordinates": {"y0": y, "y1": near},
+        "coordinate_sizes": {"y": y},
+        "check_point": {"y": y, "tolerance": 1e-8, "name": "y"},
+        "bracket": {"u": v, "v": 2 * v},
+        "dexpinv": {"u": v, "v": v[::-1], "order": 4},
+        "algebra": {"v": v},
+        "exponential": {"v": v},
+        "inverse": {"x": near},
+    }
+    if name == "FieldFrame":  # it was given no bracket
+        del arguments["bracket"], arguments["dexpinv"]
+    for method, given in arguments.items():
+        if callable(getattr(frame, method, None)):
+            yield (
+                f"{name}.{method}",
+                Call(getattr(frame, method), given, (FlowOverflowError, NotImplementedError)),
+            )
+
+
+for _name, _frame in FRAMES.items():
+    EXAMPLES.update(of_frame(_name, _frame))
+
+EXAMPLES |= {
+    "frames.GL": Call(frames.GL, {"n": 2, "convention": "space"}),
+    "frames.SL": Call(frames.SL, {"n": 2, "convention": "space"}),
+    "frames.SO": Call(frames.SO, {"n": 2, "convention": "space"}),
+    "frames.SU": Call(frames.SU, {"n": 2, "convention": "space"}),
+    "frames.U": Call(frames.U, {"n": 2, "convention": "space"}),
+    "frames.Sp": Call(frames.Sp, {"n": 2, "convention": "space"}),
+    "frames.SO3": Call(frames.SO3, {"convention": "space"}),
+    "frames.SE3": Call(frames.SE3, {"convention": "space"}),
+    "frames.UnitQuaternion": Call(
+        frames.UnitQuaternion, {"convention": "space", "scalar_first": True}
+    ),
+    "frames.Sphere": Call(frames.Sphere, {"n": 2}),
+    "frames.Euclidean": Call(frames.Euclidean, {"n": 2}),
+    "frames.Stiefel": Call(frames.Stiefel, {"n": 3, "k": 2}),
+    "frames.IsospectralOrbit": Call(
+        frames.IsospectralOrbit, {"spectrum": (0.0, 1.0), "hermitian": False}
+    ),
+    "frames.IsospectralOrbit.through": Call(
+        frames.IsospectralOrbit.through, {"y0": [[1.0, 0.5], [0.5, 2.0]]}
+    ),
+    "frames.CoadjointOrbit": Call(
+        frames.CoadjointOrbit, {"algebra": SO3, "point": (0.6, 0.0, 0.8), "convention": "body"}
+    ),
+    "frames.Power": Call(frames.Power, {"factor": SO3, "n": 2}),
+    "frames.Product": Call(lambda factor: frames.Product(SO3, factor), {"factor": SO3}),
+    "frames.Product.split": Call(FRAMES["Product"].split, {"y": np.zeros(5)}),
+    "frames.Semidirect": Call(frames.Semidirect, {"group": SO3, "copies": 2}),
+    "frames.MatrixFrame": Call(
+        frames.MatrixFrame,
+        {"matrices": [[[0.0, 1.0], [0.0, 0.0]]], "columns": 2, "membership_error": None},
+    ),
+    "frames.FieldFrame": Call(
+        frames.FieldFrame,
+        {
+            "fields": [np.ones_like],
+            "flow": lambda v, y: y + v,
+            "point_shape": 2,
+            "dtype": float,
+            "distance": None,
+            "bracket": None,
+        },
+    ),
+}
+
+
+def of_problem(problem):
+    """Return calls of a problem: its class, and its methods."""
+    kind = type(problem).__name__
+    given = {name: getattr(problem, name) for name in inspect.signature(type(problem)).parameters}
+    yield f"problems.{kind}", Call(type(problem), given)
+    points = {"y": problem.y0} if hasattr(problem, "y0") else {}
+    arguments = {
+        "invariants": points,
+        "places": points,
+        "body_momentum": points,
+        "centre_velocity": points,
+        "energy": points,
+        "action": points,
+        "exact": {"t": [0.0, 0.25]},
+        "exact_momentum": {"t": [0.0, 0.25]},
+        "exact_place": {"t": [0.0, 0.25]},
+        "transition_probability": {"t": [0.0, 0.25]},
+        "rate": {"t": [0.0, 0.25]},
+        "attitude": {"t": [0.0, 0.25]},
+        "sampled": {"times": [0.0, 0.25, 0.5, 0.75]},
+    }
+    for method, values in arguments.items():
+        if callable(getattr(problem, method, None)):
+            yield f"problems.{kind}.{method}", Call(getattr(problem, method), values)
+
+
+CONING = problems.ConingMotion()
+GYRO = {"times": [0.0, 0.25, 0.5, 0.75], "rates": np.ones((4, 3))}
+PROBLEMS = [
+    problems.AffineField(SO3, np.eye(3)),
+    problems.BodyWithPendulum(),
+    problems.ConingMotion(),
+    problems.DoubleSphericalPendulum(),
+    problems.ForcedRigidBody(),
+    problems.FreeRigidBody(),
+    problems.GradientFlow((2, 2)),
+    problems.GyroAttitude(**GYRO),
+    problems.HeavyTop(),
+    problems.ReactionWheels(),
+    problems.RollingBall(),
+    problems.Spacecraft(),
+    problems.StateDependentRotation(),
+    problems.TodaFlow(),
+    problems.TwoLevelSystem(),
+]
+for _problem in PROBLEMS:
+    EXAMPLES.update(of_problem(_problem))

@@ -1,0 +1,307 @@
+"""Arguments of everything public, exchanged for hostile ones: a result, or errors that name them.
+
+The environment's ``CG_FUZZ`` multiplies how many are tried. What is slow tries every value for
+every argument.
+"""
+
+import contextlib
+import decimal
+import os
+import re
+import signal
+import threading
+import warnings
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from argument_examples import EXAMPLES
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import cg
+
+MANY = int(os.environ.get("CG_FUZZ", "1"))
+SECONDS = 5.0
+
+SCALARS = {
+    "None": lambda: None,
+    "True": lambda: True,
+    "-1": lambda: -1,
+    "0": lambda: 0,
+    "1": lambda: 1,
+    "7": lambda: 7,
+    "2**31": lambda: 2**31,
+    "2**63": lambda: 2**63,
+    "10**400": lambda: 10**400,
+    "-10**400": lambda: -(10**400),
+    "1.5": lambda: 1.5,
+    "nan": lambda: np.nan,
+    "inf": lambda: np.inf,
+    "-inf": lambda: -np.inf,
+    "1e308": lambda: 1e308,
+    "5e-324": lambda: 5e-324,
+    "1j": lambda: 1j,
+    "Fraction": lambda: Fraction(1, 3),
+    "Decimal": lambda: decimal.Decimal("0.5"),
+    "Decimal nan": lambda: decimal.Decimal("nan"),
+    "text": lambda: "x",
+    "empty text": lambda: "",
+    "surrogate": lambda: "\ud800",
+    "null": lambda: "\0",
+    "bytes": lambda: b"x",
+    "object": object,
+    "class": lambda: int,
+    "module": lambda: np,
+    "function": lambda: lambda *arguments: None,
+    "iterator": lambda: iter([1, 2]),
+    "list": list,
+    "dict": dict,
+    "set": lambda: {1, 2},
+    "nested": lambda: [[]],
+    "ragged": lambda: [[1.0], [1.0, 2.0]],
+    "Nones": lambda: [None, None],
+    "texts": lambda: ["x", "y"],
+    "range": lambda: range(3),
+    "0-d": lambda: np.array(1.0),
+    "0-d int": lambda: np.array(1),
+    "0-d object": lambda: np.array(None),
+    "empty": lambda: np.zeros(0),
+    "empty rows": lambda: np.zeros((0, 3)),
+    "zeros": lambda: np.zeros(3),
+    "big": lambda: np.zeros((2, 3, 4, 5)),
+    "times": lambda: np.array(["2020-01-01"], "datetime64[s]"),
+    "records": lambda: np.zeros(3, [("a", float), ("b", int)]),
+    "numpy bool": lambda: np.True_,
+    "masked": lambda: np.ma.masked,
+    "numpy int": lambda: np.int8(3),
+    "numpy half": lambda: np.float16(0.5),
+    "numpy complex": lambda: np.complex128(1 + 1j),
+}
+
+
+def is_array(value):
+    """Return whether a valid argument is one of arrays, lists and tuples of numbers."""
+    if not isinstance(value, list | tuple | np.ndarray) or len(value) == 0:
+        return False
+    try:
+        return np.asarray(value).dtype.kind in "iufc"
+    except ValueError:
+        return False
+
+
+def spaced(array):
+    """The same numbers, not contiguous."""
+    wide = np.full((*array.shape, 2), np.nan, array.dtype)
+    wide[..., 0] = array
+    return wide[..., 0]
+
+
+def same_start(change):
+    """Return a function that changes the first number of a copy."""
+
+    def changed(array):
+        copy = np.array(array, dtype=complex if array.dtype.kind == "c" else float)
+        copy.flat[0] = change(copy.flat[0])
+        return copy
+
+    return changed
+
+
+def masked(array):
+    mask = np.zeros(array.shape, bool)
+    mask.flat[0] = True
+    return np.ma.masked_array(array, mask)
+
+
+# Arrays that say the same, for which the result is the same, or an error
+SAME = {
+    "lists": lambda array: array.tolist(),
+    "spaced": spaced,
+    "Fortran": np.asfortranarray,
+    "swapped": lambda array: array.astype(array.dtype.newbyteorder()),
+    "object": lambda array: array.astype(object),
+    "unmasked": np.ma.masked_array,
+    "read-only": lambda array: np.frombuffer(array.tobytes(), array.dtype).reshape(array.shape),
+}
+# Arrays that say something else, which must not be lost
+OTHER = {
+    "first nan": same_start(lambda x: np.nan),
+    "first inf": same_start(lambda x: np.inf),
+    "first huge": same_start(lambda x: 1e308),
+    "first moved": same_start(lambda x: x + 0.125),
+    "masked": masked,
+    "first imaginary": lambda array: array + 1j * (np.arange(array.size) == 0).reshape(array.shape),
+    "one less": lambda array: array[:-1],
+    "one more": lambda array: np.concatenate([array, array[:1]]),
+    "a dimension more": lambda array: array[None],
+    "last dimension": lambda array: array[..., None],
+    "first alone": lambda array: array[0],
+    "reversed": lambda array: array[::-1],
+    "texts": lambda array: array.astype(str),
+}
+# Numbers of tries and steps, of which many take long
+COUNTS = {"starts", "tries", "hits", "save_every", "max_steps", "maxfev", "refine_maxfev"}
+
+
+def values(key, right):
+    """Return names of what may be put in place of a right argument."""
+    names = [name for name in SCALARS if not (key in COUNTS and name.startswith("2**"))]
+    if is_array(right):
+        names += [f"array, {name}" for name in (*SAME, *OTHER)]
+    return names
+
+
+def made(name, right):
+    """Return a value by its name."""
+    kind, comma, rest = name.partition(", ")
+    if comma:
+        return (SAME.get(rest) or OTHER[rest])(np.array(right))
+    return SCALARS[kind]()
+
+
+class TooLong(BaseException):
+    """A call that takes too long."""
+
+
+@contextlib.contextmanager
+def limited(what):
+    """Stop what takes too long, unless it is in compiled code, and then end the process."""
+
+    def stop(number, frame):
+        raise TooLong(what)
+
+    if (
+        not hasattr(signal, "setitimer")
+        or threading.current_thread() is not threading.main_thread()
+    ):
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def finite(result):
+    """Return whether a result is made of numbers, all of them finite."""
+    try:
+        return bool(np.isfinite(np.asarray(result, dtype=complex)).all())
+    except (TypeError, ValueError):
+        return False
+
+
+def outcome(name, changes):
+    """Call with some arguments changed; return the error, or nothing.
+
+    A warning of NumPy's about overflow or what is invalid is an error where numbers that look
+    right come out.
+    """
+    call = EXAMPLES[name]
+    changed = {key: made(value, call.arguments[key]) for key, value in changes.items()}
+    if (axes := call.arguments.get("ax")) is not None:
+        axes.clear()
+    with warnings.catch_warnings(record=True) as caught, limited(f"{name} {changes}"):
+        warnings.simplefilter("always")
+        try:
+            result = call.function(**call.arguments | changed)
+        except Exception as error:
+            return error
+    huge = any("huge" in value or value == "1e308" for value in changes.values())
+    warned = [one for one in caught if issubclass(one.category, RuntimeWarning) and not huge]
+    return warned[0].message if warned and finite(result) else None
+
+
+def is_named(call, message):
+    """Return whether a message has the name of an argument, or says what is wrong in one."""
+    if "broadcast" in message:  # leading axes that don't fit each other
+        return True
+    return any(
+        re.search(rf"(^|\W){re.escape(word)}(\W|$)", message)
+        for name in call.arguments
+        for word in (name, *PARTS.get(name, ()))
+    )
+
+
+# What calls return, and errors
+RETURNED = {
+    *("Certificate", "CompiledFunction", "DenseOutput", "Diagnosis", "Lifted", "Reference"),
+    *("Solution", "Trajectory", "Rows", "Structure", "Frame", "HomogeneousSpace", "MatrixGroup"),
+    *("Method", "MethodError", "TableauError", "CertificationError", "ConvergenceError"),
+    *("FlowOverflowError", "LiftError", "StepTooLongError", "Product", "exact_weights"),
+}
+# Arguments whose own errors come out as they are
+FUNCTIONS = {"f", "events", "progress", "args"}
+
+# What messages name of an argument that has parts
+PARTS = {
+    "points": ("point",),
+    "stage_points": ("stage", "point"),
+    "tree": ("point", "text"),
+    "text": ("TOML", "certificate", "entry", "shape"),
+    "x": ("x_1",),
+    "factor": ("factors",),
+    "c": ("c_1",),
+    "times": ("t",),
+}
+
+
+def check(name, changes):
+    """Check that a call with some arguments changed ends as it should."""
+    call = EXAMPLES[name]
+    error = outcome(name, changes)
+    if error is None or isinstance(error, (MemoryError, *call.own)):
+        return
+    assert isinstance(error, TypeError | ValueError), repr(error)
+    assert FUNCTIONS & changes.keys() or is_named(call, str(error)), repr(error)
+
+
+@st.composite
+def changed_calls(draw):
+    name = draw(st.sampled_from(sorted(EXAMPLES)))
+    right = EXAMPLES[name].arguments
+    keys = draw(st.lists(st.sampled_from(sorted(right)), min_size=1, max_size=2, unique=True))
+    return name, {key: draw(st.sampled_from(values(key, right[key]))) for key in keys}
+
+
+@pytest.fixture(autouse=True)
+def _folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@settings(
+    max_examples=300 * MANY,
+    derandomize=MANY == 1,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(changed_calls())
+def test_arguments(call):
+    check(*call)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_every_value_of_every_argument(name):
+    for key, right in EXAMPLES[name].arguments.items():
+        for value in values(key, right):
+            check(name, {key: value})
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_the_calls_are_right(name):
+    EXAMPLES[name].function(**EXAMPLES[name].arguments)
+
+
+def test_everything_public_is_called():
+    """But what calls return: records, and errors."""
+    modules = [cg, cg.conditions, cg.frames, cg.plot, cg.problems]
+    public = {
+        (module, name): getattr(module, name) for module in modules for name in module.__all__
+    }
+    called = [call.function for call in EXAMPLES.values()]
+    left = {name for (_, name), one in public.items() if callable(one) and one not in called}
+    assert left == RETURNED
