@@ -206,8 +206,8 @@ ERRORS = [
     Planted(
         "the time of a stage of a method of two registers",
         "register_stepper",
-        "call evaluate(field, t + method%c(i) * h, step%spare",
-        "call evaluate(field, t + method%c(i - 1) * h, step%spare",
+        "call evaluate(field, frame, t + method%c(i) * h, step%spare",
+        "call evaluate(field, frame, t + method%c(i - 1) * h, step%spare",
         "registers low_storage",
     ),
     Planted(
