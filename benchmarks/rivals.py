@@ -6,7 +6,7 @@ import math
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
@@ -19,7 +19,7 @@ from .lielab_rival import expresses
 from .lielab_top import available
 from .record import Aim, Figure, Result, Row
 from .rival_figure import draw
-from .solvers import Solver, solvers
+from .solvers import Run, Solver, solvers
 from .work_curves import QUANTITIES, Curve, Point
 
 _ERRORS = (1e-4, 1e-8, 1e-11)
@@ -61,8 +61,8 @@ def run(quick: bool, figures: Path | None, only: Sequence[str] = ()) -> Result:
         "methods where the equation is linear, and SciPy's DOP853 with projection after each step, "
         "with the same right-hand side in Python, for tolerances from 1e-3 to 1e-13 or as many "
         f"step sizes. Numbers are for an error at the end, by interpolation; medians of {rounds} "
-        f"rounds, of runs longer than {_LONG:g} s one; after one longer than {_SLOWEST:g} s finer "
-        "settings are left out.",
+        f"rounds of all solvers in turn, of runs longer than {_LONG:g} s one; after one longer "
+        f"than {_SLOWEST:g} s finer settings are left out.",
         tuple(rows),
         tuple(notes),
         tuple(drawn),
@@ -81,23 +81,51 @@ def _lielab(found: list[Case]) -> str:
     )
 
 
+@dataclass
+class _Tried:
+    """One setting of one solver: what it came to, and how long it took in each round."""
+
+    error: float
+    evaluations: int
+    flows: int
+    drift: float
+    seconds: list[float]
+
+    @property
+    def point(self) -> Point:
+        return Point(self.error, median(self.seconds), self.evaluations, self.flows, self.drift)
+
+
 def _contest(case: Case, rounds: int, quick: bool) -> list[Curve]:
-    """Run all solvers; a function in C is for those alone that call it from compiled code."""
+    """Run all solvers; a function in C is for those alone that call it from compiled code.
+
+    A round is of all solvers, so that a machine that is slower for a while is so for all of them.
+    """
     called = [s for s in solvers(case, quick) if callable(case.f) or s.kind != "rival"]
-    return [_curve(case, solver, rounds) for solver in called]
+    tried = [_runs(case, solver) for solver in called]
+    for _ in range(rounds - 1):
+        for solver, runs in zip(called, tried, strict=True):
+            for setting, run in runs.items():
+                if run.seconds[0] <= _LONG:
+                    run.seconds.append(_timed(solver, setting)[1])
+    return [
+        Curve.of(solver.name, solver.kind, solver.order, [run.point for run in runs.values()])
+        for solver, runs in zip(called, tried, strict=True)
+    ]
 
 
-def _curve(case: Case, solver: Solver, rounds: int) -> Curve:
-    points: list[Point] = []
+def _timed(solver: Solver, setting: float) -> tuple[Run, float]:
+    begin = time.process_time()
+    found = solver.solve(setting)
+    return found, time.process_time() - begin
+
+
+def _runs(case: Case, solver: Solver) -> dict[float, _Tried]:
+    """Run a solver with each of its settings for the first time."""
+    runs: dict[float, _Tried] = {}
     for setting in solver.settings:
-        seconds = []
         try:
-            for _ in range(rounds):
-                begin = time.process_time()
-                found = solver.solve(setting)
-                seconds.append(time.process_time() - begin)
-                if seconds[-1] > _LONG:
-                    break
+            found, seconds = _timed(solver, setting)
         except (ArithmeticError, RuntimeError, ValueError, cg.ConvergenceError) as failure:
             if isinstance(failure, ValueError) and "finite" not in str(failure):
                 raise
@@ -105,10 +133,10 @@ def _curve(case: Case, solver: Solver, rounds: int) -> Curve:
         # rounding alone may leave nothing, which has no logarithm
         error = max(case.error(found.points[-1]), 1e-17)
         drift = max(float(case.frame.membership_error(found.points).max()), 1e-17)
-        points.append(Point(error, median(seconds), found.evaluations, found.flows, drift))
-        if seconds[-1] > _SLOWEST:
+        runs[setting] = _Tried(error, found.evaluations, found.flows, drift, [seconds])
+        if seconds > _SLOWEST:
             break
-    return Curve.of(solver.name, solver.kind, solver.order, points)
+    return runs
 
 
 def _best(curves: list[Curve], kinds: tuple[str, ...], error: float, quantity: str) -> str | None:
