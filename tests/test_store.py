@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,24 @@ class TestSearch:
         with Store(path) as opened:
             assert [run.starts for run in opened.runs()] == [40, 40]
             assert {run.settings["seed"] for run in opened.runs()} == {1, 2}
+
+    def test_a_file_that_another_is_making_just_now(self, tmp_path, monkeypatch):
+        path = tmp_path / "runs.db"
+        others: list[threading.Thread] = []
+
+        class Slow(sqlite3.Connection):
+            def execute(self, statement, *values):
+                if "sqlite_master" in statement and not others:
+                    others.append(threading.Thread(target=lambda: Store(path).close()))
+                    others[0].start()
+                    others[0].join(0.3)
+                return super().execute(statement, *values)
+
+        monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Slow))
+        Store(path).close()
+        others[0].join()
+        with Store(path) as opened:
+            assert opened.runs() == ()
 
     def test_an_exception_of_progress_leaves_what_is_done(self, tmp_path, monkeypatch):
         path = tmp_path / "runs.db"

@@ -90,8 +90,10 @@ class Store:
     def _migrate(self) -> None:
         """Bring an older store, or an empty file, to the present schema."""
         connection = self._connection
+        connection.execute("BEGIN")  # both of the same moment: another process may be making it
         (known,) = connection.execute("PRAGMA application_id").fetchone()
         (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        connection.execute("COMMIT")
         if known != APPLICATION_ID and (known or tables):
             raise ValueError(f"store {self.path} is a database of another program")
         if self._schema() > len(MIGRATIONS):
@@ -99,7 +101,7 @@ class Store:
                 f"store {self.path} was written by a newer version of this package: schema "
                 f"{self._schema()}, this version knows {len(MIGRATIONS)}"
             )
-        connection.execute("PRAGMA journal_mode = WAL")
+        self._change_to_wal()
         connection.execute("PRAGMA synchronous = NORMAL")
         connection.execute("PRAGMA foreign_keys = ON")
         if self._schema() == len(MIGRATIONS):
@@ -110,6 +112,19 @@ class Store:
                     connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {number}")
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+
+    def _change_to_wal(self) -> None:
+        """Turn on write-ahead logging, for which SQLite itself waits for no other process."""
+        until = time.monotonic() + _BUSY_SECONDS
+        while True:
+            try:
+                self._connection.execute("PRAGMA journal_mode = WAL")
+                return
+            except sqlite3.OperationalError as error:
+                busy = error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY
+                if not busy or time.monotonic() > until:
+                    raise
+            time.sleep(0.01)
 
     def _schema(self) -> int:
         (number,) = self._connection.execute("PRAGMA user_version").fetchone()
