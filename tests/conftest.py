@@ -2,7 +2,9 @@
 
 import ctypes
 import os
+import signal
 import subprocess
+import threading
 from pathlib import Path
 
 import hypothesis
@@ -15,6 +17,13 @@ from threadpoolctl import threadpool_limits
 
 # Methods of whoever runs the tests are none of theirs.
 os.environ["CG_METHODS"] = ""
+
+# A suite that was started in the background ignores interrupts, and so would all that it starts.
+if (
+    threading.current_thread() is threading.main_thread()
+    and signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+):
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The matrices of the tests are small: threads of BLAS would only wait for each other.
 threadpool_limits(1)

@@ -9,6 +9,7 @@ import sys
 import time
 
 import pytest
+from watching import has_started
 
 import cg
 from cg.catalogue import dumps, loads, munthe_kaas
@@ -276,10 +277,13 @@ class TestProcess:
         command = [sys.executable, "-m", "cg", "search", "--order", "5", "--stages", "9",
                    "--starts", "100000", "--store", str(file)]  # fmt: skip
         running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        while not file.exists() and running.poll() is None:  # until it searches
-            time.sleep(0.05)
-        running.send_signal(signal.SIGINT)
-        _, error = running.communicate(timeout=120)
+        try:
+            while not has_started(file) and running.poll() is None:
+                time.sleep(0.05)
+            running.send_signal(signal.SIGINT)
+            _, error = running.communicate(timeout=120)
+        finally:
+            running.kill()
         assert running.returncode == 130
         assert error.endswith(
             f"python -m cg: interrupted; what had ended is in {file}, and the same search goes on "

@@ -10,6 +10,7 @@ import time
 from concurrent.futures import BrokenExecutor
 
 import pytest
+from watching import has_started
 
 import cg
 from cg.command import main
@@ -201,11 +202,13 @@ def test_a_signal_ends_a_search_of_a_script_with_a_way_to_go_on(tmp_path):
     running = subprocess.Popen(
         [sys.executable, "-c", script, str(path)], stderr=subprocess.PIPE, text=True
     )
-    while not path.exists() and running.poll() is None:
-        time.sleep(0.05)
-    time.sleep(0.5)
-    running.send_signal(signal.SIGINT)
-    _, error = running.communicate(timeout=120)
+    try:
+        while not has_started(path) and running.poll() is None:
+            time.sleep(0.05)
+        running.send_signal(signal.SIGINT)
+        _, error = running.communicate(timeout=120)
+    finally:
+        running.kill()
     assert error.splitlines()[-2:] == [
         "KeyboardInterrupt",
         f"what had ended is in {path}, and the same search goes on from there, on any executor",

@@ -130,6 +130,25 @@ class TestSearch:
         with Store(path) as opened:
             assert opened.runs() == ()
 
+    def test_an_interrupt_at_the_begin_of_a_transaction(self, tmp_path, monkeypatch):
+        begun: list[str] = []
+
+        class Interrupted(sqlite3.Connection):
+            def execute(self, statement, *values):
+                found = super().execute(statement, *values)
+                begun.extend([statement] if statement == "BEGIN IMMEDIATE" else [])
+                if len(begun) == 4 and statement == "BEGIN IMMEDIATE":
+                    raise KeyboardInterrupt
+                return found
+
+        path = tmp_path / "runs.db"
+        monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Interrupted))
+        with pytest.raises(KeyboardInterrupt):
+            search(**SMALL, starts=5, store=path, workers=1)
+        assert len(begun) > 4  # the run was closed
+        assert len(kept(path)) < 5
+        assert search(**SMALL, starts=5, store=path) == search(**SMALL, starts=5)
+
     def test_an_exception_of_progress_leaves_what_is_done(self, tmp_path, monkeypatch):
         path = tmp_path / "runs.db"
 

@@ -133,14 +133,14 @@ class Store:
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         with _named_errors(self.path):
-            self._connection.execute("BEGIN IMMEDIATE")
-            try:
+            try:  # an interrupt may come between any two of these
+                self._connection.execute("BEGIN IMMEDIATE")
                 yield
+                self._connection.execute("COMMIT")
             except BaseException:
                 if self._connection.in_transaction:
                     self._connection.execute("ROLLBACK")
                 raise
-            self._connection.execute("COMMIT")
 
     def begin(self, kind: str, settings: Mapping[str, Any]) -> StoredRun:
         """Begin a run, or go on with the one of the same settings.
