@@ -353,7 +353,8 @@ subroutine frame_dexpinv(blocks, description, order, fields, u, v)
 end subroutine frame_dexpinv
 
 ! Points moved along the time-1 flows of as many fields each, the first one first
-subroutine frame_move(blocks, description, numbers, constants, flows, fields, v, restoring, points, y)
+subroutine frame_move(blocks, description, numbers, constants, flows, fields, v, restoring, &
+                      points, y)
   use kinds_r64, only: wp
   use frames_r64, only: frame_t, make_frame, move, restore
   implicit none
