@@ -3,13 +3,11 @@
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 
 import pytest
-from watching import has_started
+from watching import interrupted_search
 
 import cg
 from cg.catalogue import dumps, loads, munthe_kaas
@@ -276,15 +274,8 @@ class TestProcess:
         file = tmp_path / "runs"
         command = [sys.executable, "-m", "cg", "search", "--order", "5", "--stages", "9",
                    "--starts", "100000", "--store", str(file)]  # fmt: skip
-        running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        try:
-            while not has_started(file) and running.poll() is None:
-                time.sleep(0.05)
-            running.send_signal(signal.SIGINT)
-            _, error = running.communicate(timeout=120)
-        finally:
-            running.kill()
-        assert running.returncode == 130
+        code, error = interrupted_search(command, file)
+        assert code == 130
         assert error.endswith(
             f"python -m cg: interrupted; what had ended is in {file}, and the same search goes on "
             "from there, on any executor\n"

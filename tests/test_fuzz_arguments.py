@@ -15,7 +15,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from argument_examples import EXAMPLES
+from argument_examples import FUNCTION_EXAMPLES
+from frame_argument_examples import FRAME_EXAMPLES
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -23,6 +24,7 @@ import cg
 
 MANY = int(os.environ.get("CG_FUZZ", "1"))
 SECONDS = 5.0
+EXAMPLES = FUNCTION_EXAMPLES | FRAME_EXAMPLES
 
 SCALARS = {
     "None": lambda: None,

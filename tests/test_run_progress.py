@@ -3,14 +3,11 @@
 import io
 import itertools
 import re
-import signal
-import subprocess
 import sys
-import time
 from concurrent.futures import BrokenExecutor
 
 import pytest
-from watching import has_started
+from watching import interrupted_search
 
 import cg
 from cg.command import main
@@ -199,16 +196,7 @@ class TestCommand:
 def test_a_signal_ends_a_search_of_a_script_with_a_way_to_go_on(tmp_path):
     path = tmp_path / "runs.db"
     script = "import cg, sys; cg.search(5, 9, 10**5, 1, maxfev=60, store=sys.argv[1])"
-    running = subprocess.Popen(
-        [sys.executable, "-c", script, str(path)], stderr=subprocess.PIPE, text=True
-    )
-    try:
-        while not has_started(path) and running.poll() is None:
-            time.sleep(0.05)
-        running.send_signal(signal.SIGINT)
-        _, error = running.communicate(timeout=120)
-    finally:
-        running.kill()
+    _, error = interrupted_search([sys.executable, "-c", script, str(path)], path)
     assert error.splitlines()[-2:] == [
         "KeyboardInterrupt",
         f"what had ended is in {path}, and the same search goes on from there, on any executor",

@@ -1,0 +1,167 @@
+"""Calls of frames and problems that work, for `test_fuzz_arguments.py`."""
+
+import contextlib
+import inspect
+
+import numpy as np
+from argument_examples import RNG, SO3, Call
+from frame_examples import HEISENBERG
+
+from cg import frames, problems
+from cg.frames import FlowOverflowError
+
+FRAMES = {
+    "SO3": SO3,
+    "SO": frames.SO(4),
+    "U": frames.U(2),
+    "SU": frames.SU(2),
+    "GL": frames.GL(2),
+    "SL": frames.SL(2),
+    "Sp": frames.Sp(2),
+    "SE3": frames.SE3(),
+    "Semidirect": frames.Semidirect(frames.SO(2), 2),
+    "Sphere": frames.Sphere(2),
+    "Stiefel": frames.Stiefel(3, 2),
+    "UnitQuaternion": frames.UnitQuaternion(),
+    "Euclidean": frames.Euclidean(3),
+    "IsospectralOrbit": frames.IsospectralOrbit((-1.0, 0.25, 1.5)),
+    "CoadjointOrbit": frames.CoadjointOrbit(SO3, (0.6, 0.0, -0.8)),
+    "Product": frames.Product(frames.Sphere(2), frames.Euclidean(2)),
+    "Power": frames.Power(frames.Sphere(2), 2),
+    "FieldFrame": HEISENBERG,
+    "MatrixFrame": frames.MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
+}
+
+
+def of_frame(name, frame):
+    """Return calls of the methods of a frame."""
+    y = np.zeros(frame.point_shape, frame.dtype)
+    with contextlib.suppress(NotImplementedError):
+        y = frame.random_point(np.random.default_rng(2))
+    v = 0.1 * np.arange(1.0, frame.dim + 1)
+    near = frame.flow(v, y)
+    arguments = {
+        "field": {"v": v, "y": y},
+        "flow": {"v": v, "y": y},
+        "shortest": {"v": v, "y": y},
+        "membership_error": {"y": y},
+        "relative_error": {"y": y},
+        "project": {"y": y},
+        "random_point": {"rng": RNG, "size": (2,)},
+        "random_vector": {"rng": RNG, "size": (2,)},
+        "distance": {"x": y, "y": near},
+        "exp_coordinates": {"y0": y, "y1": near},
+        "nearby_coordinates": {"y0": y, "y1": near},
+        "coordinate_sizes": {"y": y},
+        "check_point": {"y": y, "tolerance": 1e-8, "name": "y"},
+        "bracket": {"u": v, "v": 2 * v},
+        "dexpinv": {"u": v, "v": v[::-1], "order": 4},
+        "algebra": {"v": v},
+        "exponential": {"v": v},
+        "inverse": {"x": near},
+    }
+    if name == "FieldFrame":  # it was given no bracket
+        del arguments["bracket"], arguments["dexpinv"]
+    for method, given in arguments.items():
+        if callable(getattr(frame, method, None)):
+            yield (
+                f"{name}.{method}",
+                Call(getattr(frame, method), given, (FlowOverflowError, NotImplementedError)),
+            )
+
+
+FRAME_EXAMPLES: dict[str, Call] = {
+    "frames.GL": Call(frames.GL, {"n": 2, "convention": "space"}),
+    "frames.SL": Call(frames.SL, {"n": 2, "convention": "space"}),
+    "frames.SO": Call(frames.SO, {"n": 2, "convention": "space"}),
+    "frames.SU": Call(frames.SU, {"n": 2, "convention": "space"}),
+    "frames.U": Call(frames.U, {"n": 2, "convention": "space"}),
+    "frames.Sp": Call(frames.Sp, {"n": 2, "convention": "space"}),
+    "frames.SO3": Call(frames.SO3, {"convention": "space"}),
+    "frames.SE3": Call(frames.SE3, {"convention": "space"}),
+    "frames.UnitQuaternion": Call(
+        frames.UnitQuaternion, {"convention": "space", "scalar_first": True}
+    ),
+    "frames.Sphere": Call(frames.Sphere, {"n": 2}),
+    "frames.Euclidean": Call(frames.Euclidean, {"n": 2}),
+    "frames.Stiefel": Call(frames.Stiefel, {"n": 3, "k": 2}),
+    "frames.IsospectralOrbit": Call(
+        frames.IsospectralOrbit, {"spectrum": (0.0, 1.0), "hermitian": False}
+    ),
+    "frames.IsospectralOrbit.through": Call(
+        frames.IsospectralOrbit.through, {"y0": [[1.0, 0.5], [0.5, 2.0]]}
+    ),
+    "frames.CoadjointOrbit": Call(
+        frames.CoadjointOrbit, {"algebra": SO3, "point": (0.6, 0.0, 0.8), "convention": "body"}
+    ),
+    "frames.Power": Call(frames.Power, {"factor": SO3, "n": 2}),
+    "frames.Product": Call(lambda factor: frames.Product(SO3, factor), {"factor": SO3}),
+    "frames.Product.split": Call(FRAMES["Product"].split, {"y": np.zeros(5)}),
+    "frames.Semidirect": Call(frames.Semidirect, {"group": SO3, "copies": 2}),
+    "frames.MatrixFrame": Call(
+        frames.MatrixFrame,
+        {"matrices": [[[0.0, 1.0], [0.0, 0.0]]], "columns": 2, "membership_error": None},
+    ),
+    "frames.FieldFrame": Call(
+        frames.FieldFrame,
+        {
+            "fields": [np.ones_like],
+            "flow": lambda v, y: y + v,
+            "point_shape": 2,
+            "dtype": float,
+            "distance": None,
+            "bracket": None,
+        },
+    ),
+}
+
+
+def of_problem(problem):
+    """Return calls of a problem: its class, and its methods."""
+    kind = type(problem).__name__
+    given = {name: getattr(problem, name) for name in inspect.signature(type(problem)).parameters}
+    yield f"problems.{kind}", Call(type(problem), given)
+    points = {"y": problem.y0} if hasattr(problem, "y0") else {}
+    arguments = {
+        "invariants": points,
+        "places": points,
+        "body_momentum": points,
+        "centre_velocity": points,
+        "energy": points,
+        "action": points,
+        "exact": {"t": [0.0, 0.25]},
+        "exact_momentum": {"t": [0.0, 0.25]},
+        "exact_place": {"t": [0.0, 0.25]},
+        "transition_probability": {"t": [0.0, 0.25]},
+        "rate": {"t": [0.0, 0.25]},
+        "attitude": {"t": [0.0, 0.25]},
+        "sampled": {"times": [0.0, 0.25, 0.5, 0.75]},
+    }
+    for method, values in arguments.items():
+        if callable(getattr(problem, method, None)):
+            yield f"problems.{kind}.{method}", Call(getattr(problem, method), values)
+
+
+GYRO = {"times": [0.0, 0.25, 0.5, 0.75], "rates": np.ones((4, 3))}
+PROBLEMS = [
+    problems.AffineField(SO3, np.eye(3)),
+    problems.BodyWithPendulum(),
+    problems.ConingMotion(),
+    problems.DoubleSphericalPendulum(),
+    problems.ForcedRigidBody(),
+    problems.FreeRigidBody(),
+    problems.GradientFlow((2, 2)),
+    problems.GyroAttitude(**GYRO),
+    problems.HeavyTop(),
+    problems.ReactionWheels(),
+    problems.RollingBall(),
+    problems.Spacecraft(),
+    problems.StateDependentRotation(),
+    problems.TodaFlow(),
+    problems.TwoLevelSystem(),
+]
+
+for _name, _frame in FRAMES.items():
+    FRAME_EXAMPLES.update(of_frame(_name, _frame))
+for _problem in PROBLEMS:
+    FRAME_EXAMPLES.update(of_problem(_problem))
