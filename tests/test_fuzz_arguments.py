@@ -94,7 +94,8 @@ def is_array(value):
 
 def spaced(array):
     """The same numbers, not contiguous."""
-    wide = np.full((*array.shape, 2), np.nan, array.dtype)
+    other = np.nan if array.dtype.kind in "fc" else -1
+    wide = np.full((*array.shape, 2), other, array.dtype)
     wide[..., 0] = array
     return wide[..., 0]
 

@@ -106,7 +106,8 @@ class FieldFrame(UserFrame):
                 raise TypeError(f"{name} must be a function, got {value!r}")
         lengths = point_shape if _has_many(point_shape) else (point_shape,)
         shape = tuple(check_size(length, name="point_shape") for length in lengths)
-        if dtype not in (float, complex, np.float64, np.complex128):
+        kinds = (float, complex, np.float64, np.complex128)
+        if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")
         object.__setattr__(self, "_fields", functions)
         object.__setattr__(self, "_flow", flow)

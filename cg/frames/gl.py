@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
+from cg.frames.matrix_functions import singular_values
 from cg.frames.matrix_group import SizedMatrixGroup
 
 
@@ -56,6 +57,6 @@ class GL(SizedMatrixGroup):
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return zero for invertible matrices, infinity where singular to working precision."""
-        singular = np.linalg.svd(self._points(y), compute_uv=False)
+        singular = singular_values(self._points(y))
         smallest = self.n * np.finfo(np.float64).eps * singular[..., 0]
         return np.where(singular[..., -1] > smallest, 0.0, np.inf)

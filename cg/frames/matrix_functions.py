@@ -254,9 +254,25 @@ def shortest_step(y: Points, correction: Callable[[Points], Points]) -> Points:
 
 def relative_length(y: Points, correction: Callable[[Points], Points]) -> Array:
     """Return the 2-norms of corrections relative to those of the points, shape ``(...)``."""
+    finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        length = np.linalg.matrix_norm(correction(y), ord=2)
-        return np.asarray(length / np.linalg.matrix_norm(y, ord=2))
+        change = np.where(finite, correction(np.where(finite, y, np.eye(y.shape[-1]))), np.nan)
+        return np.asarray(two_norm(change) / two_norm(y))
+
+
+def singular_values(y: Points) -> Array:
+    """Return singular values, the largest first, of matrices; NaN of those that aren't finite.
+
+    LAPACK may find none of the latter, and then ends in an error, or not, as it was compiled.
+    """
+    finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))[..., None]
+    found = np.linalg.svd(np.where(finite[..., None], y, 0.0), compute_uv=False)
+    return np.where(finite, found, np.nan)
+
+
+def two_norm(y: Points) -> Array:
+    """Return the 2-norms of matrices, shape ``(...)``, NaN of those that aren't finite."""
+    return singular_values(y)[..., 0]
 
 
 def corrected(y: Points, correction: Callable[[Points], Points]) -> Points:

@@ -254,9 +254,13 @@ class MatrixGroup(Frame):
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         inverse = self.inverse(start)
         # Of the quotient less the identity this keeps the digits that points nearby have.
-        difference = end - start
-        body = self.convention == "body"
-        return self._log1p(inverse @ difference if body else difference @ inverse)
+        with np.errstate(over="ignore", invalid="ignore"):
+            difference = end - start
+            body = self.convention == "body"
+            away = inverse @ difference if body else difference @ inverse
+        finite = np.isfinite(away).all(axis=(-2, -1))[..., None]
+        coordinates = self._log1p(np.where(finite[..., None], away, 0.0))
+        return np.where(finite, coordinates, np.nan)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return exponentials of normal coefficients of deviation 1/2."""

@@ -99,8 +99,9 @@ def vee(matrix: ArrayLike) -> Array:
     m = real_array(matrix, "matrix")
     if m.shape[-2:] != (3, 3):
         raise ValueError(f"matrix must have shape (..., 3, 3), got {m.shape}")
-    skew = 0.5 * (m - np.swapaxes(m, -1, -2))
-    return np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+    above = np.stack([m[..., 1, 2], m[..., 2, 0], m[..., 0, 1]], axis=-1)
+    below = np.stack([m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]], axis=-1)
+    return np.asarray(0.5 * (below - above))
 
 
 def half_angle(v: Array) -> tuple[Array, Array]:

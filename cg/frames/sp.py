@@ -15,6 +15,7 @@ from cg.frames.matrix_functions import (
     relative_length,
     shortest_step,
     symplectic_correction,
+    two_norm,
 )
 from cg.frames.matrix_group import SizedMatrixGroup
 
@@ -100,8 +101,9 @@ class Sp(SizedMatrixGroup):
         :math:`y = x (I + \delta)` for a point :math:`x`.
         """
         point = self._points(y)
-        residual = self.inverse(point) @ point - np.eye(self.n)
-        return np.asarray(0.5 * np.linalg.matrix_norm(residual, ord=2))
+        with np.errstate(over="ignore", invalid="ignore"):
+            residual = self.inverse(point) @ point - np.eye(self.n)
+        return 0.5 * two_norm(residual)
 
     def relative_error(self, y: ArrayLike) -> Array:
         """Return the length of the shortest step to the group, relative to that of ``y``.
