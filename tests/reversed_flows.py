@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from cg.integration import compiled_stepper, step
+from cg.integration import compiled_run, step
 from cg.integration.paths import Path, paths_of
 
 
@@ -14,7 +14,7 @@ def reversed_paths(method):
 
 
 def reverse_flows(monkeypatch):
-    for module in (compiled_stepper, step):
+    for module in (compiled_run, step):
         monkeypatch.setattr(module, "paths_of", reversed_paths)
     compose = step.Step.compose
     monkeypatch.setattr(

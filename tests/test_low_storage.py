@@ -20,7 +20,7 @@ import cg
 from cg import MethodError, conditions
 from cg.catalogue import dumps, loads, methods
 from cg.conditions import exact_weights
-from cg.integration import built_in, compiled_stepper, integrate, solve_ivp
+from cg.integration import built_in, compiled_run, integrate, solve_ivp
 from cg.integration.built_in import integrate_affine
 from cg.integration.paths import paths_of
 from cg.low_storage import flat_residuals, from_two_registers, rooted_trees, two_registers
@@ -293,7 +293,7 @@ class TestSteps:
 
     @staticmethod
     def general(monkeypatch):
-        for module in (compiled_stepper, built_in):
+        for module in (compiled_run, built_in):
             monkeypatch.setattr(
                 module, "paths_of", lambda method: replace(paths_of(method), registers=None)
             )
@@ -368,10 +368,10 @@ class TestMemory:
 import re, sys
 import numpy as np
 import cg
-from cg.integration import compiled_stepper, paths
+from cg.integration import compiled_run, paths
 from dataclasses import replace
 if sys.argv[1] == "general":
-    compiled_stepper.paths_of = lambda m: replace(paths.paths_of(m), registers=None)
+    compiled_run.paths_of = lambda m: replace(paths.paths_of(m), registers=None)
 n = 200_000
 y = np.broadcast_to(np.eye(3), (n, 3, 3)).copy()
 f = np.ones((n, 3))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -14,20 +13,17 @@ from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.blocks import block_constants, describe_blocks
 from cg.integration.compiled_rhs import CompiledRhs
+from cg.integration.compiled_run import CompiledRun
 from cg.integration.messages import failure, too_many_steps, too_small_a_step
-from cg.integration.paths import paths_of
 from cg.integration.python_rhs import PythonRhs
 from cg.integration.step_budget import StepBudget
 from cg.integration.stepper import (
     AdaptiveSchedule,
     Block,
     Stepper,
-    error_exponent,
 )
 from cg.integration.time_grid import TimeGrid, stored_count
-from cg.memory import reserved
 from cg.method import Method
 from cg.shared_numbers import Stop
 
@@ -84,8 +80,6 @@ class CompiledStepper(Stepper):
         watched: bool = False,
         keep: bool = False,
     ) -> None:
-        import cg._external as core
-
         super().__init__(frame, method, batch)
         self.rhs = rhs
         self.schedule = schedule
@@ -98,13 +92,9 @@ class CompiledStepper(Stepper):
         rows = np.ascontiguousarray(points).reshape(self.trajectories, -1).view(np.float64)
         self.start = points
         self.width = rows.shape[1]
-        self.dim = frame.dim * (math.prod(batch) if in_python else 1)
-        paths = paths_of(method)
-        if isinstance(rhs, PythonRhs):
-            data = core.python_field(), id(rhs.context), 0
-        else:
-            data = rhs.address, rhs.data_address, rhs.data_stride
-        first = getattr(schedule, "first_step", None) or 0.0
+        members = math.prod(batch) if in_python else 1
+        self.dim = frame.dim * members
+        self._run = CompiledRun(rhs, frame, method, rows, schedule, members=members)
         self._done = 0
         self._piece: tuple[Array, Points] | None = None
         if keep and isinstance(schedule, TimeGrid):
@@ -112,33 +102,7 @@ class CompiledStepper(Stepper):
             kept = stored_count(schedule.steps, every)
             self._piece = np.empty(kept), np.empty((kept, *points.shape), dtype=points.dtype)
             self._piece[0][0], self._piece[1][0] = schedule.start, points
-        self._core = core
         self._reached = schedule.start
-        members = math.prod(batch) if in_python else 1
-        frame_blocks = describe_blocks(frame)
-        # blocks of a product's members, each trajectory with its point and slope, and copies
-        needed = 64 * members * frame_blocks.shape[1] + self.trajectories * (
-            1024 + 32 * (self.width + self.dim)
-        )
-        with reserved(needed, f"{self.trajectories} trajectories of {self.width} numbers"):
-            self._address: int = core.open(
-                frame_blocks, block_constants(frame), members, paths.integers, *paths.doubles,
-                *data, schedule.start, rows.T, first,
-            )  # fmt: skip
-        weakref.finalize(self, core.close, self._address)
-        if isinstance(schedule, TimeGrid):
-            core.use_grid(
-                self._address, schedule.start, schedule.stop, schedule.h, schedule.last,
-                schedule.steps,
-            )  # fmt: skip
-        else:
-            norm = schedule.norm
-            shape = (frame.dim,) if norm.in_algebra else frame.point_shape
-            core.use_tolerances(
-                self._address, schedule.stop, norm.rtol,
-                np.broadcast_to(norm.atol, shape).flatten(), not norm.in_algebra,
-                error_exponent(method), schedule.max_step,
-            )  # fmt: skip
 
     @property
     def whole(self) -> tuple[Array, Points] | None:
@@ -184,14 +148,10 @@ class CompiledStepper(Stepper):
             flat = self._piece[1].reshape(len(self._piece[0]), self.trajectories, -1)
             points = flat.view(np.float64)[part]
             capacity = len(times) - 1
-        slopes = np.empty((capacity, self.trajectories, self.dim) if self.slopes else (1, 1, 1))
+        slopes = np.empty((capacity, self.trajectories, self.dim)) if self.slopes else None
 
         def run(part: slice) -> tuple[Any, ...]:
-            found: tuple[Any, ...] = self._core.advance(
-                self._address, part.start + 1, part.stop, steps, self.every, self.slopes,
-                times[1:], points[1:].T, slopes.T,
-            )  # fmt: skip
-            return found
+            return self._run.advance(part, steps, self.every, times[1:], points[1:], slopes)
 
         parts = self._spread(run)
         counts, statuses, flags, failed_at = (
@@ -205,14 +165,16 @@ class CompiledStepper(Stepper):
         self.counts.nexp += nexp
         for i in np.flatnonzero(counts[2] < stored).tolist():
             points[counts[2, i] + 1 :, i] = math.nan
-            if self.slopes:
+            if slopes is not None:
                 slopes[counts[2, i] :, i] = math.nan
         self._done += stored
         shape = (stored + 1, *self.batch, *self.frame.point_shape)
         block = Block(
             times[: stored + 1],
             points[: stored + 1].view(self.frame.dtype).reshape(shape),
-            slopes[:stored].reshape(stored, *self.batch, self.frame.dim) if self.slopes else None,
+            None
+            if slopes is None
+            else slopes[:stored].reshape(stored, *self.batch, self.frame.dim),
         )
         return block, attempts, statuses, flags, failed_at
 
@@ -234,12 +196,12 @@ class CompiledStepper(Stepper):
         for i in np.flatnonzero(~going & (statuses != Stop.FINISHED)).tolist():
             stop = Stop(statuses[i])
             if stop is Stop.STEP_TOO_SMALL:
-                self.trouble = too_small_a_step(t, self._core.smallest_size(t))
+                self.trouble = too_small_a_step(t, self._run.smallest_step(t))
                 continue
             index: tuple[int, ...] = ()
             if self.trajectories > 1:
                 index = tuple(map(int, np.unravel_index(i, self.batch)))
-            slope = self._slope(i)[0] if stop is Stop.SLOPE_NOT_FINITE else None
+            slope = self._run.slope(i)[0] if stop is Stop.SLOPE_NOT_FINITE else None
             error = failure(stop, int(flags[i]), float(failed_at[i]), slope)
             if not self.batch or (self.trajectories == 1 and isinstance(self.rhs, PythonRhs)):
                 raise error
@@ -250,7 +212,7 @@ class CompiledStepper(Stepper):
         """Return the coefficients where the trajectories are, which the next step won't need."""
         found = []
         for i in range(self.trajectories):
-            slope, evaluations, status, flag = self._slope(i)
+            slope, evaluations, status, flag = self._run.slope(i)
             if status != Stop.FINISHED:
                 if isinstance(self.rhs, PythonRhs) or not self.batch:
                     raise failure(Stop(status), flag, self._reached)
@@ -258,10 +220,6 @@ class CompiledStepper(Stepper):
             found.append(slope)
         self.counts.nfev += evaluations
         return np.array(found).reshape(*self.batch, self.frame.dim)
-
-    def _slope(self, i: int) -> tuple[Array, int, int, int]:
-        found: tuple[Array, int, int, int] = self._core.slope(self._address, i + 1, self.dim)
-        return found
 
     def evaluate(self, t: Array, y: Points) -> Array:
         """Return coefficients at times ``(n,)`` and points ``(n, *batch, *point_shape)``."""
@@ -272,8 +230,8 @@ class CompiledStepper(Stepper):
             if not np.isfinite(rows[:, i]).all():  # it has failed or ended
                 values[i] = math.nan
                 continue
-            done, status, flag = self._core.evaluate(
-                self._address, i + 1, t, np.ascontiguousarray(rows[:, i]).T, values[i].T
+            done, status, flag = self._run.evaluate(
+                i, t, np.ascontiguousarray(rows[:, i]), values[i]
             )
             if status != Stop.FINISHED:
                 if isinstance(self.rhs, PythonRhs) or not self.batch:
@@ -284,4 +242,4 @@ class CompiledStepper(Stepper):
     def end_member(self, index: tuple[int, ...]) -> None:
         """Take no more steps of one trajectory, if it moves on its own."""
         if self.trajectories > 1:
-            self._core.finish(self._address, int(np.ravel_multi_index(index, self.batch)) + 1)
+            self._run.finish(int(np.ravel_multi_index(index, self.batch)))
