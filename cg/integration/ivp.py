@@ -23,12 +23,12 @@ from cg.integration.arguments import (
     check_unused,
 )
 from cg.integration.choice import AUTO, choose_method
-from cg.integration.dense import DenseOutput, EnsembleOutput
 from cg.integration.error_norm import ErrorNorm
 from cg.integration.events import EventLog
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.members import solve_apart
-from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
+from cg.integration.outcome import Logs, outcome
+from cg.integration.own_steps import solve_members
 from cg.integration.problem import Problem, make_problem
 from cg.integration.progress import Progress, check_progress
 from cg.integration.python_rhs import Coefficients
@@ -42,9 +42,6 @@ from cg.pairs import check_order, check_pair
 from cg.runs import ExecutorLike
 
 __all__ = ["solve_ivp"]
-
-Logs = dict[tuple[int, ...], EventLog]
-"""The events of every member of an ensemble, those of a single point under the index ()."""
 
 
 @keeping_stop_iteration
@@ -242,9 +239,9 @@ def solve_ivp(
         schedule = AdaptiveSchedule(start, stop, norm, largest, first, check_max_steps(max_steps))
         if problem.has_own_steps:
             watch = Progress(progress, start, stop, math.prod(problem.batch))
-            return _solve_members(problem, schedule, wanted, dense, logs, watch)
+            return solve_members(problem, schedule, wanted, dense, logs, watch)
     watch = Progress(progress, start, stop)
-    return _solution(*_record(problem, schedule, wanted, dense, logs, watch), problem, logs)
+    return outcome(*_record(problem, schedule, wanted, dense, logs, watch), problem, logs)
 
 
 def _event_logs(events: Any, problem: Problem) -> Logs | None:
@@ -276,148 +273,3 @@ def _record(
             break
     watch.finish()
     return stepper, recorder
-
-
-def _status(stepper: Stepper, recorder: Recorder) -> tuple[int, str]:
-    if stepper.trouble:
-        return -1, f"Failure: {stepper.trouble}."
-    if stepper.failures:
-        return -1, failed_members(stepper.failures, math.prod(stepper.batch))
-    if recorder.ended and not recorder.logs:
-        return 1, TERMINAL_EVENT
-    return 0, FINISHED
-
-
-def _solution(
-    stepper: Stepper,
-    recorder: Recorder,
-    problem: Problem,
-    logs: Logs | None,
-) -> Solution:
-    status, message = _status(stepper, recorder)
-    counts = stepper.counts
-    return Solution(
-        t=recorder.times(),
-        y=recorder.points(),
-        sol=recorder.solution(),
-        t_events=_by_event(logs, problem.batch, lambda log, _: log.times()),
-        y_events=_by_event(logs, problem.batch, lambda log, i: log.points(problem.points[i])),
-        nfev=counts.nfev,
-        njev=counts.njev,
-        nlu=counts.nlu,
-        nexp=counts.nexp,
-        steps=recorder.steps,
-        nrejected=counts.rejected,
-        status=status,
-        message=message,
-        success=status >= 0,
-        method=problem.method,
-        failures=dict(stepper.failures),
-        frame=problem.frame,
-    )
-
-
-def _by_event(logs: Logs | None, batch: tuple[int, ...], found: Any) -> list[Any] | None:
-    """Return what was found for each event: itself for a single point, else arrays of it."""
-    if logs is None:
-        return None
-    if not batch:
-        alone: list[Any] = found(logs[()], ())
-        return alone
-    by_member = {member: found(log, member) for member, log in logs.items()}
-    count = len(next(iter(by_member.values()), ()))
-    arrays = [np.empty(batch, dtype=object) for _ in range(count)]
-    for member, values in by_member.items():
-        for array, value in zip(arrays, values, strict=True):
-            array[member] = value
-    return arrays
-
-
-def _solve_members(
-    problem: Problem,
-    schedule: AdaptiveSchedule,
-    wanted: Array | None,
-    dense: bool,
-    logs: Logs | None,
-    watch: Progress,
-) -> Solution:
-    """Integrate every member of an ensemble with steps of its own."""
-    batch, points = problem.batch, problem.points
-    sign = -1.0 if schedule.stop < schedule.start else 1.0
-    if wanted is None:
-        wanted = np.unique([schedule.start, schedule.stop])[:: int(sign)]
-    y = np.full((len(wanted), *points.shape), math.nan, dtype=points.dtype)
-    outputs: list[DenseOutput] = []
-    solutions: list[Solution] = []
-    failures: dict[tuple[int, ...], str] = {}
-    for member in np.ndindex(batch):
-        log: Logs | None = None if logs is None else {(): logs[member]}
-        alone = problem.member(member)
-        stepper, recorder, trouble = _record_member(alone, schedule, wanted, dense, log, watch)
-        watch.finish_member()
-        if trouble or stepper.trouble:
-            failures[member] = trouble or stepper.trouble
-        solution = _solution(stepper, recorder, alone, log)
-        y[(slice(len(solution.t)), *member)] = solution.y
-        solutions.append(solution)
-        if solution.sol is not None:
-            outputs.append(solution.sol)
-    watch.finish()
-    status, message = max(solution.status for solution in solutions), FINISHED
-    if all(solution.status == 1 for solution in solutions):
-        message = TERMINAL_EVENT
-    elif not failures:
-        status = 0
-    if failures:
-        status, message = -1, failed_members(failures, len(solutions))
-    wanted = wanted.copy()
-    wanted.flags.writeable = y.flags.writeable = False
-
-    def total(name: str) -> int:
-        return sum(getattr(solution, name) for solution in solutions)
-
-    return Solution(
-        t=wanted,
-        y=y,
-        sol=EnsembleOutput(outputs, points, batch) if dense else None,
-        t_events=_by_event(logs, batch, lambda log, _: log.times()),
-        y_events=_by_event(logs, batch, lambda log, i: log.points(points[i])),
-        nfev=total("nfev"),
-        njev=0,
-        nlu=0,
-        nexp=total("nexp"),
-        steps=total("steps"),
-        nrejected=total("nrejected"),
-        status=status,
-        message=message,
-        success=status >= 0,
-        method=problem.method,
-        failures=failures,
-        frame=problem.frame,
-    )
-
-
-def _record_member(
-    problem: Problem,
-    schedule: AdaptiveSchedule,
-    wanted: Array,
-    dense: bool,
-    logs: Logs | None,
-    watch: Progress,
-) -> tuple[Stepper, Recorder, str]:
-    """Take all steps of one member; return what went wrong in ``f`` or its numbers, if anything.
-
-    What was found before stands.  An error in an event is none of the member's.
-    """
-    looked_for = {member: log for member, log in (logs or {}).items() if log}
-    stepper = problem.stepper(schedule, slopes=True, watched=bool(looked_for))
-    recorder = Recorder(stepper, schedule.start, problem.points, wanted, dense, looked_for)
-    blocks = stepper.blocks()
-    while True:
-        try:
-            block = next(blocks, None)
-        except (ValueError, RuntimeError, OverflowError) as error:
-            return stepper, recorder, str(error)
-        if block is None or recorder.add(block):
-            return stepper, recorder, ""
-        watch.reach(block.t[-1])

@@ -5,6 +5,10 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
+
+from cg.frames.arrays import Array
+
 __all__ = ["Progress"]
 
 _SECONDS = 0.1
@@ -37,17 +41,17 @@ class Progress:
         self._done = 0.0
         self._told = time.perf_counter()
 
-    def reach(self, t: float) -> None:
-        """Note that the present trajectory is at some time."""
+    def reach(self, t: float | Array) -> None:
+        """Note that the present trajectory is at some time, or each of several at its own."""
         if self.function is None:
             return
-        self._done = self._before + min(abs(float(t) - self.start), self.length)
+        self._done = self._before + float(np.minimum(np.abs(t - self.start), self.length).sum())
         if time.perf_counter() - self._told >= _SECONDS:
             self._tell()
 
-    def finish_member(self) -> None:
-        """Note that the present trajectory has ended, perhaps early."""
-        self._before += self.length
+    def finish_members(self, count: int = 1) -> None:
+        """Note that the present trajectories have ended, perhaps early."""
+        self._before += count * self.length
         self._done = self._before
 
     def finish(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
@@ -89,6 +89,11 @@ class Counts:
     nlu: int = 0
     steps: int = 0
     rejected: int = 0
+
+    def add(self, others: Counts) -> None:
+        """Add what others took."""
+        for part in fields(self):
+            setattr(self, part.name, getattr(self, part.name) + getattr(others, part.name))
 
 
 @dataclass
