@@ -1,0 +1,134 @@
+"""The loop over steps in detail: its grids, first steps, counts, and the ends of what it keeps."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.frames import SO3, Euclidean, Stiefel
+from cg.integration.interpolation import extra_evaluations, node_count, result_flows
+from cg.integration.time_grid import make_grid
+
+RATES, NEVER = np.array([-1.0, -2.0]), 1e9
+
+
+def decay(function, ends=(NEVER, NEVER)):
+    """Return a compiled right-hand side of two members, and their numbers."""
+    return function("decays"), np.stack([RATES, ends], axis=-1)
+
+
+def half(t, y):
+    return y[0] - 0.5
+
+
+half.terminal = True
+
+
+@pytest.mark.parametrize(("units", "steps"), [(0, 1600), (1, 1600), (2, 1601)])
+def test_what_rounding_may_add_to_a_whole_number_of_steps(units, steps):
+    """Of ends a unit; of 1600 steps of size 1, whose unit is 1024 times smaller, 0.78 units."""
+    unit = np.spacing(1600.0)
+    grid = make_grid((0.0, 1600.0 + units * unit), 1.0)
+    assert grid.steps == steps
+    assert grid.last == (1.0 if steps == 1600 else 2 * unit)
+
+
+def test_times_that_coincide():
+    for span in ((1e15, 1e15 + 1), (-1e15, 1 - 1e15), (1 - 1e15, -1e15)):
+        with pytest.raises(ValueError, match="h is too small for t_span .*: its times coincide"):
+            make_grid(span, 1e-5)
+        assert make_grid(span, 0.5).steps == 2
+        assert make_grid(span, 2.0).steps == 1
+    with pytest.raises(ValueError, match="its times coincide, got 1e-300"):
+        make_grid((0.0, 1.0), 1e-300)
+    below = 1.0 - 2.0**-53  # the number before 1, nearer to it than the one after
+    assert make_grid((below, 1.0), 2.0**-53).steps == 1
+    with pytest.raises(ValueError, match="its times coincide"):
+        make_grid((below, 1.0), 0.8 * 2.0**-53)
+
+
+@pytest.mark.parametrize("name", [n for n, m in cg.methods.items() if m.order > 1])
+def test_evaluations_of_the_continuous_solution(name):
+    """Those that the head of `cg.integration.interpolation` tells of, by the order of a method."""
+    method = cg.methods[name]
+    order = max(method.order, method.embedded_order or 0)
+    wanted = {2: {0}, 3: {0}, 4: {1, 3}, 5: {3, 6}, 6: {6, 10}, 7: {10, 15}, 8: {15}}[order]
+    found = extra_evaluations(method)
+    assert found in wanted
+    # a node more where the method has as many stages as that takes
+    assert found == max(few for few in wanted if few == min(wanted) or few <= method.stages)
+
+
+@pytest.mark.parametrize("method", ["CG3", "CG4a", "CF4(3)", "RKMK5(4)"])
+@pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 1)], ids=repr)
+def test_flows_of_output_between_steps(method, frame):
+    y0 = frame.random_point(np.random.default_rng(1))
+    options = {"frame": frame, "method": method, "h": 0.25}
+
+    def solve(**extra):
+        return cg.solve_ivp(lambda t, y: [t, 1.0, y[0, 0]], (0, 1), y0, **options, **extra)
+
+    plain = solve()
+    nodes, flows = node_count(plain.method), len(result_flows(plain.method)) + 1
+    # the interpolant with n nodes is closed at its end; that with one node less leads to n - 2
+    made = (nodes - 1) * flows + extra_evaluations(plain.method) * flows
+    assert solve(t_eval=[0.25, 0.75]).nexp == plain.nexp
+    assert solve(t_eval=[0.25, 0.6]).nexp == plain.nexp + made + flows
+    assert solve(t_eval=[0.3, 0.55, 0.7]).nexp == plain.nexp + 2 * made + 3 * flows
+    assert solve(dense_output=True).nexp == plain.nexp + 4 * made
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+@pytest.mark.filterwarnings("ignore:invalid:RuntimeWarning")
+@pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 1)], ids=repr)
+def test_one_member_whose_f_is_too_large_for_any_step(frame):
+    y0 = frame.random_point(np.random.default_rng(2), (2,))
+    with pytest.raises(OverflowError, match="f is too large to choose a step at t = 0, got"):
+        cg.solve_ivp(lambda t, y: np.full(3, 1e308), (0, 1), y0[0], frame=frame)
+    for large in ([1.0, 1e308], [1e308, 1.0]):
+        with pytest.raises(OverflowError, match="f is too large to choose a step at t = 0, got"):
+            cg.solve_ivp(
+                lambda t, y, large=large: np.multiply.outer(large, np.ones(3)), (0, 1), y0,
+                frame=frame,
+            )  # fmt: skip
+
+
+@pytest.mark.parametrize("span", [(0.0, 1.0), (1.0, -1.0)])
+def test_continuous_solutions_of_members_reach_both_ends(span, function):
+    f, parameters = decay(function)
+    y0 = np.array([[1.0], [3.0]])
+    for options in ({}, {"method": "CG4a", "h": 0.25}):
+        found = cg.solve_ivp(
+            f, span, y0, frame=Euclidean(1), parameters=parameters, dense_output=True, **options
+        )
+        assert (found.njev, found.nlu, found.nfev > 0) == (0, 0, True)
+        assert (found.sol.t_min, found.sol.t_max) == (min(span), max(span))
+        np.testing.assert_array_equal(found.sol(span[0]), y0)
+        np.testing.assert_array_equal(found.sol(span), found.y[[0, -1]])
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 1 / 32}])
+@pytest.mark.parametrize("in_c", [True, False], ids=["C", "Python"])
+def test_a_member_s_solution_reaches_the_event_that_ends_it(options, in_c, function):
+    f, extra = (lambda t, y: RATES[:, None] * y), {}
+    if in_c:
+        f, extra["parameters"] = decay(function)
+    for span in ((0.0, 2.0), (0.25, 2.25)):
+        found = cg.solve_ivp(
+            f, span, np.ones((2, 1)), frame=Euclidean(1), events=half, dense_output=True,
+            **extra, **options,
+        )  # fmt: skip
+        for i in range(2):
+            end, point = found.t_events[0][i][0], found.y_events[0][i][0]
+            np.testing.assert_allclose(found.sol(end)[i], point, rtol=0, atol=1e-15)
+            assert np.isnan(found.sol(min(np.nextafter(end, 9), found.sol.t_max))[i]) == (i == 1)
+
+
+def test_a_member_that_an_event_ended_takes_no_more_steps(function):
+    """Its function fails later, which is no failure of what has ended before."""
+    f, parameters = decay(function, ends=(NEVER, 0.75))
+    options = {"frame": Euclidean(1), "parameters": parameters, "events": half}
+    for way in ({"method": "CG4a", "h": 1 / 256}, {"max_step": 1 / 256}):
+        found = cg.solve_ivp(f, (0, 2), np.ones((2, 1)), **way, **options)
+        assert found.failures == {}
+        assert [len(t) for t in found.t_events[0]] == [1, 1]
+        assert found.status == 1
