@@ -142,7 +142,8 @@ def test_the_same_in_processes(tmp_path):
     assert construction.method is not None
 
 
-def test_chunks_take_equally_long():
+def sizes_of_chunks(work, total):
+    """Return how many pieces each chunk has, on two workers."""
     sizes = []
 
     class Counting(ThreadPoolExecutor):
@@ -150,17 +151,26 @@ def test_chunks_take_equally_long():
             sizes.append(len(args[1]))
             return super().submit(function, *args, **kwargs)
 
-    def work(index):
-        time.sleep(0.002)
-        return index
-
     with Counting(2) as pool:
-        indices = (finished.index for finished in completed(work, range(600), 600, None, pool))
-        assert sorted(indices) == list(range(600))
-    assert sum(sizes) == 600
+        indices = (finished.index for finished in completed(work, range(total), total, None, pool))
+        assert sorted(indices) == list(range(total))
+    assert sum(sizes) == total
+    return sizes
+
+
+def test_chunks_take_equally_long():
+    sizes = sizes_of_chunks(lambda index: time.sleep(0.002), 600)
     assert sizes[0] == 1  # nothing is known yet
     assert 20 < max(sizes) < 600 * 0.25
-    assert sizes[-1] == 1  # the last ones are small
+    assert sizes[-1] < 20  # the last ones are small
+    sizes = sizes_of_chunks(lambda index: time.sleep(0.05), 30)
+    assert sizes[-1] == 1
+
+
+def test_cheap_pieces_are_many_to_a_chunk_though_the_first_ones_were_slow():
+    sizes = sizes_of_chunks(lambda index: time.sleep(0.2 if index < 2 else 0.0001), 2000)
+    assert len(sizes) < 40
+    assert min(sizes[-4:-1]) > 4  # handing out takes longer than a piece
 
 
 def test_indices_are_read_as_they_are_needed():

@@ -37,9 +37,10 @@ ExecutorLike = Executor | Callable[[], Executor] | str | None
 
 _CHUNK_SECONDS = 0.25  # that a chunk is to take: far longer than it takes to hand out
 _CHUNKS_A_WORKER = 2  # handed out at a time, so that no worker waits for this process
+_LEAST_SECONDS = 0.02  # even at the end: about what handing out takes on a cluster
 _TAIL = 4  # chunks that a worker still gets at least, so that all end at about the same time
 _ATTEMPTS = 2  # of a piece alone, whose worker may have been killed from outside
-_REMEMBERED = 0.3  # weight of the newest chunk in the mean time of a piece
+_REMEMBERED = 0.3  # weight of one piece in the mean time of a piece
 
 _log = logging.getLogger("cg")
 
@@ -138,7 +139,8 @@ def completed(
     Notes
     -----
     Chunks have so many pieces that they take a quarter of a second by what the last ones took, and
-    become smaller towards the end. In threads they have one, unless `data` is given.
+    become smaller towards the end, down to a fiftieth. In threads they have one, unless `data` is
+    given.
     """
     pool = _Pool(executor, workers, data)
     queue = _Chunks(indices, total, pool)
@@ -373,7 +375,9 @@ class _Chunks:
         size = 1
         if (not self._pool.threads or self._pool.data) and self._mean is not None:
             fair = self._left // (_TAIL * self._pool.workers)
-            size = max(1, min(int(_CHUNK_SECONDS / max(self._mean, 1e-6)), fair))
+            mean = max(self._mean, 1e-6)
+            least = max(1, int(_LEAST_SECONDS / mean))
+            size = max(least, min(int(_CHUNK_SECONDS / mean), fair))
         chunk = list(islice(self._indices, size))
         self._left -= len(chunk)
         return chunk
@@ -382,7 +386,9 @@ class _Chunks:
         if results:
             mean = sum(finished.seconds for finished in results) / len(results)
             old = mean if self._mean is None else self._mean
-            self._mean = old + _REMEMBERED * (mean - old)
+            pieces = sum(max(1, len(finished.chunk)) for finished in results)
+            # the first piece of a worker, which also loads what it needs, is soon forgotten
+            self._mean = mean + (1.0 - _REMEMBERED) ** pieces * (old - mean)
 
 
 def _workers_of(executor: Any) -> int:
