@@ -243,7 +243,7 @@ class TestDeath:
         made: list[Losing] = []
 
         def make() -> Executor:
-            made.append(Losing(9 if not made else 1000, moment))
+            made.append(Losing(3 if not made else 1000, moment))
             return made[-1]
 
         ended = {
@@ -253,12 +253,12 @@ class TestDeath:
         assert ended == {index: 2 * index for index in range(40)}
         assert len(made) == 2
         with pytest.raises(BrokenExecutor, match=r"pieces \[.*\] (that )?were at work"):
-            list(completed(double, range(40), 40, 2, Losing(9, moment)))
+            list(completed(double, range(40), 40, 2, Losing(3, moment)))
 
     def test_a_search_that_lost_its_executor_goes_on_with_another(self, tmp_path):
         path = tmp_path / "runs.db"
         with pytest.raises(BrokenExecutor) as lost:
-            cg.search(**SEARCH, executor=Losing(9, "at work"), store=path)
+            cg.search(**SEARCH, executor=Losing(3, "at work"), store=path)
         assert lost.value.__notes__ == [
             f"what had ended is in {path}, and the same search goes on from there, on any executor"
         ]
