@@ -32,6 +32,9 @@ run = cg.integrate(f, (0, 1), y0, frame=frame, method="CG4a", h=0.05)
 end: NDArray[np.float64] = run.y[-1]
 solution = cg.solve_ivp(f, (0, 1), y0, frame=frame, rtol=1e-8, atol=1e-8, dense_output=True)
 count: int = solution.nfev
+in_c = cg.CompiledFunction("./top.so", "rhs", [1.0])
+end = cg.integrate(in_c, (0, 1), y0, frame=frame, method="CF4", h=0.05).y[-1]
+count = cg.solve_ivp(in_c, (0, 1), y0, frame=frame).nfev
 method = cg.methods["CG4a"]
 order: int = method.order
 found = crouch_grossman.search(order=3, stages=3, starts=4, seed=1).methods

@@ -12,6 +12,7 @@ from scipy import LowLevelCallable
 from cg.checks import LARGEST_COUNT
 from cg.frames.base import Frame
 from cg.integration.arguments import check_count
+from cg.integration.compiled_function import CompiledFunction
 from cg.integration.compiled_rhs import CompiledRhs
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.problem import make_problem
@@ -29,7 +30,7 @@ __all__ = ["integrate"]
 
 @keeping_stop_iteration
 def integrate(
-    f: Coefficients | LowLevelCallable[Any, Any],
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,

@@ -23,6 +23,7 @@ from cg.integration.arguments import (
     check_unused,
 )
 from cg.integration.choice import AUTO, choose_method
+from cg.integration.compiled_function import CompiledFunction
 from cg.integration.error_norm import ErrorNorm
 from cg.integration.events import EventLog
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
@@ -46,7 +47,7 @@ __all__ = ["solve_ivp"]
 
 @keeping_stop_iteration
 def solve_ivp(
-    f: Coefficients | LowLevelCallable[Any, Any],
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
     y0: ArrayLike,
     *,
