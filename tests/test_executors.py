@@ -1,5 +1,6 @@
 """Searches on executors: the same results on all of them, and workers that die."""
 
+import contextlib
 import logging
 import os
 import signal
@@ -276,12 +277,18 @@ class TestDeath:
         path = tmp_path / "runs.db"
         script = tmp_path / "run.py"
         script.write_text(FOREVER)
-        with subprocess.Popen([sys.executable, script, path], stdout=subprocess.PIPE) as running:
-            assert running.stdout is not None
-            first = running.stdout.readline()
+        running = subprocess.Popen(
+            [sys.executable, script, path], stdout=subprocess.PIPE, start_new_session=True
+        )
+        assert running.stdout is not None
+        try:
+            assert running.stdout.readline() == b"begun\n"
             running.kill()
             # the other end of the pipe is closed when the last worker has ended
-            assert (first, running.stdout.read()) == (b"begun\n", b"")
+            assert running.communicate(timeout=60) == (b"", None)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(running.pid, signal.SIGKILL)
         with Store(path) as opened:
             (kept,) = opened.runs()
             starts = kept.starts + 3
