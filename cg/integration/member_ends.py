@@ -60,13 +60,16 @@ def member_ends(
     rows = start.reshape(total, -1).view(np.float64)
     ends = np.full_like(start, math.nan)
     end_rows = ends.reshape(total, -1).view(np.float64)
-    for first in range(0, total, _MEMBERS):
-        part = slice(first, min(first + _MEMBERS, total))
+    first, budget = 0, StepBudget()  # of members: one step of all of them can't be interrupted
+    while first < total:
+        part = slice(first, min(first + min(budget.start(), _MEMBERS), total))
         troubles = _finish(problem, schedule, rows[part], first, end_rows[part], counts, watch)
         for place, trouble in troubles.items():
             index = tuple(map(int, np.unravel_index(first + place, problem.batch)))
             failures[index] = trouble
         watch.finish_members(part.stop - first)
+        budget.stop(part.stop - first)
+        first = part.stop
     return ends, counts, failures
 
 
