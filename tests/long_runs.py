@@ -128,4 +128,28 @@ EXPLAINED = {
         'labels = [f"a_{i}{separator}{j}" for j in range(1, stages + 1)]',
         "1 → 2",
     ): ("same", "of the end of a range: one label more than there are entries"),
+    (
+        "cg.integration.time_grid",
+        "last = size if abs(rest - Fraction(size)) <= Fraction(slack) else float(rest)",
+        "abs(rest - Fraction(size)) <= Fraction(slack) → abs(rest - Fraction(size)) "
+        "< Fraction(slack)",
+    ): (
+        "since",
+        "no rounding was just as large as it may be; in `test_integration_loop.py` one is",
+    ),
+    (
+        "cg.integration.time_grid",
+        "divides = abs(exact - nearest * Fraction(size)) <= Fraction(slack)",
+        "abs → float",
+    ): ("same", "where the nearest number of steps is larger, it is the next larger one as well"),
+    (
+        "cg.integration.dense",
+        "super().__init__(ts if forward else ts[::-1], None, y0)",
+        "forward → not forward",
+    ): ("since", "nobody asked for the order of the times; `test_integration_loop.py` does"),
+    (
+        "cg.integration.events",
+        "if self.value == 0.0:",
+        "0.0 → 1.0",
+    ): ("since", "no event was 1 at the end of a step; in `test_integration_loop.py` one is"),
 }

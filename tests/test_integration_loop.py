@@ -1,5 +1,7 @@
 """The loop over steps in detail: its grids, first steps, counts, and the ends of what it keeps."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,10 @@ from cg.frames import SO3, Euclidean, Stiefel
 from cg.integration.interpolation import extra_evaluations, node_count, result_flows
 from cg.integration.time_grid import make_grid
 
+EXTRA = {
+    **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},
+    **{"CG6g": 10, "CF6(5)": 6, "CG7b": 15, "CF7(6)": 10, "CF8a": 15},
+}
 RATES, NEVER = np.array([-1.0, -2.0]), 1e9
 
 
@@ -32,9 +38,16 @@ def test_what_rounding_may_add_to_a_whole_number_of_steps(units, steps):
     assert grid.last == (1.0 if steps == 1600 else 2 * unit)
 
 
+def test_rounding_that_is_just_as_large_as_it_may_be():
+    h, stop = 0.125 * (1.0 + 2.0**-52), 5.0 + 5 * 2.0**-50
+    assert (Fraction(stop) + 3 - 64 * Fraction(h)) / Fraction(np.spacing(stop)) == 3
+    grid = make_grid((-3.0, stop), h)  # the unit of 8 is two of these, 64 halves of that of h one
+    assert (grid.steps, grid.last) == (64, h)
+
+
 def test_times_that_coincide():
     for span in ((1e15, 1e15 + 1), (-1e15, 1 - 1e15), (1 - 1e15, -1e15)):
-        with pytest.raises(ValueError, match="h is too small for t_span .*: its times coincide"):
+        with pytest.raises(ValueError, match=r"h is too small for t_span .*: its times coincide"):
             make_grid(span, 1e-5)
         assert make_grid(span, 0.5).steps == 2
         assert make_grid(span, 2.0).steps == 1
@@ -46,16 +59,10 @@ def test_times_that_coincide():
         make_grid((below, 1.0), 0.8 * 2.0**-53)
 
 
-@pytest.mark.parametrize("name", [n for n, m in cg.methods.items() if m.order > 1])
-def test_evaluations_of_the_continuous_solution(name):
-    """Those that the head of `cg.integration.interpolation` tells of, by the order of a method."""
-    method = cg.methods[name]
-    order = max(method.order, method.embedded_order or 0)
-    wanted = {2: {0}, 3: {0}, 4: {1, 3}, 5: {3, 6}, 6: {6, 10}, 7: {10, 15}, 8: {15}}[order]
-    found = extra_evaluations(method)
-    assert found in wanted
-    # a node more where the method has as many stages as that takes
-    assert found == max(few for few in wanted if few == min(wanted) or few <= method.stages)
+def test_evaluations_of_the_continuous_solution():
+    """By the order of a method, and the stages that a node more may cost as many as."""
+    found = {name: extra_evaluations(cg.methods[name]) for name in EXTRA}
+    assert found == EXTRA
 
 
 @pytest.mark.parametrize("method", ["CG3", "CG4a", "CF4(3)", "RKMK5(4)"])
@@ -102,6 +109,7 @@ def test_continuous_solutions_of_members_reach_both_ends(span, function):
         )
         assert (found.njev, found.nlu, found.nfev > 0) == (0, 0, True)
         assert (found.sol.t_min, found.sol.t_max) == (min(span), max(span))
+        assert (found.sol.ts[0], found.sol.ts[-1]) == span
         np.testing.assert_array_equal(found.sol(span[0]), y0)
         np.testing.assert_array_equal(found.sol(span), found.y[[0, -1]])
 
@@ -121,6 +129,22 @@ def test_a_member_s_solution_reaches_the_event_that_ends_it(options, in_c, funct
             end, point = found.t_events[0][i][0], found.y_events[0][i][0]
             np.testing.assert_allclose(found.sol(end)[i], point, rtol=0, atol=1e-15)
             assert np.isnan(found.sol(min(np.nextafter(end, 9), found.sol.t_max))[i]) == (i == 1)
+
+
+def test_events_at_the_end_of_a_step():
+    """Their zeros there need no solution within the step, their values there mean nothing else."""
+
+    def solve(event):
+        return cg.solve_ivp(
+            lambda t, y: [np.cos(t)], (0, 4), [0.0], frame=Euclidean(1), method="CG5a", h=2.0,
+            events=lambda t, y: event(t),
+        )  # fmt: skip
+
+    never, there, within = solve(lambda t: 1.0), solve(lambda t: t - 2.0), solve(lambda t: t - 1.0)
+    assert there.t_events[0].tolist() == [2.0]
+    assert (there.nfev, there.nexp) == (never.nfev, never.nexp)
+    assert within.t_events[0] == pytest.approx([1.0], abs=1e-14)
+    assert within.nfev == never.nfev + EXTRA["CG5a"]
 
 
 def test_a_member_that_an_event_ended_takes_no_more_steps(function):

@@ -32,7 +32,7 @@ CPU_SECONDS = 120
 WALL_SECONDS = 900
 
 CERTIFICATION = "values certify_weights krawczyk flat_rows orthogonality certify"
-INTEGRATION = "integration_input solve_ivp integrate events compiled_output ensembles dense"
+INTEGRATION = "integration_loop integration_input events ensembles solve_ivp integrate"
 # Cases that take long, and see what others see
 LONG = "not Stiefel and not Coadjoint and not second_way and not spacecraft and not slopes"
 TESTS = {  # module: files of tests in the order in which they are run
@@ -43,15 +43,26 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.points": "points point_conditions",
     "cg.tableau": "tableau points catalogue",
     "cg.commutator_free": "points catalogue",
-    "cg.integration.recorder": INTEGRATION,
-    "cg.integration.events": "events dense",
-    "cg.integration.dense": "dense events",
-    "cg.integration.time_grid": "integration_input solve_ivp integrate compiled_output",
+    "cg.integration.ivp": "solve_ivp integration_input ensembles events compiled_output "
+    "member_ends progress ensemble_executors",
+    "cg.integration.compiled_stepper": "compiled_output compiled_adaptive ensembles compiled "
+    "integration_loop python_field",
+    "cg.integration.compiled_run": "compiled_output compiled_adaptive ensembles member_ends",
+    "cg.integration.own_steps": "member_ends ensembles integration_loop compiled_adaptive progress",
+    "cg.integration.member_ends": "member_ends ensembles progress compiled_adaptive",
+    "cg.integration.outcome": "solve_ivp events ensembles adaptive member_ends",
+    "cg.integration.error_norm": "adaptive compiled_adaptive ensembles",
+    "cg.integration.members": "ensemble_executors ensembles",
+    "cg.integration.recorder": f"{INTEGRATION} compiled_output",
+    "cg.integration.events": "events compiled_output ensembles",
+    "cg.integration.dense": "integration_loop events ensembles dense",
+    "cg.integration.time_grid": "values integration_loop integration_input integrate solve_ivp",
     "cg.integration.choice": "solve_ivp adaptive integrate",
     "cg.integration.arguments": "integration_input bad_input solve_ivp adaptive integrate",
-    "cg.integration.interpolation": "dense events munthe_kaas compiled_output",
-    "cg.integration.python_stepper": INTEGRATION,
-    "cg.integration.step": INTEGRATION,
+    "cg.integration.interpolation": "values integration_loop events munthe_kaas compiled_output "
+    "dense",
+    "cg.integration.python_stepper": f"{INTEGRATION} adaptive compiled_adaptive",
+    "cg.integration.step": f"{INTEGRATION} implicit adaptive munthe_kaas",
     "cg.certification.krawczyk": "values krawczyk certify",
     "cg.certification.find": CERTIFICATION,
     "cg.certification.prove": CERTIFICATION,

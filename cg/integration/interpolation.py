@@ -32,8 +32,8 @@ order four on there is one node more where a method has as many stages as this t
 measured on the pairs of the catalogue, the largest error within a step was then at most 1.5 times
 that at its ends; with :math:`p - 1` nodes it was at most 2.6 times for Crouch-Grossman pairs, but 4
 to 12 times for commutator-free ones, whose own errors are smaller.  All in all 0, 3, 6, 10, 15
-evaluations go into a step of order p = 3, 4, 5, 6, 7 that has output in it, or else 6 for p = 6;
-and 15 for p = 8, with p - 1 nodes.
+evaluations go into a step of order p = 3, 4, 5, 6, 7 that has output in it, or else 6 for p = 6 and
+10 for p = 7; and 15 for p = 8, with p - 1 nodes.
 
 A method on a Lie algebra solves that problem in coordinates: its stages are derivatives of them,
 and one flow leads to :math:`z`.  For pairs of this kind the largest error within a step was at most
