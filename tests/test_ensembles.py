@@ -1,6 +1,8 @@
 """Ensembles of initial points: every member is what it is alone."""
 
 import re
+import tracemalloc
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from compiled_examples import PROBLEMS
 
 import cg
 from cg.frames import SE3, SO, SO3, SU, CoadjointOrbit, Euclidean, Product, Sphere, Stiefel
+from cg.integration.arguments import check_points
 from cg.problems import StateDependentRotation
 
 PROBLEM = StateDependentRotation()
@@ -257,3 +260,27 @@ def test_where_all_members_fail_what_they_reached_is_kept_and_nothing_else(shape
         np.testing.assert_allclose(t, np.arange(len(t)) / 32, rtol=0, atol=1e-15)
         assert 0.5 < t[-1] < 0.65
         np.testing.assert_allclose(y[..., 0], np.exp(-t)[:, None] * np.ones(shape), rtol=1e-8)
+
+
+def test_the_point_that_is_wrong_is_found_among_many():
+    y0 = np.broadcast_to(np.eye(3), (100, 100, 3, 3)).copy()
+    run = partial(cg.solve_ivp, PROBLEM.f, (0, 1), frame=SO3())
+    y0[80, 7] *= 1.01
+    with pytest.raises(ValueError, match=r"y0\[80, 7\] must be a point of SO3\(\)"):
+        run(y0)
+    y0[90, 3, 1, 1] = np.nan
+    y0[99, 99] *= 2.0
+    with pytest.raises(ValueError, match=r"y0\[90, 3\] must be finite"):
+        run(y0)
+
+
+def test_checking_points_takes_little_memory():
+    y0 = np.broadcast_to(np.eye(3), (50_000, 3, 3))
+    check_points(SO3(), y0[:10])
+    tracemalloc.start()
+    try:
+        points = check_points(SO3(), y0)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert points.nbytes <= peak < 1.6 * points.nbytes

@@ -21,6 +21,7 @@ from cg.method import Method
 DEFAULT_MAX_STEPS = 10**6
 """The number of adaptive steps, rejected ones included, after which it is given up."""
 
+_POINTS_AT_A_TIME = 4096
 MOST_COMPILED_STEPS = 2**31 - 1
 """Compiled code counts the steps of a grid in integers of 32 bits."""
 
@@ -224,12 +225,27 @@ def check_points(frame: Frame, y0: ArrayLike) -> Points:
         return frame.check_point(points, name="y0")
     if points.size == 0:
         raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
-    finite = np.isfinite(points).all(axis=tuple(range(-rank, 0)))
     # The worst one alone gets the full check, whose message names what is wrong with it.
-    errors = frame.relative_error(points) if finite.all() else ~finite
-    worst = np.unravel_index(np.argmax(errors), batch)
+    worst = np.unravel_index(_worst(frame, points.reshape(-1, *frame.point_shape)), batch)
     frame.check_point(points[worst], name=f"y0[{', '.join(map(str, worst))}]")
     return points
+
+
+def _worst(frame: Frame, points: Points) -> int:
+    """Return which of some points is farthest from the manifold, or the first that isn't finite.
+
+    A part at a time, so that what it takes to find out needs no more memory than the points.
+    """
+    errors = np.empty(len(points))
+    axes = tuple(range(1, points.ndim))
+    for first in range(0, len(points), _POINTS_AT_A_TIME):
+        part = slice(first, first + _POINTS_AT_A_TIME)
+        finite = np.isfinite(points[part]).all(axis=axes)
+        all_finite = bool(finite.all())
+        errors[part] = (
+            frame.relative_error(points[part]) if all_finite else np.where(finite, 0.0, math.inf)
+        )
+    return int(np.argmax(errors))
 
 
 def check_span(t_span: Sequence[float]) -> tuple[float, float]:
