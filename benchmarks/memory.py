@@ -88,8 +88,5 @@ def memory_rows(quick: bool) -> list[Row]:
             command = [sys.executable, "-c", _MEASURE + script, str(size)]
             told = subprocess.run(command, capture_output=True, text=True, check=True)
             megabytes = float(json.loads(told.stdout))
-            rows.append(
-                Row(f"memory of {size} {what}", 1e6 * megabytes / size, "bytes each",
-                    "in all, MB", megabytes)
-            )  # fmt: skip
+            rows.append(Row(f"memory of {size} {what}", megabytes, "MB"))
     return rows
