@@ -46,8 +46,9 @@ class CompiledTop:
         self.constants = np.array([*inverses, float(top.mgl)])
         library.heavy_top.restype = ctypes.c_int
         library.heavy_top.argtypes = [ctypes.c_double, _DOUBLES, _DOUBLES, ctypes.c_void_p]
+        # as data_as makes it, the pointer keeps the constants, also where only f is kept
         self.f: Any = LowLevelCallable(
-            library.heavy_top, ctypes.c_void_p(self.constants.ctypes.data)
+            library.heavy_top, self.constants.ctypes.data_as(ctypes.c_void_p)
         )
         self._loop = library.integrate
         self._loop.restype = None

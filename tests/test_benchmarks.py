@@ -1,8 +1,10 @@
 """The benchmarks compute what they say, and their page says what was measured."""
 
+import gc
 import importlib.util
 import shutil
 import sys
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +101,20 @@ def test_work_is_interpolated_and_the_best_is_found():
     assert _best([curve, other], ("pair", "rival"), 1e-8, "time") == "own"
     assert _best([curve, other], ("fixed",), 1e-8, "time") is None
     assert other.drift(1e-8) == 0.1
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
+def test_a_compiled_top_alone_keeps_its_constants(tmp_path):
+    from benchmarks.compiled_top import CompiledTop
+
+    top = CompiledTop(HeavyTop(), tmp_path)
+    constants, f = weakref.ref(top.constants), top.f
+    del top
+    gc.collect()
+    assert constants() is not None
+    del f
+    gc.collect()
+    assert constants() is None
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")

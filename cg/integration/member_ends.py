@@ -20,7 +20,7 @@ from cg.shared_numbers import Stop
 
 __all__ = ["member_ends"]
 
-_MEMBERS = 256  # at a time, so that memory doesn't grow with the ensemble
+_MEMBERS = 1024  # at a time, so that memory doesn't grow with the ensemble
 _NONE_BETWEEN = 2**31 - 1  # steps
 
 
@@ -60,10 +60,13 @@ def member_ends(
     rows = start.reshape(total, -1).view(np.float64)
     ends = np.full_like(start, math.nan)
     end_rows = ends.reshape(total, -1).view(np.float64)
-    first, budget = 0, StepBudget()  # of members: one step of all of them can't be interrupted
+    first, steps = 0, StepBudget()
+    budget = StepBudget()  # of members: one step of all of them can't be interrupted
     while first < total:
         part = slice(first, min(first + min(budget.start(), _MEMBERS), total))
-        troubles = _finish(problem, schedule, rows[part], first, end_rows[part], counts, watch)
+        troubles = _finish(
+            problem, schedule, rows[part], first, end_rows[part], steps, counts, watch
+        )
         for place, trouble in troubles.items():
             index = tuple(map(int, np.unravel_index(first + place, problem.batch)))
             failures[index] = trouble
@@ -79,6 +82,7 @@ def _finish(
     rows: Array,
     first: int,
     ends: Array,
+    budget: StepBudget,
     counts: Counts,
     watch: Progress,
 ) -> dict[int, str]:
@@ -89,7 +93,7 @@ def _finish(
     paused = np.full(len(rows), schedule.start != schedule.stop)
     if not paused.any():
         ends[:] = rows
-    left, budget = schedule.max_steps, StepBudget()
+    left = schedule.max_steps
     reached = np.full(len(rows), schedule.start)
     troubles: dict[int, str] = {}
     while paused.any() and left > 0:
@@ -101,9 +105,9 @@ def _finish(
         budget.stop(attempts)
         left -= steps
         counts.add(Counts(nfev=nfev, nexp=nexp, steps=accepted, rejected=attempts - accepted))
-        for i in np.flatnonzero(paused & (statuses != Stop.PAUSED)).tolist():
-            if statuses[i] != Stop.FINISHED:
-                troubles[i] = _trouble(run, i, Stop(statuses[i]), int(flags[i]), float(at[i]))
+        failed = paused & (statuses != Stop.PAUSED) & (statuses != Stop.FINISHED)
+        for i in np.flatnonzero(failed).tolist():
+            troubles[i] = _trouble(run, i, Stop(statuses[i]), int(flags[i]), float(at[i]))
         paused = statuses == Stop.PAUSED
         reached = _reached(statuses, at, schedule.stop)
         watch.reach(reached)
