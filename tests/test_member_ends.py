@@ -125,7 +125,7 @@ def test_a_right_hand_side_too_large_for_any_step(affine):
 def test_progress_is_the_sum_over_members(function, monkeypatch):
     monkeypatch.setattr(member_ends, "_MEMBERS", 2)
     monkeypatch.setattr("cg.integration.progress._SECONDS", 0.0)
-    monkeypatch.setattr(member_ends.StepBudget, "start", lambda self: 1)
+    monkeypatch.setattr(member_ends.StepBudget, "start", lambda self: 2)  # members, then steps
     told = []
     cg.solve_ivp(
         function("growth"), (0, 2), np.ones((5, 1)), frame=Euclidean(1), rtol=1e-8,
