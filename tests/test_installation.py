@@ -15,7 +15,11 @@ import crouch_grossman
 import crouch_grossman.frames.so3
 from cg.installation import check_folder
 
-ALIAS = Path(cg.__file__).parents[1] / "crouch_grossman"
+ROOT = Path(cg.__file__).parents[1]
+ALIAS = ROOT / "crouch_grossman"
+of_the_source_tree = pytest.mark.skipif(
+    not (ROOT / "meson.build").exists(), reason="not in the source tree"
+)
 
 
 def python(code, folder):
@@ -76,10 +80,16 @@ def test_a_replaced_or_removed_module_is_told(tmp_path, files):
     assert str(tmp_path) in run.stderr
 
 
+@of_the_source_tree
 def test_the_version_is_one():
-    root = ALIAS.parent
-    if not (root / "meson.build").exists():
-        pytest.skip("not in the source tree")
-    (built,) = re.findall(r"^  version: '(.*)'", (root / "meson.build").read_text(), re.MULTILINE)
-    (cited,) = re.findall(r"^version: (.*)$", (root / "CITATION.cff").read_text(), re.MULTILINE)
+    (built,) = re.findall(r"^  version: '(.*)'", (ROOT / "meson.build").read_text(), re.MULTILINE)
+    (cited,) = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert built == cited == cg.__version__
+
+
+@of_the_source_tree
+def test_caches_of_all_folders_are_left_out():
+    text = (ROOT / "meson.build").read_text("utf-8")
+    named = re.search(r"foreach folder : \[(.*?)\]", text, re.DOTALL).group(1)
+    folders = {file.parent.relative_to(ROOT / "cg") for file in (ROOT / "cg").rglob("*.py")}
+    assert {Path(name) for name in re.findall("'(.*?)'", named)} == folders
