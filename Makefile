@@ -6,7 +6,7 @@ PEERS := $(VENV)/.peers
 OUT ?=
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks test-sanitize lint benchmarks catalogue reference-steps implementations reliability docs wheel clean
+.PHONY: all build reproduce test test-all test-checks test-sanitize test-oldest lint benchmarks catalogue reference-steps implementations reliability docs wheel clean
 
 all: build
 
@@ -65,6 +65,18 @@ test-sanitize: build $(PEERS)
 		$(foreach name,$(SANITIZED),tests/test_$(name).py) \
 		$(foreach name,$(MEASURED),--deselect=tests/test_$(name)) $(ARGS)
 
+# the suite with the oldest versions that pyproject.toml admits; peers aren't installed there, and
+# old packages may use what newer ones of theirs call deprecated
+test-oldest:
+	@sh tools/prerequisites.sh
+	test -d $(VENV)-oldest || python3 -m venv $(VENV)-oldest
+	python3 tools/oldest.py | $(VENV)-oldest/bin/python -m pip install --quiet \
+		"meson-python>=0.18" "meson>=1.4" ninja --requirement /dev/stdin
+	PATH="$(CURDIR)/$(VENV)-oldest/bin:$$PATH" $(VENV)-oldest/bin/python -m pip install --quiet \
+		--no-build-isolation --no-deps -Cbuild-dir=build/oldest --editable .
+	$(VENV)-oldest/bin/python -m pytest --numprocesses auto -m "not slow" \
+		-W default::DeprecationWarning $(ARGS)
+
 benchmarks: build
 	$(PY) -m benchmarks $(ARGS)
 
@@ -97,4 +109,4 @@ wheel:
 	sh tools/wheel.sh dist
 
 clean:
-	rm -rf build dist $(VENV) $(VENV)-checks reproduce/out
+	rm -rf build dist $(VENV) $(VENV)-checks $(VENV)-oldest reproduce/out
