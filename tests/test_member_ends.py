@@ -55,6 +55,7 @@ def test_steps_are_those_of_members_alone(name, method, span, affine):
         for count in COUNTS:
             assert getattr(found, count) == sum(getattr(run, count) for run in alone.values())
         assert found.success
+        assert (found.status, found.message) == (0, "The end of t_span was reached.")
         assert found.t_events is None
 
 

@@ -47,7 +47,8 @@ TESTS = {  # module: files of tests in the order in which they are run
     "member_ends progress ensemble_executors",
     "cg.integration.compiled_stepper": "compiled_output compiled_adaptive ensembles compiled "
     "integration_loop python_field",
-    "cg.integration.compiled_run": "compiled_output compiled_adaptive ensembles member_ends",
+    "cg.integration.compiled_run": "compiled_output compiled_adaptive ensembles member_ends "
+    "integration_loop",
     "cg.integration.own_steps": "member_ends ensembles integration_loop compiled_adaptive progress",
     "cg.integration.member_ends": "member_ends ensembles progress compiled_adaptive",
     "cg.integration.outcome": "solve_ivp events ensembles adaptive member_ends",
