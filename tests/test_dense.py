@@ -24,8 +24,10 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integration.interpolation import extra_evaluations, interpolate, nodes_of
+from cg.integration.interpolant import Interpolant, nodes_of
+from cg.integration.interpolation import extra_evaluations, interpolate
 from cg.integration.problem import make_problem
+from cg.integration.stepper import Block
 from cg.integration.time_grid import make_grid
 
 FRAMES = [
@@ -114,9 +116,40 @@ def test_the_ends_are_exact_and_all_is_on_the_manifold(frame):
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_it_is_continuous_at_the_ends_without_their_being_set(frame):
     made, _ = one_step(frame, 0.3, "CG5a")
-    ends = made._between(np.array([0, 0]), np.array([0.0, 1.0]), made.rest[[0, 0]])
+    ends = made.between(np.array([0, 0]), np.array([0.0, 1.0]), made.rest[[0, 0]])
     np.testing.assert_allclose(ends[0], made.y0[0], rtol=0, atol=1e-14)
     np.testing.assert_allclose(ends[1], made.y1[0], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("method", ["CG3", "CF6(5)", "DOP853", "RKMK5(4)", "RKMK8(5,3)"])
+@pytest.mark.parametrize(
+    "frame", [Euclidean(1), SO3(), UnitQuaternion(), Sphere(2), Stiefel(3, 1)], ids=repr
+)
+def test_bits_are_the_same_however_many_steps_are_made_at_once(frame, method):
+    """Blocks have as many steps as time allows, on which nothing may depend."""
+    f, y0 = generic(frame)
+    problem = make_problem(f, frame, method, y0, stage_solver="newton")
+    stepper = problem.stepper(make_grid((0.0, 2.1), 0.1), slopes=True)
+    blocks, made, points = list(stepper.blocks()), {}, {}
+    block = Block(
+        np.concatenate([blocks[0].t, *[part.t[1:] for part in blocks[1:]]]),
+        np.concatenate([blocks[0].y, *[part.y[1:] for part in blocks[1:]]]),
+        np.concatenate([part.slopes for part in blocks]),
+    )
+    theta = np.linspace(0.05, 0.95, 7)
+    for size in (1, 2, 5, 20):
+        parts = [
+            interpolate(stepper, block, np.arange(k, min(k + size, 20))) for k in range(0, 20, size)
+        ]
+        made[size] = Interpolant.join(parts)
+        which = np.repeat(np.arange(20), len(theta))
+        points[size] = made[size](which, np.tile(theta, 20))
+        np.testing.assert_array_equal(made[size].fields, made[1].fields)
+        np.testing.assert_array_equal(made[size].rest, made[1].rest)
+        np.testing.assert_array_equal(points[size], points[1])
+    for k in range(20):
+        there = [made[1](np.array([k]), np.array([s]))[0] for s in theta]
+        np.testing.assert_array_equal(there, points[20].reshape(20, len(theta), *y0.shape)[k])
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from cg.frames.arrays import Array, Points
-from cg.integration.interpolation import Interpolant
+from cg.integration.interpolant import Interpolant
 
 EventFunction = Callable[..., Any]
 
