@@ -1,5 +1,6 @@
 """The continuous solution: its order, its ends, the manifold it stays on."""
 
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +25,7 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
+from cg.integration import interpolant
 from cg.integration.interpolant import Interpolant, nodes_of
 from cg.integration.interpolation import extra_evaluations, interpolate
 from cg.integration.problem import make_problem
@@ -321,3 +323,40 @@ def test_errors_between_equal_steps_are_those_at_the_steps(method, frame, truths
         # The first step starts without an error, and may end with next to none: that of CF5a on
         # SO(3) is a quarter of that within the step, and a seventieth of those in the middle.
         assert between[0] < 3.0 * max(ends[0], np.median(ends))
+
+
+@pytest.mark.parametrize("method", ["auto", "DOP853", "CF4(3)"])
+def test_many_times_take_little_memory_beside_the_result(method):
+    times = np.linspace(0, 5, 100_000)
+    options = {"frame": SO3(), "rtol": 1e-6, "method": method, "dense_output": True}
+
+    def f(t, y):
+        return [np.cos(t), 0.3, np.sin(2 * t)]
+
+    run = cg.solve_ivp(f, (0, 5), np.eye(3), **options)
+    tracemalloc.start()
+    try:
+        between = run.sol(times)
+        asked = tracemalloc.get_traced_memory()[1]
+        tracemalloc.reset_peak()
+        before = tracemalloc.get_traced_memory()[0]
+        found = cg.solve_ivp(f, (0, 5), np.eye(3), t_eval=times, **options).y
+        solved = tracemalloc.get_traced_memory()[1] - before
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_array_equal(found, between)
+    assert asked < 3 * between.nbytes + 30e6
+    assert solved < 4 * found.nbytes + 30e6
+
+
+def test_times_are_evaluated_in_pieces(monkeypatch):
+    f, y0 = generic(SO3())
+    run = cg.solve_ivp(
+        lambda t, y: np.stack([f(t, y[0]), f(t, y[1])]), (0, 1), np.stack([y0, y0]), frame=SO3(),
+        dense_output=True,
+    )  # fmt: skip
+    times = np.linspace(0, 1, 57)
+    whole = run.sol(times)
+    for size in (1, 10, 56, 57):
+        monkeypatch.setattr(interpolant, "_AT_A_TIME", size)
+        np.testing.assert_array_equal(run.sol(times), whole)

@@ -23,6 +23,8 @@ __all__ = ["Indices", "Interpolant", "NodeSet", "ResultFlows", "nodes_of", "resu
 
 Indices = NDArray[np.intp]
 
+_AT_A_TIME = 4096  # times of all members, each of which takes a few kilobytes on the way
+
 
 @dataclass(frozen=True, eq=False)
 class NodeSet:
@@ -203,7 +205,11 @@ class Interpolant:
         ndarray
             Shape ``(n, *batch, *point_shape)``.
         """
-        points = self.between(which, theta, self.rest[which])
+        points = np.empty((len(which), *self.y0.shape[1:]), dtype=self.y0.dtype)
+        size = max(1, _AT_A_TIME * self.frame.dim // max(1, self.rest[0].size))
+        for begin in range(0, len(which), size):
+            part = slice(begin, begin + size)
+            points[part] = self.between(which[part], theta[part], self.rest[which[part]])
         for value, ends in ((0.0, self.y0), (1.0, self.y1)):
             there = theta == value
             points[there] = ends[which[there]]
