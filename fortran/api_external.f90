@@ -439,3 +439,14 @@ subroutine control_smallest_size(t, size)
 
   size = smallest_size(t)
 end subroutine control_smallest_size
+
+subroutine control_tried_size(wanted, t, stop, max_step, after_rejection, size)
+  use controller_r64, only: tried_size
+  use kinds_r64, only: wp
+  implicit none
+  real(wp), intent(in) :: wanted, t, stop, max_step
+  logical, intent(in) :: after_rejection
+  real(wp), intent(out) :: size
+
+  size = tried_size(wanted, t, stop, max_step, after_rejection)
+end subroutine control_tried_size
