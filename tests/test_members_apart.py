@@ -175,3 +175,23 @@ class TestOut:
             pytest.raises(ValueError, match="out must be writable, got Dataset that is read-only"),
         ):
             cg.solve_ivp(steady, (0, 1), np.zeros((2, 1)), frame=LINE, out=file["y"])
+
+
+class UnusualError(Exception):
+    """Can be pickled, but not unpickled."""
+
+    def __init__(self, first, second):
+        super().__init__(f"{first} and {second}")
+
+
+def unusual(t, y):
+    raise UnusualError("one", "two")
+
+
+def test_errors_that_cannot_travel_are_told():
+    """Another process that is sent one takes its worker for dead."""
+    y0 = np.zeros((2, 1))
+    with pytest.raises(RuntimeError, match=r"test_members_apart\.UnusualError: one and two"):
+        cg.solve_ivp(unusual, (0, 1), y0, frame=LINE, executor="processes", workers=1)
+    with pytest.raises(UnusualError, match="one and two"):
+        cg.solve_ivp(unusual, (0, 1), y0, frame=LINE, executor="threads", workers=1)
