@@ -188,7 +188,7 @@ def test_how_often_is_counted_as_in_scipy(terminal, count):
     given = (lambda t, y: [1.0], (0, 9), [0.0])
     here = cg.solve_ivp(*given, frame=Euclidean(1), events=event, max_step=1.0)
     assert len(here.t_events[0]) == count
-    if terminal != 10**400:
+    if not isinstance(terminal, int) or terminal < 10:
         there = scipy.integrate.solve_ivp(*given, events=event, max_step=1.0)
         assert len(there.t_events[0]) == count
 

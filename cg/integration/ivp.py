@@ -107,7 +107,8 @@ def solve_ivp(
         error is measured in the coordinates of the frame (angles for rotations) where it has
         them, else in the ambient space.  ``rtol`` is relative to :math:`|y_i|` on Euclidean
         space, to 1 for coordinates like angles; see `cg.integration.error_norm.ErrorNorm`.
-        ``atol`` may be given for each coordinate.
+        ``atol`` may be given for each coordinate, or each entry of a point where errors are
+        measured in the ambient space.
     t_eval
         Times at which to store the solution, sorted in the direction of integration and within
         ``t_span``; by default those of the steps.
