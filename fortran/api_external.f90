@@ -147,8 +147,8 @@ subroutine run_use_tolerances(address, stop, rtol, m, atol, in_entries, exponent
 end subroutine run_use_tolerances
 
 ! At most budget trial steps of each of some trajectories
-subroutine run_advance(address, first, last, budget, every, keep_slopes, capacity, trajectories, &
-                           n, m, t, y, f, counts, status, flag, failed_at)
+subroutine run_advance(address, first, last, budget, every, keep_slopes, column, capacity, columns, &
+                       n, m, t, y, f, counts, status, flag, failed_at)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use external_field, only: external_field_t
   use integration_r64, only: integrate, output_t
@@ -160,11 +160,12 @@ subroutine run_advance(address, first, last, budget, every, keep_slopes, capacit
   integer, intent(in) :: first, last, budget         ! trajectories from 1
   integer, intent(in) :: every                       ! steps between stored ones
   logical, intent(in) :: keep_slopes
-  integer, intent(in) :: capacity, trajectories      ! of stored steps; of all trajectories
+  integer, intent(in) :: column                      ! that the first of them is stored in, from 1
+  integer, intent(in) :: capacity, columns           ! numbers of steps and of trajectories there
   integer, intent(in) :: n, m                        ! sizes of points and slopes
   real(wp), intent(inout), target :: t(capacity)
-  real(wp), intent(inout), target :: y(n, trajectories, capacity)
-  real(wp), intent(inout), target :: f(m, trajectories, capacity)
+  real(wp), intent(inout), target :: y(n, columns, capacity)
+  real(wp), intent(inout), target :: f(m, columns, capacity)
   integer, intent(out) :: counts(5, first:last)      ! attempts, accepted, stored, nfev, nexp
   integer, intent(out) :: status(first:last), flag(first:last)
   real(wp), intent(out) :: failed_at(first:last)
@@ -181,9 +182,9 @@ subroutine run_advance(address, first, last, budget, every, keep_slopes, capacit
         call make_field(run, i, field)
         output%every = every
         output%t => t
-        output%y => y(:, i, :)
+        output%y => y(:, column + i - first, :)
         nullify (output%f)
-        if (keep_slopes) output%f => f(:, i, :)
+        if (keep_slopes) output%f => f(:, column + i - first, :)
         call integrate(run%problem, field, budget, trajectory, output)
         counts(:, i) = [trajectory%attempts, trajectory%accepted, output%stored, trajectory%nfev, &
                         trajectory%nexp]
@@ -438,3 +439,14 @@ subroutine control_smallest_size(t, size)
 
   size = smallest_size(t)
 end subroutine control_smallest_size
+
+subroutine control_tried_size(wanted, t, stop, max_step, after_rejection, size)
+  use controller_r64, only: tried_size
+  use kinds_r64, only: wp
+  implicit none
+  real(wp), intent(in) :: wanted, t, stop, max_step
+  logical, intent(in) :: after_rejection
+  real(wp), intent(out) :: size
+
+  size = tried_size(wanted, t, stop, max_step, after_rejection)
+end subroutine control_tried_size

@@ -152,4 +152,50 @@ EXPLAINED = {
         "if self.value == 0.0:",
         "0.0 → 1.0",
     ): ("since", "no event was 1 at the end of a step; in `test_integration_loop.py` one is"),
+    (
+        "cg.integration.compiled_stepper",
+        "rows = np.ascontiguousarray(points).reshape(self.trajectories, -1).view(np.float64)",
+        "1 → 2",
+    ): ("same", "for NumPy any negative length is the one that is left over"),
+    (
+        "cg.integration.compiled_stepper",
+        "self.most_steps = (1 if in_python else _STEPS_BETWEEN_EVENTS) if watched else 2**30",
+        "30 → 31",
+    ): ("same", "no piece has as many steps"),
+    (
+        "cg.integration.own_steps",
+        "watch.reach(block.t[-1])",
+        "-1 → 1",
+    ): ("since", "nobody asked for the progress at the ends of members; `test_progress.py` does"),
+    (
+        "cg.integration.own_steps",
+        "stopped: bool = False",
+        "False → True",
+    ): ("since", "nobody asked for the status of what ended well; `test_member_ends.py` does"),
+    (
+        "cg.integration.python_stepper",
+        "if not all(map(math.isfinite, slopes)):",
+        "all → any",
+    ): ("since", "a case of `test_integration_loop.py` that the sample leaves out fails"),
+    (
+        "cg.integration.step",
+        "if isinstance(method, Tableau) and not method.explicit:",
+        "isinstance(method, Tableau) and (not method.explicit) → "
+        "isinstance(method, Tableau) or not method.explicit",
+    ): ("same", "stages of an explicit tableau come out equal, to the bit, by either way"),
+    (
+        "cg.integration.ivp",
+        "if first is not None and first > abs(stop - start):",
+        "first > abs(stop - start) → first >= abs(stop - start)",
+    ): ("since", "no first step was as long as the span; in `test_solve_ivp.py` one is"),
+    (
+        "cg.integration.ivp",
+        "if first is not None and first > abs(stop - start):",
+        "stop - start → stop + start",
+    ): ("since", "every span with a first step began at 0; in `test_solve_ivp.py` some don't"),
+    (
+        "cg.integration.ivp",
+        "check_order(problem.method, stacklevel=3)",
+        "3 → 4",
+    ): ("since", "nobody asked where the warning points; `test_solve_ivp.py` does"),
 }

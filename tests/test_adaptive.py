@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+import scipy.integrate
 from frame_examples import HEISENBERG
 
 import cg
 from cg import _external
 from cg.convergence import observed_order
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
+from cg.integration.blocks import is_compiled
 from cg.integration.error_norm import ErrorNorm
 from cg.integration.interpolation import extra_evaluations
 from cg.integration.python_stepper import PythonStepper
@@ -347,3 +349,43 @@ def test_the_controller():
     assert _external.control_step(taken, 1e9, exponent, 0.3, False)[1] == 0.2 * taken
     huge = np.finfo(float).max
     assert _external.control_step(taken, huge, exponent, 0.3, False)[1] == 0.25 * taken
+
+
+SHORT = [
+    (1.7e9, 1.7e9 + 2e-6),  # eight units of the last place
+    (10.0 - 5e-15, 10.0),
+    (1.0, 1.0 + 2.0**-52),
+    (-3.0, -3.0 - 2.0**-51),
+    (1e15, 1e15 + 0.25),
+]
+
+
+@pytest.mark.parametrize("span", SHORT)
+@pytest.mark.parametrize("frame", [Euclidean(1), Stiefel(2, 1)], ids=repr)
+def test_spans_below_the_resolution_of_steps(span, frame):
+    """One step leads to the end, in compiled code and in Python."""
+    y0 = frame.random_point(np.random.default_rng(1))
+
+    def f(t, y):
+        return [1.0]
+
+    assert is_compiled(frame) is (frame == Euclidean(1))
+    solution = cg.solve_ivp(f, span, y0, frame=frame)
+    assert (solution.status, solution.steps, solution.nrejected) == (0, 1, 0)
+    assert solution.t.tolist() == list(span)
+    moved = frame.flow([span[1] - span[0]], y0)
+    np.testing.assert_allclose(solution.y[-1], moved, rtol=1e-15)
+    assert scipy.integrate.solve_ivp(f, span, [0.0]).status == 0
+
+
+@pytest.mark.parametrize("frame", [Euclidean(1), Stiefel(2, 1)], ids=repr)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_first_step_below_the_resolution_is_raised_to_it(frame, sign):
+    y0 = frame.random_point(np.random.default_rng(1))
+    span = (1e3, 1e3 + sign)
+    solution = cg.solve_ivp(lambda t, y: [1.0], span, y0, frame=frame, first_step=1e-13)
+    assert solution.success
+    assert abs(solution.t[1] - solution.t[0]) == pytest.approx(10 * np.spacing(1e3), rel=0.1)
+    shorter = cg.solve_ivp(lambda t, y: [1.0], span, y0, frame=frame, max_step=1e-13)
+    assert (shorter.status, shorter.steps) == (-1, 0)  # it must not be longer
+    assert "step size fell below" in shorter.message

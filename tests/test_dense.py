@@ -1,5 +1,6 @@
 """The continuous solution: its order, its ends, the manifold it stays on."""
 
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -24,8 +25,11 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integration.interpolation import extra_evaluations, interpolate, nodes_of
+from cg.integration import interpolant
+from cg.integration.interpolant import Interpolant, nodes_of
+from cg.integration.interpolation import extra_evaluations, interpolate
 from cg.integration.problem import make_problem
+from cg.integration.stepper import Block
 from cg.integration.time_grid import make_grid
 
 FRAMES = [
@@ -114,9 +118,40 @@ def test_the_ends_are_exact_and_all_is_on_the_manifold(frame):
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_it_is_continuous_at_the_ends_without_their_being_set(frame):
     made, _ = one_step(frame, 0.3, "CG5a")
-    ends = made._between(np.array([0, 0]), np.array([0.0, 1.0]), made.rest[[0, 0]])
+    ends = made.between(np.array([0, 0]), np.array([0.0, 1.0]), made.rest[[0, 0]])
     np.testing.assert_allclose(ends[0], made.y0[0], rtol=0, atol=1e-14)
     np.testing.assert_allclose(ends[1], made.y1[0], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("method", ["CG3", "CF6(5)", "DOP853", "RKMK5(4)", "RKMK8(5,3)"])
+@pytest.mark.parametrize(
+    "frame", [Euclidean(1), SO3(), UnitQuaternion(), Sphere(2), Stiefel(3, 1)], ids=repr
+)
+def test_bits_are_the_same_however_many_steps_are_made_at_once(frame, method):
+    """Blocks have as many steps as time allows, on which nothing may depend."""
+    f, y0 = generic(frame)
+    problem = make_problem(f, frame, method, y0, stage_solver="newton")
+    stepper = problem.stepper(make_grid((0.0, 2.1), 0.1), slopes=True)
+    blocks, made, points = list(stepper.blocks()), {}, {}
+    block = Block(
+        np.concatenate([blocks[0].t, *[part.t[1:] for part in blocks[1:]]]),
+        np.concatenate([blocks[0].y, *[part.y[1:] for part in blocks[1:]]]),
+        np.concatenate([part.slopes for part in blocks]),
+    )
+    theta = np.linspace(0.05, 0.95, 7)
+    for size in (1, 2, 5, 20):
+        parts = [
+            interpolate(stepper, block, np.arange(k, min(k + size, 20))) for k in range(0, 20, size)
+        ]
+        made[size] = Interpolant.join(parts)
+        which = np.repeat(np.arange(20), len(theta))
+        points[size] = made[size](which, np.tile(theta, 20))
+        np.testing.assert_array_equal(made[size].fields, made[1].fields)
+        np.testing.assert_array_equal(made[size].rest, made[1].rest)
+        np.testing.assert_array_equal(points[size], points[1])
+    for k in range(20):
+        there = [made[1](np.array([k]), np.array([s]))[0] for s in theta]
+        np.testing.assert_array_equal(there, points[20].reshape(20, len(theta), *y0.shape)[k])
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
@@ -288,3 +323,40 @@ def test_errors_between_equal_steps_are_those_at_the_steps(method, frame, truths
         # The first step starts without an error, and may end with next to none: that of CF5a on
         # SO(3) is a quarter of that within the step, and a seventieth of those in the middle.
         assert between[0] < 3.0 * max(ends[0], np.median(ends))
+
+
+@pytest.mark.parametrize("method", ["auto", "DOP853", "CF4(3)"])
+def test_many_times_take_little_memory_beside_the_result(method):
+    times = np.linspace(0, 5, 100_000)
+    options = {"frame": SO3(), "rtol": 1e-6, "method": method, "dense_output": True}
+
+    def f(t, y):
+        return [np.cos(t), 0.3, np.sin(2 * t)]
+
+    run = cg.solve_ivp(f, (0, 5), np.eye(3), **options)
+    tracemalloc.start()
+    try:
+        between = run.sol(times)
+        asked = tracemalloc.get_traced_memory()[1]
+        tracemalloc.reset_peak()
+        before = tracemalloc.get_traced_memory()[0]
+        found = cg.solve_ivp(f, (0, 5), np.eye(3), t_eval=times, **options).y
+        solved = tracemalloc.get_traced_memory()[1] - before
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_array_equal(found, between)
+    assert asked < 3 * between.nbytes + 30e6
+    assert solved < 4 * found.nbytes + 30e6
+
+
+def test_times_are_evaluated_in_pieces(monkeypatch):
+    f, y0 = generic(SO3())
+    run = cg.solve_ivp(
+        lambda t, y: np.stack([f(t, y[0]), f(t, y[1])]), (0, 1), np.stack([y0, y0]), frame=SO3(),
+        dense_output=True,
+    )  # fmt: skip
+    times = np.linspace(0, 1, 57)
+    whole = run.sol(times)
+    for size in (1, 10, 56, 57):
+        monkeypatch.setattr(interpolant, "_AT_A_TIME", size)
+        np.testing.assert_array_equal(run.sol(times), whole)

@@ -30,7 +30,7 @@ from cg.frames import (
 )
 from cg.integration.blocks import is_compiled
 from cg.integration.flows import _Dexpinv, _Flows, dexpinv_of
-from cg.integration.interpolation import Interpolant, nodes_of, result_flows
+from cg.integration.interpolant import Interpolant, nodes_of, result_flows
 from cg.integration.problem import Problem
 
 TURN = 2 * np.pi

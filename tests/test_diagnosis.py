@@ -13,6 +13,7 @@ from cg.catalogue import dumps, munthe_kaas
 from cg.coefficients import Coefficient
 from cg.diagnosis import diagnose_file, draw_points, draw_tree
 from cg.diagnosis.variants import with_coefficients
+from cg.tableau import TableauError
 from cg.trees import OrderedTree
 
 CG4A = cg.methods["CG4a"]
@@ -200,6 +201,13 @@ def test_second_weights_that_equal_the_first(tmp_path):
     found = diagnose_file(file)
     assert (found.order, found.method.name) == (4, "mine")
     assert [f.kind for f in found.mistakes] == ["equal weights"]
+
+
+def test_a_file_without_weights_lacks_nothing_else(tmp_path):
+    path = tmp_path / "method.toml"
+    path.write_text('a = [[], ["1"]]\nc = ["0", "1"]\n')
+    with pytest.raises(TableauError, match=r"method\.toml: the entry lacks b$"):
+        diagnose_file(path)
 
 
 def test_files_with_abscissae(tmp_path):

@@ -10,6 +10,7 @@ import pytest
 from tests_of_pages import blocks_of, run
 
 import cg
+from cg.integration.choice import choose_method
 
 DOCS = Path(__file__).parents[1] / "docs"
 SLOW = {"howto/monte_carlo", "howto/schroedinger"}
@@ -81,3 +82,16 @@ def test_right_hand_sides_in_cython(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     names = run("docs/howto/compiled.md", "cython")
     assert names["by_cython"].success
+
+
+def test_methods_with_stages_beyond_their_step_are_listed():
+    text = (DOCS / "start" / "from_solve_ivp.md").read_text("utf-8")
+    (row,) = [line for line in text.splitlines() if line.startswith("| times at which `f`")]
+    beyond = {
+        name
+        for name, method in cg.methods.items()
+        if method.explicit and not (min(method.c) >= 0.0 and max(method.c) <= 1.0)
+    }
+    assert set(re.findall(r"`(C[FG].*?)`", row)) == beyond
+    for frame in (cg.frames.SO3(), cg.frames.Stiefel(3, 1), cg.frames.Sphere(3)):
+        assert not {choose_method(frame, rtol) for rtol in (1e-3, 1e-8)} & beyond

@@ -1,5 +1,7 @@
 """Events: where they are found, which count, when they end the integration."""
 
+import math
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -160,7 +162,9 @@ def test_events_cannot_change_the_point():
 @pytest.mark.parametrize(
     ("attributes", "message"),
     [
-        ({"terminal": 0.5}, r"events\[0\].terminal must be a bool or a positive integer"),
+        ({"terminal": 0.5}, r"events\[0\].terminal must be a bool or a whole number, not negative"),
+        ({"terminal": np.inf}, r"events\[0\].terminal must be"),
+        ({"terminal": np.nan}, r"events\[0\].terminal must be"),
         ({"terminal": -1}, r"events\[0\].terminal must be"),
         ({"terminal": "yes"}, r"events\[0\].terminal must be"),
         ({"direction": "up"}, r"events\[0\].direction must be a number, got 'up'"),
@@ -170,6 +174,23 @@ def test_events_cannot_change_the_point():
 def test_bad_attributes_are_refused(attributes, message):
     with pytest.raises(ValueError, match=message):
         solve(marked(**attributes))
+
+
+@pytest.mark.parametrize(
+    ("terminal", "count"),
+    [(0, 3), (0.0, 3), (None, 3), (1.0, 1), (2, 2), (np.float64(2.0), 2), (10**400, 3)],
+)
+def test_how_often_is_counted_as_in_scipy(terminal, count):
+    def event(t, y):
+        return math.cos(t)
+
+    event.terminal = terminal
+    given = (lambda t, y: [1.0], (0, 9), [0.0])
+    here = cg.solve_ivp(*given, frame=Euclidean(1), events=event, max_step=1.0)
+    assert len(here.t_events[0]) == count
+    if not isinstance(terminal, int) or terminal < 10:
+        there = scipy.integrate.solve_ivp(*given, events=event, max_step=1.0)
+        assert len(there.t_events[0]) == count
 
 
 @pytest.mark.parametrize(

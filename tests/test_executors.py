@@ -149,7 +149,7 @@ def sizes_of_chunks(work, total):
 
     class Counting(ThreadPoolExecutor):
         def submit(self, function, /, *args, **kwargs):
-            sizes.append(len(args[1]))
+            sizes.append(len(args[-1]))
             return super().submit(function, *args, **kwargs)
 
     with Counting(2) as pool:

@@ -7,7 +7,8 @@ import pytest
 
 import cg
 from cg.frames import SO3, Euclidean, Stiefel
-from cg.integration.interpolation import extra_evaluations, node_count, result_flows
+from cg.integration.interpolant import result_flows
+from cg.integration.interpolation import extra_evaluations, node_count
 from cg.integration.time_grid import make_grid
 
 EXTRA = {

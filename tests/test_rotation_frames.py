@@ -13,6 +13,7 @@ from cg.frames import (
     SO3,
     SU,
     Euclidean,
+    Power,
     Product,
     Semidirect,
     Sphere,
@@ -326,3 +327,23 @@ def test_only_rotations_of_space_are_rotations_of_scipy():
         SO(4).as_rotation(np.eye(4))
     with pytest.raises(ValueError, match=r"y must have shape \(\.\.\., 3, 3\)"):
         SO3().as_rotation(np.eye(4))
+
+
+@pytest.mark.parametrize("factor", [SO3(), UnitQuaternion(), UnitQuaternion(scalar_first=True)])
+def test_stacks_of_rotations_are_points_of_powers(factor):
+    rotations = Rotation.random(3, random_state=np.random.RandomState(2))
+    frame = Power(factor, 3)
+    each = [factor.check_point(rotation) for rotation in rotations]
+    np.testing.assert_array_equal(frame.check_point(rotations), each)
+    pair = Product(frame, Euclidean(2))
+    joined = pair.join(rotations, [1.0, 2.0])
+    np.testing.assert_array_equal(joined, pair.join(np.array(each), [1.0, 2.0]))
+    with pytest.raises(ValueError, match=r"must have shape \(3, "):
+        frame.check_point(rotations[:2])
+
+
+@pytest.mark.parametrize("name", [None, 3, "", b"y"])
+def test_names_that_can_be_told(name):
+    for call in (SO3().check_point, Sphere(2).check_point, Euclidean(1).read_points):
+        with pytest.raises(TypeError, match="name must be a string that isn't empty, got"):
+            call([1.0], name=name)

@@ -276,6 +276,22 @@ def test_bad_arguments_are_refused_before_any_work(changes, error, message):
         solve(**({"f": never} | changes))
 
 
+def test_a_first_step_may_be_as_long_as_the_span():
+    for span in ((0.0, 1.0), (-1.0, 1.0), (2.0, -1.0)):
+        length = abs(span[1] - span[0])
+        solution = solve(lambda t, y: [1e-3, 0.0, 0.0], t_span=span, first_step=length)
+        assert solution.steps == 1
+        with pytest.raises(ValueError, match="first_step must not exceed the length of t_span"):
+            solve(never, t_span=span, first_step=np.nextafter(length, 9.0))
+
+
+def test_warnings_name_the_line_of_the_call():
+    poor = Tableau([["0"], ["1/2", "0"]], ["1/2", "1/4"], name="poor")
+    with pytest.warns(UserWarning, match="poor has order 0") as caught:
+        cg.solve_ivp(PROBLEM.f, (0, 1), np.eye(3), frame=SO3(), method=poor, h=0.5)
+    assert caught[0].filename == __file__
+
+
 def test_rtol_below_rounding_is_raised_with_a_warning():
     with pytest.warns(UserWarning, match="rtol = 1e-20 is too small") as caught:
         solve(t_span=(0.0, 1e-3), rtol=1e-20, atol=1e-6)

@@ -50,6 +50,8 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
         raise TableauError(f"{path}: not UTF-8: {error}") from None
     except MethodError as error:
         raise type(error)(f"{path}: {error}") from None
+    if set(entry) <= _KEYS and "a" in entry and "b" not in entry:
+        raise TableauError(f"{path}: the entry lacks b")
     if not {"a", "b"} <= set(entry) <= _KEYS:
         return diagnose(load(path))
     try:

@@ -17,6 +17,7 @@ __all__ = [
     "Points",
     "Size",
     "check_convention",
+    "check_name",
     "check_random",
     "check_size",
     "complex_array",
@@ -73,6 +74,12 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         raise ValueError(
             f"{name} must be an array of {adjective} numbers, got {value!r}"
         ) from error
+
+
+def check_name(name: Any) -> None:
+    """Raise TypeError unless ``name`` is a string that can be told in a message."""
+    if not isinstance(name, str) or not name:
+        raise TypeError(f"name must be a string that isn't empty, got {name!r}")
 
 
 def check_size(n: Any, smallest: int = 1, name: str = "n") -> int:

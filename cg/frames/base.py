@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.algebra import FieldAlgebra
-from cg.frames.arrays import Array, Points, Size, check_random, complex_array, is_array, real_array
+from cg.frames.arrays import (
+    Array,
+    Points,
+    Size,
+    check_name,
+    check_random,
+    complex_array,
+    is_array,
+    real_array,
+)
 from cg.frames.block_kinds import Blocks
 from cg.frames.nearby import nearby_coordinates, newton_correction, shortest_coefficients
 
@@ -337,7 +346,10 @@ class Frame(FieldAlgebra):
         ------
         ValueError
             If it isn't numeric (real, unless points are complex).
+        TypeError
+            If ``name`` isn't a string.
         """
+        check_name(name)
         return (real_array if self.dtype.kind == "f" else complex_array)(value, name)
 
     def check_point(
@@ -359,7 +371,10 @@ class Frame(FieldAlgebra):
         ValueError
             If ``y`` isn't numeric (real, unless points are complex), has another shape, is not
             finite or lies off the manifold, or if ``tolerance`` is no number.
+        TypeError
+            If ``name`` isn't a string.
         """
+        check_name(name)
         if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not tolerance >= 0.0:
             raise ValueError(f"tolerance must be a number, not negative, got {tolerance!r}")
         point = self.read_points(y, name)

@@ -72,6 +72,10 @@ class Power(Frame):
         """That of the factor."""
         return self.factor.dtype
 
+    def read_points(self, value: Any, name: str = "y") -> Points:
+        """Return arrays of numbers, and whatever else the factor takes for a stack of points."""
+        return self.factor.read_points(value, name)
+
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         """Return the tangents at all points, shape ``(..., n, *factor.point_shape)``."""
         vector, point = self._arguments(v, y)

@@ -92,7 +92,14 @@ class CompiledRun:
             )  # fmt: skip
 
     def advance(
-        self, part: slice, steps: int, every: int, t: Array, points: Array, slopes: Array | None
+        self,
+        part: slice,
+        steps: int,
+        every: int,
+        t: Array,
+        points: Array,
+        slopes: Array | None,
+        column: int | None = None,
     ) -> tuple[NDArray[np.intc], NDArray[np.intc], NDArray[np.intc], Array]:
         """Take some steps of some trajectories, those that have not ended.
 
@@ -106,8 +113,10 @@ class CompiledRun:
             How many steps there are between those that are stored; the last is stored always.
         t, points, slopes
             Where the times, points and coefficients at the beginnings of steps are stored, shapes
-            ``(capacity,)``, ``(capacity, trajectories, width)`` and ``(capacity, trajectories,
-            dim)``; None if nobody wants coefficients.
+            ``(capacity,)``, ``(capacity, columns, width)`` and ``(capacity, columns, dim)``; None
+            if nobody wants coefficients.
+        column
+            Where the first of the trajectories is stored; None if all have columns.
 
         Returns
         -------
@@ -121,8 +130,9 @@ class CompiledRun:
         wanted = slopes is not None
         f = np.empty((1, 1, 1)) if slopes is None else slopes
         found: tuple[Any, Any, Any, Any] = self._core.advance(
-            self._address, part.start + 1, part.stop, steps, every, wanted, t, points.T, f.T
-        )
+            self._address, part.start + 1, part.stop, steps, every, wanted,
+            (part.start if column is None else column) + 1, t, points.T, f.T,
+        )  # fmt: skip
         return found
 
     def slope(self, i: int) -> tuple[Array, int, int, int]:

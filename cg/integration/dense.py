@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, real_array
-from cg.integration.interpolation import Interpolant
+from cg.integration.interpolant import Interpolant
 
 __all__ = ["DenseOutput", "EnsembleOutput"]
 

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from cg.frames.arrays import Array, Points
-from cg.integration.interpolation import Interpolant
+from cg.integration.interpolant import Interpolant
 
 EventFunction = Callable[..., Any]
 
@@ -30,8 +30,8 @@ class Event:
     function
         ``function(t, y, *args)`` returns a real number.  As in SciPy its attribute ``terminal``
         (False unless present) tells whether the event ends the integration, or after how many
-        times; ``direction`` (0 unless present) restricts it to zeros where the function
-        increases (positive) or decreases (negative) along the integration.
+        times, where zero is never; ``direction`` (0 unless present) restricts it to zeros where
+        the function increases (positive) or decreases (negative) along the integration.
     index
         Its place in the list, for messages.
     args
@@ -53,11 +53,12 @@ class Event:
         # Any number that isn't a whole one would silently mean another count.
         if isinstance(terminal, bool | np.bool_) or terminal is None:
             self.most = 1.0 if terminal else math.inf
-        elif isinstance(terminal, int | np.integer) and terminal > 0:
-            self.most = float(terminal)
+        elif isinstance(terminal, int | float | np.integer) and _is_count(terminal):
+            self.most = math.inf if terminal == 0 or terminal > 2**53 else float(terminal)
         else:
             raise ValueError(
-                f"events[{index}].terminal must be a bool or a positive integer, got {terminal!r}"
+                f"events[{index}].terminal must be a bool or a whole number, not negative, got "
+                f"{terminal!r}"
             )
         try:
             self.direction = float(direction)
@@ -137,6 +138,10 @@ def point_at(solution: Interpolant, theta: float) -> Points:
     """Return the point at a fraction of a single step."""
     point: Points = solution(np.zeros(1, dtype=np.intp), np.array([theta]))[0]
     return point
+
+
+def _is_count(number: float | np.integer) -> bool:
+    return bool(number >= 0 and number == number // 1)
 
 
 class EventLog:

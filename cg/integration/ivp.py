@@ -106,8 +106,9 @@ def solve_ivp(
         Relative and absolute tolerance of the error in one step, by default 1e-3 and 1e-6.  The
         error is measured in the coordinates of the frame (angles for rotations) where it has
         them, else in the ambient space.  ``rtol`` is relative to :math:`|y_i|` on Euclidean
-        space, to 1 for coordinates like angles; see `cg.integration.adaptive.ErrorNorm`.
-        ``atol`` may be given for each coordinate.
+        space, to 1 for coordinates like angles; see `cg.integration.error_norm.ErrorNorm`.
+        ``atol`` may be given for each coordinate, or each entry of a point where errors are
+        measured in the ambient space.
     t_eval
         Times at which to store the solution, sorted in the direction of integration and within
         ``t_span``; by default those of the steps.
@@ -138,12 +139,14 @@ def solve_ivp(
     executor, workers
         Where the members of an ensemble are integrated, each by itself, and by how many workers:
         threads of this process by default, or any executor that `cg.search` takes.  ``f`` is then
-        called with one point, and ``t`` are the times of ``t_eval`` or the ends of ``t_span``.
+        called with one point, and ``t`` are the times of ``t_eval``, without it those of the
+        fixed steps or else the ends of ``t_span``; a member is NaN after its end.
         Results don't depend on the executor.  Other processes must be able to unpickle ``f``:
         `cg.CompiledFunction` for a compiled one.
     out
-        Array of the shape of ``y``, all leading axes of the ensemble as one, that receives it as
-        members end, such as one of NumPy on disk, of zarr or h5py; then ``y`` is ``out`` itself.
+        Array of the shape ``(times, members, *point_shape)``, all leading axes of the ensemble as
+        one, that receives points as members end, such as one of NumPy on disk, of zarr or h5py;
+        then ``y`` is ``out`` itself.
     progress
         Called with the time that was covered and the length of ``t_span``, at most ten times a
         second and when the integration ends; where each member of an ensemble has its own steps,
@@ -202,10 +205,10 @@ def solve_ivp(
         if progress is not None:
             raise ValueError("progress must be None with executor, workers or out")
         options = {
-            "method": problem.method, "h": h, "rtol": rtol, "atol": atol, "t_eval": t_eval,
-            "dense_output": dense_output, "events": events, "max_step": max_step,
-            "first_step": first_step, "max_steps": max_steps, "args": args,
-            "stage_solver": stage_solver,
+            "method": problem.method, "h": h, "rtol": rtol if relative is None else relative,
+            "atol": atol, "t_eval": t_eval, "dense_output": dense_output, "events": events,
+            "max_step": max_step, "first_step": first_step, "max_steps": max_steps,
+            "args": problem.args or None, "stage_solver": stage_solver,
         }  # fmt: skip
         return solve_apart(
             solve_ivp, problem, f, t_span, parameters, executor, workers, out, options

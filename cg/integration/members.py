@@ -7,7 +7,7 @@ import pickle
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 from cg.catalogue import munthe_kaas, packaged
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
-from cg.integration.arguments import check_span
+from cg.integration.arguments import check_span, check_t_eval
 from cg.integration.compiled_rhs import CompiledRhs
 from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.problem import Problem
 from cg.integration.results import Solution
+from cg.integration.time_grid import make_grid
 from cg.method import Method
 from cg.runs import ExecutorLike, check_executor, completed
 
@@ -90,11 +91,12 @@ def solve_apart(
     if options["dense_output"]:
         raise ValueError("dense_output must be False with an executor; t_eval asks for times")
     start, stop = check_span(t_span)
-    fixed = options["h"] is not None
-    if options["t_eval"] is None and not fixed:
-        # members have steps of their own
-        ends = np.unique([start, stop])
-        options = {**options, "t_eval": ends if stop >= start else ends[::-1]}
+    times = _times(problem, start, stop, options["t_eval"], options["h"], out)
+    if out is not None:
+        shape = (len(times), math.prod(batch), *problem.frame.point_shape)
+        _check_out(out, shape, points.dtype)
+    if options["h"] is None:
+        options = {**options, "t_eval": times}
     together = isinstance(problem.rhs, CompiledRhs) and problem.in_compiled_code
     # by its name each process knows a method once, with what was found out about it
     options = {**options, "method": _by_name(problem.method)}
@@ -105,7 +107,7 @@ def solve_apart(
     numbers = None
     if parameters is not None:
         numbers = real_array(parameters, "parameters").reshape(len(rows), -1)
-    parts = _Parts(problem, out)
+    parts = _Parts(problem, times, out)
     run = completed(
         work,
         range(len(rows)),
@@ -125,6 +127,43 @@ def solve_apart(
                 for member, solution in zip(members, finished.result, strict=True):
                     parts.add([member], solution)
     return parts.solution(batch)
+
+
+def _times(
+    problem: Problem, start: float, stop: float, t_eval: ArrayLike | None, h: object, out: Any
+) -> Array:
+    """Return the times at which all members are kept."""
+    if t_eval is not None:
+        return check_t_eval(t_eval, start, stop)
+    if h is None:
+        # members have steps of their own
+        ends = np.unique([start, stop])
+        return ends if stop >= start else ends[::-1]
+    grid = make_grid((start, stop), cast(float, h))
+    problem.check_grid(grid, h, every=int(out is None), between=False)
+    return grid.times
+
+
+def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """Raise TypeError or ValueError unless an array can hold all points."""
+    try:
+        found, kind = tuple(out.shape), np.dtype(out.dtype)
+    except (AttributeError, TypeError):
+        raise TypeError(
+            f"out must be an array, such as one of NumPy, zarr or h5py, got {out!r}"
+        ) from None
+    if found != shape:
+        raise ValueError(f"out must have shape {shape}, got {found}")
+    if kind.kind not in "fc" or not np.can_cast(dtype, kind, "same_kind"):
+        raise ValueError(f"out must be able to hold numbers of type {dtype}, got one of {kind}")
+    flags = getattr(out, "flags", None)
+    file = getattr(out, "file", None)
+    if (
+        not getattr(flags, "writeable", True)
+        or getattr(out, "read_only", False)
+        or getattr(file, "mode", "") == "r"
+    ):
+        raise ValueError(f"out must be writable, got {type(out).__name__} that is read-only")
 
 
 def _by_name(method: Method) -> str | Method:
@@ -147,12 +186,17 @@ def _check_pickle(work: _Work) -> None:
 class _Parts:
     """What members came to, put together as it comes."""
 
-    def __init__(self, problem: Problem, out: Any) -> None:
+    def __init__(self, problem: Problem, times: Array, out: Any) -> None:
         self._problem = problem
         self._total = math.prod(problem.batch)
+        self._t = times
         self._out = out
-        self._y: Any = None
-        self._t: Array | None = None
+        self._any = False
+        if out is None:
+            shape = (len(times), self._total, *problem.frame.point_shape)
+            self._y: Any = np.full(shape, math.nan, dtype=problem.points.dtype)
+        else:
+            self._y = out
         self._events: tuple[list[Array], list[Array]] | None = None
         self._counts = dict.fromkeys(("nfev", "njev", "nlu", "nexp", "steps", "nrejected"), 0)
         self._statuses: list[int] = []
@@ -161,10 +205,12 @@ class _Parts:
     def add(self, members: list[int], solution: Solution) -> None:
         """Take the solution of some members, or of one alone."""
         alone = solution.y.ndim == 1 + len(self._problem.frame.point_shape)
-        if self._y is None or (self._t is not None and len(solution.t) > len(self._t)):
-            self._grow(solution)
-        y = solution.y[:, None] if alone else solution.y
-        self._y[: len(solution.t), members[0] : members[-1] + 1] = y
+        self._any = True
+        reached = self._reached(solution.t)
+        y = solution.y[:reached, None] if alone else solution.y[:reached]
+        part = slice(members[0], members[-1] + 1)
+        self._y[:reached, part] = y
+        self._leave_out(reached, part)
         for name in self._counts:
             self._counts[name] += getattr(solution, name)
         self._statuses.append(solution.status)
@@ -179,13 +225,13 @@ class _Parts:
         """Take that the worker of some members died."""
         for member in members:
             self._failures[self._index(member)] = message
+        self._leave_out(0, slice(members[0], members[-1] + 1))
         self._statuses.append(-1)
 
     def solution(self, batch: tuple[int, ...]) -> Solution:
         """Return the whole."""
-        if self._y is None:
+        if not self._any:
             raise RuntimeError(failed_members(self._failures, self._total))
-        assert self._t is not None
         y = self._y
         if self._out is None:
             y = y.reshape(len(self._t), *batch, *self._problem.frame.point_shape)
@@ -216,18 +262,16 @@ class _Parts:
     def _index(self, member: int) -> tuple[int, ...]:
         return tuple(map(int, np.unravel_index(member, self._problem.batch)))
 
-    def _grow(self, solution: Solution) -> None:
-        """Make room for the times of a solution; one that an event ended has fewer."""
-        shape = (len(solution.t), self._total, *self._problem.frame.point_shape)
-        old, self._t = self._y, solution.t
-        if self._out is not None:
-            if tuple(self._out.shape) != shape:
-                raise ValueError(f"out must have shape {shape}, got {tuple(self._out.shape)}")
-            self._y = self._out
-            return
-        self._y = np.full(shape, math.nan, dtype=self._problem.points.dtype)
-        if old is not None:
-            self._y[: len(old)] = old
+    def _reached(self, t: Array) -> int:
+        """Return at how many of the times a solution has points: an event adds its own."""
+        if t.size and abs(t[-1] - self._t[len(t) - 1]) > 4.0 * np.spacing(abs(t[-1])):
+            return len(t) - 1
+        return len(t)
+
+    def _leave_out(self, reached: int, part: slice) -> None:
+        """Write NaN where members didn't come to."""
+        if self._out is not None and reached < len(self._t):
+            self._y[reached:, part] = math.nan
 
     def _add_events(self, members: list[int], solution: Solution, alone: bool) -> None:
         assert solution.t_events is not None

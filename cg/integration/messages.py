@@ -65,4 +65,5 @@ def failed_members(failures: dict[tuple[int, ...], str], total: int) -> str:
     """Return what to say of trajectories of an ensemble that ended early."""
     first = min(failures)
     where = ", ".join(map(str, first))
-    return f"Failure of {len(failures)} of {total} trajectories; of y0[{where}]: {failures[first]}."
+    why = failures[first].removesuffix(".")
+    return f"Failure of {len(failures)} of {total} trajectories; of y0[{where}]: {why}."

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.integration.dense import DenseOutput, EnsembleOutput
 from cg.integration.member_ends import member_ends
+from cg.integration.member_output import MemberOutput
 from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.outcome import Logs, by_event, outcome
 from cg.integration.problem import Problem
@@ -34,7 +36,7 @@ class _Members:
     failures
         Why some ended early, by their indices.
     outputs
-        Their continuous solutions, if these are wanted.
+        Their continuous solutions by their indices, if these are wanted.
     stopped
         Whether events ended all of them.
     """
@@ -42,7 +44,7 @@ class _Members:
     y: Points
     counts: Counts
     failures: dict[tuple[int, ...], str]
-    outputs: list[DenseOutput] = field(default_factory=list)
+    outputs: dict[tuple[int, ...], DenseOutput] = field(default_factory=dict)
     stopped: bool = False
 
 
@@ -73,10 +75,13 @@ def solve_members(
     ends = np.unique([schedule.start, schedule.stop])
     if wanted is None:
         wanted = ends if schedule.stop >= schedule.start else ends[::-1]
-    if not dense and not any((logs or {}).values()) and np.isin(wanted, ends).all():
+    eventful = any((logs or {}).values())
+    if not dense and not eventful and np.isin(wanted, ends).all():
         found = _to_their_ends(problem, schedule, wanted, watch)
-    else:
+    elif eventful or len(ends) == 1:
         found = _one_by_one(problem, schedule, wanted, dense, logs, watch)
+    else:
+        found = _with_output(problem, schedule, wanted, dense, logs, watch)
     watch.finish()
     status, message = (1, TERMINAL_EVENT) if found.stopped else (0, FINISHED)
     if found.failures:
@@ -87,7 +92,7 @@ def solve_members(
     return Solution(
         t=wanted,
         y=found.y,
-        sol=EnsembleOutput(found.outputs, points, batch) if dense else None,
+        sol=_continuous(found, points, batch) if dense else None,
         t_events=by_event(logs, batch, lambda log, _: log.times()),
         y_events=by_event(logs, batch, lambda log, i: log.points(points[i])),
         nfev=counts.nfev,
@@ -114,6 +119,25 @@ def _to_their_ends(
     return _Members(np.where(at_start, problem.points, last), counts, failures)
 
 
+def _with_output(
+    problem: Problem,
+    schedule: AdaptiveSchedule,
+    wanted: Array,
+    dense: bool,
+    logs: Logs | None,
+    watch: Progress,
+) -> _Members:
+    """Integrate in compiled code, but for members that fail: these tell by themselves why."""
+    run = MemberOutput(problem, schedule, wanted, dense, watch)
+    run.integrate()
+    indices = list(np.ndindex(problem.batch))
+    found = _Members(run.y.reshape(len(wanted), *problem.points.shape), run.counts, {})
+    found.outputs.update((indices[i], output) for i, output in run.outputs.items())
+    for i in run.left:
+        _integrate_alone(problem, indices[i], schedule, dense, logs, watch, wanted, found)
+    return found
+
+
 def _one_by_one(
     problem: Problem,
     schedule: AdaptiveSchedule,
@@ -125,23 +149,42 @@ def _one_by_one(
     """Integrate each member by itself."""
     points = problem.points
     y = np.full((len(wanted), *points.shape), math.nan, dtype=points.dtype)
-    counts, failures = Counts(), dict[tuple[int, ...], str]()
-    outputs: list[DenseOutput] = []
-    stopped: list[bool] = []
-    for member in np.ndindex(problem.batch):
-        log: Logs | None = None if logs is None else {(): logs[member]}
-        alone = problem.member(member)
-        stepper, recorder, trouble = _record_member(alone, schedule, wanted, dense, log, watch)
-        watch.finish_members()
-        if trouble or stepper.trouble:
-            failures[member] = trouble or stepper.trouble
-        solution = outcome(stepper, recorder, alone, log)
-        y[(slice(len(solution.t)), *member)] = solution.y
-        counts.add(replace(stepper.counts, steps=solution.steps))
-        if solution.sol is not None:
-            outputs.append(solution.sol)
-        stopped.append(solution.status == 1)
-    return _Members(y, counts, failures, outputs, all(stopped))
+    found = _Members(y, Counts(), {})
+    stopped = [
+        _integrate_alone(problem, member, schedule, dense, logs, watch, wanted, found)
+        for member in np.ndindex(problem.batch)
+    ]
+    return replace(found, stopped=all(stopped))
+
+
+def _integrate_alone(
+    problem: Problem,
+    member: tuple[int, ...],
+    schedule: AdaptiveSchedule,
+    dense: bool,
+    logs: Logs | None,
+    watch: Progress,
+    wanted: Array,
+    found: _Members,
+) -> bool:
+    """Integrate one member and add what it comes to; return whether an event ended it."""
+    log: Logs | None = None if logs is None else {(): logs[member]}
+    alone = problem.member(member)
+    stepper, recorder, trouble = _record_member(alone, schedule, wanted, dense, log, watch)
+    watch.finish_members()
+    if trouble or stepper.trouble:
+        found.failures[member] = trouble or stepper.trouble
+    solution = outcome(stepper, recorder, alone, log)
+    place: Any = (slice(len(solution.t)), *member)
+    found.y[place] = solution.y
+    found.counts.add(replace(stepper.counts, steps=solution.steps))
+    if solution.sol is not None:
+        found.outputs[member] = solution.sol
+    return solution.status == 1
+
+
+def _continuous(found: _Members, points: Points, batch: tuple[int, ...]) -> EnsembleOutput:
+    return EnsembleOutput([found.outputs[index] for index in np.ndindex(batch)], points, batch)
 
 
 def _record_member(
@@ -163,8 +206,11 @@ def _record_member(
     while True:
         try:
             block = next(blocks, None)
+            ended = block is not None and not looked_for and recorder.add(block)
         except (ValueError, RuntimeError, OverflowError) as error:
             return stepper, recorder, str(error)
-        if block is None or recorder.add(block):
+        if block is not None and looked_for:
+            ended = recorder.add(block)
+        if block is None or ended:
             return stepper, recorder, ""
         watch.reach(block.t[-1])

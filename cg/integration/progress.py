@@ -45,14 +45,15 @@ class Progress:
         """Note that the present trajectory is at some time, or each of several at its own."""
         if self.function is None:
             return
-        self._done = self._before + float(np.minimum(np.abs(t - self.start), self.length).sum())
+        done = self._before + float(np.minimum(np.abs(t - self.start), self.length).sum())
+        self._done = max(self._done, done)  # a member may have to begin again
         if time.perf_counter() - self._told >= _SECONDS:
             self._tell()
 
     def finish_members(self, count: int = 1) -> None:
-        """Note that the present trajectories have ended, perhaps early."""
+        """Note that the present trajectories have ended, perhaps early, or -1 that one goes on."""
         self._before += count * self.length
-        self._done = self._before
+        self._done = max(self._done, self._before)
 
     def finish(self) -> None:
         """Tell what was reached."""

@@ -111,10 +111,9 @@ class PythonStepper(Stepper):
         size = schedule.first_step or self._first_size(schedule)
         last_error, after_rejection = 1.0, False
         for _ in range(schedule.max_steps):
-            size = min(size, schedule.max_step)
-            smallest = self._core.smallest_size(t)
-            if size < smallest:
-                self.trouble = too_small_a_step(t, smallest)
+            size = self._core.tried_size(size, t, stop, schedule.max_step, after_rejection)
+            if size < 0.0:
+                self.trouble = too_small_a_step(t, self._core.smallest_size(t))
                 return
             sign = math.copysign(1.0, stop - t)
             end = t + sign * size

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from cg.frames.arrays import Array, Points
 from cg.integration.dense import DenseOutput
 from cg.integration.events import EventLog, point_at
-from cg.integration.interpolation import Interpolant, interpolate
+from cg.integration.interpolant import Indices, Interpolant
+from cg.integration.interpolation import interpolate
 from cg.integration.stepper import Block, Stepper
 
-__all__ = ["Recorder"]
+__all__ = ["Recorder", "steps_of"]
 
 Member = tuple[int, ...]
 
@@ -77,7 +78,8 @@ class Recorder:
             block = block.part(stop[0] + 1)
         end = float(block.t[-1]) if stop is None else _time(block, *stop)
         self.steps += len(block)
-        positions = self._reached(block.t, end)
+        rest = np.empty(0) if self.wanted is None else self.wanted[self.used :]
+        positions = steps_of(rest, block.t, end)
         inside = [] if self.wanted is None else np.unique(positions[0][positions[1]]).tolist()
         solution = self._solution(block, made, range(len(block)) if self.dense else inside)
         if stop is not None:
@@ -133,16 +135,6 @@ class Recorder:
         if not member:
             return self.logs[member].record(t0, t1, point, within)
         return self.logs[member].record(t0, t1, point, lambda: within().member(member))
-
-    def _reached(self, t: Array, end: float) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """Return in which steps the next wanted times are, and whether they are inside of them."""
-        if self.wanted is None:
-            return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.bool_)
-        sign = 1.0 if t[-1] >= t[0] else -1.0
-        rest = self.wanted[self.used :]
-        times = rest[: int((sign * (rest - end) <= 0.0).sum())]
-        which = np.maximum(np.searchsorted(sign * t, sign * times, side="left") - 1, 0)
-        return which, times != t[which + 1]
 
     def _solution(
         self, block: Block, made: dict[int, Interpolant], needed: range | list[int]
@@ -216,6 +208,24 @@ class Recorder:
         joined = Interpolant.join(self.parts) if self.parts else None
         ends = {member: end for member, end in self.ended.items() if member}
         return DenseOutput(np.concatenate(self.ends), joined, self.start, self.last, ends)
+
+
+def steps_of(rest: Array, t: Array, end: float) -> tuple[Indices, NDArray[np.bool_]]:
+    """Return in which steps wanted times up to some end are, and whether they are inside of them.
+
+    Parameters
+    ----------
+    rest
+        The times, in the order of the integration.
+    t
+        The ends of the steps, shape ``(steps + 1,)``.
+    end
+        Up to where the steps go.
+    """
+    sign = 1.0 if t[-1] >= t[0] else -1.0
+    times = rest[: int((sign * (rest - end) <= 0.0).sum())]
+    which = np.maximum(np.searchsorted(sign * t, sign * times, side="left") - 1, 0)
+    return which, times != t[which + 1]
 
 
 def _time(block: Block, step: int, theta: float) -> float:

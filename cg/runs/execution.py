@@ -27,6 +27,7 @@ from typing import Any, Generic, TypeVar
 from ..checks import check_integer
 from ..parallel import available_cores, end_with_parent, new_flag, single_threads, work_for
 from .lost import broken_executor, dropped, worker_died
+from .portable import portable
 
 __all__ = ["ExecutorLike", "Finished", "as_finished", "check_executor", "completed"]
 
@@ -218,6 +219,17 @@ def _run_whole(
     return [Finished(chunk[0], result, seconds, chunk=chunk)], None
 
 
+def _run_elsewhere(
+    run: Callable[..., tuple[list[Finished[Any]], Exception | None]], *arguments: Any
+) -> tuple[list[Finished[Any]], Exception | None]:
+    """Run a chunk where errors have to travel."""
+    try:
+        results, error = run(*arguments)
+    except Exception as reason:
+        raise portable(reason) from reason
+    return results, None if error is None else portable(error)
+
+
 def _one_by_one(
     pool: _Pool, work: Callable[[int], Result], suspects: list[int], reason: Exception
 ) -> Iterator[Finished[Result]]:
@@ -312,9 +324,12 @@ class _Pool:
 
     def handed_out(self, work: Callable[[Any], Any], chunk: list[int]) -> Future[Any]:
         """Give a chunk to the executor."""
-        if self.data is None:
-            return self.executor.submit(_run_chunk, work, chunk)
-        return self.executor.submit(_run_whole, work, chunk, [self.data(k) for k in chunk])
+        run: tuple[Any, ...] = (_run_chunk, work, chunk)
+        if self.data is not None:
+            run = _run_whole, work, chunk, [self.data(k) for k in chunk]
+        if not self.threads:
+            run = _run_elsewhere, *run
+        return self.executor.submit(*run)
 
     def wait(self) -> list[Future[Any]]:
         """Wait for at least one chunk; return what is done, oldest first."""
