@@ -127,6 +127,32 @@ def test_pieces_change_nothing(members, steps, enough, function, monkeypatch, in
     assert [getattr(pieces, c) for c in COUNTS] == [getattr(whole, c) for c in COUNTS]
 
 
+def test_work_comes_in_pieces_of_the_right_size(function, monkeypatch):
+    """Neither does memory grow with the members, nor is every step a call from Python."""
+    made, calls = [], []
+    true, advance = member_output.interpolant_of, member_output.CompiledRun.advance
+
+    def spied(frame, method, steps, evaluate):
+        made.append(len(steps))
+        return true(frame, method, steps, evaluate)
+
+    def counted(self, *arguments, **options):
+        calls.append(arguments)
+        return advance(self, *arguments, **options)
+
+    monkeypatch.setattr(member_output, "_WITH_OUTPUT", 50)
+    monkeypatch.setattr(member_output, "interpolant_of", spied)
+    monkeypatch.setattr(member_output.CompiledRun, "advance", counted)
+    run = cg.solve_ivp(
+        function("growth"), (0, 1), np.ones((300, 1)), frame=Euclidean(1), max_step=1 / 64,
+        t_eval=np.linspace(0, 1, 10),
+    )  # fmt: skip
+    assert sum(made) == 300 * 8  # of the times both ends are ends of steps
+    assert 50 <= max(made) < 60
+    assert run.steps == 300 * 64
+    assert 300 <= len(calls) < 1000
+
+
 @pytest.mark.parametrize(
     ("name", "good", "bad", "options", "message"),
     [
