@@ -198,4 +198,34 @@ EXPLAINED = {
         "check_order(problem.method, stacklevel=3)",
         "3 → 4",
     ): ("since", "nobody asked where the warning points; `test_solve_ivp.py` does"),
+    (
+        "cg.integration.compiled_run",
+        "f = np.empty((1, 1, 1)) if slopes is None else slopes",
+        "1 → 2",
+    ): ("same", "nothing reads or writes it"),
+    (
+        "cg.integration.compiled_run",
+        "data = core.python_field(), id(rhs.context), 0",
+        "0 → 1",
+    ): ("same", "the distance from one trajectory's data to the next, where there is one"),
+    (
+        "cg.integration.compiled_run",
+        "1024 + 32 * (width + self._dim)",
+        "width + self._dim → width - self._dim",
+    ): ("same", "an estimate of memory, of which this is a small part"),
+    (
+        "cg.integration.member_output",
+        "self._fill(run, paths, first)",
+        "self._fill(run, paths, first) → pass",
+    ): ("since", "the same, with more memory; `test_member_output.py` counts steps made at a time"),
+    (
+        "cg.integration.member_output",
+        "self._budget.stop(attempts)",
+        "self._budget.stop(attempts) → pass",
+    ): ("since", "the same, a step at a time; `test_member_output.py` counts calls"),
+    (
+        "cg.integration.members",
+        "if t.size and abs(t[-1] - self._t[len(t) - 1]) > 4.0 * np.spacing(abs(t[-1])):",
+        "4.0 → 6.0",
+    ): ("same", "a few units of the last place, however many"),
 }
