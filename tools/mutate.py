@@ -55,7 +55,7 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.integration.error_norm": "adaptive compiled_adaptive ensembles",
     "cg.integration.members": "members_apart ensemble_executors ensembles",
     "cg.integration.member_output": "member_output ensembles progress",
-    "cg.integration.interpolant": "values integration_loop dense events munthe_kaas",
+    "cg.integration.interpolant": "values integration_loop dense events munthe_kaas ensembles",
     "cg.integration.recorder": f"{INTEGRATION} compiled_output",
     "cg.integration.events": "events compiled_output ensembles",
     "cg.integration.dense": "integration_loop events ensembles dense",
