@@ -361,6 +361,8 @@ def test_numbers_beyond_doubles_are_refused_by_name(argument):
 def test_a_solution_can_be_copied_and_pickled():
     solution = solve(dense_output=True)
     for same in (copy.deepcopy(solution), pickle.loads(pickle.dumps(solution))):
+        for array in (same.t, same.y, same.sol.ts):
+            assert not array.flags.writeable
         assert (same.sol([0.1, 0.7]) == solution.sol([0.1, 0.7])).all()
 
 
@@ -374,3 +376,16 @@ def test_a_first_step_that_would_underflow():
 def test_a_right_hand_side_too_large_for_any_step():
     with pytest.raises(OverflowError, match="f is too large to choose a step at t = 0"):
         solve(f=lambda t, y: np.full(3, 1e308))
+
+
+def test_copies_of_trajectories_are_read_only():
+    run = cg.integrate(PROBLEM.f, (0, 1), np.eye(3), frame=SO3(), method="CG3", h=0.5)
+    for same in (copy.copy(run), copy.deepcopy(run), pickle.loads(pickle.dumps(run))):
+        np.testing.assert_array_equal(same.y, run.y)
+        assert not same.t.flags.writeable
+        assert not same.y.flags.writeable
+    out = np.zeros((2, 1, 3, 3))
+    run = cg.solve_ivp(PROBLEM.f, (0, 1), np.eye(3)[None], frame=SO3(), out=out)
+    assert copy.copy(run).y is out
+    assert copy.deepcopy(run).y.flags.writeable
+    assert out.flags.writeable

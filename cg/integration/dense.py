@@ -74,6 +74,10 @@ class DenseOutput:
         self._ends = ends or {}
         self._sign = -1.0 if self.ts[-1] < self.ts[0] else 1.0
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.ts.flags.writeable = False
+
     def __repr__(self) -> str:
         return f"DenseOutput(t={self.ts[0]:g}...{self.ts[-1]:g}, steps={len(self.ts) - 1})"
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.dense import DenseOutput
@@ -12,8 +14,27 @@ from cg.later import Later
 from cg.method import Method
 
 
+class _ReadOnly:
+    """Keeps arrays that are read-only so in copies."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        arrays = {name: value for name, value in vars(self).items() if name in ("t", "y")}
+        fixed = [
+            name
+            for name, value in arrays.items()
+            if isinstance(value, np.ndarray) and not value.flags.writeable
+        ]
+        return {**vars(self), "fixed": fixed}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        fixed = state.pop("fixed")
+        vars(self).update(state)
+        for name in fixed:
+            state[name].flags.writeable = False
+
+
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(_ReadOnly):
     """A numerical solution with fixed steps.
 
     Attributes
@@ -67,7 +88,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(_ReadOnly):
     """What `cg.solve_ivp` returns, with the field names of SciPy's function.
 
     Attributes
