@@ -145,7 +145,7 @@ def test_a_worker_that_dies(monkeypatch, library):
             if k == 3:
                 yield members_finished(k, None, "Killed")
             else:
-                yield members_finished(k, work([data(k)]), None)
+                yield members_finished(k, work(data([k])), None)
 
     def members_finished(k, result, failure):
         from cg.runs import Finished

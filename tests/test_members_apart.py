@@ -126,7 +126,7 @@ class TestOut:
     def test_members_that_never_ran(self, monkeypatch):
         def killed(work, indices, total, workers, executor, *, data):
             for k in indices:
-                ended = None if k == 1 else work([data(k)])
+                ended = None if k == 1 else work(data([k]))
                 yield Finished(k, ended, 0.0, "killed" if k == 1 else None, [k])
 
         monkeypatch.setattr(members, "completed", killed)

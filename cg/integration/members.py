@@ -38,20 +38,16 @@ class _Work:
     options: Mapping[str, Any]
     together: bool
 
-    def __call__(self, data: list[tuple[Points, Array | None]]) -> list[Solution]:
+    def __call__(self, data: tuple[Points, Array | None]) -> list[Solution]:
         """Return the solutions of some members, or one for all of them."""
-        rows: list[tuple[Points, Array | None]] = data
-        if self.together:
-            points = np.stack([y0 for y0, _ in data])
-            numbers = (
-                None if data[0][1] is None else np.stack([p for _, p in data if p is not None])
-            )
-            rows = [(points, numbers)]
+        points, parameters = data
+        rows = [data]
+        if not self.together:
+            own = parameters if parameters is not None else [None] * len(points)
+            rows = list(zip(points, own, strict=True))
         return [
-            self.solve(
-                self.f, self.t_span, y0, frame=self.frame, parameters=parameters, **self.options
-            )
-            for y0, parameters in rows
+            self.solve(self.f, self.t_span, y0, frame=self.frame, parameters=own, **self.options)
+            for y0, own in rows
         ]
 
 
@@ -114,7 +110,7 @@ def solve_apart(
         len(rows),
         workers,
         executor,
-        data=lambda k: (rows[k], None if numbers is None else numbers[k]),
+        data=lambda chunk: (rows[chunk], None if numbers is None else numbers[chunk]),
     )
     with closing(run) as running:
         for finished in running:

@@ -105,7 +105,7 @@ def completed(
     executor: ExecutorLike = None,
     *,
     finish_on_interrupt: bool = False,
-    data: Callable[[int], Any] | None = None,
+    data: Callable[[list[int]], Any] | None = None,
 ) -> Generator[Finished[Result], None, None]:
     """Yield ``work(index)`` for each index, in the order in which they finish.
 
@@ -127,8 +127,8 @@ def completed(
         Whether the first interrupt lets what is running end, and yields it, before it goes on as
         an exception. A second one drops that.
     data : callable, optional
-        Then the work takes whole chunks, as lists of ``data(index)``, which go to the worker with
-        it; what is yielded has a `Finished.chunk`.
+        Then the work takes whole chunks, as ``data(indices)``, which goes to the worker with it;
+        what is yielded has a `Finished.chunk`.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def _run_chunk(
 
 
 def _run_whole(
-    work: Callable[[list[Any]], Result], chunk: list[int], data: list[Any]
+    work: Callable[[Any], Result], chunk: list[int], data: Any
 ) -> tuple[list[Finished[Result]], None]:
     """Run a chunk that is one piece of work."""
     began = time.perf_counter()
@@ -264,7 +264,7 @@ class _Pool:
         self,
         executor: ExecutorLike,
         workers: int | None,
-        data: Callable[[int], Any] | None,
+        data: Callable[[list[int]], Any] | None,
     ) -> None:
         self.data = data
         self.pending: dict[Future[Any], list[int]] = {}  # in the order of submission
@@ -326,7 +326,7 @@ class _Pool:
         """Give a chunk to the executor."""
         run: tuple[Any, ...] = (_run_chunk, work, chunk)
         if self.data is not None:
-            run = _run_whole, work, chunk, [self.data(k) for k in chunk]
+            run = _run_whole, work, chunk, self.data(chunk)
         if not self.threads:
             run = _run_elsewhere, *run
         return self.executor.submit(*run)
