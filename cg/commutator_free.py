@@ -185,10 +185,9 @@ class CommutatorFree(Method):
     @cached_property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
         """Weights on frozen fields of the error estimates, if these take no flow; else empty."""
-        second = self.tree.embedded_result
-        if second is None or self.tree.points[second].parent != self.tree.result:
+        flow = self.tree.flow_between
+        if flow is None:
             return ()
-        flow = self.tree.points[second].weights
         rows = [tuple(-flow.get(k, Fraction(0)) for k in range(self.stages))]
         if self.third_weights is not None:
             sums = self.tree.flat_row(self.tree.result)
@@ -207,8 +206,7 @@ class CommutatorFree(Method):
 
 def _read_third(third: Iterable[Any], tree: PointTree) -> tuple[Coefficient, ...]:
     """Return third weights; MethodError if they aren't as many numbers, or have no place."""
-    second = tree.embedded_result
-    if second is None or tree.points[second].parent != tree.result:
+    if tree.flow_between is None:
         raise MethodError("third must be None unless embedded_result is one flow from the result")
     entries = _listed(third, "third")
     if len(entries) != len(tree.stage_points):

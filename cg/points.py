@@ -118,6 +118,16 @@ class PointTree:
         """
         return len({self.merged[m] for end in ends for m in self.path(end)} - {START})
 
+    @property
+    def flow_between(self) -> Mapping[int, Fraction] | None:
+        """The weights of the flow from the result to the second one; None if it isn't one flow."""
+        if self.embedded_result is None:
+            return None
+        second = self.merged[self.embedded_result]
+        if second == START or not self.same(self.points[second].parent, self.result):
+            return None
+        return self.points[second].weights
+
     def same(self, one: int, other: int) -> bool:
         """Tell whether the same flows lead to two points."""
         return self.merged[one] == self.merged[other]

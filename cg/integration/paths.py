@@ -170,26 +170,33 @@ def paths_of(method: Method) -> MethodPaths:
 
 
 class _Builder:
+    """Makes paths of different flows; points that others repeat, or that none lead to, are none."""
+
     def __init__(self, method: Method, results: set[int]) -> None:
         self.points = method.points
-        ends = results.union(method.stage_points)
+        self.same = method.tree.merged
+        ends = {self.same[point] for point in results.union(method.stage_points)}
         used: set[int] = set()
         pending = list(ends)
         while pending:
             point = pending.pop()
             if point != START and point not in used:
                 used.add(point)
-                pending.append(self.points[point].parent)
-        children = Counter(self.points[point].parent for point in used)
+                pending.append(self._parent(point))
+        children = Counter(self._parent(point) for point in used)
         self.kept = ends | {point for point in used if children[point] > 1}
         self.index = {START: 0}
         self.paths: list[Path] = []
 
+    def _parent(self, point: int) -> int:
+        return self.same[self.points[point].parent]
+
     def path_to(self, point: int) -> int:
         """Return the number of the path to a point that is kept, after adding what leads there."""
+        point = self.same[point]
         if point not in self.index:
             links = [point]
-            while (parent := self.points[links[-1]].parent) not in self.kept and parent != START:
+            while (parent := self._parent(links[-1])) not in self.kept and parent != START:
                 links.append(parent)
             origin = self.path_to(parent)
             flows = tuple(tuple(self.points[i].weights.items()) for i in reversed(links))
