@@ -33,10 +33,10 @@ class StoredStarts(Sequence[RandomStart]):
     """
 
     def __init__(self, path: str | os.PathLike[str], run: int, starts: int) -> None:
-        self._path, self._run, self._starts = os.fspath(path), run, starts
+        self._path, self._run, self._starts = os.path.abspath(path), run, starts
 
     def __len__(self) -> int:
-        with Store(self._path) as store:
+        with Store(self._path, read=True) as store:
             query = "AND number < ?"
             return sum(1 for _ in store.run(self._run).numbers(query, self._starts))
 
@@ -74,7 +74,7 @@ class StoredStarts(Sequence[RandomStart]):
         return next(self._read(query, self._starts))
 
     def _read(self, condition: str, *values: Any) -> Iterator[RandomStart]:
-        with Store(self._path) as store:
+        with Store(self._path, read=True) as store:
             for record in store.run(self._run).records(condition, *values):
                 yield RandomStart.from_record(record)
 

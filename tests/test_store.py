@@ -360,12 +360,62 @@ class TestFile:
         monkeypatch.setattr(
             store.sqlite3,
             "connect",
-            lambda file, **options: connect(f"file:{file}?mode=ro", uri=True, **options),
+            lambda file, **options: connect(f"{file}?mode=ro", **options),
         )
         with pytest.raises(OSError, match="readonly database"):
             search(**SMALL, starts=2, store=path)
         monkeypatch.undo()
         assert kept(path) == [0]
+
+    def test_results_stay_those_of_their_file(self, tmp_path, monkeypatch):
+        for name, seed in (("a", 1), ("b", 9)):
+            (tmp_path / name).mkdir()
+            monkeypatch.chdir(tmp_path / name)
+            found = search(2, 2, 3, seed, store="runs.db")
+            wanted = search(2, 2, 3, seed)
+        monkeypatch.chdir(tmp_path / "a")
+        assert found.starts == wanted.starts
+        assert repr(found) == repr(wanted)
+        os.remove(tmp_path / "b" / "runs.db")
+        with pytest.raises(FileNotFoundError, match="store must be a file that exists"):
+            list(found.starts)
+        assert not (tmp_path / "b" / "runs.db").exists()
+
+    @pytest.mark.parametrize("name", [":memory:", "file:x?mode=memory", "a?b#c%20.db", "ü ñ.db"])
+    def test_names_that_mean_something_else_elsewhere(self, name, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        first = search(**SMALL, starts=2, store=name)
+        assert (tmp_path / name).is_file()
+        assert search(**SMALL, starts=2, store=name).starts == first.starts
+
+    @pytest.mark.parametrize("content", [b"", b"[method]\n"])
+    def test_reading_changes_no_file(self, content, tmp_path):
+        path = tmp_path / "a.toml"
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"is no store|not an SQLite database"):
+            Store(path, read=True)
+        assert path.read_bytes() == content
+        assert [file.name for file in tmp_path.iterdir()] == ["a.toml"]
+
+    def test_reading_where_nothing_can_be_written(self, tmp_path, monkeypatch):
+        """SQLite can't make what readers share then."""
+        path = tmp_path / "runs.db"
+        search(**SMALL, starts=2, store=path)
+        before = path.read_bytes()
+        connect: Callable[..., sqlite3.Connection] = sqlite3.connect
+
+        class Refusing(sqlite3.Connection):
+            def execute(self, *arguments: Any) -> sqlite3.Cursor:
+                raise sqlite3.OperationalError("unable to open database file")
+
+        def refusing(file: str, **options: Any) -> sqlite3.Connection:
+            kind = sqlite3.Connection if "immutable" in file else Refusing
+            return connect(file, factory=kind, **options)
+
+        monkeypatch.setattr(store.sqlite3, "connect", refusing)
+        with Store(path, read=True) as opened:
+            assert [run.starts for run in opened.runs()] == [2]
+        assert path.read_bytes() == before
 
     def test_an_impossible_path(self, tmp_path):
         with pytest.raises(FileNotFoundError):

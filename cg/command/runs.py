@@ -43,7 +43,7 @@ def _of_run(function: Callable[..., int]) -> Callable[..., int]:
 
     @wraps(function)
     def call(file: str, number: int, **options: Any) -> int:
-        with Store(file) as store:
+        with Store(file, read=True) as store:
             try:
                 run = store.run(number)
             except KeyError as problem:
@@ -58,7 +58,7 @@ def _of_run(function: Callable[..., int]) -> Callable[..., int]:
 @json_option
 def list_runs(file: str, in_json: bool) -> int:
     """List the runs in a file: what they look for, how far they are, the smallest f."""
-    with Store(file) as store:
+    with Store(file, read=True) as store:
         found = store.runs()
     if in_json:
         as_json([_data(run) for run in found])

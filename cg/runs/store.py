@@ -45,6 +45,8 @@ class Store:
     ----------
     path : path
         The file, which is made if there is none.
+    read : bool, optional
+        Only read from a file, which must be there; it isn't changed.
 
     Raises
     ------
@@ -53,7 +55,7 @@ class Store:
     ValueError
         If it isn't a file, no store, or written by a newer version.
     OSError
-        If it can't be written.
+        If it can't be written, or read.
 
     Examples
     --------
@@ -65,17 +67,52 @@ class Store:
     [('search', 3, 3)]
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, read: bool = False) -> None:
         self.path = _checked(path)
+        if read and not self.path.exists():
+            raise FileNotFoundError(errno.ENOENT, "store must be a file that exists", str(path))
         with _named_errors(self.path):
-            self._connection = sqlite3.connect(
-                self.path, timeout=_BUSY_SECONDS, isolation_level=None
-            )
+            self._connection = self._connected("?mode=ro" if read else "")
             try:
-                self._migrate()
+                if read:
+                    self._check_to_read()
+                else:
+                    self._migrate()
             except BaseException:
                 self._connection.close()
                 raise
+
+    def _connected(self, options: str) -> sqlite3.Connection:
+        # as an address, since SQLite takes some names for something else than files
+        return sqlite3.connect(
+            self.path.absolute().as_uri() + options,
+            timeout=_BUSY_SECONDS, isolation_level=None, uri=True,
+        )  # fmt: skip
+
+    def _check_to_read(self) -> None:
+        """Raise ValueError unless the file can be read as it is; an older store is brought up."""
+        try:
+            self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        except sqlite3.OperationalError:
+            # beside a file in a folder that can't be written there can't be what readers share
+            self._connection.close()
+            self._connection = self._connected("?mode=ro&immutable=1")
+        known, tables = self._contents()
+        if known != APPLICATION_ID or not tables:
+            raise ValueError(f"store {self.path} is no store")
+        if self._schema() != len(MIGRATIONS):
+            self._connection.close()
+            self._connection = self._connected("")
+            self._migrate()
+
+    def _contents(self) -> tuple[int, int]:
+        """Return which program made the file, and the number of its tables."""
+        connection = self._connection
+        connection.execute("BEGIN")  # both of the same moment: another process may be making it
+        (known,) = connection.execute("PRAGMA application_id").fetchone()
+        (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        connection.execute("COMMIT")
+        return int(known), int(tables)
 
     def __enter__(self) -> Store:
         return self
@@ -90,10 +127,7 @@ class Store:
     def _migrate(self) -> None:
         """Bring an older store, or an empty file, to the present schema."""
         connection = self._connection
-        connection.execute("BEGIN")  # both of the same moment: another process may be making it
-        (known,) = connection.execute("PRAGMA application_id").fetchone()
-        (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        connection.execute("COMMIT")
+        known, tables = self._contents()
         if known != APPLICATION_ID and (known or tables):
             raise ValueError(f"store {self.path} is a database of another program")
         if self._schema() > len(MIGRATIONS):
