@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cg.parallel import available_cores
+from cg.runs import StoreError
 
 from .context import Settings
 from .display import Display, duration
@@ -67,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with _terminated_as_interrupted():
             run(items, out, settings, options.workers, display.begin, display.finish, limit)
+    except StoreError as error:
+        return _complain(f"{error}; without that file its search begins anew")
     except OSError as error:
         return _complain(f"{error}; finished items are kept in {out}")
     except KeyboardInterrupt:

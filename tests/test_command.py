@@ -11,7 +11,7 @@ from watching import interrupted_search
 
 import cg
 from cg.catalogue import dumps, loads, munthe_kaas
-from cg.command import main
+from cg.command import main, proving, searching
 from cg.facts import compute_facts, facts_of
 
 COMMANDS = [
@@ -251,6 +251,46 @@ def test_broken_files_are_named(run, tmp_path):
         assert (code, str(file) in error, error.count("\n")) == (2, True, 1)
     file.write_bytes(b"\xff\xfe\xfa")
     assert run("check", str(file))[0] == 2
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("certify", "CF3", "-o", "{}/x.toml"),
+        ("search", "--order", "2", "--stages", "2", "--starts", "2", "-o", "{}/x.toml"),
+        ("construct", "--order", "2", "--stages", "2", "-o", "{}/deep/x.toml"),
+    ],
+)
+def test_outputs_are_tried_before_any_work(run, arguments, tmp_path, monkeypatch):
+    """A folder of the kernel's can't be written by anyone."""
+
+    def never(*arguments, **options):
+        raise AssertionError
+
+    for module in (proving, searching):
+        for name in ("certify", "search", "construct"):
+            monkeypatch.setattr(module, name, never, raising=False)
+    code, out, err = run(*(word.format("/proc") for word in arguments))
+    assert (code, out) == (2, "")
+    assert "--output: /proc/" in err
+    monkeypatch.undo()
+    code, _, err = run(*(word.format(tmp_path / "new") for word in arguments))
+    assert code == 0
+    assert list((tmp_path / "new").rglob("*.toml"))
+
+
+def test_a_promotion_is_tried_too(run, tmp_path):
+    store = tmp_path / "runs.db"
+    run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
+    code, _, err = run("runs", "promote", str(store), "1", "Mine", "--folder", "/proc")
+    assert code == 2
+    assert "--folder: /proc/Mine can't be written" in err
+
+
+def test_a_method_that_cannot_be_certified_is_a_wrong_argument(run):
+    code, out, err = run("certify", "RKMK4")
+    assert (code, out) == (2, "")
+    assert "NAME|FILE: method must be a Tableau or CommutatorFree, got <MuntheKaas RKMK4" in err
 
 
 def test_reproduce_takes_the_options_of_reproduce_paper(run):

@@ -1,7 +1,9 @@
 """What runs found: solutions told apart, the best of them, and methods made of them."""
 
 import json
+import sqlite3
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -209,3 +211,25 @@ class TestFromAStoreToTheCatalogue:
             with pytest.raises(ValueError, match=f"'{name}', which the package has"):
                 promote(store.run(1), name, tmp_path)
         assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE starts SET solved = 1",
+        "UPDATE starts SET coefficients = zeroblob(length(coefficients)) WHERE solved",
+    ],
+)
+def test_what_is_no_solution_is_none_whatever_its_record_says(change, tmp_path):
+    path = tmp_path / "runs.db"
+    cg.search(order=4, stages=5, starts=12, seed=0, algorithm="lmdif", store=path)
+    with Store(path) as opened:
+        assert all(one.record.solved for one in solutions(opened.run(1)))
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute(change)
+        connection.commit()
+    with (
+        Store(path) as opened,
+        pytest.raises(ValueError, match=r"start \d+ of run 1 in .* is recorded as a solution, but"),
+    ):
+        list(solutions(opened.run(1)))

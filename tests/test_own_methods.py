@@ -2,8 +2,10 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,8 @@ import pytest
 
 import cg
 from cg.catalogue import dumps, own_folders
+from cg.certification import CertificationError, certificate_of, check
+from cg.command import main
 from cg.points import MethodError
 
 MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
@@ -223,3 +227,61 @@ def test_what_a_method_says_of_itself():
     assert repr(large) == "<Tableau without name: 30 evaluations, 59 flows>"
     assert large.description(complete=True).startswith("order ")
     assert repr(large).startswith("<Tableau without name: order ")
+
+
+class TestCertificatesOfOnesOwn:
+    """What ``show`` tells of them is proved, not read."""
+
+    def shown(self, capsys):
+        assert main(["show", "mine"]) == 0
+        (line,) = re.findall("^  certificate +(.*)$", capsys.readouterr().out, re.MULTILINE)
+        return line
+
+    def test_one_that_holds(self, folder, capsys):
+        MIDPOINT.save(folder)
+        assert self.shown(capsys) == "none"
+        cg.certify(MIDPOINT).save(folder / "mine.certificate.toml")
+        assert self.shown(capsys).startswith("mine: order 2 by its rational coefficients")
+
+    def test_one_of_other_coefficients(self, folder, capsys):
+        cg.certify(MIDPOINT).save(folder / "mine.certificate.toml")
+        cg.Tableau([[], ["1/3"]], [0, 1], name="mine").save(folder)
+        assert self.shown(capsys).startswith("proves nothing: ")
+
+    def test_a_radius_that_was_not_proved(self, folder, capsys):
+        method = cg.methods["CG4a"]
+        cg.Tableau(*texts(method), name="mine", source="x").save(folder)
+        proof = replace(cg.certify("CG4a"), name="mine", radius="1e-60")
+        proof.save(folder / "mine.certificate.toml")
+        assert self.shown(capsys).startswith("proves nothing: ")
+
+    def test_a_file_that_is_no_text(self, folder):
+        MIDPOINT.save(folder)
+        (folder / "mine.certificate.toml").write_bytes(b"\xff\xfe")
+        with pytest.raises(CertificationError, match=r"mine\.certificate\.toml: not UTF-8"):
+            certificate_of(cg.methods["mine"])
+
+
+def texts(method):
+    coefficients = iter(method.coefficients)
+    a = [[next(coefficients).text for _ in range(i)] for i in range(method.stages)]
+    return a, [next(coefficients).text for _ in range(method.stages)]
+
+
+def test_no_certificate_is_one_of_a_munthe_kaas_method():
+    """Coefficients are the same, conditions aren't."""
+    tableau = cg.Tableau([[], ["1/2"]], [0, 1], name="X")
+    with pytest.raises(CertificationError, match="method must be a Tableau or CommutatorFree"):
+        check(cg.certify(tableau), cg.MuntheKaas(tableau))
+
+
+@pytest.mark.parametrize("radius", ["1_0e-37", "\u0663e-36", "1e-36 ", "1/3", "0x1p-3", "nan"])
+def test_a_radius_is_a_plain_decimal(radius):
+    with pytest.raises(CertificationError, match="expected a decimal number"):
+        replace(cg.certify("CF4"), radius=radius)
+
+
+@pytest.mark.parametrize("bits", ["320", 320.0, True, None])
+def test_bits_are_an_integer(bits):
+    with pytest.raises(CertificationError, match="bits must be an integer, got"):
+        replace(cg.certify("CF4"), bits=bits)

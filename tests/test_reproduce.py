@@ -17,6 +17,7 @@ from cg.reproduce.context import Context, Settings
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
 from cg.reproduce.report import page
+from cg.reproduce.sections import search as search_section
 from cg.reproduce.sections import table3_2
 from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
 
@@ -399,3 +400,21 @@ def test_whole_default_run(tmp_path):
     parsed = check_page((tmp_path / "report.html").read_text("utf-8"))
     assert parsed.tags.count("section") == len(items.ITEMS)
     assert parsed.tags.count("figure") == 10
+
+
+def test_a_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
+    """It is what a full disk may leave behind."""
+
+    def stopped(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(search_section, "_data", stopped)
+    arguments = ["--only", "search4", "--out", str(tmp_path), "--workers", "1"]
+    assert main(arguments) == 130
+    (store,) = (tmp_path / "checkpoints").glob("search4-*.db")
+    store.write_bytes(store.read_bytes()[:5000])
+    capsys.readouterr()
+    assert main(arguments) == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith(f"reproduce-paper: error: store {store} is not an SQLite database")
+    assert told.endswith("; without that file its search begins anew")

@@ -60,7 +60,7 @@ def _check(item: str, method_file: str | None) -> str:
     if Path(item).suffix == ".toml":
         return f"proved {check_file(item, method)}"
     certificate = certificate_of(methods[item])
-    check(certificate, methods[item])
+    check(certificate, methods[item] if method is None else method)
     return f"proved {certificate}"
 
 

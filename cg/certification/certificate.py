@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from fractions import Fraction
 from os import PathLike
@@ -120,6 +121,8 @@ class Certificate:
 
     def __post_init__(self) -> None:
         _decimal(self.radius)
+        if not isinstance(self.bits, int) or isinstance(self.bits, bool):
+            raise CertificationError(f"bits must be an integer, got {self.bits!r}")
 
     @property
     def complete(self) -> bool:
@@ -234,9 +237,14 @@ def _read_beyond(table: dict[str, Any], where: str) -> Beyond:
     return Beyond(table["tree"], table["bound"])
 
 
+_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+
 def _decimal(text: str) -> str:
     try:
         value = read_fraction(text)
+        if not _PLAIN.fullmatch(text):  # what other readers of numbers don't take
+            raise ValueError
         if value == 0 or 1 / _LARGEST <= value <= _LARGEST:
             return text
     except (TypeError, ValueError, ZeroDivisionError):

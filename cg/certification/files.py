@@ -47,7 +47,10 @@ def certificate_of(method: Method) -> Certificate:
     path = methods.own.proof(name) if own else folder() / f"{name}.toml"
     if not path.is_file():
         raise CertificationError(f"{name} has no certificate")
-    certificate = Certificate.loads(path.read_text(encoding="utf-8"))
+    try:
+        certificate = Certificate.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise CertificationError(f"{path}: not UTF-8: {error}") from None
     if own:
         fitting(certificate, method)
     return certificate

@@ -11,6 +11,7 @@ from ..coefficients import Coefficient
 from ..conditions import HIGHEST_ORDER
 from ..layout import Layout
 from ..method import Method
+from ..munthe_kaas import MuntheKaas
 from .certificate import Certificate, CertificationError
 from .explain import (
     STRUCTURES,
@@ -81,6 +82,11 @@ class Packed:
 
 def fitting(certificate: Certificate, method: Method) -> Packed:
     """Return the method as a certificate sees it; CertificationError if it isn't the one meant."""
+    if isinstance(method, MuntheKaas):
+        raise CertificationError(
+            "the certificate doesn't fit: method must be a Tableau or CommutatorFree, got "
+            f"{method!r}"
+        )
     pair = certificate.embedded_order is not None
     faults = []
     if certificate.name != method.name:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -20,6 +22,7 @@ __all__ = [
     "MethodArgument",
     "NamedMethod",
     "as_json",
+    "check_output",
     "is_file",
     "json_option",
     "named",
@@ -83,3 +86,23 @@ METHOD = NamedMethod()
 def as_json(data: Any) -> None:
     """Print data as JSON."""
     click.echo(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def check_output(path: Path | None, option: str = "--output") -> None:
+    """Raise an error that names the option unless a file can be written there, before any work.
+
+    Folders that aren't there will be made.
+    """
+    if path is None:
+        return
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    try:
+        if path.is_file():
+            path.open("ab").close()
+        else:
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+    except OSError as error:
+        raise click.BadParameter(
+            f"{path} can't be written: {error.strerror}", param_hint=option
+        ) from None

@@ -9,7 +9,7 @@ import click
 from cg.certification import CertificationError, certify
 from cg.method import Method
 
-from .arguments import METHOD, as_json, json_option
+from .arguments import METHOD, as_json, check_output, json_option
 from .main import NO
 
 __all__ = ["certify_command"]
@@ -36,8 +36,11 @@ def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
       crouch-grossman certify CG4a
       crouch-grossman certify my_method.toml -o my_method.certificate.toml
     """
+    check_output(output)
     try:
         certificate = certify(method)
+    except TypeError as error:
+        raise click.BadParameter(str(error), param_hint="NAME|FILE") from None
     except CertificationError as error:
         if in_json:
             as_json({"name": method.name, "proved": False, "message": str(error)})
@@ -45,6 +48,7 @@ def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
             click.echo(f"not proved: {error}")
         return NO
     if output is not None:
+        output.parent.mkdir(parents=True, exist_ok=True)
         certificate.save(output)
     if in_json:
         as_json(

@@ -14,7 +14,7 @@ from cg.finds import Solution, best, families, promote, solutions
 from cg.finds.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
 
-from .arguments import as_json, json_option
+from .arguments import as_json, check_output, json_option
 from .main import NO
 
 __all__ = ["runs_command"]
@@ -160,6 +160,7 @@ def promote_start(
     method's name. Exits with 1 if the order isn't proved, or only in part; the method is written
     all the same.
     """
+    check_output(folder / name, "--folder")
     made = promote(run, name, folder, number=start, max_iterations=steps)
     click.echo(f"{made.method!r}")
     click.echo(f"principal error {made.before:.3g}, now {made.principal_error:.3g}")

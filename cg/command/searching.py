@@ -15,7 +15,7 @@ from cg.formats import export
 from cg.method import Method
 from cg.random_search import SearchResult, search
 
-from .arguments import as_json
+from .arguments import as_json, check_output
 from .engines import engine
 from .main import NO
 from .shapes import construction_options, search_options, settled
@@ -94,6 +94,7 @@ def _run(
 ) -> int:
     """Call a function with what the command was given; print and write what it found."""
     arguments = settled(options)
+    check_output(output)
     with engine(processes, dask, mpi) as executor:
         try:
             result = function(**arguments, executor=executor, progress=not quiet)
@@ -110,8 +111,8 @@ def _run(
     plain = function is construct and output is None and not in_json
     methods = sorted(found(result, plain), key=_largest)
     if output is not None:
-        if len(methods) > 1 and not output.is_dir():
-            output.mkdir(parents=True)
+        folder = output if len(methods) > 1 else output.parent
+        folder.mkdir(parents=True, exist_ok=True)
         for method in methods:
             save(method, output)
     if in_json:

@@ -29,6 +29,7 @@ _NEIGHBOURS = 5  # that a walk leads to from each solution
 _LONGEST, _SHORTEST = 0.3, 1e-3  # of steps
 _LEAST_GAIN = 1e-3  # of a step, relative to the distance that is left
 
+_ROUNDING = 1e-8  # in conditions at solutions
 OBJECTIVES = ("principal-error", "largest-coefficient", "flows", "residual", "seconds")
 
 
@@ -78,6 +79,11 @@ class Solution:
 def solutions(run: StoredRun) -> Iterator[Solution]:
     """Yield the starts of a run that led to what was wanted, distinct ones, by number.
 
+    Raises
+    ------
+    ValueError
+        If a start isn't what its record says.
+
     Examples
     --------
     >>> import tempfile, cg
@@ -92,6 +98,7 @@ def solutions(run: StoredRun) -> Iterator[Solution]:
     seen: set[tuple[Layout, tuple[float, ...]]] = set()
     for record in run.records("AND solved ORDER BY number"):
         candidate = _candidate(settings, record)
+        _check(run, record, candidate)
         key = candidate.system.layout, tuple(np.round(candidate.x, 8).tolist())
         if key not in seen:
             seen.add(key)
@@ -186,6 +193,19 @@ def connected(here: Candidate, there: Candidate) -> bool:
             return False
         x, left, longest = arrived, distance, min(_LONGEST, 2.0 * longest)
     return False
+
+
+def _check(run: StoredRun, record: Record, candidate: Candidate) -> None:
+    """Raise ValueError if what is recorded as a solution is none: somebody else wrote it."""
+    x = candidate.x
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = np.abs(candidate.system.residual(x, independent=False)).max(initial=0.0)
+    # of solutions rounding is left, larger where coefficients are
+    if not off <= _ROUNDING * max(1.0, candidate.largest) ** 2:
+        raise ValueError(
+            f"start {record.number} of run {run.number} in {run.path} is recorded as a solution, "
+            f"but a condition is off by {off:.3g}"
+        )
 
 
 def _candidate(settings: dict[str, Any], record: Record) -> Candidate:

@@ -6,7 +6,7 @@ from .execution import ExecutorLike, Finished, as_finished, check_executor, comp
 from .progress import ProgressLine, Tally, check_progress
 from .records import Failure, Record, RunSummary
 from .resuming import stored_run
-from .store import Store, StoredRun
+from .store import Store, StoredRun, StoreError
 
 __all__ = [
     "ExecutorLike",
@@ -16,6 +16,7 @@ __all__ = [
     "Record",
     "RunSummary",
     "Store",
+    "StoreError",
     "StoredRun",
     "Tally",
     "as_finished",

@@ -25,7 +25,7 @@ from .owner import AT_WORK, alive, owner
 from .records import Failure, Record, RunSummary
 from .schema import APPLICATION_ID, MIGRATIONS
 
-__all__ = ["Store", "StoredRun"]
+__all__ = ["Store", "StoreError", "StoredRun"]
 
 _BUSY_SECONDS = 60  # for which a writer waits for another
 
@@ -36,6 +36,10 @@ _INSERT = (
     f"VALUES ({', '.join('?' * (len(_COLUMNS) + 2))})"
 )
 _SELECT = f"SELECT {', '.join(_COLUMNS)} FROM starts WHERE run = ?"
+
+
+class StoreError(ValueError):
+    """A file that is no store, or is damaged, or was written by a newer version."""
 
 
 class Store:
@@ -99,7 +103,7 @@ class Store:
             self._connection = self._connected("?mode=ro&immutable=1")
         known, tables = self._contents()
         if known != APPLICATION_ID or not tables:
-            raise ValueError(f"store {self.path} is no store")
+            raise StoreError(f"store {self.path} is no store")
         if self._schema() != len(MIGRATIONS):
             self._connection.close()
             self._connection = self._connected("")
@@ -129,9 +133,9 @@ class Store:
         connection = self._connection
         known, tables = self._contents()
         if known != APPLICATION_ID and (known or tables):
-            raise ValueError(f"store {self.path} is a database of another program")
+            raise StoreError(f"store {self.path} is a database of another program")
         if self._schema() > len(MIGRATIONS):
-            raise ValueError(
+            raise StoreError(
                 f"store {self.path} was written by a newer version of this package: schema "
                 f"{self._schema()}, this version knows {len(MIGRATIONS)}"
             )
@@ -425,7 +429,7 @@ def _named_errors(path: Path) -> Iterator[None]:
     except sqlite3.DatabaseError as error:
         name = getattr(error, "sqlite_errorname", "")
         if name.startswith(("SQLITE_NOTADB", "SQLITE_CORRUPT")):
-            raise ValueError(
+            raise StoreError(
                 f"store {path} is not an SQLite database, or damaged: {error}"
             ) from error
         number = {
