@@ -267,9 +267,9 @@ class Method(ABC):
         Parameters
         ----------
         order : int, optional
-            By default the method's own order.
+            By default the method's own order, or 1 if it has none.
         """
-        order = self.order if order is None else order
+        order = max(self.order, 1) if order is None else order
         return float(max(map(abs, conditions.exact_residuals_of(self.tree, order))))
 
     def principal_error(self, order: int | None = None) -> float:
@@ -285,7 +285,10 @@ class Method(ABC):
         ValueError
             If q + 1 is above ``conditions.HIGHEST_ORDER``.
         """
-        order = self.order if order is None else check_integer("order", order, 0)
+        if order is None:
+            order = self.order
+        else:
+            order = check_integer("order", order, 0, conditions.HIGHEST_ORDER - 1)
         residuals = conditions.residuals_of(self.tree, order + 1)
         lower = conditions.count(order) if order else 0
         return float(np.linalg.norm(residuals[lower:]))

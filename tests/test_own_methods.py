@@ -285,3 +285,17 @@ def test_a_radius_is_a_plain_decimal(radius):
 def test_bits_are_an_integer(bits):
     with pytest.raises(CertificationError, match="bits must be an integer, got"):
         replace(cg.certify("CF4"), bits=bits)
+
+
+def test_pipes_in_a_folder_are_no_methods(folder):
+    MIDPOINT.save(folder)
+    os.mkfifo(folder / "pipe.toml")
+    assert list(cg.methods.own) == ["mine"]
+
+
+def test_orders_of_errors():
+    method = cg.methods["CF4"]
+    with pytest.raises(ValueError, match=r"order must be .* 8.*, got 9"):
+        method.principal_error(9)
+    still = cg.Tableau([[], ["1/2"]], [0, 0])
+    assert still.largest_residual() == 1.0

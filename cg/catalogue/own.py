@@ -133,7 +133,9 @@ def _files_in(folder: Path) -> list[Path]:
         return sorted(
             path
             for path in folder.iterdir()
-            if path.suffix.lower() in SUFFIXES and not path.name.endswith(PROOF)
+            if path.suffix.lower() in SUFFIXES
+            and not path.name.endswith(PROOF)
+            and (path.is_file() or path.is_dir() or not path.exists())  # a pipe may never end
         )
     except OSError:  # there is no such folder, or it may not be read
         return []

@@ -29,8 +29,8 @@ def certificate_names() -> list[str]:
 def certificate_of(method: Method) -> Certificate:
     """Return the certificate of a method of the catalogue, or of one of the user's.
 
-    That of a method in a folder of the user is ``NAME.certificate.toml`` beside its file. It isn't
-    proved again here: see `check`.
+    That of a method in a folder of the user is beside its file, which has the same name but for
+    ``.certificate.toml`` at its end. It isn't proved again here: see `check`.
 
     Raises
     ------
