@@ -211,7 +211,7 @@ class TestFailures:
     @pytest.mark.parametrize("name", ["CG3", "CG4a"])
     def test_tampered_bounds(self, name):
         honest = certificate_of(methods[name])
-        larger = str(2 * Fraction(honest.beyond.bound) + 1)
+        larger = str(float(2 * Fraction(honest.beyond.bound) + 1))
         for changed in (
             replace(honest.beyond, bound=larger),
             replace(honest.beyond, bound="0"),

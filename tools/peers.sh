@@ -24,6 +24,7 @@ if [ ! -e /usr/lib/x86_64-linux-gnu/libminpack.so.1 ] && ! ldconfig -p 2>/dev/nu
   debian minpack-dev MINPACK
 fi
 command -v mpiexec >/dev/null 2>&1 || debian openmpi-bin MPI
+command -v pdflatex >/dev/null 2>&1 || debian "--no-install-recommends texlive-latex-recommended" TeX
 command -v octave-cli >/dev/null 2>&1 || debian "--no-install-recommends octave" Octave
 for package in "numba>=0.60" "lielab==0.5.2" "distributed>=2024.8" "loky>=3.4" "mpi4py>=4.0" \
   "zarr>=3.0" "h5py>=3.11" "kauri>=2.3" "nodepy>=1.1" six diffrax \
