@@ -387,7 +387,7 @@ class TestEngines:
                 n_workers=2,
                 threads_per_worker=1,
                 processes=True,
-                dashboard_address=None,
+                dashboard_address=":0",  # any port: another cluster may have the usual one
                 local_directory=tmp_path,
             ) as cluster,
             distributed.Client(cluster) as client,
