@@ -12,8 +12,10 @@ from .integration import (
     DenseOutput,
     Solution,
     StepTooLongError,
-    Trajectory,
+    EnsembleSolution,
+    Event,
     integrate,
+    solve_ensemble,
     solve_ivp,
 )
 from .lifting import Lifted, LiftError, lift
@@ -43,7 +45,6 @@ __all__ = [
     "Structure",
     "Tableau",
     "TableauError",
-    "Trajectory",
     "certify",
     "conditions",
     "construct",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
-from cg.integration.fixed import integrate
+from cg.integration.ivp import integrate
 from cg.integration.python_rhs import Coefficients
 from cg.method import Method
 

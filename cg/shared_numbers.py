@@ -16,6 +16,7 @@ __all__ = [
     "ConditionOwner",
     "FieldFlag",
     "MinimumNormStatus",
+    "Operation",
     "StageEquation",
     "Status",
     "Stop",
@@ -37,6 +38,16 @@ class Stop(IntEnum):
     STEP_TOO_SMALL = 7
     SLOPE_NOT_FINITE = 8  # relative to the tolerances
     STEP_TOO_LONG = 9  # coordinates of a stage are beyond the radius of dexp⁻¹
+    TOO_MANY_STEPS = 10
+    STAGES_NOT_SOLVED = 11  # the stage equations of an implicit method
+    TERMINAL_EVENT = 12
+    JUMPS_WITHOUT_PROGRESS = 13
+    RAISED = 14  # an exception of Python
+    # between trajectories and what drives them
+    NEEDS_FIELD = 20  # the coefficients at the requested time and point
+    NEEDS_MINIMUM = 21  # of a step size over trajectories with common steps
+    NEEDS_MAXIMUM = 22  # of an error over them
+    BUFFER_FULL = 23  # output must be taken away
 
 
 class FieldFlag(IntEnum):
@@ -58,6 +69,24 @@ class BlockKind(IntEnum):
     SU = 8  # complex matrices of any size, row by row
     U = 9  # likewise, of any determinant
     ISOSPECTRAL = 10  # symmetric matrices with given eigenvalues, moved by SO(n)
+    CALLBACK = 11  # whatever functions outside of compiled code make of it
+
+
+class Operation(IntEnum):
+    """What compiled code asks of Python; see ``cg/integration/callbacks.py``."""
+
+    FLOW = 1  # points moved along flows, the first one first
+    RESTORE = 2
+    COORDINATES = 3  # of the flow from one point to another
+    NEARBY = 4  # the same by iteration, which every frame has
+    SIZES = 5  # what relative errors are relative to
+    TANGENT = 6  # the value of a field
+    SHORTEST = 7  # coefficients with the same value
+    DEXPINV = 8
+    STAGES = 9  # coefficients at the stages of an implicit method
+    FIELDS = 10  # coefficients at points of several members
+    EVENT = 11
+    JUMP = 12
 
 
 class BlockOption(IntEnum):
@@ -150,6 +179,7 @@ _SUFFIXES = {
     FieldFlag: "",
     BlockKind: "_block",
     BlockOption: "",
+    Operation: "_operation",
     Status: "",
     MinimumNormStatus: "",
     ConditionOwner: "",
@@ -157,11 +187,72 @@ _SUFFIXES = {
 }
 
 
+RECORD = {
+    # a run: what the driver is given at each call
+    "members": "integer",
+    "budget": "integer",  # trial steps of all trajectories until it pauses
+    # what it answers
+    "ended": "integer",  # trajectories that have come to an end
+    "raised": "integer",  # whether Python raised an exception
+    "covered": "real",  # time that trajectories on their way have covered
+    "step_size": "real",  # signed, of the last step of a single trajectory
+    # of each member
+    "start": "address",  # initial points
+    "end": "address",  # the last points
+    "reached": "address",  # the last times
+    "status": "address",
+    "flag": "address",
+    "failed_at": "address",
+    "counts": "address",  # evaluations, flows, Jacobians, factorisations, steps, rejected steps
+    # points at wanted times
+    "wanted": "integer",
+    "times": "address",
+    "y": "address",
+    # ends of steps
+    "every": "integer",
+    "step_capacity": "integer",
+    "steps": "integer",
+    "step_t": "address",
+    "step_y": "address",
+    # interpolants
+    "dense": "integer",
+    "dense_capacity": "integer",
+    "interpolants": "integer",
+    "dense_member": "address",
+    "dense_t": "address",
+    "dense_y": "address",
+    "dense_field": "address",
+    # events
+    "event_capacity": "integer",
+    "events": "integer",
+    "event_of": "address",
+    "event_t": "address",
+    "event_y": "address",
+}
+"""The record by which Python and the compiled loop over steps speak: names and kinds of entries."""
+
+_KINDS = {
+    "integer": "integer(c_int64_t)",
+    "real": "real(c_double)",
+    "address": "integer(c_intptr_t)",
+}
+
+
+def record_type() -> list[str]:
+    """Return the Fortran type of `RECORD`."""
+    lines = ["  type, bind(c) :: record_t"]
+    for name, kind in RECORD.items():
+        zero = "0.0_c_double" if kind == "real" else "0"
+        lines.append(f"    {_KINDS[kind]} :: {name} = {zero}")
+    return [*lines, "  end type record_t"]
+
+
 def fortran_module() -> str:
     """Return the Fortran module that has all members as parameters."""
     lines = [
         "! Made from cg/shared_numbers.py",
         "module shared_numbers",
+        "  use, intrinsic :: iso_c_binding, only: c_double, c_int64_t, c_intptr_t",
         "  implicit none",
         "  public",
     ]
@@ -169,7 +260,7 @@ def fortran_module() -> str:
         for member in enumeration:
             name = member.name.lower() + suffix
             lines.append(f"  integer, parameter :: {name} = {member.value}")
-    return "\n".join([*lines, "end module shared_numbers", ""])
+    return "\n".join([*lines, *record_type(), "end module shared_numbers", ""])
 
 
 def c_header() -> str:

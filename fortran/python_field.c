@@ -151,6 +151,10 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
     PyObject *context = user_data;
     int code = RAISED_IN_PYTHON;
     PyGILState_STATE lock = PyGILState_Ensure();
+    if (PyErr_Occurred()) { /* another function has raised it */
+        PyGILState_Release(lock);
+        return code;
+    }
     PyObject *time = PyFloat_FromDouble(t);
     PyObject *point = make_point(context, y);
     PyObject *value = NULL;
@@ -175,6 +179,57 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
     Py_XDECREF(value);
     Py_XDECREF(point);
     Py_XDECREF(time);
+    PyGILState_Release(lock);
+    return code;
+}
+
+/* The same, where the user data is the address of a member's own tuple. */
+int call_python_member(double t, const double *y, double *f, void *user_data)
+{
+    return call_python_field(t, y, f, *(void **)user_data);
+}
+
+static PyObject *vector(int count, const double *x)
+{
+    npy_intp length = count;
+    PyObject *array = PyArray_SimpleNew(1, &length, NPY_DOUBLE);
+    if (array != NULL) {
+        memcpy(PyArray_DATA((PyArrayObject *)array), x, (size_t)count * sizeof(double));
+    }
+    return array;
+}
+
+/* Calls a function of Python as context(operation, a, b), which returns an array of nc numbers.
+ * Returns 0, or another number if it raised an exception, which is then set. */
+int call_python(void *context, int operation, int na, const double *a, int nb, const double *b,
+                int nc, double *c)
+{
+    int code = RAISED_IN_PYTHON;
+    PyGILState_STATE lock = PyGILState_Ensure();
+    if (PyErr_Occurred()) {
+        PyGILState_Release(lock);
+        return code;
+    }
+    PyObject *first = vector(na, a);
+    PyObject *second = vector(nb, b);
+    PyObject *value = NULL;
+    PyObject *array = NULL;
+    if (first != NULL && second != NULL) {
+        value = PyObject_CallFunction(context, "iOO", operation, first, second);
+    }
+    if (value != NULL) {
+        array = PyArray_FROM_OTF(value, NPY_DOUBLE, NPY_ARRAY_CARRAY);
+    }
+    if (array != NULL && PyArray_SIZE((PyArrayObject *)array) == nc) {
+        memcpy(c, PyArray_DATA((PyArrayObject *)array), (size_t)nc * sizeof(double));
+        code = 0;
+    } else if (array != NULL) {
+        PyErr_Format(PyExc_ValueError, "operation %d must return %d numbers", operation, nc);
+    }
+    Py_XDECREF(array);
+    Py_XDECREF(value);
+    Py_XDECREF(second);
+    Py_XDECREF(first);
     PyGILState_Release(lock);
     return code;
 }

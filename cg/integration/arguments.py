@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence, Set
+from itertools import pairwise
 from numbers import Real
 from typing import Any
 
@@ -16,14 +17,14 @@ from cg.checks import memory
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
+from cg.integration.plan import Plan
 from cg.method import Method
 
 DEFAULT_MAX_STEPS = 10**6
 """The number of adaptive steps, rejected ones included, after which it is given up."""
 
 _POINTS_AT_A_TIME = 4096
-MOST_COMPILED_STEPS = 2**31 - 1
-"""Compiled code counts the steps of a grid in integers of 32 bits."""
+_MAX_STEPS = 2**53  # a step number must be an exact float, or times would not be distinct
 
 _RTOL, _ATOL = 1e-3, 1e-6
 _SMALLEST_RTOL = 100.0 * float(np.finfo(np.float64).eps)
@@ -105,7 +106,7 @@ def as_float(number: Any) -> float:
         return math.inf if number > 0 else -math.inf
 
 
-def check_rtol(rtol: Any) -> float:
+def check_rtol(rtol: Any, *, warn: bool = True) -> float:
     """Return the relative tolerance or the default; a tiny one is raised with a warning."""
     if rtol is None:
         return _RTOL
@@ -114,10 +115,10 @@ def check_rtol(rtol: Any) -> float:
     value = as_float(rtol)
     if not (math.isfinite(value) and value >= 0.0):
         raise ValueError(f"rtol must be finite and not negative, got {rtol!r}")
-    if value < _SMALLEST_RTOL:
+    if value < _SMALLEST_RTOL and warn:
         warnings.warn(
             f"rtol = {value:g} is too small to be attained and is raised to {_SMALLEST_RTOL:.3g}",
-            stacklevel=4,
+            stacklevel=5,
         )
     return max(value, _SMALLEST_RTOL)
 
@@ -144,18 +145,25 @@ def check_count(value: object, name: str) -> int:
     return int(value)
 
 
-def check_memory(h: object, steps: int, needed: int) -> None:
-    """Raise ValueError if so many steps of size ``h`` need more memory than the machine has.
+def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> None:
+    """Raise ValueError if what is kept of equal steps needs more memory than the machine has.
 
     Parameters
     ----------
+    plan
+        The frame and the method.
     h
         The step size, for the message.
     steps
         Number of steps.
-    needed
-        How many bytes what is kept of them takes.
+    every
+        How many steps there are between those whose ends are kept; zero if none are.
+    between
+        Whether the solution within steps is kept as well.
     """
+    needed = (steps // every + 2) * (8 * plan.width + 8) if every else 0
+    if between:
+        needed += steps * 8 * (2 * plan.width + (plan.nodes + 1) * plan.frame.dim + 4)
     if needed > memory():
         raise ValueError(
             f"h is too small for t_span: {steps} steps need {needed / 2**30:.3g} GiB of memory, "
@@ -163,21 +171,26 @@ def check_memory(h: object, steps: int, needed: int) -> None:
         )
 
 
-def check_problem(f: object, frame: object, method: str | Method) -> Method:
-    """Return the tableau after checking what every integration begins with.
+def equal_steps(h: float, ends: list[float]) -> int:
+    """Return how many steps of a size there are between times; ValueError if h is too small."""
+    import cg._external as core
 
-    Raises
-    ------
-    TypeError
-        If ``f`` isn't callable, ``frame`` isn't a `Frame`, or ``method`` is neither a name nor a
-        tableau.
-    ValueError
-        If no method has that name.
-    """
-    if not callable(f):
-        raise TypeError(f"f must be callable as f(t, y), got {f!r}")
-    if not isinstance(frame, Frame):
-        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
+    total = 0
+    for start, stop in pairwise(ends):
+        span = abs(stop - start)
+        if span == 0.0:
+            continue
+        resolution = math.ulp(max(abs(start), abs(stop)))
+        if span / h > _MAX_STEPS or (span > h and h < resolution):
+            raise ValueError(
+                f"h is too small for t_span {(start, stop)!r}: its times coincide, got {h!r}"
+            )
+        total += core.equal_steps(start, stop, h)[0]
+    return total
+
+
+def check_method(method: Any) -> Method:
+    """Return the method; TypeError or ValueError if it is none, or has no such name."""
     return resolve_method(method)
 
 
@@ -201,15 +214,28 @@ def check_algebra(frame: Frame, method: Method) -> None:
         ) from None
 
 
-def check_points(frame: Frame, y0: ArrayLike) -> Points:
-    """Return an initial point, or an ensemble of them, as a new array after checking it.
+def check_points(
+    frame: Frame, y0: ArrayLike, parameters: Any, many: bool
+) -> tuple[Points, Array | None]:
+    """Return initial points, and numbers of each of them or None, as new arrays after checking.
 
     Parameters
     ----------
     frame
         The frame that is to hold the points.
     y0
-        Shape ``(*batch, *frame.point_shape)``.
+        Shape ``frame.point_shape``, or with one leading axis for ``many``.
+    parameters
+        Shape ``(k,)``, or ``(members, k)`` for ``many``, or None.
+    many
+        Whether there may be several points: one alone then serves all rows of parameters.
+
+    Returns
+    -------
+    points
+        Shape ``(members, *frame.point_shape)``.
+    numbers
+        Shape ``(members, k)`` or None.
 
     Raises
     ------
@@ -219,16 +245,33 @@ def check_points(frame: Frame, y0: ArrayLike) -> Points:
     if isinstance(frame, Product):
         check_joined(frame, y0)
     points = frame.read_points(y0, "y0")
+    numbers = None if parameters is None else real_array(parameters, "parameters")
     rank = len(frame.point_shape)
     batch = points.shape[: max(points.ndim - rank, 0)]
-    if not batch or points.shape[len(batch) :] != frame.point_shape:
-        return frame.check_point(points, name="y0")
-    if points.size == 0:
-        raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
-    # The worst one alone gets the full check, whose message names what is wrong with it.
-    worst = np.unravel_index(_worst(frame, points.reshape(-1, *frame.point_shape)), batch)
-    frame.check_point(points[worst], name=f"y0[{', '.join(map(str, worst))}]")
-    return points
+    if batch and points.shape[len(batch) :] == frame.point_shape:
+        if not many:
+            raise ValueError(
+                f"y0 must have shape {frame.point_shape}, got {points.shape}; cg.solve_ensemble "
+                "integrates many points"
+            )
+        if len(batch) != 1:
+            raise ValueError(
+                f"y0 must have one axis before shape {frame.point_shape}, got {points.shape}"
+            )
+        if points.size == 0:
+            raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
+        # The worst one alone gets the full check, whose message names what is wrong with it.
+        worst = _worst(frame, points)
+        frame.check_point(points[worst], name=f"y0[{worst}]")
+        return points, numbers
+    points = frame.check_point(points, name="y0")[None]
+    if not many:
+        if numbers is not None and (numbers.ndim != 1 or numbers.size == 0):
+            raise ValueError(f"parameters must have shape (k,), got {numbers.shape}")
+        return points, None if numbers is None else numbers[None]
+    if numbers is not None and numbers.ndim == 2:
+        points = np.repeat(points, len(numbers), axis=0)
+    return points, numbers
 
 
 def _worst(frame: Frame, points: Points) -> int:
@@ -265,3 +308,20 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     if not math.isfinite(stop - start):
         raise ValueError(f"t_span must have a finite length, got {t_span!r}")
     return start, stop
+
+
+def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
+    """Return the times at which steps end: the breakpoints within the span, then its end."""
+    if breakpoints is None:
+        return np.array([stop])
+    times = real_array(breakpoints, "breakpoints")
+    if times.ndim != 1:
+        raise ValueError(f"breakpoints must have one axis, got shape {times.shape}")
+    sign = -1.0 if stop < start else 1.0
+    if not np.isfinite(times).all() or not (sign * np.diff(times) > 0.0).all():
+        raise ValueError(
+            "breakpoints must be finite and strictly sorted in the direction of integration, got "
+            f"{breakpoints!r}"
+        )
+    inside = (sign * (times - start) > 0.0) & (sign * (times - stop) < 0.0)
+    return np.append(times[inside], stop)

@@ -19,6 +19,9 @@ __all__ = ["SIGNATURE", "CompiledRhs", "compiled_rhs"]
 SIGNATURE = "int (double, double *, double *, void *)"
 """What a compiled right-hand side must be; ``const`` may stand anywhere."""
 
+EVENT_SIGNATURE = "double (double, double *, void *)"
+"""What a compiled event must be; ``const`` may stand anywhere."""
+
 _FUNCTION_POINTER: Any = ctypes.CFUNCTYPE(None).__mro__[1]
 
 
@@ -49,42 +52,43 @@ class CompiledRhs:
     parameters: Array | None = None
     frame: Frame | None = None
 
-    def on(self, frame: Frame, batch: tuple[int, ...], parameters: Any) -> CompiledRhs:
+    def on(self, frame: Frame, parameters: Array | None) -> CompiledRhs:
         """Return the same right-hand side for points of ``frame``.
 
         Parameters
         ----------
         frame
             Where the points are.
-        batch
-            Leading axes of an ensemble.
         parameters
-            Numbers for each member, shape ``(*batch, k)``, or None.
+            Numbers of each member, shape ``(members, k)``, or None.
 
         Raises
         ------
         ValueError
-            If ``parameters`` has another shape, holds nothing, or there are user's data already.
+            If there are parameters and user's data.
         """
-        if parameters is None:
-            return replace(self, frame=frame)
-        if self.user_data:
+        if parameters is not None and self.user_data:
             raise ValueError("parameters must be None for a compiled f that has user_data")
-        numbers = real_array(parameters, "parameters")
-        if numbers.shape[:-1] != batch or numbers.ndim == 0 or numbers.size == 0:
-            wanted = ", ".join(map(str, (*batch, "k")))
-            raise ValueError(f"parameters must have shape ({wanted}), got {numbers.shape}")
-        return replace(self, frame=frame, parameters=numbers)
+        return replace(self, frame=frame, parameters=parameters)
 
-    @property
-    def data_address(self) -> int:
-        """Address of the data of the first member."""
-        return self.user_data if self.parameters is None else self.parameters.ctypes.data
+    together = False
+    """Whether it takes points of several members at a time."""
 
-    @property
-    def data_stride(self) -> int:
-        """Bytes from the data of one member to those of the next."""
-        return 0 if self.parameters is None else 8 * self.parameters.shape[-1]
+    def addresses(self) -> tuple[int, int, int]:
+        """Return addresses of the function and of the first member's data, and their distance."""
+        if self.parameters is None:
+            return self.address, self.user_data, 0
+        return self.address, self.parameters.ctypes.data, 8 * self.parameters.shape[-1]
+
+    def at_member(self, member: int, t: float, y: Points) -> Array:
+        """Return the coefficients of a member; RuntimeError if the function returns an error."""
+        own = None if self.parameters is None else self.parameters[member]
+        return replace(self, parameters=own)(t, y)
+
+    def part(self, members: slice) -> CompiledRhs:
+        """Return the same for some of the members."""
+        own = None if self.parameters is None else self.parameters[members]
+        return replace(self, parameters=own)
 
     def __call__(self, t: float, y: Points) -> Array:
         """Return the coefficients, shape ``(*batch, dim)``; what the function leaves out is NaN.
@@ -114,7 +118,7 @@ class CompiledRhs:
         if members:
             rows = points.reshape(members, -1).view(np.float64)
             _, code = core.call_field(
-                self.address, self.data_address, self.data_stride, t, rows.T, coefficients.T
+                *self.addresses(), t, rows.T, coefficients.T
             )
             if code:
                 raise RuntimeError(f"f returned the error code {code} at t = {t:.17g}")
@@ -144,23 +148,70 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
         return f
     if isinstance(f, CompiledFunction):
         return CompiledRhs(f, f.address, f.data_address)
+    source = _low_level(f, "f", SIGNATURE)
+    if source is None:
+        return None
+    if not _fits(source.signature, SIGNATURE):
+        raise ValueError(f"f must have the signature {SIGNATURE!r}, got {source.signature!r}")
+    return CompiledRhs((f, source), *_addresses(source))
+
+
+@dataclass(frozen=True)
+class CompiledEvent:
+    """A compiled function whose zeros are looked for.
+
+    Attributes
+    ----------
+    function
+        What the user gave; it is kept alive.
+    address, user_data
+        Address of the function, and of its data, 0 for those of the right-hand side.
+    """
+
+    function: Any
+    address: int
+    user_data: int
+
+
+def compiled_event(f: Any) -> CompiledEvent | None:
+    """Return what compiled code needs of an event, or None if it is no compiled function.
+
+    Raises
+    ------
+    ValueError
+        If ``f`` is compiled but has another signature than `EVENT_SIGNATURE`.
+    """
+    if isinstance(f, CompiledFunction):
+        return CompiledEvent(f, f.address, f.data_address)
+    source = _low_level(f, "event", EVENT_SIGNATURE)
+    if source is None:
+        return None
+    if not _fits(source.signature, EVENT_SIGNATURE):
+        raise ValueError(
+            f"event must have the signature {EVENT_SIGNATURE!r}, got {source.signature!r}"
+        )
+    return CompiledEvent((f, source), *_addresses(source))
+
+
+def _low_level(f: Any, name: str, signature: str) -> Any:
+    """Return a compiled function as SciPy has it, None if ``f`` isn't one."""
     # A cfunc's type can't be named here, since numba may not be installed.
     is_cfunc = hasattr(f, "address") and isinstance(getattr(f, "ctypes", None), _FUNCTION_POINTER)
     source: Any = f.ctypes if is_cfunc else f
     if isinstance(source, _FUNCTION_POINTER):
         if source.argtypes is None:
-            raise ValueError(f"f must have argtypes and restype of {SIGNATURE!r}, got {f!r}")
+            raise ValueError(f"{name} must have argtypes and restype of {signature!r}, got {f!r}")
         source = LowLevelCallable(source)
-    if not isinstance(source, LowLevelCallable):
-        return None
-    if not _fits(source.signature):
-        raise ValueError(f"f must have the signature {SIGNATURE!r}, got {source.signature!r}")
+    return source if isinstance(source, LowLevelCallable) else None
+
+
+def _addresses(source: Any) -> tuple[int, int]:
+    """Return the addresses of a function and of its data."""
     # SciPy keeps a capsule there, whose context is the user's data.
     capsule = tuple.__getitem__(source, 0)
     name = _capsule("GetName", ctypes.c_char_p, capsule)
     address = _capsule("GetPointer", ctypes.c_void_p, capsule, name)
-    user_data = _capsule("GetContext", ctypes.c_void_p, capsule)
-    return CompiledRhs((f, source), address, user_data or 0)
+    return address, _capsule("GetContext", ctypes.c_void_p, capsule) or 0
 
 
 def _capsule(name: str, result: Any, *arguments: Any) -> Any:
@@ -169,7 +220,7 @@ def _capsule(name: str, result: Any, *arguments: Any) -> Any:
     return ctypes.PYFUNCTYPE(result, *kinds)(address or 0)(*arguments)
 
 
-def _fits(signature: str | None) -> bool:
+def _fits(signature: str | None, wanted: str) -> bool:
     words = (signature or "").replace("const", "").replace(" ", "")
     head, _, data = words.rpartition(",")
-    return head == "int(double,double*,double*" and data.endswith("*)")
+    return head == wanted.replace(" ", "").rpartition(",")[0] and data.endswith("*)")

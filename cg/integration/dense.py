@@ -3,16 +3,67 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.arrays import Array, Points, real_array
-from cg.integration.interpolant import Interpolant
+from cg.integration.callbacks import Callbacks
+from cg.integration.plan import Plan
+from cg.integration.python_rhs import StepTooLongError
 
-__all__ = ["DenseOutput", "EnsembleOutput"]
+__all__ = ["DenseOutput", "EnsembleOutput", "Steps"]
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Steps with what compiled code needs to evaluate the solution within them.
+
+    Attributes
+    ----------
+    plan
+        The frame and the method.
+    member
+        Whose steps they are, increasing, shape ``(n,)``.
+    t
+        Where they start, their signed sizes, and where they end, shape ``(n, 3)``: an event may
+        end a step before its full size.
+    y
+        Points at both ends of the full step, as doubles, shape ``(n, 2, width)``.
+    field
+        Coefficients at the nodes and of the last flow, shape ``(n, (nodes + 1) dim)``.
+    """
+
+    plan: Plan
+    member: NDArray[np.int64]
+    t: Array
+    y: Array
+    field: Array
+
+    def of(self, member: int) -> Steps:
+        """Return the steps of one member."""
+        first, last = np.searchsorted(self.member, [member, member + 1]).tolist()
+        part = slice(first, last)
+        return Steps(self.plan, self.member[part], self.t[part], self.y[part], self.field[part])
+
+    def at(self, which: NDArray[np.intp], t: Array) -> Points:
+        """Return points at times within steps, shape ``(n, *point_shape)``."""
+        import cg._external as core
+
+        start, size = self.t[which, 0], self.t[which, 1]
+        theta = np.clip((t - start) / size, 0.0, 1.0)
+        rows = np.empty((len(t), self.plan.width))
+        callbacks = None if self.plan.compiled else Callbacks(self.plan)
+        if len(t):
+            missing = core.plan_interpolate(
+                self.plan.address, 0 if callbacks is None else id(callbacks), which, theta,
+                self.t.T, self.y.T, self.field.T, rows.T,
+            )  # fmt: skip
+            if missing:
+                raise StepTooLongError(float(start[missing - 1]))
+        return self.plan.points(rows, (len(t),))
 
 
 class DenseOutput:
@@ -22,23 +73,18 @@ class DenseOutput:
 
     Parameters
     ----------
-    ts
-        Times, strictly monotonic, shape ``(steps + 1,)``.
-    interpolant
-        The solution between them, the last step of which may go on beyond the last time; None if
-        there are no steps.
-    y0
-        The initial point, which is the whole solution if there are no steps.
-    last
-        The point at the last time if that is within the last step, else None.
-    ends
-        Where the solutions of the members of an ensemble end that do so before the last time, by
-        their indices.
+    steps
+        The steps.
+    t0, y0
+        Where the solution begins.
+    marks
+        Times of events that end steps, shape ``(k,)``, and the points at which the solution goes
+        on from there.
 
     Attributes
     ----------
     ts
-        The times of the steps, shape ``(steps + 1,)``.
+        The times of the steps, shape ``(steps + 1,)``, read-only.
     t_min, t_max
         Between which times there is a solution.
 
@@ -57,21 +103,15 @@ class DenseOutput:
     """
 
     def __init__(
-        self,
-        ts: ArrayLike,
-        interpolant: Interpolant | None,
-        y0: Points,
-        last: Points | None = None,
-        ends: dict[tuple[int, ...], float] | None = None,
+        self, steps: Steps, t0: float, y0: Points, marks: tuple[Array, Points] | None = None
     ) -> None:
-        self.ts = np.array(ts, dtype=np.float64)
+        self.ts = np.concatenate([[t0], steps.t[:, 2]])
         self.ts.flags.writeable = False
         self.t_min = float(self.ts.min())
         self.t_max = float(self.ts.max())
-        self._interpolant = interpolant
+        self._steps = steps
         self._y0 = y0
-        self._last = last
-        self._ends = ends or {}
+        self._marks = marks
         self._sign = -1.0 if self.ts[-1] < self.ts[0] else 1.0
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -92,7 +132,8 @@ class DenseOutput:
         Returns
         -------
         ndarray
-            Shape ``(*t.shape, *batch, *point_shape)``: time comes first.
+            Shape ``(*t.shape, *point_shape)``: time comes first.  At an event with a jump it is
+            the point after the jump.
 
         Raises
         ------
@@ -105,32 +146,25 @@ class DenseOutput:
         return self._evaluate(times.ravel()).reshape(*times.shape, *self._y0.shape)
 
     def _evaluate(self, flat: Array) -> Points:
-        if self._interpolant is None:
+        if len(self.ts) == 1:
             points: Points = np.repeat(self._y0[None], flat.size, axis=0)
             return points
         which = np.searchsorted(self._sign * self.ts, self._sign * flat, side="left") - 1
-        points = self._interpolant.at(np.maximum(which, 0), flat)
-        if self._last is not None:
-            points[flat == self.ts[-1]] = self._last
-        for index, end in self._ends.items():
-            beyond: Any = (self._sign * (flat - end) > 0.0, *index)
-            points[beyond] = math.nan
+        points = self._steps.at(np.maximum(which, 0), flat)
+        for time, point in zip(*(self._marks or ((), ())), strict=True):
+            points[flat == time] = point
         return points
 
 
 class EnsembleOutput(DenseOutput):
-    """The solutions of an ensemble whose members have their own steps, as a function of time.
+    """The solutions of the members of an ensemble as a function of time.
 
-    It is NaN for a member beyond the time that the member's integration ended at.
+    It is NaN for a member beyond the time at which the member's integration ended.
 
     Parameters
     ----------
     members
         The members' solutions.
-    y0
-        The initial points, shape ``(*batch, *point_shape)``.
-    batch
-        The leading axes.
 
     Attributes
     ----------
@@ -138,20 +172,24 @@ class EnsembleOutput(DenseOutput):
         The times of all members' steps.
     """
 
-    def __init__(self, members: Sequence[DenseOutput], y0: Points, batch: tuple[int, ...]) -> None:
+    def __init__(self, members: list[DenseOutput]) -> None:
         forward = max((m.ts[-1] - m.ts[0] for m in members), key=abs) >= 0.0
         ts = np.unique(np.concatenate([member.ts for member in members]))
-        super().__init__(ts if forward else ts[::-1], None, y0)
-        self._members = tuple(members)
-        self._batch = batch
+        self.ts = ts if forward else ts[::-1]
+        self.ts.flags.writeable = False
+        self.t_min, self.t_max = float(ts[0]), float(ts[-1])
+        self._members = members
+        self._y0 = np.stack([member._y0 for member in members])
 
     def __repr__(self) -> str:
         return f"EnsembleOutput(t={self.ts[0]:g}...{self.ts[-1]:g}, members={len(self._members)})"
 
+    def __getitem__(self, member: int) -> DenseOutput:
+        return self._members[member]
+
     def _evaluate(self, flat: Array) -> Points:
         points = np.full((flat.size, *self._y0.shape), math.nan, dtype=self._y0.dtype)
-        rows = points.reshape(flat.size, len(self._members), *self._y0.shape[len(self._batch) :])
         for i, member in enumerate(self._members):
             inside = (flat >= member.t_min) & (flat <= member.t_max)
-            rows[inside, i] = member(flat[inside])
+            points[inside, i] = member(flat[inside])
         return points

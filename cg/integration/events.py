@@ -4,84 +4,163 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy
 
 from cg.frames.arrays import Array, Points
-from cg.integration.interpolant import Interpolant
+from cg.frames.base import Frame
+from cg.integration.compiled_rhs import compiled_event
 
-EventFunction = Callable[..., Any]
+__all__ = ["Event", "EventTable"]
 
-_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
-# Near zeros of high multiplicity Brent's method bisects for each bit, again and again.
-_MOST_ITERATIONS = 60**2
-
-Within = Callable[[], Interpolant]
-"""Gives the solution within the step that is looked at; called only if it is needed."""
+_EVER = 2**62  # more often than anything happens
 
 
+@dataclass(frozen=True)
 class Event:
-    """A function whose zeros along the solution are wanted.
+    """A function whose zeros along the solution are looked for.
+
+    Functions with SciPy's attributes ``terminal`` and ``direction`` serve as well.
 
     Parameters
     ----------
     function
-        ``function(t, y, *args)`` returns a real number.  As in SciPy its attribute ``terminal``
-        (False unless present) tells whether the event ends the integration, or after how many
-        times, where zero is never; ``direction`` (0 unless present) restricts it to zeros where
-        the function increases (positive) or decreases (negative) along the integration.
-    index
-        Its place in the list, for messages.
-    args
-        Further arguments.
+        ``function(t, y, *args)`` returns a real number, whose sign changes at an event.  It may be
+        compiled, ``double (double t, const double *y, void *user_data)``, given as a right-hand
+        side may be.
+    terminal
+        Whether the event ends the integration, or after how many times; zero is never.
+    direction
+        Positive for zeros where the function increases along the integration, negative for those
+        where it decreases, 0 for all.
+    jump
+        ``jump(t, y, *args)`` returns the point at which the solution goes on, shape
+        ``frame.point_shape``.
 
     Raises
     ------
     TypeError
-        If ``function`` isn't callable.
+        If ``function`` or ``jump`` isn't callable.
     ValueError
-        If an attribute has an impossible value.
+        If ``terminal`` or ``direction`` has an impossible value.
+
+    Examples
+    --------
+    A ball that bounces three times, losing a tenth of its speed each time:
+
+    >>> import cg
+    >>> floor = cg.Event(
+    ...     lambda t, y: y[0], direction=-1, terminal=4,
+    ...     jump=lambda t, y: [0.0, -0.9 * y[1]],
+    ... )
+    >>> run = cg.solve_ivp(
+    ...     lambda t, y: [y[1], -9.81], (0, 10), [1.0, 0.0], frame=cg.frames.Euclidean(2),
+    ...     events=floor,
+    ... )
+    >>> run.t_events[0].round(3)
+    array([0.452, 1.264, 1.996, 2.654])
     """
 
-    def __init__(self, function: EventFunction, index: int, args: tuple[Any, ...]) -> None:
-        if not callable(function):
-            raise TypeError(f"events[{index}] must be callable as event(t, y), got {function!r}")
-        terminal = getattr(function, "terminal", False)
-        direction = getattr(function, "direction", 0)
+    function: Any
+    terminal: bool | int = False
+    direction: float = 0.0
+    jump: Callable[..., Any] | None = None
+
+    def __post_init__(self) -> None:
+        self._check("event")
+
+    def _check(self, name: str) -> tuple[int, int]:
+        """Return after how many times the event is terminal, and the sign of its direction."""
+        if not callable(self.function) and compiled_event(self.function) is None:
+            raise TypeError(f"{name} must be callable as event(t, y), got {self.function!r}")
+        if self.jump is not None and not callable(self.jump):
+            raise TypeError(f"{name}.jump must be callable as jump(t, y), got {self.jump!r}")
+        terminal = self.terminal
         # Any number that isn't a whole one would silently mean another count.
         if isinstance(terminal, bool | np.bool_) or terminal is None:
-            self.most = 1.0 if terminal else math.inf
+            most = 1 if terminal else _EVER
         elif isinstance(terminal, int | float | np.integer) and _is_count(terminal):
-            self.most = math.inf if terminal == 0 or terminal > 2**53 else float(terminal)
+            most = _EVER if terminal == 0 or terminal > 2**53 else int(terminal)
         else:
             raise ValueError(
-                f"events[{index}].terminal must be a bool or a whole number, not negative, got "
+                f"{name}.terminal must be a bool or a whole number, not negative, got "
                 f"{terminal!r}"
             )
         try:
-            self.direction = float(direction)
+            direction = float(self.direction)
         except (TypeError, ValueError):
-            self.direction = math.nan
-        if math.isnan(self.direction):
-            raise ValueError(f"events[{index}].direction must be a number, got {direction!r}")
-        self.function = function
-        self.index = index
-        self.args = args
-        self.value = math.nan
-        self.times: list[float] = []
-        self.points: list[Points] = []
+            direction = math.nan
+        if math.isnan(direction):
+            raise ValueError(f"{name}.direction must be a number, got {self.direction!r}")
+        return most, (direction > 0.0) - (direction < 0.0)
 
-    def __call__(self, t: float, y: Points) -> float:
-        """Return the function's value after checking it."""
-        visible = y.view()
-        visible.flags.writeable = False
-        raw = self.function(t, visible, *self.args)
+
+def _is_count(number: float | np.integer[Any]) -> bool:
+    return bool(number >= 0 and number == number // 1)
+
+
+class EventTable:
+    """The events of one integration, checked.
+
+    Parameters
+    ----------
+    events
+        A function or an `Event`, a sequence of them, or None.
+    frame
+        Where the points are.
+    arguments
+        ``arguments(member)`` returns the further arguments of the functions.
+
+    Attributes
+    ----------
+    most, direction, jumps, functions
+        As compiled code has them; ``functions`` are addresses and those of data, shape (n, 2).
+    """
+
+    def __init__(
+        self, events: Any, frame: Frame, arguments: Callable[[int], tuple[Any, ...]]
+    ) -> None:
+        if events is None:
+            given: Sequence[Any] = ()
+        elif isinstance(events, Event) or callable(events) or compiled_event(events) is not None:
+            given = (events,)
+        elif isinstance(events, Sequence) and not isinstance(events, str):
+            given = events
+        else:
+            raise TypeError(f"events must be a function or a sequence of them, got {events!r}")
+        self.frame = frame
+        self._arguments = arguments
+        self.events = [_as_event(event) for event in given]
+        checked = [event._check(f"events[{i}]") for i, event in enumerate(self.events)]
+        self.most = np.array([most for most, _ in checked], dtype=np.int64)
+        self.direction = np.array([sign for _, sign in checked], dtype=np.intc)
+        self.jumps = np.array([event.jump is not None for event in self.events], dtype=np.intc)
+        compiled = [compiled_event(event.function) for event in self.events]
+        self._kept = compiled
+        self.functions = np.array(
+            [(0, 0) if each is None else (each.address, each.user_data) for each in compiled],
+            dtype=np.int64,
+        ).reshape(-1, 2)
+
+    def __len__(self) -> int:
+        return len(self.events)
+
+    @property
+    def in_python(self) -> bool:
+        """Whether a function or a jump is one of Python."""
+        return bool(self.jumps.any() or (self.functions[:, :1] == 0).any())
+
+    def value(self, index: int, member: int, t: float, y: Points) -> list[float]:
+        """Return the value of a function, after checking it."""
+        y.flags.writeable = False
+        raw = self.events[index].function(t, y, *self._arguments(member))
+        name = f"events[{index}]"
         if isinstance(raw, bool | np.bool_) or getattr(raw, "dtype", None) == np.bool_:
             raise ValueError(
-                f"events[{self.index}] must return a real number that changes sign, got the bool "
-                f"{raw!r} at t = {t:.17g}"
+                f"{name} must return a real number that changes sign, got the bool {raw!r} at "
+                f"t = {t:.17g}"
             )
         try:
             given = np.asarray(raw)
@@ -90,114 +169,37 @@ class Event:
             value = float(given.item())
         except (TypeError, ValueError, OverflowError) as error:
             raise ValueError(
-                f"events[{self.index}] must return a real number, got {raw!r} at t = {t:.17g}"
+                f"{name} must return a real number, got {raw!r} at t = {t:.17g}"
             ) from error
         if not math.isfinite(value):
-            raise ValueError(
-                f"events[{self.index}] must return a finite number, got {value} at t = {t:.17g}"
-            )
-        return value
+            raise ValueError(f"{name} must return a finite number, got {value} at t = {t:.17g}")
+        return [value]
 
-    def root(self, t0: float, t1: float, y1: Points, within: Within) -> float | None:
-        """Return at which fraction of a step the function changes sign, or None if it doesn't.
+    def jump(self, index: int, member: int, t: float, y: Points) -> Points:
+        """Return the point after a jump, after checking it."""
+        y.flags.writeable = False
+        jump = self.events[index].jump
+        assert jump is not None
+        raw = jump(t, y, *self._arguments(member))
+        try:
+            return self.frame.check_point(raw, name=f"events[{index}].jump(t, y)")
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{error}, at t = {t:.17g}") from error
 
-        Parameters
-        ----------
-        t0, t1
-            The ends of the step.
-        y1
-            The point at its end.
-        within
-            The solution within it.
-        """
-        before, self.value = self.value, self(t1, y1)
-        # A zero at the very beginning of a step was either found at the end of the last step or
-        # is the initial point, which nothing has led to.
-        up = before < 0.0 <= self.value and self.direction >= 0.0
-        down = before > 0.0 >= self.value and self.direction <= 0.0
-        if not (up or down):
-            return None
-        if self.value == 0.0:
-            return 1.0
-        ends = {0.0: before, 1.0: self.value}
-        solution = within()
-
-        def value(theta: float) -> float:
-            if theta in ends:
-                return ends[theta]
-            return self(t0 + theta * (t1 - t0), point_at(solution, theta))
-
-        # In fractions of the step, the tolerance means the same in any unit and origin of time.
-        theta = scipy.optimize.brentq(
-            value, 0.0, 1.0, xtol=_TOLERANCE, rtol=_TOLERANCE, maxiter=_MOST_ITERATIONS
-        )
-        return float(theta)
+    def sorted_by_event(self, of: Any, values: Array) -> list[Array]:
+        """Return values of each event from those of all, in their order."""
+        return [values[of == index] for index in range(len(self.events))]
 
 
-def point_at(solution: Interpolant, theta: float) -> Points:
-    """Return the point at a fraction of a single step."""
-    point: Points = solution(np.zeros(1, dtype=np.intp), np.array([theta]))[0]
-    return point
-
-
-def _is_count(number: float | np.integer) -> bool:
-    return bool(number >= 0 and number == number // 1)
-
-
-class EventLog:
-    """The events of one integration.
-
-    Parameters
-    ----------
-    events
-        A function, a sequence of them, or None.
-    args
-        Further arguments of the functions.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `Event` does.
-    """
-
-    def __init__(self, events: Any, args: tuple[Any, ...] = ()) -> None:
-        if events is None:
-            functions: Sequence[Any] = ()
-        elif callable(events):
-            functions = (events,)
-        elif isinstance(events, Sequence) and not isinstance(events, str):
-            functions = events
-        else:
-            raise TypeError(f"events must be a function or a sequence of them, got {events!r}")
-        self.events = [Event(function, i, args) for i, function in enumerate(functions)]
-
-    def __bool__(self) -> bool:
-        return bool(self.events)
-
-    def start(self, t: float, y: Points) -> None:
-        """Evaluate all functions at the initial point."""
-        for event in self.events:
-            event.value = event(t, y)
-
-    def record(self, t0: float, t1: float, y1: Points, within: Within) -> float | None:
-        """Record what happens within a step; return the fraction of it at which that ends it all.
-
-        Events after the one that ends it are not recorded.  The parameters are those of
-        `Event.root`.
-        """
-        found = [(x, e) for e in self.events if (x := e.root(t0, t1, y1, within)) is not None]
-        for theta, event in sorted(found, key=lambda pair: pair[0]):
-            event.times.append(t1 if theta == 1.0 else t0 + theta * (t1 - t0))
-            event.points.append(y1 if theta == 1.0 else point_at(within(), theta))
-            if len(event.times) >= event.most:
-                return theta
-        return None
-
-    def times(self) -> list[Array]:
-        """Return the times of each event."""
-        return [np.array(event.times, dtype=np.float64) for event in self.events]
-
-    def points(self, y0: Points) -> list[Points]:
-        """Return the points of each event, shaped like ``y0`` with one more leading axis."""
-        shape = (-1, *y0.shape)
-        return [np.array(e.points, dtype=y0.dtype).reshape(shape) for e in self.events]
+def _as_event(event: Any) -> Event:
+    if isinstance(event, Event):
+        return event
+    made = object.__new__(Event)  # is checked with its place in the list
+    for name, value in (
+        ("function", event),
+        ("terminal", getattr(event, "terminal", False)),
+        ("direction", getattr(event, "direction", 0)),
+        ("jump", getattr(event, "jump", None)),
+    ):
+        object.__setattr__(made, name, value)
+    return made

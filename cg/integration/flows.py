@@ -37,6 +37,10 @@ class Flows(Protocol):
         """
         ...
 
+    def restore(self, y: Points) -> Points:
+        """Return points with rounding off the manifold removed, where flows don't do so."""
+        ...
+
 
 Difference = Callable[[Points, Points], Array | None]
 """``difference(y0, y1)`` is `Frame.exp_coordinates`."""
@@ -90,6 +94,9 @@ class _Flows:
             y = self.frame.flow(v[..., j, :], y)
         return y
 
+    def restore(self, y: Points) -> Points:
+        return y
+
 
 class _CompiledFlows:
     """One call moves points along all flows: calls cost more than the arithmetic."""
@@ -112,6 +119,9 @@ class _CompiledFlows:
             self.move(*self.blocks, v.shape[-2], fields, restore, flat)
         return moved
 
+    def restore(self, y: Points) -> Points:
+        return self(np.empty((0, self.frame.dim)), y)
+
 
 class _GroupFlows:
     """Elements of the group that acts are compiled, its action is not."""
@@ -129,7 +139,10 @@ class _GroupFlows:
         if v.ndim > 2:
             start = np.broadcast_to(start, (*v.shape[:-2], *start.shape))
         moved = self.frame._act(self.group(v, start, restore=False), y)
-        return self.frame.restore(moved) if restore else moved
+        return self.restore(moved) if restore else moved
+
+    def restore(self, y: Points) -> Points:
+        return self.frame.restore(y)
 
 
 class _CompiledDifference:

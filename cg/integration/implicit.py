@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import Any
 
 import numpy as np
 
+from cg.conditions import Rows
 from cg.frames.arrays import Array, Points
-from cg.frames.base import Frame
+from cg.frames.base import FlowOverflowError, Frame
+from cg.integration.flows import flows_of
 from cg.integration.python_rhs import StageOverflowError
-
-if TYPE_CHECKING:
-    from cg.integration.stepper import Counts
+from cg.tableau import Tableau
 
 Row = tuple[tuple[int, float], ...]
 """The coefficients of a row that aren't zero, each after its stage (from 0)."""
@@ -81,40 +81,103 @@ def check_stage_solver(kind: object) -> None:
         raise ValueError(f"stage_solver must be {names}, got {kind!r}")
 
 
-class ImplicitStep(Protocol):
-    """What a stage solver needs of a step."""
+class ImplicitStages:
+    """The coefficients at the stages of an implicit method, for steps of any number of members.
 
-    @property
-    def frame(self) -> Frame:
-        """The frame."""
-        ...
+    Parameters
+    ----------
+    rhs
+        ``rhs(member, t, y)`` returns the coefficients.
+    frame, method
+        The frame and the method.
+    kind
+        One of `STAGE_SOLVERS`.
+    """
 
-    @property
-    def rows(self) -> list[Row]:
-        """The rows of a."""
-        ...
+    def __init__(
+        self, rhs: Callable[[int, float, Points], Array], frame: Frame, method: Tableau, kind: str
+    ) -> None:
+        self.rhs = rhs
+        self.frame = frame
+        self.rows = [_nonzero(row) for row in method.a]
+        self.abscissae: list[float] = method.c.tolist()
+        self._flows = flows_of(frame)
+        stages = list(range(method.stages))
+        self._blocks = [stages] if method.rows is Rows.FULL else [[i] for i in stages]
+        self._kind = kind
+        self._member = -1
+        self._solvers: list[StageSolver] = []
+        self._start: tuple[float, Array] = 0.0, np.empty(0)
+        self.nfev = self.nexp = self.njev = self.nlu = 0
 
-    @property
-    def abscissae(self) -> list[float]:
-        """The abscissae."""
-        ...
+    def __call__(
+        self, t: float, point: Points, h: float, slope: Array, member: int
+    ) -> tuple[Array, list[int]]:
+        """Return the coefficients, shape ``(stages, dim)``, and what finding them took.
 
-    @property
-    def counts(self) -> Counts:
-        """What was counted."""
-        ...
+        Parameters
+        ----------
+        t, point, h
+            Where the step starts, and its signed size.
+        slope
+            The coefficients there.
+        member
+            Whose step it is; a Jacobian is kept for the next step of the same member.
 
-    def field(self, t: float, point: Points) -> Array:
-        """Return f(t, point), remembered."""
-        ...
+        Raises
+        ------
+        ConvergenceError
+            If the iteration doesn't reach the level of rounding.
+        """
+        if member != self._member:
+            self._member = member
+            self._solvers = [StageSolver(self, block, self._kind) for block in self._blocks]
+        self.nfev = self.nexp = self.njev = self.nlu = 0
+        self._start = t, slope
+        fields = np.tile(slope, (len(self.abscissae), 1))
+        for solver in self._solvers:
+            solver(t, point, h, fields)
+        return fields, self.taken()
+
+    def taken(self) -> list[int]:
+        """Return the evaluations, flows, Jacobians and factorisations of the last call."""
+        return [self.nfev, self.nexp, self.njev, self.nlu]
+
+    def state(self) -> Any:
+        """Return what is kept between steps."""
+        return self._member, [solver.inverse for solver in self._solvers]
+
+    def restore(self, state: Any) -> None:
+        """Take what was kept between steps."""
+        self._member, inverses = state
+        self._solvers = [StageSolver(self, block, self._kind) for block in self._blocks]
+        for solver, inverse in zip(self._solvers, inverses, strict=False):
+            solver.inverse = inverse
+
+    def field(self) -> Array:
+        """Return the coefficients at the start of the step, which are known."""
+        return self._start[1]
 
     def evaluate(self, t: float, point: Points) -> Array:
-        """Return f(t, point)."""
-        ...
+        """Return the coefficients at a point."""
+        self.nfev += 1
+        return self.rhs(self._member, t, point)
 
     def compose(self, row: Row, fields: Array, point: Points, h: float) -> Points:
-        """Apply the flows of a row."""
-        ...
+        """Apply the flows of a row of coefficients, that of the lowest stage first."""
+        self.nexp += len(row)
+        if not row:
+            return point
+        weights = np.array([h * weight for _, weight in row])
+        v = weights[:, None] * fields[[j for j, _ in row], :]
+        try:
+            return self._flows(v, point, True)
+        except FlowOverflowError as error:
+            raise StageOverflowError(str(error)) from error
+
+
+def _nonzero(row: Array) -> Row:
+    return tuple((j, value) for j, value in enumerate(row.tolist()) if value != 0.0)
 
 
 class StageSolver:
@@ -147,7 +210,7 @@ class StageSolver:
     .. [1] B. Owren, B. Welfert, "The Newton iteration on Lie groups", BIT 40 (2000), 121-145.
     """
 
-    def __init__(self, step: ImplicitStep, block: list[int], kind: str) -> None:
+    def __init__(self, step: ImplicitStages, block: list[int], kind: str) -> None:
         self.step = step
         self.block = block
         self.kind = kind
@@ -164,7 +227,7 @@ class StageSolver:
         t, point, h
             Where the step starts, and its size.
         fields
-            Coefficients of all stages, shape ``(*batch, stages, dim)``; those of this block are
+            Coefficients of all stages, shape ``(stages, dim)``; those of this block are
             the initial guess.
 
         Raises
@@ -177,7 +240,7 @@ class StageSolver:
         times = [t + step.abscissae[i] * h for i in self.block]
         if not any(self.within):
             at_start = not self.before[0] and times[0] == t
-            found = (step.field if at_start else step.evaluate)(times[0], bases[0])
+            found = step.field() if at_start else step.evaluate(times[0], bases[0])
             fields[..., self.block[0], :] = found
             return
 
@@ -245,8 +308,8 @@ class StageSolver:
             difference = (evaluated(moved) - value) / (moved - k)[..., i, j, None, None]
             jacobian[..., column] = -difference.reshape(*k.shape[:-2], -1)
         jacobian += np.eye(stages * dim)
-        self.step.counts.njev += 1
-        self.step.counts.nlu += 1
+        self.step.njev += 1
+        self.step.nlu += 1
         return np.linalg.inv(jacobian)
 
 

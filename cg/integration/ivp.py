@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -10,42 +11,28 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.checks import check_flag
-from cg.frames.arrays import Array
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.arguments import (
-    check_atol,
-    check_max_steps,
-    check_rtol,
-    check_span,
-    check_step,
-    check_t_eval,
-    check_unused,
-)
-from cg.integration.choice import AUTO, choose_method
+from cg.integration.arguments import check_count, check_grid, equal_steps
+from cg.integration.choice import AUTO
 from cg.integration.compiled_function import CompiledFunction
-from cg.integration.error_norm import ErrorNorm
-from cg.integration.events import EventLog
+from cg.integration.dense import DenseOutput
+from cg.integration.events import EventTable
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.members import solve_apart
-from cg.integration.outcome import Logs, outcome
-from cg.integration.own_steps import solve_members
+from cg.integration.messages import FINISHED, MANY_REJECTIONS, TERMINAL_EVENT
 from cg.integration.problem import Problem, make_problem
-from cg.integration.progress import Progress, check_progress
+from cg.integration.progress import Progress
 from cg.integration.python_rhs import Coefficients
-from cg.integration.recorder import Recorder
 from cg.integration.results import Solution
-from cg.integration.stepper import AdaptiveSchedule, Stepper
-from cg.integration.stop_iteration import keeping_stop_iteration
-from cg.integration.time_grid import TimeGrid, make_grid
+from cg.integration.run import COUNTS, Output, Run
 from cg.method import Method
-from cg.pairs import check_order, check_pair
-from cg.runs import ExecutorLike
+from cg.shared_numbers import Stop
 
-__all__ = ["solve_ivp"]
+__all__ = ["integrate", "solve_ivp"]
+
+_REJECTIONS = 1000
 
 
-@keeping_stop_iteration
 def solve_ivp(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
     t_span: Sequence[float],
@@ -59,54 +46,45 @@ def solve_ivp(
     t_eval: ArrayLike | None = None,
     dense_output: bool = False,
     events: Any = None,
+    breakpoints: ArrayLike | None = None,
     max_step: float = math.inf,
     first_step: float | None = None,
     max_steps: int | None = None,
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
-    executor: ExecutorLike = None,
-    workers: int | None = None,
-    out: Any = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
     Steps are chosen by an error estimate if ``method`` is a pair, or are all of size ``h`` if
     that is given.  Every point of the solution lies on the manifold, those between steps too.
+    `cg.solve_ensemble` integrates many points, `cg.Stepper` takes steps one at a time.
 
     Parameters
     ----------
     f
         ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``.  It is given a
         read-only ``y`` of shape ``frame.point_shape``.  An exception that it raises ends the
-        call.  It may be a compiled function as for `cg.integrate`; then explicit methods run in
-        compiled code on the frames named there.  Otherwise it is called from Python.
+        call.  It may be a compiled function as for `cg.integrate`.
     t_span
         Initial and final time.  If the final time is smaller, integration runs backward.
     y0
-        Initial point, shape ``frame.point_shape``.  It may have leading axes: an ensemble that is
-        integrated at once, ``f`` then being called with all points and returning shape
-        ``(*batch, frame.dim)``.  Without ``h`` all members take the same steps, those that the
-        member with the largest error calls for.  Not so where adaptive steps run in compiled
-        code: each member has steps of its own, and ``t`` are the times of ``t_eval``, without
-        it the ends of ``t_span``.
+        Initial point, shape ``frame.point_shape``.
     frame
         The frame that holds the points and supplies the flows.
     method
         Name of a method of the catalogue, or a method.  Of a pair the weights of higher order
         make the steps.  Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with
-        brackets.  By default, ``"auto"``, the pair that measured best.  For ``rtol`` below 1e-4
-        it is ``"RKMK8(5,3)"`` on frames with brackets and ``"CF6(5)"`` on others; else ``"DP5(4)"``
-        on frames that are compiled, ``"RKMK5(4)"`` on others with brackets and ``"CF5(4)"`` on
-        those without.  ``solution.method`` tells which it was.
+        brackets.  By default, ``"auto"``, the one that `cg.integration.choice` chooses;
+        ``solution.method`` tells which it was.
     h
         Size of fixed steps, positive; the last may be shorter.  No error is estimated.
     rtol, atol
         Relative and absolute tolerance of the error in one step, by default 1e-3 and 1e-6.  The
         error is measured in the coordinates of the frame (angles for rotations) where it has
         them, else in the ambient space.  ``rtol`` is relative to :math:`|y_i|` on Euclidean
-        space, to 1 for coordinates like angles; see `cg.integration.error_norm.ErrorNorm`.
+        space, to 1 for coordinates like angles; see `cg.frames.Frame.coordinate_sizes`.
         ``atol`` may be given for each coordinate, or each entry of a point where errors are
         measured in the ambient space.
     t_eval
@@ -114,14 +92,14 @@ def solve_ivp(
         ``t_span``; by default those of the steps.
     dense_output
         Whether to return a continuous solution.  It is as accurate as the steps, as output at
-        ``t_eval`` and events are; steps that have output in them take
-        `cg.integration.interpolation.extra_evaluations` more of ``f``.
+        ``t_eval`` and events are; steps that have output in them take more evaluations of ``f``.
     events
-        A function ``event(t, y, *args)`` or a sequence of them, whose zeros are found along the
-        continuous solution.  Attributes ``terminal`` (a bool, or the number of times after which
-        to stop) and ``direction`` are as in SciPy.  A zero at the initial point is no event.  Of
-        an ensemble they are given one member at a time, and end that member, which is NaN from
-        there on.
+        A function ``event(t, y, *args)`` or a `cg.Event`, or a sequence of them, whose zeros are
+        found along the continuous solution.  A zero at the initial point is no event.
+    breakpoints
+        Times within ``t_span`` at which ``f`` or its derivatives jump, sorted in the direction of
+        integration.  A step ends at each: the step before it sees ``f`` just before that time, the
+        step after it at that time.
     max_step
         Largest step size.
     first_step
@@ -132,25 +110,13 @@ def solve_ivp(
     args
         Further arguments of ``f`` and of the events.
     parameters
-        For a compiled ``f``: numbers whose address it is given as its last argument, shape
-        ``(*batch, k)``, those of its own member of an ensemble.
+        Numbers, shape ``(k,)``, that ``f`` and the events are given as last argument; a compiled
+        ``f`` is given their address.
     stage_solver
         How the stages of an implicit method are found: ``"newton"`` or ``"fixed-point"``.
-    executor, workers
-        Where the members of an ensemble are integrated, each by itself, and by how many workers:
-        threads of this process by default, or any executor that `cg.search` takes.  ``f`` is then
-        called with one point, and ``t`` are the times of ``t_eval``, without it those of the
-        fixed steps or else the ends of ``t_span``; a member is NaN after its end.
-        Results don't depend on the executor.  Other processes must be able to unpickle ``f``:
-        `cg.CompiledFunction` for a compiled one.
-    out
-        Array of the shape ``(times, members, *point_shape)``, all leading axes of the ensemble as
-        one, that receives points as members end, such as one of NumPy on disk, of zarr or h5py;
-        then ``y`` is ``out`` itself.
     progress
         Called with the time that was covered and the length of ``t_span``, at most ten times a
-        second and when the integration ends; where each member of an ensemble has its own steps,
-        with sums over the members.  Not where ``executor``, ``workers`` or ``out`` is given.
+        second and when the integration ends.
 
     Returns
     -------
@@ -174,7 +140,8 @@ def solve_ivp(
     Warns
     -----
     UserWarning
-        If ``rtol`` is too small to be attained, and is raised.
+        If ``rtol`` is too small to be attained, and is raised; or if thousands of steps are
+        rejected, as happens where ``f`` has kinks that aren't named as ``breakpoints``.
 
     Examples
     --------
@@ -182,9 +149,7 @@ def solve_ivp(
 
     >>> import numpy as np
     >>> import cg
-    >>> def turned(t, y):
-    ...     return y[1, 0]
-    >>> turned.terminal, turned.direction = True, 1
+    >>> turned = cg.Event(lambda t, y: y[1, 0], terminal=True, direction=1)
     >>> solution = cg.solve_ivp(
     ...     lambda t, y: [0.0, 0.0, t], (0, 10), np.eye(3), frame=cg.frames.SO3(),
     ...     max_step=0.5, events=turned,
@@ -194,86 +159,195 @@ def solve_ivp(
     >>> solution.y.shape == (solution.steps + 1, 3, 3)
     True
     """
-    relative = None if h is not None else check_rtol(rtol)
-    if isinstance(method, str) and method == AUTO:
-        method = choose_method(frame, relative)
     problem = make_problem(
-        f, frame, method, y0, args=args, parameters=parameters, stage_solver=stage_solver
-    )
-    check_progress(progress)
-    if executor is not None or workers is not None or out is not None:
-        if progress is not None:
-            raise ValueError("progress must be None with executor, workers or out")
-        options = {
-            "method": problem.method, "h": h, "rtol": rtol if relative is None else relative,
-            "atol": atol, "t_eval": t_eval, "dense_output": dense_output, "events": events,
-            "max_step": max_step, "first_step": first_step, "max_steps": max_steps,
-            "args": problem.args or None, "stage_solver": stage_solver,
-        }  # fmt: skip
-        return solve_apart(
-            solve_ivp, problem, f, t_span, parameters, executor, workers, out, options
-        )
-    start, stop = check_span(t_span)
-    wanted = None if t_eval is None else check_t_eval(t_eval, start, stop)
-    dense = check_flag("dense_output", dense_output)
-    logs = _event_logs(events, problem)
-    largest = check_step(max_step, "max_step", infinite=True)
-    schedule: TimeGrid | AdaptiveSchedule
+        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
+        rtol=rtol, atol=atol, max_step=max_step, first_step=first_step, max_steps=max_steps,
+        t_eval=t_eval, dense_output=dense_output, events=events, breakpoints=breakpoints,
+        stage_solver=stage_solver,
+    )  # fmt: skip
+    every = int(problem.t_eval is None)
     if h is not None:
-        check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
-        check_order(problem.method, stacklevel=3)
-        schedule = make_grid((start, stop), h)
-        if float(h) > largest:
-            raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
-        problem.check_grid(
-            schedule, h, every=int(wanted is None or dense), between=dense or bool(logs)
-        )
-    else:
-        assert relative is not None
-        if problem.method.embedded_order is None:
-            raise ValueError(
-                f"method must be a pair unless h gives the step size, got {method!r}, which has "
-                "no embedded weights"
-            )
-        check_pair(problem.method, stacklevel=3)
-        norm = ErrorNorm(frame, problem.points, relative, check_atol(atol))
-        first = None if first_step is None else check_step(first_step, "first_step")
-        if first is not None and first > abs(stop - start):
-            raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-        schedule = AdaptiveSchedule(start, stop, norm, largest, first, check_max_steps(max_steps))
-        if problem.has_own_steps:
-            watch = Progress(progress, start, stop, math.prod(problem.batch))
-            return solve_members(problem, schedule, wanted, dense, logs, watch)
-    watch = Progress(progress, start, stop)
-    return outcome(*_record(problem, schedule, wanted, dense, logs, watch), problem, logs)
+        check_grid(problem.plan, h, _grid_steps(problem), every, problem.dense)
+    return _solve(problem, every, Progress(progress, problem.t0, problem.t1))
 
 
-def _event_logs(events: Any, problem: Problem) -> Logs | None:
-    """Return the events of every member."""
-    if events is None:
-        return None
-    return {member: EventLog(events, problem.args) for member in np.ndindex(problem.batch)}
+def integrate(
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    frame: Frame,
+    method: str | Method,
+    h: float,
+    args: Iterable[Any] | None = None,
+    parameters: ArrayLike | None = None,
+    stage_solver: str = DEFAULT_STAGE_SOLVER,
+    save_every: int = 1,
+    progress: Callable[[float, float], None] | None = None,
+) -> Solution:
+    r"""Integrate :math:`y' = \sum_i f_i(t, y) E_i(y)` with a fixed step.
+
+    A step of an explicit method follows its points: with :math:`F_k` the vector field whose
+    coefficients are frozen at stage :math:`k`,
+
+    .. math:: y_m = \exp\Bigl(h \sum_k \alpha_{m,k} F_k\Bigr) y_{\mathrm{parent}(m)} ,
+
+    which for a Crouch-Grossman method is equation (2.2) of [1]_; for an implicit one it is (2.3).
+    The flow of the lowest stage is applied first, the coefficients of stage :math:`i` are taken
+    at :math:`t_k + c_i h`, and a coefficient that is exactly zero costs no flow.  Steps of
+    methods on Lie algebras are those of `cg.MuntheKaas`.
+
+    Parameters
+    ----------
+    f
+        ``f(t, y, *args)`` returns the coefficients, shape ``(frame.dim,)``.  It is given a
+        read-only ``y`` of shape ``frame.point_shape``.  An exception that it raises ends the call.
+
+        It may also be a compiled function ``int f(double t, const double *y, double *f,
+        void *user_data)``, given as a `scipy.LowLevelCallable`, a function pointer of ctypes,
+        a ``numba.cfunc``, or a `cg.CompiledFunction`.  It writes the coefficients, and returns
+        zero, or else ends the call.  Explicit methods then run wholly in compiled code, without
+        Python's lock, on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in
+        space, Euclidean space and their products, and isospectral orbits of real matrices up to
+        n = 12.
+    t_span
+        Initial and final time.  If the final time is smaller, integration runs backward.
+    y0
+        Initial point, shape ``frame.point_shape``.
+    frame
+        The frame that holds the points and supplies the flows.
+    method
+        Name of a method of the catalogue, or a method; see `cg.solve_ivp`.
+    h
+        Step size, positive whatever the direction.  If it doesn't divide the span, the last
+        step is shorter.
+    args, parameters
+        Further arguments of ``f``; see `cg.solve_ivp`.
+    stage_solver
+        How the stages of an implicit method are found: ``"newton"`` or ``"fixed-point"``.
+    save_every
+        Store the result of every so many steps, besides the initial and the final point.
+    progress
+        Called with the time that was covered and the length of ``t_span``, at most ten times a
+        second and when the end is reached.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    TypeError
+        If ``f`` isn't callable, ``frame`` isn't a `Frame`, ``method`` is neither a name nor a
+        tableau, or ``h`` isn't a real number.
+    ValueError
+        If ``t_span``, ``y0``, ``method`` or ``h`` has an impossible value, or if ``f`` returns
+        another shape or numbers that aren't finite; or if the steps need more memory than there
+        is.
+    OverflowError
+        If the solution exceeds the range of floating point.
+    ConvergenceError
+        If the stages of an implicit method can't be found.
+    StepTooLongError
+        If a step of a method on a Lie algebra is too long for dexp⁻¹.
+    RuntimeError
+        If a compiled ``f`` returns another number than zero.
+
+    References
+    ----------
+    .. [1] Z. Jackiewicz, A. Marthinsen, B. Owren, "Construction of Runge-Kutta methods of
+       Crouch-Grossman type of high order", Adv. Comput. Math. 13 (2000), 405-415.
+
+    Examples
+    --------
+    A rotation about a fixed body axis is solved exactly by any method.
+
+    >>> import numpy as np
+    >>> from cg.frames import SO3
+    >>> from cg.integration import integrate
+    >>> turn = lambda t, y: [0.0, 0.0, np.pi / 2]
+    >>> solution = integrate(turn, (0, 1), np.eye(3), frame=SO3(), method="CG3", h=0.25)
+    >>> solution.y[-1].round(12)[:, 0]
+    array([0., 1., 0.])
+    """
+    if h is None:
+        raise TypeError(f"h must be a real number, got {h!r}")
+    problem = make_problem(
+        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
+        stage_solver=stage_solver,
+    )  # fmt: skip
+    every = min(check_count(save_every, "save_every"), 2**62)
+    check_grid(problem.plan, h, _grid_steps(problem), every, False)
+    return _solve(problem, every, Progress(progress, problem.t0, problem.t1))
 
 
-def _record(
-    problem: Problem,
-    schedule: TimeGrid | AdaptiveSchedule,
-    wanted: Array | None,
-    dense: bool,
-    logs: Logs | None,
-    watch: Progress,
-) -> tuple[Stepper, Recorder]:
-    """Take all steps."""
-    looked_for = {member: log for member, log in (logs or {}).items() if log}
-    between = dense or bool(looked_for) or wanted is not None
-    stepper = problem.stepper(
-        schedule, slopes=between, watched=bool(looked_for), keep=wanted is None and not looked_for
-    )
-    recorder = Recorder(stepper, schedule.start, problem.points, wanted, dense, looked_for)
-    for block in stepper.blocks():
-        ended = recorder.add(block)
-        watch.reach(block.t[-1])
-        if ended:
-            break
+def _grid_steps(problem: Problem) -> int:
+    assert problem.control.h is not None
+    return equal_steps(problem.control.h, [problem.t0, *problem.stops.tolist()])
+
+
+def _solve(problem: Problem, every: int, watch: Progress) -> Solution:
+    """Integrate one point."""
+    plan = problem.plan
+    times, y, capacity = problem.t_eval, None, 0
+    if times is not None:
+        y = np.full((len(times), 1, plan.width), math.nan)
+    elif problem.control.h is not None and problem.events is None:
+        capacity = _grid_steps(problem) // every + len(problem.stops) + 1
+    table = problem.event_table() if problem.events is not None else None
+    run = problem.run(Output(times, every if times is None else 0, problem.dense, y, capacity), table)
+    run.drive(watch.reach if watch.function is not None else None)
     watch.finish()
-    return stepper, recorder
+    status, message = _status(run)
+    if times is None or y is None:
+        t, points = run.steps()
+    else:
+        sign = math.copysign(1.0, problem.t1 - problem.t0)
+        reached = int((sign * (times - run.reached[0]) <= 0.0).sum())
+        t, points = times[:reached].copy(), plan.points(y[:reached], (reached,))
+    t.flags.writeable = points.flags.writeable = False
+    counts = dict(zip(COUNTS, run.counts[0].tolist(), strict=True))
+    if counts["nrejected"] >= _REJECTIONS and 2 * counts["nrejected"] > counts["steps"]:
+        warnings.warn(MANY_REJECTIONS.format(**counts), stacklevel=3)
+    return Solution(
+        t=t,
+        y=points,
+        sol=_continuous(problem, run) if problem.dense else None,
+        **_events(table, run),
+        **counts,
+        status=status,
+        message=message,
+        success=status >= 0,
+        method=plan.method,
+        frame=plan.frame,
+        h=problem.control.h,
+    )
+
+
+def _status(run: Run) -> tuple[int, str]:
+    """Return the status of a single point in SciPy's sense; raise what isn't a matter of steps."""
+    trouble = run.trouble(0)
+    if isinstance(trouble, Exception):
+        raise trouble
+    if trouble is not None:
+        return -1, f"Failure: {trouble}."
+    if run.status[0] == Stop.TERMINAL_EVENT:
+        return 1, TERMINAL_EVENT
+    return 0, FINISHED
+
+
+def _continuous(problem: Problem, run: Run) -> DenseOutput:
+    of, t, y = run.events()
+    return DenseOutput(run.interpolants(), problem.t0, problem.points[0], (t, y[:, 1]))
+
+
+def _events(table: EventTable | None, run: Run) -> dict[str, list[Array] | list[Points] | None]:
+    if table is None:
+        return {"t_events": None, "y_events": None, "y_after": None}
+    of, t, y = run.events()
+    which = of[:, 1]
+    return {
+        "t_events": table.sorted_by_event(which, t),
+        "y_events": table.sorted_by_event(which, y[:, 0]),
+        "y_after": table.sorted_by_event(which, y[:, 1]),
+    }

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
-from cg.integration.results import Solution, Trajectory
+import numpy as np
+
+from cg.integration.results import EnsembleSolution, Solution
 
 __all__ = ["to_xarray"]
 
 _NUMBERS = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status", "message", "h")
 
 
-def to_xarray(result: Solution | Trajectory) -> Any:
+def to_xarray(result: Solution | EnsembleSolution) -> Any:
     """Return the times and points of a result as a dataset of xarray.
 
     Returns
     -------
     xarray.Dataset
         With the variable ``y`` and the coordinate ``t``. Axes of ``y`` are ``t``; of an ensemble
-        ``member``, or ``member_0``, ``member_1``, ...; and of points ``component`` if they are
-        vectors, ``row`` and ``column`` if they are matrices. Attributes are the name of the
-        method, the frame, and the numbers of what the integration took.
+        ``member``; and of points ``component`` if they are vectors, ``row`` and ``column`` if they
+        are matrices. Attributes are the name of the method, the frame, and what the integration
+        took; of an ensemble these numbers are variables with the axis ``member``.
 
     Raises
     ------
@@ -37,14 +39,17 @@ def to_xarray(result: Solution | Trajectory) -> Any:
     """
     import xarray
 
-    axes = result.y.ndim - 1 if result.frame is None else len(result.frame.point_shape)
-    batch = result.y.ndim - 1 - axes
-    members = ["member"] if batch == 1 else [f"member_{k}" for k in range(batch)]
+    axes = len(result.frame.point_shape)
+    members = ["member"] if isinstance(result, EnsembleSolution) else []
     points = {0: [], 1: ["component"], 2: ["row", "column"]}.get(
         axes, [f"axis_{k}" for k in range(axes)]
     )
-    attributes = {"method": result.method.name}
-    if result.frame is not None:
-        attributes["frame"] = repr(result.frame)
-    attributes |= {name: getattr(result, name) for name in _NUMBERS if hasattr(result, name)}
-    return xarray.Dataset({"y": (["t", *members, *points], result.y)}, {"t": result.t}, attributes)
+    attributes = {"method": result.method.name, "frame": repr(result.frame)}
+    variables = {"y": (["t", *members, *points], result.y)}
+    for name in _NUMBERS:
+        value = getattr(result, name)
+        if isinstance(value, np.ndarray):
+            variables[name] = (members, value)
+        elif value is not None:
+            attributes[name] = value
+    return xarray.Dataset(variables, {"t": result.t}, attributes)

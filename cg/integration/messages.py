@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import math
+
 from cg.frames.arrays import Array
 from cg.integration.python_rhs import StageOverflowError, StepTooLongError
 from cg.shared_numbers import Stop
 
 __all__ = [
     "FINISHED",
+    "MANY_REJECTIONS",
     "TERMINAL_EVENT",
     "failed_members",
     "failure",
+    "no_progress",
     "too_many_steps",
     "too_small_a_step",
 ]
 
 FINISHED = "The end of t_span was reached."
+MANY_REJECTIONS = (
+    "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at known "
+    "times, name them as breakpoints"
+)
 TERMINAL_EVENT = "A terminal event ended the integration."
 
 
@@ -51,9 +59,15 @@ def failure(stop: Stop, flag: int, t: float, slope: Array | None = None) -> Exce
     return found
 
 
-def too_small_a_step(t: float, smallest: float) -> str:
+def too_small_a_step(t: float) -> str:
     """Return what to say of a step size at ``t`` that is below the resolution of time."""
+    smallest = 10.0 * math.ulp(t)
     return f"the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
+
+
+def no_progress(t: float) -> str:
+    """Return what to say of jumps that follow each other without end."""
+    return f"jumps of events follow each other without progress at t = {t:.17g}"
 
 
 def too_many_steps(max_steps: int, t: float) -> str:

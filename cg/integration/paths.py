@@ -16,6 +16,7 @@ from cg.low_storage import Registers, two_registers
 from cg.method import Method, remembered
 from cg.munthe_kaas import MuntheKaas
 from cg.points import START
+from cg.tableau import Tableau
 
 __all__ = ["Flow", "MethodPaths", "Path", "paths_of"]
 
@@ -139,7 +140,9 @@ class MethodPaths:
 
 @remembered
 def paths_of(method: Method) -> MethodPaths:
-    """Return the paths of an explicit method."""
+    """Return the paths of a method; of an implicit one those to its results alone."""
+    if isinstance(method, Tableau) and not method.explicit:
+        return _implicit_paths(method)
     series = 0
     if isinstance(method, MuntheKaas):
         method = method.advancing
@@ -167,6 +170,17 @@ def paths_of(method: Method) -> MethodPaths:
         series,
         errors,
     )
+
+
+def _implicit_paths(method: Tableau) -> MethodPaths:
+    """Return the paths to the results, where stages are found in another way."""
+    rows = [row for row in (method.exact[1], method.exact_embedded) if row is not None]
+    if (method.embedded_order or 0) > method.order:
+        rows.reverse()
+    flows = [tuple(((k, w),) for k, w in enumerate(row) if w) for row in rows]
+    c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
+    paths = tuple(Path(0, path) for path in flows)
+    return MethodPaths(paths, (0,) * method.stages, 1, len(rows) - 1 and 2, 0, c)
 
 
 class _Builder:

@@ -1,4 +1,4 @@
-"""What is integrated: the arguments after checking, and what takes the steps."""
+"""What is integrated: the arguments of all integrations after checking."""
 
 from __future__ import annotations
 
@@ -7,157 +7,222 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Points
+from cg.checks import check_flag
+from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.integration.arguments import (
-    MOST_COMPILED_STEPS,
     check_algebra,
     check_args,
-    check_memory,
+    check_atol,
+    check_max_steps,
+    check_method,
     check_points,
-    check_problem,
+    check_rtol,
+    check_span,
+    check_step,
+    check_stops,
+    check_t_eval,
+    check_unused,
 )
-from cg.integration.blocks import is_compiled
+from cg.integration.choice import AUTO, choose_method
 from cg.integration.compiled_rhs import CompiledRhs, compiled_rhs
-from cg.integration.compiled_stepper import CompiledStepper
+from cg.integration.events import EventTable
 from cg.integration.implicit import check_stage_solver
+from cg.integration.plan import Plan, plan_of
 from cg.integration.python_rhs import Coefficients, PythonRhs
-from cg.integration.python_stepper import PythonStepper
-from cg.integration.step import Step
-from cg.integration.stepper import AdaptiveSchedule, Stepper
-from cg.integration.time_grid import TimeGrid, stored_count
+from cg.integration.run import Control, Output, Run
 from cg.method import Method
 from cg.munthe_kaas import MuntheKaas
+from cg.pairs import check_order, check_pair
 
-__all__ = ["Problem", "make_problem"]
+__all__ = ["Problem", "make_control", "make_problem", "make_rhs"]
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is integrated, and with what.
+    """An integration of one point or of the members of an ensemble.
 
     Attributes
     ----------
+    plan
+        The frame and the method.
     rhs
-        The right-hand side; a compiled one may also be called from Python.
-    frame
-        The frame.
-    method
-        The method.
+        The right-hand side.
     points
-        Initial points, shape ``(*batch, *point_shape)``.
+        Initial points, shape ``(members, *point_shape)``.
+    t0
+        Initial time.
+    stops
+        Breakpoints, then the final time.
+    control
+        How steps are chosen.
+    events
+        What the user gave as events.
     args
-        Further arguments of events.
+        Further arguments of ``f`` and of the events.
+    t_eval
+        Times at which to keep the solution, or None.
+    dense
+        Whether to keep a continuous solution.
     stage_solver
         How implicit stages are found.
+    common
+        Whether all members take the same steps.
     """
 
+    plan: Plan
     rhs: CompiledRhs | PythonRhs
-    frame: Frame
-    method: Method
     points: Points
-    args: tuple[Any, ...]
-    stage_solver: str
+    t0: float
+    stops: Array
+    control: Control
+    events: Any = None
+    args: tuple[Any, ...] = ()
+    t_eval: Array | None = None
+    dense: bool = False
+    stage_solver: str = "newton"
+    common: bool = False
 
     @property
-    def batch(self) -> tuple[int, ...]:
-        """Leading axes of the points."""
-        return self.points.shape[: self.points.ndim - len(self.frame.point_shape)]
+    def t1(self) -> float:
+        """Final time."""
+        return float(self.stops[-1])
 
-    @property
-    def in_compiled_code(self) -> bool:
-        """Whether steps are taken there."""
-        return self.method.explicit and is_compiled(self.frame)
-
-    @property
-    def has_own_steps(self) -> bool:
-        """Whether each member of an ensemble has steps of its own where they are chosen."""
-        in_c = isinstance(self.rhs, CompiledRhs) and self.in_compiled_code
-        return in_c and bool(self.batch)
-
-    def member(self, index: tuple[int, ...]) -> Problem:
-        """Return the problem of one member of an ensemble for a compiled function."""
-        rhs = cast(CompiledRhs, self.rhs)
-        if rhs.parameters is not None:
-            rhs = rhs.on(self.frame, (), rhs.parameters[index])
-        return Problem(
-            rhs, self.frame, self.method, self.points[index], self.args, self.stage_solver
-        )
-
-    def stepper(
-        self,
-        schedule: TimeGrid | AdaptiveSchedule,
-        *,
-        slopes: bool = False,
-        every: int = 1,
-        workers: int = 1,
-        watched: bool = False,
-        keep: bool = False,
-    ) -> Stepper:
-        """Return what takes the steps; see `CompiledStepper`."""
-        if self.in_compiled_code:
-            return CompiledStepper(
-                self.rhs, self.frame, self.method, self.batch, self.points, schedule,
-                slopes=slopes, every=every, workers=workers, watched=watched, keep=keep,
-            )  # fmt: skip
+    def event_table(self) -> EventTable:
+        """Return the events with their further arguments."""
         rhs = self.rhs
-        if isinstance(rhs, CompiledRhs):
-            rhs = PythonRhs(cast(Coefficients, rhs), self.frame, self.batch)
-        step = Step(rhs, self.frame, self.method, batch=self.batch, stage_solver=self.stage_solver)
-        return PythonStepper(step, self.points, schedule, slopes=slopes, every=every)
+        if isinstance(rhs, PythonRhs):
+            return EventTable(self.events, self.plan.frame, rhs.arguments)
+        numbers = rhs.parameters
+        if numbers is None:
+            return EventTable(self.events, self.plan.frame, lambda _: self.args)
+        rows = numbers.reshape(len(self.points), -1)
+        return EventTable(self.events, self.plan.frame, lambda member: (*self.args, rows[member]))
 
-    def check_grid(self, grid: TimeGrid, h: object, *, every: int = 1, between: bool) -> None:
-        """Raise ValueError if a grid has more steps than can be counted or kept.
+    def run(self, output: Output, table: EventTable | None) -> Run:
+        """Return the run of all members."""
+        return Run(
+            self.plan, self.rhs, self.points, self.t0, self.stops, self.control, output,
+            events=table, common=self.common, stage_solver=self.stage_solver,
+        )  # fmt: skip
 
-        Parameters
-        ----------
-        grid
-            The steps.
-        h
-            What was given for their size.
-        every
-            How many steps there are between those that are kept; zero if none are.
-        between
-            Whether slopes are kept as well.
-        """
-        if self.in_compiled_code and grid.steps > MOST_COMPILED_STEPS:
-            raise ValueError(
-                f"h must leave at most {MOST_COMPILED_STEPS} steps, which is what compiled code "
-                f"can count, got {h!r}"
-            )
-        size = self.points.nbytes + (8 * self.frame.dim * math.prod(self.batch) if between else 0)
-        kept = stored_count(grid.steps, every) if every else 0
-        check_memory(h, grid.steps, kept * (size + 8))
+
+def make_rhs(
+    f: Any, frame: Frame, args: Any, parameters: ArrayLike | None, together: bool, members: int
+) -> tuple[CompiledRhs | PythonRhs, tuple[Any, ...]]:
+    """Return the right-hand side of some members, and their further arguments, after checking.
+
+    ``parameters`` have shape ``(members, k)``.
+    """
+    extra = check_args(args)
+    numbers = None
+    if parameters is not None:
+        numbers = real_array(parameters, "parameters")
+        if numbers.ndim != 2 or len(numbers) != members or numbers.size == 0:
+            raise ValueError(f"parameters must have shape ({members}, k), got {numbers.shape}")
+        numbers.flags.writeable = False
+    compiled = compiled_rhs(f)
+    if compiled is None:
+        if not callable(f):
+            raise TypeError(f"f must be callable as f(t, y), got {f!r}")
+        return PythonRhs(cast(Coefficients, f), frame, extra, numbers, together), extra
+    if extra:
+        raise ValueError(f"args must be None for a compiled f, got {args!r}")
+    if together:
+        raise ValueError("vectorized must be False for a compiled f, which takes one point")
+    return compiled.on(frame, numbers), extra
+
+
+def make_control(
+    plan: Plan,
+    *,
+    h: Any,
+    rtol: Any,
+    atol: Any,
+    max_step: Any,
+    first_step: Any,
+    max_steps: Any,
+    span: float,
+    given: object,
+) -> Control:
+    """Return how steps are chosen, after checking it; ``given`` is what names the method."""
+    method = plan.method
+    largest = check_step(max_step, "max_step", infinite=True)
+    if h is not None:
+        check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
+        check_order(method, stacklevel=5)
+        size = check_step(h, "h")
+        if size > largest:
+            raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
+        return Control(h=size)
+    if method.embedded_order is None:
+        raise ValueError(
+            f"method must be a pair unless h gives the step size, got {given!r}, which has "
+            "no embedded weights"
+        )
+    check_pair(method, stacklevel=5)
+    tolerances = check_atol(atol)
+    if tolerances.shape not in ((), plan.tolerance_shape):
+        raise ValueError(
+            f"atol must be a number or have shape {plan.tolerance_shape}, got {tolerances.shape}"
+        )
+    first = None if first_step is None else check_step(first_step, "first_step")
+    if first is not None and first > span:
+        raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
+    return Control(
+        None, check_rtol(rtol), tolerances, largest, first, check_max_steps(max_steps)
+    )
 
 
 def make_problem(
     f: Any,
-    frame: Frame,
-    method: str | Method,
+    t_span: Any,
     y0: ArrayLike,
     *,
+    frame: Any,
+    method: str | Method,
     args: Any = None,
     parameters: Any = None,
-    stage_solver: str,
+    many: bool = False,
+    together: bool = False,
+    common: bool = False,
+    h: Any = None,
+    rtol: Any = None,
+    atol: Any = None,
+    max_step: Any = math.inf,
+    first_step: Any = None,
+    max_steps: Any = None,
+    t_eval: Any = None,
+    dense_output: Any = False,
+    events: Any = None,
+    breakpoints: Any = None,
+    stage_solver: str = "newton",
 ) -> Problem:
-    """Check what every integration is given; see `cg.solve_ivp` for the arguments and errors."""
+    """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
+    if not isinstance(frame, Frame):
+        raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
     check_stage_solver(stage_solver)
-    compiled = compiled_rhs(f)
-    tableau = check_problem(f if compiled is None else compiled, frame, method)
-    if isinstance(tableau, MuntheKaas):
-        check_algebra(frame, tableau)
-    points = check_points(frame, y0)
-    batch = points.shape[: points.ndim - len(frame.point_shape)]
-    extra = check_args(args)
-    rhs: CompiledRhs | PythonRhs
-    if compiled is None:
-        if parameters is not None:
-            raise ValueError("parameters must be None unless f is compiled; args are for others")
-        rhs = PythonRhs(cast(Callable[..., ArrayLike], f), frame, batch, extra)
-    else:
-        if extra:
-            raise ValueError(f"args must be None for a compiled f, got {args!r}")
-        rhs = compiled.on(frame, batch, parameters)
-    return Problem(rhs, frame, tableau, points, extra, stage_solver)
+    if isinstance(method, str) and method == AUTO:
+        method = choose_method(frame, None if h is not None else check_rtol(rtol, warn=False))
+    chosen = check_method(method)
+    if isinstance(chosen, MuntheKaas):
+        check_algebra(frame, chosen)
+    points, numbers = check_points(frame, y0, parameters, many)
+    rhs, extra = make_rhs(f, frame, args, numbers, together, len(points))
+    start, stop = check_span(t_span)
+    stops = check_stops(breakpoints, start, stop)
+    plan = plan_of(frame, chosen)
+    control = make_control(
+        plan, h=h, rtol=rtol, atol=atol, max_step=max_step, first_step=first_step,
+        max_steps=max_steps, span=abs(stop - start), given=method,
+    )  # fmt: skip
+    problem = Problem(
+        plan, rhs, points, start, stops, control, events, extra,
+        None if t_eval is None else check_t_eval(t_eval, start, stop),
+        check_flag("dense_output", dense_output), stage_solver, common,
+    )  # fmt: skip
+    problem.event_table()
+    return problem

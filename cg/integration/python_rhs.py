@@ -56,59 +56,87 @@ class StepTooLongError(ArithmeticError):
 
 
 class PythonRhs:
-    """A right-hand side ``f(t, y, *args)`` for one point or an ensemble.
+    """A right-hand side ``f(t, y, *args)``, or ``f(t, y, *args, parameters)``, in Python.
 
-    Compiled code calls it through a function in C whose data are `context`, which must be kept
-    alive meanwhile.
+    Compiled code calls it through a function in C whose data are kept here.
 
     Parameters
     ----------
     f
-        Returns the coefficients, shape ``(*batch, frame.dim)``; it is given a read-only ``y`` of
-        shape ``(*batch, *frame.point_shape)``.
+        Returns the coefficients, shape ``(dim,)``; it is given a read-only ``y`` of shape
+        ``point_shape``.
     frame
         Where the points are.
-    batch
-        Leading axes of an ensemble.
     args
         Further arguments.
-
-    Attributes
-    ----------
-    context
-        What the function in C needs.
+    parameters
+        Numbers of each member, shape ``(members, k)``, or None.
+    together
+        Whether ``f`` takes times ``(n,)`` and points ``(n, *point_shape)`` of several members,
+        with the rows of their parameters, and returns shape ``(n, dim)``.
     """
 
     def __init__(
         self,
         f: Coefficients,
         frame: Frame,
-        batch: tuple[int, ...] = (),
         args: tuple[Any, ...] = (),
+        parameters: Array | None = None,
+        together: bool = False,
     ) -> None:
         self.f = f
         self.frame = frame
-        self.batch = batch
         self.args = args
-        self.shape = (*batch, frame.dim)
-        self.context = (
-            f,
-            args,
-            (*batch, *frame.point_shape),
-            frame.dtype.num,
-            self.shape,
-            self.check,
-            [None],
-        )
+        self.parameters = parameters
+        self.together = together
+        spare = [None]
+        if parameters is None or together:
+            rows: list[tuple[Any, ...]] = [args]
+        else:
+            rows = [(*args, row) for row in parameters]
+        self._contexts = [
+            (f, row, frame.point_shape, frame.dtype.num, (frame.dim,), self.check, spare)
+            for row in rows
+        ]
+        self._pointers = np.array([id(context) for context in self._contexts])
 
-    def __call__(self, t: float, point: Points) -> Array:
-        """Return f(t, point) after checking it, as an array of its own."""
-        visible = point.view()
+    def arguments(self, member: int) -> tuple[Any, ...]:
+        """Return the further arguments of a member."""
+        if self.parameters is None:
+            return self.args
+        return (*self.args, self.parameters[member])
+
+    def addresses(self) -> tuple[int, int, int]:
+        """Return addresses of the function and of the first member's data, and their distance."""
+        import cg._external as core
+
+        if self.parameters is None or self.together:
+            return core.python_field(), id(self._contexts[0]), 0
+        return core.python_member(), self._pointers.ctypes.data, 8
+
+    def part(self, members: slice) -> PythonRhs:
+        """Return the same for some of the members."""
+        own = None if self.parameters is None else self.parameters[members]
+        return PythonRhs(self.f, self.frame, self.args, own, self.together)
+
+    def at_member(self, member: int, t: float, y: Points) -> Array:
+        """Return the coefficients of a member after checking them, as an array of their own."""
+        if self.together:
+            return self.at_members(np.array([t]), np.array([member]), y[None])[0]
+        visible = y.view()
         visible.flags.writeable = False
-        return self.check(self.f(t, visible, *self.args), t, visible, finite_only=True)
+        value = self.f(t, visible, *self.arguments(member))
+        return self.check(value, t, visible, finite_only=True)
 
-    def check(self, value: Any, t: float, y: Points, finite_only: bool = False) -> Array:
-        """Return what ``f`` returned as an array, shape ``(*batch, dim)``.
+    def at_members(self, t: Array, members: Any, y: Points) -> Array:
+        """Return the coefficients of several members, shape ``(n, dim)``, after checking them."""
+        t.flags.writeable = y.flags.writeable = False
+        own = () if self.parameters is None else (self.parameters[members],)
+        value = self.f(t, y, *self.args, *own)
+        return self.check(value, t, y)
+
+    def check(self, value: Any, t: Any, y: Points, finite_only: bool = False) -> Array:
+        """Return what ``f`` returned as an array, shape ``(dim,)`` or ``(n, dim)``.
 
         Parameters
         ----------
@@ -127,27 +155,31 @@ class PythonRhs:
         StageOverflowError
             If neither it nor ``y`` is finite.
         """
+        shape = (len(t), self.frame.dim) if self.together else (self.frame.dim,)
         try:
             # This copies, since f may return the same buffer each time.
             coefficients = real_array(value, "f")
         except ValueError as error:
-            shape = self.shape
-            wanted = f"an array of shape {shape}" if self.batch else f"{shape[0]} real numbers"
-            raise ValueError(f"f must return {wanted}, got {value!r} at t = {t:.17g}") from error
-        if coefficients.shape != self.shape:
+            wanted = f"an array of shape {shape}" if self.together else f"{shape[0]} real numbers"
+            raise ValueError(f"f must return {wanted}, got {value!r} at {_when(t)}") from error
+        if coefficients.shape != shape:
             got = "None" if value is None else f"shape {coefficients.shape}"
             raise ValueError(
-                f"f must return an array of shape {self.shape}, got {got} at t = {t:.17g}"
-                f"{self._hint(coefficients.shape[len(self.batch) :])}"
+                f"f must return an array of shape {shape}, got {got} at {_when(t)}"
+                f"{self._hint(coefficients.shape[len(shape) - 1 :])}"
             )
         # Sums are finite only if all their terms are, and take a fraction of the time.
         if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
-            if np.isfinite(y).all():
+            rows = y.reshape(len(t) if self.together else 1, -1)
+            wrong = np.isfinite(rows).all(axis=1) & ~np.isfinite(
+                coefficients.reshape(len(rows), -1)
+            ).all(axis=1)
+            if wrong.any():
                 raise ValueError(
-                    f"f must return finite numbers, got {coefficients} at t = {t:.17g}"
+                    f"f must return finite numbers, got {coefficients} at {_when(t)}"
                 )
             if finite_only:
-                raise StageOverflowError(f"a stage is no longer finite at t = {t:.17g}")
+                raise StageOverflowError(f"a stage is no longer finite at {_when(t)}")
         return coefficients
 
     def _hint(self, shape: tuple[int, ...]) -> str:
@@ -159,3 +191,7 @@ class PythonRhs:
             return "; f returns coefficients of the frame's fields, not the derivative of y"
         name = "frame.coefficients" if group is self.frame else "frame.group.coefficients"
         return f"; {name}(matrix) are those of a matrix in the Lie algebra"
+
+
+def _when(t: Any) -> str:
+    return f"t = {np.atleast_1d(t)[0]:.17g}"

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.dense import DenseOutput
+from cg.integration.dense import DenseOutput, EnsembleOutput
+from cg.integration.messages import FINISHED
 from cg.later import Later
 from cg.method import Method
 
@@ -34,91 +35,34 @@ class _ReadOnly:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(_ReadOnly):
-    """A numerical solution with fixed steps.
-
-    Attributes
-    ----------
-    t
-        Times, shape ``(steps + 1,)``, read-only.
-    y
-        Points, shape ``(steps + 1, *batch, *point_shape)``, read-only.
-    nfev
-        Number of evaluations of the coefficients.
-    nexp
-        Number of flows (exponentials) that were computed; one of a whole ensemble counts once.
-    method
-        The tableau that was used.
-    h
-        Absolute size of all steps but perhaps the last.
-    failures
-        Why members of an ensemble ended early, by their indices.  ``y`` is NaN from there on.
-    frame
-        The frame that holds the points.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import cg
-    >>> run = cg.integrate(
-    ...     lambda t, y: [0.0, np.sin(t), y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
-    ...     method="CG4a", h=0.1,
-    ... )
-    >>> run
-    Trajectory(t=0...5, steps=50, nfev=250, nexp=750, h=0.1)
-    >>> run.y.shape
-    (51, 3, 3)
-    """
-
-    t: Array
-    y: Points
-    nfev: int
-    nexp: int
-    method: Method
-    h: float
-    failures: dict[tuple[int, ...], str] = field(default_factory=dict)
-    frame: Frame | None = None
-    to_xarray = Later("cg.integration.labelled", "to_xarray")
-
-    def __repr__(self) -> str:
-        return (
-            f"Trajectory(t={self.t[0]:g}...{self.t[-1]:g}, steps={len(self.t) - 1}, "
-            f"nfev={self.nfev}, nexp={self.nexp}, h={self.h:g})"
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class Solution(_ReadOnly):
-    """What `cg.solve_ivp` returns, with the field names of SciPy's function.
+    """What `cg.solve_ivp` and `cg.integrate` return, with the field names of SciPy's function.
 
     Attributes
     ----------
     t
         Times, shape ``(n,)``, read-only.
     y
-        Points, shape ``(n, *batch, *point_shape)``, read-only.  Time is the *first* axis, unlike
-        in SciPy, since points are arrays of any shape.  Where each member of an ensemble has its
-        own steps, NaN at times that a member didn't reach.
+        Points, shape ``(n, *point_shape)``, read-only.  Time is the *first* axis, unlike in
+        SciPy, since points are arrays of any shape.
     sol
         The continuous solution, or None unless ``dense_output`` was asked for.
     t_events
-        For each event the times at which it happened, or None without events.  Of an ensemble an
-        array of such arrays, shape ``batch``.
-    y_events
-        For each event the points, shape ``(n_i, *point_shape)``, or None without events.  Of an
-        ensemble an array of such arrays, shape ``batch``.
+        For each event the times at which it happened, or None without events.
+    y_events, y_after
+        For each event the points, shape ``(n_i, *point_shape)``, or None without events; those
+        after its jumps in ``y_after``.
     nfev
         Evaluations of the coefficients.
     njev, nlu
         Jacobians of stage equations and their factorisations; zero for explicit methods.
     nexp
         Flows (exponentials) that steps and continuous solution took, those of rejected steps
-        included.  Those of an ensemble count once for all its members.
+        included.
     steps
         Accepted steps.
     nrejected
-        Rejected steps.  Where each member of an ensemble has its own steps, all these numbers
-        are sums over the members.
+        Rejected steps.
     status
         0: the end was reached; 1: an event ended the integration; -1: the step size became too
         small or the number of steps too large, and ``t`` and ``y`` hold what had been accepted.
@@ -128,10 +72,10 @@ class Solution(_ReadOnly):
         Whether ``status`` is at least 0.
     method
         The tableau that was used.
-    failures
-        Why members of an ensemble ended early, by their indices.  ``y`` is NaN from there on.
     frame
         The frame that holds the points.
+    h
+        Absolute size of equal steps, None of chosen ones.
 
     Examples
     --------
@@ -152,6 +96,7 @@ class Solution(_ReadOnly):
     sol: DenseOutput | None
     t_events: list[Any] | None
     y_events: list[Any] | None
+    y_after: list[Any] | None
     nfev: int
     njev: int
     nlu: int
@@ -162,8 +107,8 @@ class Solution(_ReadOnly):
     message: str
     success: bool
     method: Method
-    failures: dict[tuple[int, ...], str] = field(default_factory=dict)
-    frame: Frame | None = None
+    frame: Frame
+    h: float | None = None
     to_xarray = Later("cg.integration.labelled", "to_xarray")
 
     def __repr__(self) -> str:
@@ -171,4 +116,104 @@ class Solution(_ReadOnly):
         return (
             f"Solution(t={times}, status={self.status}, steps={self.steps}, "
             f"nrejected={self.nrejected}, nfev={self.nfev}, nexp={self.nexp})"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class EnsembleSolution(_ReadOnly):
+    """What `cg.solve_ensemble` returns; ``solution[i]`` is the `Solution` of a member.
+
+    Attributes
+    ----------
+    t
+        Times, those of ``t_eval`` or the ends of ``t_span``, shape ``(n,)``, read-only.
+    y
+        Points, shape ``(n, members, *point_shape)``, read-only unless it is ``out``; NaN at times
+        that a member didn't reach.
+    sol
+        The continuous solution of all members, or None unless ``dense_output`` was asked for.
+    t_end
+        Up to which time each member came, shape ``(members,)``.
+    status, nfev, njev, nlu, nexp, steps, nrejected
+        As those of `Solution`, shape ``(members,)``.
+    messages
+        What there is to say of members whose status isn't 0, by their indices.
+    message
+        The same in one sentence.
+    success
+        Whether all members succeeded.
+    t_events, y_events, y_after
+        For each event a list of the members' arrays, or None without events.
+    method, frame, h
+        As those of `Solution`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> run = cg.solve_ensemble(
+    ...     lambda t, y, rate: [0.0, np.sin(t), rate[0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
+    ...     parameters=[[0.5], [1.0]], t_eval=[0, 2.5, 5],
+    ... )
+    >>> run.y.shape, run.status.tolist(), run[1].y.shape
+    ((3, 2, 3, 3), [0, 0], (3, 3, 3))
+    """
+
+    t: Array
+    y: Points
+    sol: EnsembleOutput | None
+    t_end: Array
+    t_events: list[list[Array]] | None
+    y_events: list[list[Points]] | None
+    y_after: list[list[Points]] | None
+    status: Any
+    nfev: Any
+    njev: Any
+    nlu: Any
+    nexp: Any
+    steps: Any
+    nrejected: Any
+    messages: dict[int, str]
+    message: str
+    success: bool
+    method: Method
+    frame: Frame
+    h: float | None = None
+    to_xarray = Later("cg.integration.labelled", "to_xarray")
+
+    def __repr__(self) -> str:
+        times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
+        return (
+            f"EnsembleSolution(t={times}, members={len(self)}, success={self.success}, "
+            f"steps={int(self.steps.sum())}, nfev={int(self.nfev.sum())})"
+        )
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    def __getitem__(self, member: int) -> Solution:
+        member = range(len(self))[member]
+        sign = 1.0 if len(self.t) == 0 or self.t[-1] >= self.t[0] else -1.0
+        there = sign * (self.t - self.t_end[member]) <= 0.0
+        names = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status")
+        status = int(self.status[member])
+        events = {
+            name: None if lists is None else [parts[member] for parts in lists]
+            for name, lists in (
+                ("t_events", self.t_events),
+                ("y_events", self.y_events),
+                ("y_after", self.y_after),
+            )
+        }
+        return Solution(
+            t=self.t[there],
+            y=np.asarray(self.y[:, member])[there],
+            sol=None if self.sol is None else self.sol[member],
+            **events,
+            **{name: int(getattr(self, name)[member]) for name in names},
+            message=self.messages.get(member, FINISHED),
+            success=status >= 0,
+            method=self.method,
+            frame=self.frame,
+            h=self.h,
         )

@@ -1,0 +1,136 @@
+"""What compiled code asks of Python: flows that aren't compiled, implicit stages, events, jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cg.frames.arrays import Array, Points
+from cg.frames.base import FlowOverflowError
+from cg.integration.flows import dexpinv_of, difference_of, flows_of
+from cg.integration.implicit import ConvergenceError, ImplicitStages
+from cg.integration.plan import Plan
+from cg.munthe_kaas import MuntheKaas
+from cg.shared_numbers import Operation
+
+__all__ = ["Callbacks"]
+
+FieldOfMembers = Callable[[Array, Array, Points], Array]
+EventOfMember = Callable[[int, int, float, Points], Any]
+
+
+class Callbacks:
+    """The functions of Python that one run may call, by `cg.shared_numbers.Operation`.
+
+    Compiled code calls ``callbacks(operation, a, b)`` with two vectors of doubles, and takes a
+    vector.
+
+    Parameters
+    ----------
+    plan
+        The frame and the method.
+    stages
+        Solves the stage equations of an implicit method, else None.
+    fields
+        ``fields(t, members, y)`` returns coefficients at points of several members.
+    event, jump
+        ``event(event, member, t, y)`` returns a number, ``jump(event, member, t, y)`` a point.
+
+    Attributes
+    ----------
+    trouble
+        The last exception that was taken for a step that is too long.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        stages: ImplicitStages | None = None,
+        fields: FieldOfMembers | None = None,
+        event: EventOfMember | None = None,
+        jump: EventOfMember | None = None,
+    ) -> None:
+        self.plan = plan
+        self.frame = plan.frame
+        self.stages = stages
+        self.fields = fields
+        self.event = event
+        self.jump = jump
+        self.trouble: Exception | None = None
+        self._flows = flows_of(plan.frame)
+        self._difference = difference_of(plan.frame)
+        method = plan.method
+        if isinstance(method, MuntheKaas):
+            self._dexpinv = dexpinv_of(plan.frame, max(method.advancing.order, 1))
+        self._handlers: dict[int, Callable[[Array, Array], Any]] = {
+            Operation.FLOW: self._flow,
+            Operation.RESTORE: self._restore,
+            Operation.COORDINATES: self._coordinates,
+            Operation.NEARBY: self._nearby,
+            Operation.SIZES: lambda _, y: self.frame.coordinate_sizes(self._point(y)),
+            Operation.TANGENT: lambda v, y: self.frame.field(v, self._point(y)),
+            Operation.SHORTEST: lambda v, y: self.frame.shortest(v, self._point(y)),
+            Operation.DEXPINV: lambda u, v: self._dexpinv(u, v),
+            Operation.STAGES: self._solve_stages,
+            Operation.FIELDS: self._evaluate,
+            Operation.EVENT: self._event,
+            Operation.JUMP: self._jump,
+        }
+
+    def __call__(self, operation: int, a: Array, b: Array) -> Array:
+        """Return the result of an operation on two vectors, as a vector of doubles."""
+        answer = np.ascontiguousarray(self._handlers[operation](a, b))
+        return answer.reshape(-1).view(np.float64) if answer.dtype.kind == "c" else answer.ravel()
+
+    def _point(self, y: Array) -> Points:
+        return y.view(self.frame.dtype).reshape(self.frame.point_shape)
+
+    def _flow(self, v: Array, y: Array) -> Points:
+        try:
+            return self._flows(v.reshape(-1, self.frame.dim), self._point(y), False)
+        except FlowOverflowError as error:
+            # a chosen step is tried again with a smaller size, unlike where f itself overflows
+            self.trouble = error
+            return np.full(self.frame.point_shape, np.nan, dtype=self.frame.dtype)
+
+    def _restore(self, y: Array, _: Array) -> Points:
+        return self._flows.restore(self._point(y))
+
+    def _coordinates(self, x: Array, y: Array) -> Array:
+        found = self._difference(self._point(x), self._point(y))
+        return np.full(self.frame.dim, np.nan) if found is None else found
+
+    def _nearby(self, x: Array, y: Array) -> Array:
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            return np.full(self.frame.dim, np.nan)
+        return self.frame.nearby_coordinates(self._point(x), self._point(y))
+
+    def _solve_stages(self, a: Array, y: Array) -> Array:
+        """Return coefficients at stages, then counts and 1 if they were not found."""
+        assert self.stages is not None
+        t, h, member = a[:3].tolist()
+        try:
+            fields, counts = self.stages(t, self._point(y), h, a[3:], int(member))
+        except ConvergenceError as error:
+            self.trouble = error
+            size = self.plan.method.stages * self.frame.dim
+            return np.concatenate([np.zeros(size), self.stages.taken(), [1.0]])
+        return np.concatenate([fields.ravel(), counts, [0.0]])
+
+    def _evaluate(self, a: Array, y: Array) -> Array:
+        assert self.fields is not None
+        t, members = a.reshape(2, -1)
+        points = y.view(self.frame.dtype).reshape(len(t), *self.frame.point_shape)
+        return self.fields(t, members.astype(np.intp), points)
+
+    def _event(self, a: Array, y: Array) -> Any:
+        assert self.event is not None
+        t, member, event = a.tolist()
+        return self.event(int(event), int(member), t, self._point(y))
+
+    def _jump(self, a: Array, y: Array) -> Any:
+        assert self.jump is not None
+        t, member, event = a.tolist()
+        return self.jump(int(event), int(member), t, self._point(y))

@@ -1,0 +1,325 @@
+! Faces for f2py of plans and runs, which stay here between calls and are known by their addresses.
+
+subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, stages, &
+                     c, implicit_stages, nodes, node, blend, flows, used, used_c, result_weight, &
+                     flat, series, address)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
+  use frames_r64, only: make_frame
+  use kinds_r64, only: wp
+  use method_r64, only: make_method
+  use run, only: at_address, plan_t
+  implicit none
+  integer, intent(in) :: blocks, numbers, integers, terms, stages, nodes, flows, used
+  integer, intent(in) :: description(3, blocks)
+  real(wp), intent(in) :: constants(numbers)
+  integer, intent(in) :: list(integers)
+  real(wp), intent(in) :: weight(terms), c(stages)
+  logical, intent(in) :: implicit_stages
+  real(wp), intent(in) :: node(nodes, nodes - 1)       ! see scheme_t
+  real(wp), intent(in) :: blend(nodes + 2, nodes - 1)
+  real(wp), intent(in) :: used_c(used), result_weight(used, flows), flat(used, used)
+  integer, intent(in) :: series
+  integer(c_intptr_t), intent(out) :: address
+  type(plan_t), pointer :: plan
+
+  allocate (plan)
+  call make_frame(description, constants, 1, plan%frame)
+  call make_method(list, weight, c, plan%method)
+  plan%method%implicit = implicit_stages
+  associate (scheme => plan%scheme)
+    scheme%nodes = nodes
+    allocate (scheme%node(nodes, 2:nodes), scheme%blend(0:nodes + 1, 2:nodes))
+    scheme%node(:, :) = node
+    scheme%blend(:, :) = blend
+    scheme%c = used_c
+    scheme%weight = result_weight
+    scheme%a = flat
+    scheme%series = series
+  end associate
+  address = at_address(c_loc(plan))
+end subroutine plan_open
+
+subroutine plan_close(address)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use run, only: plan_at, plan_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  type(plan_t), pointer :: plan
+
+  plan => plan_at(address)
+  deallocate (plan)
+end subroutine plan_close
+
+! A run of all members of a record. Steps are chosen if there are tolerances, else they have size h.
+subroutine loop_open(plan_address, record_address, context, function_address, data_address, &
+                    data_stride, lanes, batch, common, keep_last, t0, segments, stops, h, widths, &
+                    atol, rtol, in_entries, parts, exponent, max_step, first_step, max_steps, &
+                    events, event_functions, direction, most, jumps, address)
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
+  use, intrinsic :: iso_fortran_env, only: int64
+  use error_norm_r64, only: tolerances_t
+  use kinds_r64, only: wp
+  use run, only: at_address, begin_run, plan_at, plan_t, run_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: plan_address, record_address
+  integer(c_intptr_t), intent(in) :: context           ! a function of Python, 0 for none
+  integer(c_intptr_t), intent(in) :: function_address, data_address, data_stride
+  integer, intent(in) :: lanes
+  logical, intent(in) :: batch, common, keep_last      ! see run_t, problem_t, trajectory_t
+  integer, intent(in) :: segments, widths, parts, events
+  real(wp), intent(in) :: t0, stops(segments)
+  real(wp), intent(in) :: h                            ! zero if steps are chosen
+  real(wp), intent(in) :: atol(widths), rtol, exponent, max_step, first_step
+  logical, intent(in) :: in_entries
+  integer(int64), intent(in) :: max_steps
+  integer(c_intptr_t), intent(in) :: event_functions(2, events)        ! addresses, and of data
+  integer, intent(in) :: direction(events), jumps(events)
+  integer(int64), intent(in) :: most(events)
+  integer(c_intptr_t), intent(out) :: address
+  type(plan_t), pointer :: plan
+  type(run_t), pointer :: run
+  integer :: count
+
+  allocate (run)
+  plan => plan_at(plan_address)
+  call c_f_pointer(transfer(record_address, c_null_ptr), run%record)
+  run%frame = plan%frame
+  run%python%context = transfer(context, c_null_ptr)
+  if (context /= 0) run%frame%callback => run%python
+  run%batch = batch
+  run%function_address = function_address
+  run%data_address = data_address
+  run%data_stride = data_stride
+  run%t0 = t0
+  count = 0
+  if (events > 0) count = merge(0, events, direction(1) > 1)           ! arrays can't be empty
+  associate (problem => run%problem)
+    problem%frame => run%frame
+    problem%method => plan%method
+    problem%scheme => plan%scheme
+    problem%common = common
+    problem%stops = stops
+    problem%adaptive = .not. h > 0
+    problem%h = h
+    problem%first_step = first_step
+    problem%max_steps = max_steps
+    problem%tolerances = tolerances_t(atol=atol, rtol=rtol, in_entries=in_entries, parts=parts, &
+                                      exponent=exponent, max_step=max_step)
+    if (count > 0) then
+      run%events%count = count
+      run%events%direction = direction
+      run%events%most = most
+      run%events%jumps = jumps /= 0
+      run%events%address = event_functions(1, :)
+      run%events%data = event_functions(2, :)
+      run%events%member_data = data_address
+      run%events%stride = data_stride
+      run%events%python = run%python
+      problem%events => run%events
+    end if
+  end associate
+  call begin_run(run, lanes, keep_last)
+  address = at_address(c_loc(run))
+end subroutine loop_open
+
+subroutine loop_close(address)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use run, only: run_at, run_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  type(run_t), pointer :: run
+
+  run => run_at(address)
+  deallocate (run)
+end subroutine loop_close
+
+! Until all members have ended, the budget is used up, or a buffer is full
+subroutine loop_drive(address)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use run, only: drive, run_at, run_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  type(run_t), pointer :: run
+
+  run => run_at(address)
+  call drive(run)
+end subroutine loop_drive
+
+! The buffers of the record have changed.
+subroutine loop_set_output(address)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use run, only: run_at, run_t, set_output
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  type(run_t), pointer :: run
+
+  run => run_at(address)
+  call set_output(run)
+end subroutine loop_set_output
+
+! The single trajectory of a run goes on, up to other ends of segments.
+subroutine loop_continue(address, segments, stops)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use kinds_r64, only: wp
+  use run, only: run_at, run_t
+  use trajectory_r64, only: go_on
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: segments
+  real(wp), intent(in) :: stops(segments)
+  type(run_t), pointer :: run
+
+  run => run_at(address)
+  run%problem%stops = stops
+  call go_on(run%lanes(1))
+  run%busy(1) = .true.
+end subroutine loop_continue
+
+! It goes on from another point or time, or with other data of the field.
+subroutine loop_restart(address, n, t, y, first_step, data_address)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use kinds_r64, only: wp
+  use run, only: run_at, run_t
+  use trajectory_r64, only: set_start
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: n
+  real(wp), intent(in) :: t, y(n)
+  real(wp), intent(in) :: first_step                   ! zero to choose it
+  integer(c_intptr_t), intent(in) :: data_address
+  type(run_t), pointer :: run
+
+  run => run_at(address)
+  run%data_address = data_address
+  call set_start(t, y, first_step, run%lanes(1))
+  run%busy(1) = .true.
+end subroutine loop_restart
+
+! Asks for the interpolant of the last step, which the next call of loop_drive keeps.
+subroutine loop_interpolate(address)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use run, only: run_at, run_t
+  use trajectory_r64, only: request_interpolant
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  type(run_t), pointer :: run
+
+  run => run_at(address)
+  call request_interpolant(run%problem, run%lanes(1))
+  run%busy(1) = .true.
+end subroutine loop_interpolate
+
+! All that the single trajectory of a run needs to go on bit for bit: read, or written
+subroutine loop_state(address, write, n, m, reals, integers, points, slopes)
+  use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
+  use kinds_r64, only: wp
+  use run, only: run_at, run_t
+  use trajectory_r64, only: load_state, save_state
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  logical, intent(in) :: write
+  integer, intent(in) :: n, m
+  real(wp), intent(inout) :: reals(6)
+  integer(c_int64_t), intent(inout) :: integers(9)
+  real(wp), intent(inout) :: points(n, 2), slopes(m, 2)
+  type(run_t), pointer :: run
+
+  run => run_at(address)
+  if (write) then
+    call load_state(run%lanes(1), reals, integers, points, slopes)
+    run%busy(1) = .true.
+    run%next = 2
+  else
+    call save_state(run%lanes(1), reals, integers, points, slopes)
+  end if
+end subroutine loop_state
+
+! Points of the solution within steps whose interpolants were kept
+subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, fields, y, missing)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
+  use callback, only: python_t
+  use frames_r64, only: frame_t
+  use interpolant_r64, only: evaluate_interpolant, interpolant_t
+  use kinds_r64, only: wp
+  use run, only: plan_at, plan_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address, context
+  integer, intent(in) :: count, steps, n, m
+  integer, intent(in) :: which(count)                  ! steps, from 0
+  real(wp), intent(in) :: theta(count)
+  real(wp), intent(in) :: t(3, steps), y_ends(n, 2, steps)
+  real(wp), intent(in) :: fields(m, steps)             ! (dimension * (nodes + 1), steps)
+  real(wp), intent(inout) :: y(n, count)
+  integer, intent(out) :: missing                      ! 1 + a place where there is no point
+  type(plan_t), pointer :: plan
+  type(frame_t) :: frame
+  type(python_t), target :: python
+  type(interpolant_t) :: interpolant
+  integer :: i, k, last
+  logical :: exists
+
+  plan => plan_at(address)
+  frame = plan%frame
+  python%context = transfer(context, c_null_ptr)
+  if (context /= 0) frame%callback => python
+  missing = 0
+  last = -1
+  do i = 1, count
+    k = which(i) + 1
+    if (k /= last) then
+      interpolant%nodes = plan%scheme%nodes
+      interpolant%t0 = t(1, k)
+      interpolant%h = t(2, k)
+      interpolant%y0 = y_ends(:, 1, k)
+      interpolant%field = reshape(fields(:, k), [frame%dimension, plan%scheme%nodes + 1])
+      last = k
+    end if
+    if (.not. theta(i) > 0) then
+      y(:, i) = y_ends(:, 1, k)
+    else if (.not. theta(i) < 1) then
+      y(:, i) = y_ends(:, 2, k)
+    else
+      call evaluate_interpolant(frame, plan%scheme, interpolant, theta(i), .true., y(:, i), exists)
+      if (.not. exists) missing = i
+      if (.not. exists) return
+    end if
+  end do
+end subroutine plan_interpolate
+
+! The size and the number of equal steps, and the size of the last one
+subroutine equal_steps(start, stop, h, steps, last)
+  use, intrinsic :: iso_fortran_env, only: int64
+  use kinds_r64, only: wp
+  use time_grid_r64, only: grid_t, make_grid
+  implicit none
+  real(wp), intent(in) :: start, stop, h
+  integer(int64), intent(out) :: steps
+  real(wp), intent(out) :: last
+  type(grid_t) :: grid
+
+  call make_grid(start, stop, h, grid)
+  steps = grid%steps
+  last = grid%last
+end subroutine equal_steps
+
+! The address of the function in C that calls one of Python whose data are those of a member
+subroutine python_member_address(address)
+  use, intrinsic :: iso_c_binding, only: c_double, c_funloc, c_int, c_intptr_t, c_ptr
+  implicit none
+  integer(c_intptr_t), intent(out) :: address
+
+  interface
+
+    function call_python_member(t, y, f, user_data) bind(c) result(code)
+      import :: c_double, c_int, c_ptr
+      real(c_double), value, intent(in) :: t
+      real(c_double), intent(in) :: y(*)
+      real(c_double), intent(inout) :: f(*)
+      type(c_ptr), value, intent(in) :: user_data
+      integer(c_int) :: code
+    end function call_python_member
+
+  end interface
+
+  address = transfer(c_funloc(call_python_member), address)
+end subroutine python_member_address

@@ -1,0 +1,332 @@
+! Trajectories of any number of members, driven to their ends. As many are on their way at a time as
+! there are lanes: one for a function of one point, many for a function of many points, which is
+! called once for all of them that need it. A lane whose member has ended takes the next one.
+module run
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
+                                         c_null_ptr, c_ptr
+  use, intrinsic :: iso_fortran_env, only: int64
+  use callback, only: external_events_t, python_t
+  use external_field, only: external_field_t, make_external_field
+  use frames_r64, only: frame_t
+  use interpolant_r64, only: scheme_t
+  use kinds_r64, only: wp
+  use method_r64, only: method_t
+  use output_r64, only: output_t
+  use shared_numbers, only: buffer_full, fields_operation, finished, needs_field, needs_maximum, &
+                            needs_minimum, out_of_memory, paused, raised, raised_in_python, &
+                            record_t, terminal_event
+  use trajectory_r64, only: problem_t, resume, set_start, start, trajectory_t
+  implicit none
+  private
+  public :: plan_t, run_t, begin_run, drive, file_lane, set_output, at_address, plan_at, run_at
+
+  ! A frame and a method, prepared for any number of runs
+  type :: plan_t
+    type(frame_t) :: frame
+    type(method_t) :: method
+    type(scheme_t) :: scheme
+  end type plan_t
+
+  type :: run_t
+    type(problem_t) :: problem
+    type(frame_t) :: frame                   ! that of the plan with this run's callback
+    type(python_t) :: python
+    type(external_events_t) :: events
+    logical :: batch = .false.               ! whether the field takes many points at a time
+    integer(c_intptr_t) :: function_address = 0
+    integer(c_intptr_t) :: data_address = 0  ! 0 for none
+    integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
+    real(wp) :: t0 = 0.0_wp
+    type(record_t), pointer :: record => null()
+    type(trajectory_t), allocatable :: lanes(:)
+    logical, allocatable :: busy(:)          ! (lanes)
+    integer :: next = 1                      ! the member that takes the next free lane
+    ! views of the caller's memory
+    type(output_t) :: output
+    real(wp), pointer, contiguous :: start(:, :) => null(), end(:, :) => null()   ! (point_size, members)
+    real(wp), pointer, contiguous :: reached(:) => null(), failed_at(:) => null()
+    integer(c_int64_t), pointer, contiguous :: status(:) => null(), flag(:) => null()
+    integer(c_int64_t), pointer, contiguous :: counts(:, :) => null()             ! (6, members)
+  end type run_t
+
+contains
+
+  integer(c_intptr_t) function at_address(pointer)
+    type(c_ptr), intent(in) :: pointer
+
+    at_address = transfer(pointer, at_address)
+  end function at_address
+
+  function plan_at(address) result(plan)
+    integer(c_intptr_t), intent(in) :: address
+    type(plan_t), pointer :: plan
+
+    call c_f_pointer(transfer(address, c_null_ptr), plan)
+  end function plan_at
+
+  function run_at(address) result(run)
+    integer(c_intptr_t), intent(in) :: address
+    type(run_t), pointer :: run
+
+    call c_f_pointer(transfer(address, c_null_ptr), run)
+  end function run_at
+
+  ! Finds the caller's memory, and makes as many lanes as there may be.
+  subroutine begin_run(run, lanes, keep_last)
+    type(run_t), target, intent(inout) :: run
+    integer, intent(in) :: lanes
+    logical, intent(in) :: keep_last
+    integer :: i, memory, members
+
+    associate (record => run%record, n => run%frame%point_size)
+      members = int(record%members)
+      call c_f_pointer(transfer(record%start, c_null_ptr), run%start, [n, members])
+      call c_f_pointer(transfer(record%end, c_null_ptr), run%end, [n, members])
+      call c_f_pointer(transfer(record%reached, c_null_ptr), run%reached, [members])
+      call c_f_pointer(transfer(record%failed_at, c_null_ptr), run%failed_at, [members])
+      call c_f_pointer(transfer(record%status, c_null_ptr), run%status, [members])
+      call c_f_pointer(transfer(record%flag, c_null_ptr), run%flag, [members])
+      call c_f_pointer(transfer(record%counts, c_null_ptr), run%counts, [6, members])
+      allocate (run%lanes(min(lanes, members)), run%busy(min(lanes, members)))
+      run%busy = .false.
+      do i = 1, size(run%lanes)
+        call start(run%problem, run%lanes(i), memory)
+        run%lanes(i)%keep_last = keep_last
+        if (memory /= 0) run%lanes(i)%status = out_of_memory
+      end do
+    end associate
+    call set_output(run)
+  end subroutine begin_run
+
+  ! Looks up the caller's buffers, which may have changed.
+  subroutine set_output(run)
+    type(run_t), target, intent(inout) :: run
+    integer :: dense, events, steps, wanted, members, nodes
+
+    associate (record => run%record, output => run%output, n => run%frame%point_size, &
+               m => run%frame%dimension)
+      members = int(record%members)
+      wanted = int(record%wanted)
+      steps = int(record%step_capacity)
+      dense = int(record%dense_capacity)
+      events = int(record%event_capacity)
+      nodes = run%problem%scheme%nodes
+      output%wanted = wanted
+      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [wanted])
+      call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, wanted])
+      output%every = record%every
+      output%step_capacity = record%step_capacity
+      call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
+      call c_f_pointer(transfer(record%step_y, c_null_ptr), output%step_y, [n, steps])
+      output%dense = record%dense /= 0
+      output%dense_capacity = record%dense_capacity
+      call c_f_pointer(transfer(record%dense_member, c_null_ptr), output%dense_member, [dense])
+      call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [3, dense])
+      call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2, dense])
+      call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
+                       [m, nodes + 1, dense])
+      output%event_capacity = record%event_capacity
+      output%functions = 0
+      if (associated(run%problem%events)) output%functions = int(run%problem%events%count, int64)
+      call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2, events])
+      call c_f_pointer(transfer(record%event_t, c_null_ptr), output%event_t, [events])
+      call c_f_pointer(transfer(record%event_y, c_null_ptr), output%event_y, [n, 2, events])
+    end associate
+  end subroutine set_output
+
+  ! Goes on until all members have ended, the budget is used up, or a buffer is full.
+  subroutine drive(run)
+    type(run_t), target, intent(inout) :: run
+    integer :: requests(size(run%lanes))     ! lanes that need coefficients
+    integer(int64) :: budget
+    integer :: i, count
+    logical :: waits, stops
+
+    budget = run%record%budget
+    run%output%steps = 0
+    run%output%interpolants = 0
+    run%output%events = 0
+    drive_all: do
+      count = 0
+      waits = .false.
+      stops = .false.
+      do i = 1, size(run%lanes)
+        do
+          if (.not. run%busy(i)) then
+            call take_member(run, i)
+            if (.not. run%busy(i)) exit
+          end if
+          associate (lane => run%lanes(i))
+            if (any(lane%status == [needs_minimum, needs_maximum])) then
+              waits = .true.
+              exit
+            end if
+            call resume(run%problem, lane, run%output, budget)
+            if (run%record%raised /= 0) lane%status = raised
+            select case (lane%status)
+            case (needs_field)
+              count = count + 1
+              requests(count) = i
+              exit
+            case (needs_minimum, needs_maximum)
+              waits = .true.
+              exit
+            case (paused, buffer_full)
+              stops = .true.
+              exit
+            case default
+              call file_lane(run, i)
+              run%busy(i) = .false.
+              run%record%ended = run%record%ended + 1
+              if (lane%status == raised) then
+                run%record%raised = 1
+                exit drive_all
+              end if
+            end select
+          end associate
+        end do
+      end do
+      if (count > 0) then
+        call evaluate(run, requests(:count))
+      else if (waits .and. .not. stops) then
+        call share(run)
+      else
+        exit
+      end if
+    end do drive_all
+    call tell(run, budget)
+  end subroutine drive
+
+  ! The next member takes a free lane.
+  subroutine take_member(run, i)
+    type(run_t), target, intent(inout) :: run
+    integer, intent(in) :: i
+
+    if (run%next > size(run%start, 2)) return
+    associate (lane => run%lanes(i), member => run%next)
+      lane%member = member
+      lane%nfev = 0
+      lane%nexp = 0
+      lane%njev = 0
+      lane%nlu = 0
+      lane%steps = 0
+      lane%rejected = 0
+      lane%attempts = 0
+      lane%used = 0
+      call set_start(run%t0, run%start(:, member), run%problem%first_step, lane)
+      if (run%output%wanted > 0) then
+        if (.not. abs(run%output%times(1) - run%t0) > 0) then
+          run%output%y(:, member, 1) = lane%y(:, 0)
+          lane%used = 1
+        end if
+      end if
+      run%busy(i) = .true.
+      run%next = run%next + 1
+    end associate
+  end subroutine take_member
+
+  ! Writes down where the member of a lane has got to.
+  subroutine file_lane(run, i)
+    type(run_t), intent(inout) :: run
+    integer, intent(in) :: i
+
+    associate (lane => run%lanes(i))
+      run%end(:, lane%member) = lane%y(:, 0)
+      run%reached(lane%member) = lane%t
+      run%status(lane%member) = int(lane%status, c_int64_t)
+      run%flag(lane%member) = int(lane%flag, c_int64_t)
+      run%failed_at(lane%member) = lane%failed_at
+      run%counts(:, lane%member) = [lane%nfev, lane%nexp, lane%njev, lane%nlu, lane%steps, &
+                                    lane%rejected]
+    end associate
+  end subroutine file_lane
+
+  subroutine tell(run, budget)
+    type(run_t), intent(inout) :: run
+    integer(int64), intent(in) :: budget               ! what is left of it
+    integer :: i
+
+    run%record%covered = 0.0_c_double
+    do i = 1, size(run%lanes)
+      if (.not. run%busy(i)) cycle
+      run%record%covered = run%record%covered + abs(run%lanes(i)%t - run%t0)
+      call file_lane(run, i)
+    end do
+    run%record%budget = max(budget, 0_int64)
+    run%record%steps = run%output%steps
+    run%record%interpolants = run%output%interpolants
+    run%record%events = run%output%events
+  end subroutine tell
+
+  ! What trajectories with common steps wait for
+  subroutine share(run)
+    type(run_t), intent(inout) :: run
+    real(wp) :: shared
+    integer :: kind, i
+
+    kind = 0
+    shared = 0.0_wp
+    do i = 1, size(run%lanes)
+      if (.not. run%busy(i)) cycle
+      if (kind == 0) then
+        kind = run%lanes(i)%status
+        shared = run%lanes(i)%shared
+      else if (kind == needs_minimum) then
+        shared = min(shared, run%lanes(i)%shared)
+      else
+        shared = max(shared, run%lanes(i)%shared)
+      end if
+    end do
+    do i = 1, size(run%lanes)
+      run%lanes(i)%shared = shared
+      if (run%busy(i)) run%lanes(i)%status = paused
+    end do
+  end subroutine share
+
+  ! The coefficients that lanes need
+  subroutine evaluate(run, requests)
+    type(run_t), target, intent(inout) :: run
+    integer, contiguous, intent(in) :: requests(:)
+    type(external_field_t) :: field
+    integer :: i
+
+    associate (n => run%frame%point_size, m => run%frame%dimension)
+      if (run%batch) then
+        call evaluate_together(run, requests)
+        return
+      end if
+      do i = 1, size(requests)
+        associate (lane => run%lanes(requests(i)))
+          call make_external_field(run%function_address, run%data_address &
+                                   + int(lane%member - 1, c_intptr_t) * run%data_stride, field)
+          call field%coefficients(n, m, lane%want_t, lane%want, lane%got, lane%flag)
+        end associate
+      end do
+    end associate
+  end subroutine evaluate
+
+  subroutine evaluate_together(run, requests)
+    type(run_t), intent(inout) :: run
+    integer, contiguous, intent(in) :: requests(:)
+    real(wp), allocatable :: where(:, :), points(:), slopes(:)
+    integer :: i
+
+    associate (n => run%frame%point_size, m => run%frame%dimension, k => size(requests))
+      allocate (where(k, 2), points(n * k), slopes(m * k))
+      do i = 1, k
+        associate (lane => run%lanes(requests(i)))
+          where(i, :) = [lane%want_t, real(lane%member - 1, wp)]
+          points((i - 1) * n + 1:i * n) = lane%want
+        end associate
+      end do
+      call run%python%apply(fields_operation, reshape(where, [2 * k]), points, slopes)
+      do i = 1, k
+        associate (lane => run%lanes(requests(i)))
+          lane%got = slopes((i - 1) * m + 1:i * m)
+          lane%flag = 0
+        end associate
+      end do
+    end associate
+  end subroutine evaluate_together
+
+end module run
