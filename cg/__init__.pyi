@@ -11,6 +11,7 @@ from .integration import (
     ConvergenceError,
     DenseOutput,
     Solution,
+    Stepper,
     StepTooLongError,
     EnsembleSolution,
     Event,
@@ -35,6 +36,8 @@ __all__ = [
     "ConvergenceError",
     "DenseOutput",
     "Diagnosis",
+    "EnsembleSolution",
+    "Event",
     "LiftError",
     "Lifted",
     "Method",
@@ -42,6 +45,7 @@ __all__ = [
     "MuntheKaas",
     "Solution",
     "StepTooLongError",
+    "Stepper",
     "Structure",
     "Tableau",
     "TableauError",
@@ -58,6 +62,7 @@ __all__ = [
     "plot",
     "problems",
     "search",
+    "solve_ensemble",
     "solve_ivp",
 ]
 
