@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import cg
-from cg.integration import Solution
+from cg.integration import EnsembleSolution, Solution
 from cg.integration.compiled_rhs import compiled_rhs
 from cg.problems import HeavyTop
 
@@ -33,33 +33,31 @@ def run(quick: bool, figures: Path | None) -> Result:
         compiled = CompiledTop(top, Path(folder))
         called = compiled_rhs(compiled.f)
         assert called is not None
-        on_frame = called.on(top.frame, (), None)
+        on_frame = called.on(top.frame, None)
 
         def from_python(t: float, y: Any) -> Any:
             return on_frame(t, y)
 
-        def solve(f: Any, y0: Any = top.y0, **options: Any) -> Solution:
-            return cg.solve_ivp(
-                f,
-                (0.0, _END),
-                y0,
-                frame=top.frame,
-                method=_METHOD,
-                rtol=_TOLERANCE,
-                atol=_TOLERANCE,
-                **options,
-            )
+        settings: dict[str, Any] = {
+            "frame": top.frame, "method": _METHOD, "rtol": _TOLERANCE, "atol": _TOLERANCE,
+        }  # fmt: skip
 
-        contestants: dict[str, Callable[[], Solution]] = {
+        def solve(f: Any) -> Solution:
+            return cg.solve_ivp(f, (0.0, _END), top.y0, **settings)
+
+        def solve_many() -> EnsembleSolution:
+            return cg.solve_ensemble(compiled.f, (0.0, _END), ensemble, t_eval=[_END], **settings)
+
+        contestants: dict[str, Callable[[], Solution | EnsembleSolution]] = {
             "compiled": lambda: solve(compiled.f),
             "called": lambda: solve(from_python),
             "Python": lambda: solve(top.f),
-            "ensemble": lambda: solve(compiled.f, ensemble, t_eval=[_END]),
+            "ensemble": solve_many,
         }
         found = {name: contestant() for name, contestant in contestants.items()}
         times = measure(contestants, rounds=rounds, seconds=0.15)
     exact = np.array(top.reference([_END]).y)[0]
-    steps = {name: solution.steps for name, solution in found.items()}
+    steps = {name: int(np.sum(solution.steps)) for name, solution in found.items()}
 
     def row(name: str, other: str, quantity: str, against: str) -> Row:
         return Row(

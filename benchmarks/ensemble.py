@@ -48,42 +48,36 @@ def run(quick: bool, figures: Path | None) -> Result:
     rng = np.random.default_rng(1)
     many = top.frame.random_point(rng, (members,))
 
-    def integrate(right_side: object, y0: NDArray[np.float64], steps: int) -> None:
+    def integrate(right_side: Any, steps: int) -> None:
         cg.integrate(
-            right_side,  # type: ignore[arg-type]
-            (0.0, steps * _H),
-            y0,
-            frame=top.frame,
-            method=method,
-            h=_H,
+            right_side, (0.0, steps * _H), top.y0, frame=top.frame, method=method, h=_H,
             save_every=steps,
-        )
+        )  # fmt: skip
 
-    def choose(right_side: object, y0: NDArray[np.float64], output: str) -> None:
+    def integrate_many(right_side: Any, vectorized: bool) -> None:
+        cg.solve_ensemble(
+            right_side, (0.0, _STEPS * _H), many, frame=top.frame, method=method, h=_H,
+            vectorized=vectorized,
+        )  # fmt: skip
+
+    def choose(right_side: Any, y0: NDArray[np.float64], output: str) -> None:
         """Integrate in steps that each top chooses."""
-        cg.solve_ivp(
-            right_side,  # type: ignore[arg-type]
-            _SPAN,
-            y0,
-            frame=top.frame,
-            rtol=1e-8,
-            **_OUTPUT[output],
-        )
+        cg.solve_ensemble(right_side, _SPAN, y0, frame=top.frame, rtol=1e-8, **_OUTPUT[output])
 
-    def loop(right_side: object, y0: NDArray[np.float64], output: str) -> None:
+    def loop(right_side: Any, y0: NDArray[np.float64], output: str) -> None:
         for point in y0:
-            choose(right_side, point, output)
+            cg.solve_ivp(right_side, _SPAN, point, frame=top.frame, rtol=1e-8, **_OUTPUT[output])
 
     few = many[: members // 20]
     with tempfile.TemporaryDirectory() as folder:
         compiled = CompiledTop(top, Path(folder)).f
-        many_steps, alone = _STEPS, {"NumPy": 500, "compiled": 20_000}
+        alone = {"NumPy": 500, "compiled": 20_000}
         times = measure(
             {
-                "NumPy, many": lambda: integrate(f, many, many_steps),
-                "NumPy, one": lambda: integrate(f, top.y0, alone["NumPy"]),
-                "compiled, many": lambda: integrate(compiled, many, many_steps),
-                "compiled, one": lambda: integrate(compiled, top.y0, alone["compiled"]),
+                "NumPy, many": lambda: integrate_many(f, True),
+                "NumPy, one": lambda: integrate(f, alone["NumPy"]),
+                "compiled, many": lambda: integrate_many(compiled, False),
+                "compiled, one": lambda: integrate(compiled, alone["compiled"]),
             },
             rounds=rounds,
             seconds=0.2,
@@ -104,7 +98,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         ("NumPy", "right-hand side in NumPy"),
         ("compiled", "compiled right-hand side"),
     ):
-        each = members * many_steps
+        each = members * _STEPS
         rows.append(
             Row(
                 f"{quantity}, {members} tops",
@@ -128,7 +122,7 @@ def run(quick: bool, figures: Path | None) -> Result:
     ]
     return Result(
         "Ensembles",
-        f"CG4a on {members} tops with random attitudes and momenta, {many_steps} steps, one "
+        f"CG4a on {members} tops with random attitudes and momenta, {_STEPS} steps, one "
         f"thread; steps of their own: the default method, rtol 1e-8, t from 0 to 1. Medians of "
         f"{rounds} rounds.",
         tuple(rows),

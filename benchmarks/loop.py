@@ -11,7 +11,7 @@ from scipy.integrate import DOP853, solve_ivp
 
 import cg
 from cg.frames import SO3, Euclidean, Product
-from cg.integration import Solution, Trajectory
+from cg.integration import Solution
 
 from .record import Aim, Result, Row
 from .timing import Times, measure
@@ -40,7 +40,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         _FRAME.split(y)
         return constant
 
-    def fixed(f: Callable[..., Any], method: str) -> Callable[[], Trajectory]:
+    def fixed(f: Callable[..., Any], method: str) -> Callable[[], Solution]:
         return lambda: cg.integrate(f, span, y0, frame=_FRAME, method=method, h=_H)
 
     def adaptive(method: str) -> Callable[[], Solution]:

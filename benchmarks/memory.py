@@ -66,7 +66,7 @@ with TemporaryDirectory() as folder:
         shape = (1, members, *top.frame.point_shape)
         out = np.lib.format.open_memmap(f"{folder}/{name}.npy", "w+", shape=shape)
         y0 = np.broadcast_to(top.y0, (members, *top.frame.point_shape))
-        return lambda: cg.solve_ivp(
+        return lambda: cg.solve_ensemble(
             f, (0.0, 0.1), y0, frame=top.frame, method="CG4a", h=0.02, t_eval=[0.1],
             workers=2, out=out,
         )

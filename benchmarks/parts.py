@@ -21,10 +21,8 @@ import cg
 from cg.catalogue import resolve_method
 from cg.frames import SE3, SO3, SU, Euclidean, Frame, Product, UnitQuaternion
 from cg.integration.blocks import block_constants, describe_blocks
-from cg.integration.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.compiled_rhs import compiled_rhs
 from cg.integration.paths import paths_of
-from cg.integration.problem import make_problem
-from cg.integration.time_grid import make_grid
 from cg.problems import HeavyTop
 
 from .compiled_top import CompiledTop
@@ -163,12 +161,13 @@ def _parts(
 
         return call
 
-    problem = make_problem(f, frame, "CF4", y0, stage_solver=DEFAULT_STAGE_SOLVER)
-    stepper = problem.stepper(make_grid((0.0, 1.0), 1.0))
-    t = np.zeros(_COUNT)
+    found = compiled_rhs(f)
+    assert found is not None
+    addresses = found.on(frame, None).addresses()
+    rows, coefficients = flat.reshape(_COUNT, -1), np.empty((_COUNT, frame.dim))
     return (
         flows,
-        lambda: stepper.evaluate(t, points),
+        lambda: core.call_field(*addresses, 0.0, rows.T, coefficients.T),
         lambda: core.dexpinv(blocks, order, u, v.copy()),
     )
 
@@ -204,9 +203,9 @@ def _cores(compiled: CompiledTop, rounds: int, quick: bool) -> Row:
     for _ in range(rounds):
         for workers, found in seconds.items():
             begin = time.perf_counter()
-            cg.integrate(
+            cg.solve_ensemble(
                 compiled.f, (0.0, 100 * _H), points, frame=top.frame, method="CF4", h=_H,
-                save_every=100, workers=workers,
+                workers=workers,
             )  # fmt: skip
             found.append(time.perf_counter() - begin)
     ratios = [0.5 * one / two for one, two in zip(seconds[1], seconds[2], strict=True)]

@@ -89,7 +89,7 @@ def _cases(quick: bool, folder: Path) -> dict[str, Call]:
         )
 
     def ensemble(pool: Executor, workers: int) -> object:
-        return cg.solve_ivp(
+        return cg.solve_ensemble(
             f, (0.0, 1.0), tops, frame=top.frame, rtol=1e-8, t_eval=[1.0],
             executor=pool, workers=workers,
         )  # fmt: skip
@@ -219,14 +219,18 @@ def _ensembles(quick: bool) -> list[Row]:
         f = CompiledTop(top, Path(folder)).f
 
         def seconds(members: int, repeat: int, workers: int | None) -> float:
-            y0 = top.y0 if workers is None else many[:members]
+            settings: dict[str, Any] = {
+                "frame": top.frame, "method": "CG4a", "h": h, "t_eval": [steps * h],
+            }  # fmt: skip
 
             def call() -> None:
                 for _ in range(repeat):
-                    cg.solve_ivp(
-                        f, (0.0, steps * h), y0, frame=top.frame, method="CG4a", h=h,
-                        t_eval=[steps * h], workers=workers,
-                    )  # fmt: skip
+                    if workers is None:
+                        cg.solve_ivp(f, (0.0, steps * h), top.y0, **settings)
+                    else:
+                        cg.solve_ensemble(
+                            f, (0.0, steps * h), many[:members], workers=workers, **settings
+                        )
 
             return _clock(call) / (repeat * members)
 
