@@ -157,7 +157,7 @@ subroutine loop_set_output(address)
   call set_output(run)
 end subroutine loop_set_output
 
-! The single trajectory of a run goes on, up to other ends of segments.
+! All trajectories of a run that has as many lanes as members go on, up to other ends of segments.
 subroutine loop_continue(address, segments, stops)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use kinds_r64, only: wp
@@ -168,34 +168,42 @@ subroutine loop_continue(address, segments, stops)
   integer, intent(in) :: segments
   real(wp), intent(in) :: stops(segments)
   type(run_t), pointer :: run
+  integer :: i
 
   run => run_at(address)
   run%problem%stops = stops
-  call go_on(run%lanes(1))
-  run%busy(1) = .true.
+  do i = 1, size(run%lanes)
+    call go_on(run%lanes(i))
+  end do
+  run%busy = .true.
+  run%next = size(run%lanes) + 1
 end subroutine loop_continue
 
-! It goes on from another point or time, or with other data of the field.
-subroutine loop_restart(address, n, t, y, first_step, data_address)
+! They go on from other points or another time, and with other data of the field.
+subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use kinds_r64, only: wp
   use run, only: run_at, run_t
   use trajectory_r64, only: set_start
   implicit none
   integer(c_intptr_t), intent(in) :: address
-  integer, intent(in) :: n
-  real(wp), intent(in) :: t, y(n)
+  integer, intent(in) :: n, members
+  real(wp), intent(in) :: t, y(n, members)
   real(wp), intent(in) :: first_step                   ! zero to choose it
   integer(c_intptr_t), intent(in) :: data_address
   type(run_t), pointer :: run
+  integer :: i
 
   run => run_at(address)
   run%data_address = data_address
-  call set_start(t, y, first_step, run%lanes(1))
-  run%busy(1) = .true.
+  do i = 1, members
+    call set_start(t, y(:, i), first_step, run%lanes(i))
+  end do
+  run%busy = .true.
+  run%next = members + 1
 end subroutine loop_restart
 
-! Asks for the interpolant of the last step, which the next call of loop_drive keeps.
+! Asks for the interpolants of the last steps, which the next call of loop_drive keeps.
 subroutine loop_interpolate(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run, only: run_at, run_t
@@ -203,14 +211,17 @@ subroutine loop_interpolate(address)
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
+  integer :: i
 
   run => run_at(address)
-  call request_interpolant(run%problem, run%lanes(1))
-  run%busy(1) = .true.
+  do i = 1, size(run%lanes)
+    call request_interpolant(run%problem, run%lanes(i))
+  end do
+  run%busy = .true.
 end subroutine loop_interpolate
 
-! All that the single trajectory of a run needs to go on bit for bit: read, or written
-subroutine loop_state(address, write, n, m, reals, integers, points, slopes)
+! All that trajectories need to go on bit for bit: read, or written
+subroutine loop_state(address, write, n, m, members, reals, integers, points, slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
   use kinds_r64, only: wp
   use run, only: run_at, run_t
@@ -218,20 +229,24 @@ subroutine loop_state(address, write, n, m, reals, integers, points, slopes)
   implicit none
   integer(c_intptr_t), intent(in) :: address
   logical, intent(in) :: write
-  integer, intent(in) :: n, m
-  real(wp), intent(inout) :: reals(6)
-  integer(c_int64_t), intent(inout) :: integers(9)
-  real(wp), intent(inout) :: points(n, 2), slopes(m, 2)
+  integer, intent(in) :: n, m, members
+  real(wp), intent(inout) :: reals(6, members)
+  integer(c_int64_t), intent(inout) :: integers(9, members)
+  real(wp), intent(inout) :: points(n, 2, members), slopes(m, 2, members)
   type(run_t), pointer :: run
+  integer :: i
 
   run => run_at(address)
-  if (write) then
-    call load_state(run%lanes(1), reals, integers, points, slopes)
-    run%busy(1) = .true.
-    run%next = 2
-  else
-    call save_state(run%lanes(1), reals, integers, points, slopes)
-  end if
+  do i = 1, members
+    if (write) then
+      call load_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
+    else
+      call save_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
+    end if
+  end do
+  if (.not. write) return
+  run%busy = .true.
+  run%next = members + 1
 end subroutine loop_state
 
 ! Points of the solution within steps whose interpolants were kept

@@ -92,6 +92,7 @@ contains
       do i = 1, size(run%lanes)
         call start(run%problem, run%lanes(i), memory)
         run%lanes(i)%keep_last = keep_last
+        run%lanes(i)%member = i
         if (memory /= 0) run%lanes(i)%status = out_of_memory
       end do
     end associate
@@ -253,6 +254,7 @@ contains
       call file_lane(run, i)
     end do
     run%record%budget = max(budget, 0_int64)
+    run%record%step_size = run%lanes(1)%h
     run%record%steps = run%output%steps
     run%record%interpolants = run%output%interpolants
     run%record%events = run%output%events

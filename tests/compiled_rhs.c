@@ -113,3 +113,13 @@ int overwrites(double t, const double *y, double *f, void *user_data)
     ((double *)y)[0] = 17.0;
     return 0;
 }
+
+// f_i = rate cos(t + i) + weight y[(5 i + 1) mod n]; the data are rate, weight, dim, n
+int driven(double t, const double *y, double *f, void *user_data)
+{
+    const double *data = user_data;
+    int dim = (int)data[2], n = (int)data[3];
+    for (int i = 0; i < dim; i++)
+        f[i] = data[0] * cos(t + i) + data[1] * y[(5 * i + 1) % n];
+    return 0;
+}

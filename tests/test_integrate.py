@@ -4,14 +4,14 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from equal_grids import make_grid, times
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from cg.catalogue import methods
 from cg.frames import SO3, Euclidean, Product
-from cg.integration import Trajectory, integrate
+from cg.integration import Solution, integrate
 from cg.integration.paths import paths_of
-from cg.integration.time_grid import make_grid
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 
@@ -118,11 +118,13 @@ def test_zero_coefficients_cost_no_flow():
 def test_result_is_frozen_and_complete():
     y0 = np.eye(3)
     solution = solve(y0=y0)
-    assert isinstance(solution, Trajectory)
+    assert isinstance(solution, Solution)
     assert solution.t.shape == (11,)
     assert solution.y.shape == (11, 3, 3)
     assert solution.method is methods["CG3"]
     assert solution.h == 0.1
+    assert (solution.steps, solution.nrejected, solution.status, solution.success) == (10, 0, 0, True)
+    assert (solution.sol, solution.t_events, solution.y_events, solution.y_after) == (None,) * 4
     with pytest.raises(AttributeError):
         solution.nfev = 0
     for array in (solution.t, solution.y):
@@ -176,7 +178,7 @@ def test_empty_span_is_the_initial_point():
 @example(start=7.0, steps=155, h=3.3458908554794844, backward=True)
 def test_grid_of_whole_steps_has_no_sliver_at_the_end(start, steps, h, backward):
     stop = start - steps * h if backward else start + steps * h
-    t = make_grid((start, stop), h).times
+    t = times((start, stop), h)
     assert len(t) == steps + 1
     assert (t[0], t[-1]) == (start, stop)
     np.testing.assert_allclose(
@@ -186,7 +188,7 @@ def test_grid_of_whole_steps_has_no_sliver_at_the_end(start, steps, h, backward)
 
 @given(start=st.floats(-10, 10), span=st.floats(1e-3, 10), h=st.floats(1e-3, 20))
 def test_grid_steps_are_h_but_for_a_shorter_last(start, span, h):
-    t = make_grid((start, start + span), h).times
+    t = times((start, start + span), h)
     sizes = np.diff(t)
     assert (t[0], t[-1]) == (start, start + span)
     np.testing.assert_allclose(sizes[:-1], h, rtol=0, atol=1e-13)
@@ -351,7 +353,7 @@ def test_elapsed_time_is_right_to_rounding_of_time(start, span, parts):
     h = (stop - start) / parts
     assume(h > 4 * np.spacing(abs(stop)))
     grid = make_grid((start, stop), h)
-    elapsed = (grid.steps - 1) * Fraction(grid.h) + Fraction(grid.last)
+    elapsed = (grid.steps - 1) * Fraction(h) + Fraction(grid.last)
     off = abs(elapsed - (Fraction(stop) - Fraction(start)))
     assert off <= np.spacing(max(abs(start), abs(stop))) + grid.steps * np.spacing(h)
 

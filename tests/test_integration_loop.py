@@ -4,12 +4,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from equal_grids import make_grid
 
 import cg
 from cg.frames import SO3, Euclidean, Stiefel
-from cg.integration.interpolant import result_flows
-from cg.integration.interpolation import extra_evaluations, node_count
-from cg.integration.time_grid import make_grid
+from cg.integration.interpolant import extra_evaluations, node_count, result_flows
 
 EXTRA = {
     **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},

@@ -8,6 +8,7 @@ from cg.integration.implicit import ConvergenceError
 from cg.integration.ivp import integrate, solve_ivp
 from cg.integration.python_rhs import StepTooLongError
 from cg.integration.results import EnsembleSolution, Solution
+from cg.integration.stepper import Stepper
 
 __all__ = [
     "CompiledFunction",
@@ -17,6 +18,7 @@ __all__ = [
     "Event",
     "Solution",
     "StepTooLongError",
+    "Stepper",
     "integrate",
     "solve_ensemble",
     "solve_ivp",

@@ -325,3 +325,13 @@ def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
         )
     inside = (sign * (times - start) > 0.0) & (sign * (times - stop) < 0.0)
     return np.append(times[inside], stop)
+
+
+def check_real_time(value: Any, name: str, *, infinite: bool = True) -> float:
+    """Return a time; TypeError or ValueError if it is none, or infinite where it must not be."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a real number, got {value!r}")
+    time = as_float(value)
+    if math.isnan(time) or (math.isinf(time) and not infinite):
+        raise ValueError(f"{name} must be a{'' if infinite else ' finite'} number, got {value!r}")
+    return time

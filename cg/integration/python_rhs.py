@@ -89,13 +89,19 @@ class PythonRhs:
         self.args = args
         self.parameters = parameters
         self.together = together
-        spare = [None]
-        if parameters is None or together:
+        self._spare = [None]
+        self.set_args(args)
+
+    def set_args(self, args: tuple[Any, ...]) -> None:
+        """Take other further arguments."""
+        self.args = args
+        if self.parameters is None or self.together:
             rows: list[tuple[Any, ...]] = [args]
         else:
-            rows = [(*args, row) for row in parameters]
+            rows = [(*args, row) for row in self.parameters]
+        frame = self.frame
         self._contexts = [
-            (f, row, frame.point_shape, frame.dtype.num, (frame.dim,), self.check, spare)
+            (self.f, row, frame.point_shape, frame.dtype.num, (frame.dim,), self.check, self._spare)
             for row in rows
         ]
         self._pointers = np.array([id(context) for context in self._contexts])

@@ -120,6 +120,8 @@ class Run:
         How implicit stages are found.
     keep_last
         Whether the interpolant of the last step may be asked for.
+    lanes
+        How many members are on their way at the same time, by default as few as serve.
 
     Attributes
     ----------
@@ -145,6 +147,7 @@ class Run:
         common: bool = False,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
         keep_last: bool = False,
+        lanes: int | None = None,
     ) -> None:
         import cg._external as core
 
@@ -174,7 +177,8 @@ class Run:
             self._give("y", output.y)
         self._capacity = output.capacity or _FEW
         self._make_buffers(self._capacity)
-        lanes = members if common else _LANES if rhs.together else 1
+        if lanes is None:
+            lanes = members if common else _LANES if rhs.together else 1
         table = EventTable(None, plan.frame, lambda _: ()) if events is None else events
         self.callbacks = self._callbacks(table, stage_solver)
         none = len(table) == 0
@@ -305,6 +309,19 @@ class Run:
             shapes = (3,), (2, plan.width), ((plan.nodes + 1) * plan.frame.dim,)
             member, arrays = np.empty(0, dtype=np.int64), [np.empty((0, *s)) for s in shapes]
         return Steps(plan, member - 1, *arrays)
+
+    def forget_interpolants(self) -> None:
+        """Take no more interpolants."""
+        self._dense.clear()
+        self.record.dense_capacity = 0
+
+    def replace_rhs(self, rhs: CompiledRhs | PythonRhs) -> None:
+        """Take another right-hand side of the same kind, whose addresses compiled code is told."""
+        self.rhs = rhs
+        if self.callbacks.stages is not None:
+            self.callbacks.stages.rhs = rhs.at_member
+        if rhs.together:
+            self.callbacks.fields = rhs.at_members
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
         """Return which event of which member happened when and where.

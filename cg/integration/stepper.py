@@ -1,0 +1,461 @@
+"""Steps taken one at a time, with the contract of SciPy's OdeSolver."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import LowLevelCallable
+
+from cg.checks import check_flag
+from cg.frames.arrays import Points
+from cg.frames.base import Frame
+from cg.integration.arguments import check_args, check_real_time, check_step, check_stops
+from cg.integration.choice import AUTO
+from cg.integration.compiled_function import CompiledFunction
+from cg.integration.dense import DenseOutput, EnsembleOutput
+from cg.integration.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.plan import plan_of
+from cg.integration.problem import make_problem, make_rhs
+from cg.integration.python_rhs import Coefficients
+from cg.integration.run import Output, Run
+from cg.method import Method
+from cg.shared_numbers import Stop
+
+__all__ = ["Stepper"]
+
+_FAR = 2.0**40  # steps of fixed size, where no end is given
+_NO_LIMIT = 2**62
+_MANY = 2**30
+
+
+class Stepper:
+    """An integration that is taken step by step, or from time to time.
+
+    Parameters
+    ----------
+    f, frame, method, rtol, atol, h, max_step, first_step, args, breakpoints, stage_solver
+        As for `cg.solve_ivp`.
+    t0
+        Initial time.
+    y0
+        Initial point, shape ``frame.point_shape``, or those of the members of an ensemble, which
+        have one leading axis.
+    t_bound
+        Where steps end.  By default there is no end, and time increases.
+    parameters
+        As for `cg.solve_ivp`, of an ensemble for `cg.solve_ensemble`.
+    vectorized, common_steps
+        As for `cg.solve_ensemble`.
+
+    Attributes
+    ----------
+    t, y
+        Where the integration has got to; ``y`` is a read-only copy.
+    t_old
+        Where the last step began, None before the first one.
+    step_size
+        Absolute size of the last step, None before the first one.
+    direction
+        1.0 or -1.0.
+    n
+        Number of coefficients, ``frame.dim``.
+    status
+        ``"running"``, ``"finished"`` at ``t_bound``, or ``"failed"``.
+    nfev, njev, nlu, nexp, nrejected
+        What it took so far; of an ensemble sums over the members.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `cg.solve_ivp` does.
+
+    Examples
+    --------
+    A control law that is sampled every tenth of a second:
+
+    >>> import numpy as np
+    >>> import cg
+    >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
+    >>> def f(t, y, torque):
+    ...     return np.concatenate([y[4:], torque])
+    >>> stepper = cg.Stepper(
+    ...     f, 0.0, [0, 0, 0, 1, 0.3, 0, 0.1], frame=frame, method="CF4", h=0.1,
+    ...     args=(np.zeros(3),),
+    ... )
+    >>> for k in range(1, 101):
+    ...     stepper.restart(args=(-0.5 * stepper.y[:3] - stepper.y[4:],))
+    ...     stepper.advance(0.1 * k)
+    >>> bool(np.abs(stepper.y[4:]).max() < 0.02)
+    True
+    """
+
+    def __init__(
+        self,
+        f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
+        t0: float,
+        y0: ArrayLike,
+        t_bound: float = math.inf,
+        *,
+        frame: Frame,
+        method: str | Method = AUTO,
+        rtol: float | None = None,
+        atol: ArrayLike | None = None,
+        h: float | None = None,
+        max_step: float = math.inf,
+        first_step: float | None = None,
+        args: Iterable[Any] | None = None,
+        parameters: ArrayLike | None = None,
+        breakpoints: ArrayLike | None = None,
+        stage_solver: str = DEFAULT_STAGE_SOLVER,
+        vectorized: bool = False,
+        common_steps: bool = False,
+    ) -> None:
+        start = check_real_time(t0, "t0", infinite=False)
+        bound = check_real_time(t_bound, "t_bound")
+        self.direction = -1.0 if bound < start else 1.0
+        together = check_flag("vectorized", vectorized)
+        common = check_flag("common_steps", common_steps)
+        many = np.ndim(y0) > len(getattr(frame, "point_shape", ()))
+        if (together or common) and not many:
+            raise ValueError("vectorized and common_steps must be False for a single point")
+        problem = make_problem(
+            f, (start, start + self.direction), y0, frame=frame, method=method, args=args,
+            parameters=parameters, many=many, together=together, common=common, h=h, rtol=rtol,
+            atol=atol, max_step=max_step, first_step=None, stage_solver=stage_solver,
+        )  # fmt: skip
+        self.f = f
+        self.frame = frame
+        self.method = problem.plan.method
+        self.t_bound = bound
+        self._many = many
+        self._common = common
+        self._stage_solver = stage_solver
+        self._control = problem.control
+        self._first_step = None if first_step is None else check_step(first_step, "first_step")
+        end = bound
+        if math.isinf(bound) and h is not None:
+            end = start + self.direction * _FAR * float(h)
+        self._stops = check_stops(breakpoints, start, end)
+        self._args = problem.args
+        self._rhs = problem.rhs
+        self.t_old: float | None = None
+        self.step_size: float | None = None
+        self.status = "running" if start != bound else "finished"
+        self._run = self._make_run(start, problem.points)
+
+    def _make_run(self, t: float, points: Points) -> Run:
+        from dataclasses import replace
+
+        control = replace(self._control, first_step=self._first_step, max_steps=_NO_LIMIT)
+        run = Run(
+            plan_of(self.frame, self.method), self._rhs, points, t, self._stops, control,
+            Output(), common=self._common, stage_solver=self._stage_solver, keep_last=True,
+            lanes=len(points),
+        )  # fmt: skip
+        self._core = run._core
+        self._on_way = True  # whether compiled code has the ends of `_stops`
+        self.t = t
+        return run
+
+    @property
+    def y(self) -> Points:
+        """Where the integration has got to, a read-only copy."""
+        run = self._run
+        lead = (run.members,) if self._many else ()
+        points = run.plan.points(run.end.copy(), lead)
+        points.flags.writeable = False
+        return points
+
+    @property
+    def n(self) -> int:
+        """Number of coefficients."""
+        return self.frame.dim
+
+    def __repr__(self) -> str:
+        return f"Stepper(t={self.t:g}, status={self.status!r}, method={self.method.name!r})"
+
+    def _count(self, k: int) -> int:
+        return int(self._run.counts[:, k].sum())
+
+    nfev = property(lambda self: self._count(0), doc="Evaluations of the coefficients.")
+    nexp = property(lambda self: self._count(1), doc="Flows.")
+    njev = property(lambda self: self._count(2), doc="Jacobians of stage equations.")
+    nlu = property(lambda self: self._count(3), doc="Factorisations of them.")
+    nrejected = property(lambda self: self._count(5), doc="Rejected steps.")
+
+    def step(self) -> str | None:
+        """Take one step.
+
+        Returns
+        -------
+        str or None
+            Why the step couldn't be taken, None if it was.
+
+        Raises
+        ------
+        RuntimeError
+            If the integration has ended, or its members have steps of their own.
+        """
+        run = self._run
+        if self._many and not self._common:
+            raise RuntimeError(
+                "step is for one point or common_steps; members with steps of their own advance(t)"
+            )
+        self._check_running()
+        if not self._on_way:
+            self._continue(self._stops)
+            self._on_way = True
+        before, begin = self._count(4), self.t
+        while self._count(4) == before:
+            run.record.budget = run.members
+            run.call()
+            message = self._settle()
+            if message is not None:
+                return message
+        self.t = float(run.reached[0])
+        self.t_old = begin
+        self.step_size = abs(self.t - begin)
+        if self.t == self.t_bound:
+            self.status = "finished"
+        return None
+
+    def advance(self, t: float) -> str | None:
+        """Take steps up to a time, at which the last one ends.
+
+        A step that is shortened to end there doesn't shorten the next one.
+
+        Parameters
+        ----------
+        t
+            Time, not before ``.t`` and not beyond ``t_bound``.
+
+        Returns
+        -------
+        str or None
+            Why it wasn't reached, None if it was.
+
+        Raises
+        ------
+        ValueError
+            If ``t`` lies before ``.t`` or beyond ``t_bound``.
+        RuntimeError
+            If the integration has ended.
+        """
+        target = check_real_time(t, "t", infinite=False)
+        if self.direction * (target - self.t) < 0.0 or (
+            self.direction * (target - self.t_bound) > 0.0
+        ):
+            raise ValueError(f"t must lie between {self.t:g} and {self.t_bound:g}, got {t!r}")
+        if target == self.t:
+            return None
+        self._check_running()
+        inside = self.direction * (self._stops - target) < 0.0
+        self._continue(np.append(self._stops[inside & (self.direction * (self._stops - self.t) > 0.0)], target))
+        self._on_way = False
+        run = self._run
+        while run.record.ended < run.members:
+            run.record.budget = _MANY
+            run.call()
+            message = self._settle()
+            if message is not None:
+                return message
+        size = abs(run.record.step_size)
+        self.t, self.step_size = target, size
+        self.t_old = target - self.direction * size
+        if target == self.t_bound:
+            self.status = "finished"
+        return None
+
+    def restart(
+        self,
+        *,
+        t: float | None = None,
+        y: ArrayLike | None = None,
+        args: Iterable[Any] | None = None,
+        parameters: ArrayLike | None = None,
+        first_step: float | None = None,
+    ) -> None:
+        """Go on from another time or point, or with other arguments of ``f``.
+
+        What isn't given stays as it is.
+
+        Parameters
+        ----------
+        t, y
+            Time and point.
+        args, parameters
+            Arguments of ``f``.
+        first_step
+            Size of the next step, by default chosen anew.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument has an impossible value.
+        """
+        run = self._run
+        if t is not None:
+            time = check_real_time(t, "t", infinite=False)
+            if self.direction * (self.t_bound - time) < 0.0:
+                raise ValueError(f"t must not be beyond t_bound = {self.t_bound:g}, got {t!r}")
+            self.t = time
+        rows = run.end
+        if y is not None:
+            rows = run.plan.doubles(self._check_points(y))
+        first = self._first_step if first_step is None else check_step(first_step, "first_step")
+        if parameters is not None or (args is not None and not hasattr(self._rhs, "set_args")):
+            numbers = self._rhs.parameters if parameters is None else np.array(parameters, float)
+            if parameters is not None and not self._many:
+                numbers = numbers[None]
+            self._rhs, self._args = make_rhs(
+                self.f, self.frame, self._args or None if args is None else args, numbers,
+                self._rhs.together, run.members,
+            )  # fmt: skip
+        elif args is not None:
+            self._args = check_args(args)
+            self._rhs.set_args(self._args)
+        run.replace_rhs(self._rhs)
+        self._core.loop_restart(
+            run.address, self.t, rows.T, first or 0.0, self._rhs.addresses()[1]
+        )
+        run.end[...] = rows
+        run.reached[...] = self.t
+        run.record.ended = 0
+        self._on_way = False
+        self.status = "running" if self.t != self.t_bound else "finished"
+
+    def _check_points(self, y: ArrayLike) -> Points:
+        points = self.frame.read_points(y, "y")
+        shape = self.frame.point_shape
+        if self._many:
+            shape = (self._run.members, *shape)
+        if points.shape != shape:
+            raise ValueError(f"y must have shape {shape}, got {points.shape}")
+        rows = points if self._many else points[None]
+        for row in rows:
+            self.frame.check_point(row, name="y")
+        return rows
+
+    def dense_output(self) -> DenseOutput:
+        """Return the solution within the last step.
+
+        It takes evaluations of ``f``.
+
+        Raises
+        ------
+        RuntimeError
+            If no step has been taken since the beginning or the last restart, or members have
+            steps of their own.
+        """
+        run = self._run
+        if self.t_old is None or (self._many and not self._common):
+            raise RuntimeError("dense_output must come after a step that all members share")
+        run.give_dense(run.members)
+        self._core.loop_set_output(run.address)
+        self._core.loop_interpolate(run.address)
+        run.record.budget = 0
+        run.record.ended = 0
+        run.call()
+        steps = run.interpolants()
+        run.forget_interpolants()
+        begin = float(steps.t[0, 0])
+        outputs = [
+            DenseOutput(steps.of(k), begin, run.plan.points(steps.of(k).y[:1, 0], (1,))[0])
+            for k in range(run.members)
+        ]
+        self._on_way = False
+        return EnsembleOutput(outputs) if self._many else outputs[0]
+
+    def _check_running(self) -> None:
+        if self.status != "running":
+            raise RuntimeError(f"the integration has {self.status} at t = {self.t:.17g}: restart it")
+
+    def _continue(self, stops: Any) -> None:
+        ahead = stops[self.direction * (stops - self.t) > 0.0]
+        self._core.loop_continue(self._run.address, ahead)
+        self._run.record.ended = 0
+
+    def _settle(self) -> str | None:
+        """Return why steps failed, raise what isn't a matter of their sizes."""
+        run = self._run
+        bad = np.flatnonzero((run.status != Stop.PAUSED) & (run.status != Stop.FINISHED))
+        if not bad.size:
+            return None
+        self.status = "failed"
+        self.t = float(run.reached[bad[0]])
+        trouble = run.trouble(int(bad[0]))
+        if isinstance(trouble, Exception):
+            raise trouble
+        return f"Failure: {trouble}."
+
+    def _state(self) -> dict[str, Any]:
+        run = self._run
+        members, dim = run.members, self.frame.dim
+        reals, integers = np.empty((members, 6)), np.empty((members, 9), dtype=np.int64)
+        points, slopes = np.empty((members, 2, run.plan.width)), np.empty((members, 2, dim))
+        self._core.loop_state(
+            run.address, False, reals.T, integers.T, points.transpose(2, 1, 0),
+            slopes.transpose(2, 1, 0),
+        )  # fmt: skip
+        stages = run.callbacks.stages
+        state = {
+            name: value
+            for name, value in vars(self).items()
+            if name not in ("_run", "_rhs", "_core", "_on_way")
+        }
+        state["parameters"] = self._rhs.parameters
+        state["together"] = self._rhs.together
+        state["trajectories"] = reals, integers, points, slopes
+        state["counts"] = run.counts.copy(), run.status.copy(), run.flag.copy()
+        state["stages"] = None if stages is None else stages.state()
+        return state
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        try:
+            pickle.dumps(self.f)
+        except Exception as error:
+            raise TypeError(
+                "f must be such that it can be pickled, a function of a module or a compiled one "
+                f"as cg.CompiledFunction(path, symbol), got {self.f!r}: {error}"
+            ) from error
+        return _restored, (self._state(),)
+
+    def __copy__(self) -> Stepper:
+        return _restored(self._state())
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Stepper:
+        return _restored(copy.deepcopy(self._state(), memo))
+
+
+def _restored(state: dict[str, Any]) -> Stepper:
+    """Return the stepper with a state."""
+    state = dict(state)
+    stepper = object.__new__(Stepper)
+    numbers, together = state.pop("parameters"), state.pop("together")
+    reals, integers, points, slopes = state.pop("trajectories")
+    counts, status, flag = state.pop("counts")
+    stages = state.pop("stages")
+    vars(stepper).update(state)
+    members = len(reals)
+    stepper._rhs, _ = make_rhs(
+        stepper.f, stepper.frame, stepper._args or None, numbers, together, members
+    )
+    t = stepper.t
+    plan = plan_of(stepper.frame, stepper.method)
+    rows = np.ascontiguousarray(points[:, 0])
+    stepper._run = run = stepper._make_run(t, plan.points(rows, (members,)))
+    stepper._core.loop_state(
+        run.address, True, reals.T, integers.T, points.transpose(2, 1, 0), slopes.transpose(2, 1, 0)
+    )
+    run.counts[...], run.status[...], run.flag[...] = counts, status, flag
+    run.reached[...] = t
+    if stages is not None and run.callbacks.stages is not None:
+        run.callbacks.stages.restore(stages)
+    stepper._on_way = False
+    return stepper
