@@ -123,7 +123,12 @@ def test_result_is_frozen_and_complete():
     assert solution.y.shape == (11, 3, 3)
     assert solution.method is methods["CG3"]
     assert solution.h == 0.1
-    assert (solution.steps, solution.nrejected, solution.status, solution.success) == (10, 0, 0, True)
+    assert (solution.steps, solution.nrejected, solution.status, solution.success) == (
+        10,
+        0,
+        0,
+        True,
+    )
     assert (solution.sol, solution.t_events, solution.y_events, solution.y_after) == (None,) * 4
     with pytest.raises(AttributeError):
         solution.nfev = 0
