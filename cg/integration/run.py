@@ -40,6 +40,10 @@ _FEW, _MANY = 64, 2048  # steps that a buffer has room for, at first and at most
 _LANES = 1024  # members on their way at the same time for a function of many points
 
 
+# arrays can't be empty: the direction says that there are none
+_NO_EVENTS = np.zeros((2, 1), dtype=np.int64), np.array([2]), np.array([0]), np.array([0])
+
+
 class _Record(ctypes.Structure):
     _fields_ = [(name, _KINDS[kind]) for name, kind in RECORD.items()]  # noqa: RUF012
 
@@ -179,14 +183,11 @@ class Run:
         self._make_buffers(self._capacity)
         if lanes is None:
             lanes = members if common else _LANES if rhs.together else 1
-        table = EventTable(None, plan.frame, lambda _: ()) if events is None else events
-        self.callbacks = self._callbacks(table, stage_solver)
-        none = len(table) == 0
-        functions, direction, most, jumps = (
-            (np.zeros((2, 1), dtype=np.int64), np.array([2]), np.array([0]), np.array([0]))
-            if none
-            else (table.functions.T, table.direction, table.most, table.jumps)
-        )
+        self.callbacks = self._callbacks(events, stage_solver)
+        functions, direction, most, jumps = _NO_EVENTS
+        if events is not None and len(events):
+            functions, direction = events.functions.T, events.direction
+            most, jumps = events.most, events.jumps
         shape = plan.tolerance_shape if control.h is None else ()
         atol = np.broadcast_to(1.0 if control.atol is None else control.atol, shape).ravel()
         in_entries = control.h is None and not plan.in_algebra
@@ -209,15 +210,16 @@ class Run:
         setattr(self.record, name, array.ctypes.data if array.size else None)
         return array
 
-    def _callbacks(self, table: EventTable, stage_solver: str) -> Callbacks:
+    def _callbacks(self, events: EventTable | None, stage_solver: str) -> Callbacks:
         plan, rhs = self.plan, self.rhs
         method = plan.method
         stages = None
         if isinstance(method, Tableau) and not method.explicit:
             stages = ImplicitStages(rhs.at_member, plan.frame, method, stage_solver)
         return Callbacks(
-            plan, stages, rhs.at_members if rhs.together else None, table.value, table.jump
-        )
+            plan, stages, rhs.at_members if rhs.together else None,
+            None if events is None else events.value, None if events is None else events.jump,
+        )  # fmt: skip
 
     def _make_buffers(self, capacity: int) -> None:
         """Give compiled code memory for what so many steps bring."""
@@ -356,6 +358,9 @@ class Run:
                 return no_progress(t)
             case Stop.STAGES_NOT_SOLVED:
                 return self.callbacks.trouble
+            case Stop.SLOPE_NOT_FINITE:
+                point = self.plan.points(self.end[member], ())
+                return failure(stop, 0, t, self.rhs.at_member(member, t, point))
             case Stop.STAGE_NOT_FINITE if self.callbacks.trouble is not None:
                 return StageOverflowError(str(self.callbacks.trouble))
         return failure(stop, int(self.flag[member]), t)
