@@ -1,5 +1,6 @@
 """The loop over steps in detail: its grids, first steps, counts, and the ends of what it keeps."""
 
+import re
 from fractions import Fraction
 
 import numpy as np
@@ -22,11 +23,8 @@ def decay(function, ends=(NEVER, NEVER)):
     return function("decays"), np.stack([RATES, ends], axis=-1)
 
 
-def half(t, y):
+def half(t, y, *parameters):
     return y[0] - 0.5
-
-
-half.terminal = True
 
 
 @pytest.mark.parametrize(("units", "steps"), [(0, 1600), (1, 1600), (2, 1601)])
@@ -87,16 +85,21 @@ def test_flows_of_output_between_steps(method, frame):
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
 @pytest.mark.filterwarnings("ignore:invalid:RuntimeWarning")
 @pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 1)], ids=repr)
-def test_one_member_whose_f_is_too_large_for_any_step(frame):
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("common", [False, True])
+def test_one_member_whose_f_is_too_large_for_any_step(frame, vectorized, common):
     y0 = frame.random_point(np.random.default_rng(2), (2,))
-    with pytest.raises(OverflowError, match="f is too large to choose a step at t = 0, got"):
+    message = "f is too large to choose a step at t = 0, got [1.e+308 1.e+308 1.e+308]"
+    with pytest.raises(OverflowError, match=re.escape(message)):
         cg.solve_ivp(lambda t, y: np.full(3, 1e308), (0, 1), y0[0], frame=frame)
-    for large in ([1.0, 1e308], [1e308, 1.0]):
-        with pytest.raises(OverflowError, match="f is too large to choose a step at t = 0, got"):
-            cg.solve_ivp(
-                lambda t, y, large=large: np.multiply.outer(large, np.ones(3)), (0, 1), y0,
-                frame=frame,
-            )  # fmt: skip
+    for bad, large in ((1, [[1.0], [1e308]]), (0, [[1e308], [1.0]])):
+        found = cg.solve_ensemble(
+            lambda t, y, size: size * np.ones((*size.shape[:-1], 3)), (0, 1), y0, frame=frame,
+            parameters=large, vectorized=vectorized, common_steps=common,
+        )  # fmt: skip
+        assert found.messages == {bad: message}
+        assert found.status[bad] == -1
+        assert found.t_end[[bad, 1 - bad]].tolist() == [0.0, 1.0]
 
 
 @pytest.mark.parametrize("span", [(0.0, 1.0), (1.0, -1.0)])
@@ -104,10 +107,11 @@ def test_continuous_solutions_of_members_reach_both_ends(span, function):
     f, parameters = decay(function)
     y0 = np.array([[1.0], [3.0]])
     for options in ({}, {"method": "CG4a", "h": 0.25}):
-        found = cg.solve_ivp(
+        found = cg.solve_ensemble(
             f, span, y0, frame=Euclidean(1), parameters=parameters, dense_output=True, **options
         )
-        assert (found.njev, found.nlu, found.nfev > 0) == (0, 0, True)
+        assert (found.njev.tolist(), found.nlu.tolist()) == ([0, 0], [0, 0])
+        assert (found.nfev > 0).all()
         assert (found.sol.t_min, found.sol.t_max) == (min(span), max(span))
         assert (found.sol.ts[0], found.sol.ts[-1]) == span
         np.testing.assert_array_equal(found.sol(span[0]), y0)
@@ -117,17 +121,18 @@ def test_continuous_solutions_of_members_reach_both_ends(span, function):
 @pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 1 / 32}])
 @pytest.mark.parametrize("in_c", [True, False], ids=["C", "Python"])
 def test_a_member_s_solution_reaches_the_event_that_ends_it(options, in_c, function):
-    f, extra = (lambda t, y: RATES[:, None] * y), {}
-    if in_c:
-        f, extra["parameters"] = decay(function)
+    f, parameters = decay(function)
+    if not in_c:
+        f = lambda t, y, own: own[0] * y  # noqa: E731
     for span in ((0.0, 2.0), (0.25, 2.25)):
-        found = cg.solve_ivp(
-            f, span, np.ones((2, 1)), frame=Euclidean(1), events=half, dense_output=True,
-            **extra, **options,
+        found = cg.solve_ensemble(
+            f, span, np.ones((2, 1)), frame=Euclidean(1), events=cg.Event(half, terminal=True),
+            dense_output=True, parameters=parameters, **options,
         )  # fmt: skip
         for i in range(2):
             end, point = found.t_events[0][i][0], found.y_events[0][i][0]
-            np.testing.assert_allclose(found.sol(end)[i], point, rtol=0, atol=1e-15)
+            assert found.t_end[i] == end
+            np.testing.assert_array_equal(found.sol(end)[i], point)
             assert np.isnan(found.sol(min(np.nextafter(end, 9), found.sol.t_max))[i]) == (i == 1)
 
 
@@ -150,9 +155,11 @@ def test_events_at_the_end_of_a_step():
 def test_a_member_that_an_event_ended_takes_no_more_steps(function):
     """Its function fails later, which is no failure of what has ended before."""
     f, parameters = decay(function, ends=(NEVER, 0.75))
-    options = {"frame": Euclidean(1), "parameters": parameters, "events": half}
+    options = {"frame": Euclidean(1), "parameters": parameters}
     for way in ({"method": "CG4a", "h": 1 / 256}, {"max_step": 1 / 256}):
-        found = cg.solve_ivp(f, (0, 2), np.ones((2, 1)), **way, **options)
-        assert found.failures == {}
+        found = cg.solve_ensemble(
+            f, (0, 2), np.ones((2, 1)), events=cg.Event(half, terminal=True), **way, **options
+        )
+        assert found.success
         assert [len(t) for t in found.t_events[0]] == [1, 1]
-        assert found.status == 1
+        assert found.status.tolist() == [1, 1]
