@@ -193,6 +193,7 @@ RECORD = {
     "budget": "integer",  # trial steps of all trajectories until it pauses
     # what it answers
     "ended": "integer",  # trajectories that have come to an end
+    "failed": "integer",  # those of them that didn't come to the end of time or a terminal event
     "raised": "integer",  # whether Python raised an exception
     "covered": "real",  # time that trajectories on their way have covered
     "step_size": "real",  # signed, of the last step of a single trajectory

@@ -39,6 +39,27 @@ subroutine plan_open(blocks, description, numbers, constants, integers, list, te
   address = at_address(c_loc(plan))
 end subroutine plan_open
 
+! No less than the distances of points from the manifold; see distance_bound.
+subroutine plan_distance_bound(address, n, members, y, bound)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use frames_r64, only: distance_bound
+  use kinds_r64, only: wp
+  use run, only: plan_at, plan_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: n, members
+  real(wp), intent(in) :: y(n, members)
+  real(wp), intent(out) :: bound                       ! of all
+  type(plan_t), pointer :: plan
+  integer :: i
+
+  plan => plan_at(address)
+  bound = 0.0_wp
+  do i = 1, members
+    bound = max(bound, distance_bound(plan%frame, y(:, i)))
+  end do
+end subroutine plan_distance_bound
+
 subroutine plan_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run, only: plan_at, plan_t

@@ -179,6 +179,9 @@ contains
               call file_lane(run, i)
               run%busy(i) = .false.
               run%record%ended = run%record%ended + 1
+              if (all(lane%status /= [finished, terminal_event])) then
+                run%record%failed = run%record%failed + 1
+              end if
               if (lane%status == raised) then
                 run%record%raised = 1
                 exit drive_all

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence, Set
+from functools import lru_cache
 from itertools import pairwise
 from numbers import Real
 from typing import Any
@@ -197,6 +198,14 @@ def check_method(method: Any) -> Method:
 def has_brackets(frame: Frame) -> bool:
     """Tell whether the fields of a frame make a Lie algebra that it knows."""
     try:
+        return _has_brackets(frame)
+    except TypeError:  # a frame of the user that can't be hashed
+        return _has_brackets.__wrapped__(frame)
+
+
+@lru_cache(maxsize=256)
+def _has_brackets(frame: Frame) -> bool:
+    try:
         frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
     except NotImplementedError:
         return False
@@ -215,14 +224,14 @@ def check_algebra(frame: Frame, method: Method) -> None:
 
 
 def check_points(
-    frame: Frame, y0: ArrayLike, parameters: Any, many: bool
+    plan: Plan, y0: ArrayLike, parameters: Any, many: bool
 ) -> tuple[Points, Array | None]:
     """Return initial points, and numbers of each of them or None, as new arrays after checking.
 
     Parameters
     ----------
-    frame
-        The frame that is to hold the points.
+    plan
+        Of the frame that is to hold the points.
     y0
         Shape ``frame.point_shape``, or with one leading axis for ``many``.
     parameters
@@ -242,6 +251,7 @@ def check_points(
     ValueError
         If a point has another shape, isn't finite, lies off the manifold, or there is none.
     """
+    frame = plan.frame
     if isinstance(frame, Product):
         check_joined(frame, y0)
     points = frame.read_points(y0, "y0")
@@ -261,10 +271,13 @@ def check_points(
         if points.size == 0:
             raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
         # The worst one alone gets the full check, whose message names what is wrong with it.
-        worst = _worst(frame, points)
-        frame.check_point(points[worst], name=f"y0[{worst}]")
+        if not plan.certainly_on(points):
+            worst = _worst(frame, points)
+            frame.check_point(points[worst], name=f"y0[{worst}]")
         return points, numbers
-    points = frame.check_point(points, name="y0")[None]
+    if points.shape != frame.point_shape or not plan.certainly_on(points):
+        frame.check_point(points, name="y0")
+    points = points[None]
     if not many:
         if numbers is not None and (numbers.ndim != 1 or numbers.size == 0):
             raise ValueError(f"parameters must have shape (k,), got {numbers.shape}")
@@ -329,7 +342,9 @@ def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
 
 def check_real_time(value: Any, name: str, *, infinite: bool = True) -> float:
     """Return a time; TypeError or ValueError if it is none, or infinite where it must not be."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+    if type(value) is not float and (
+        isinstance(value, bool | np.bool_) or not isinstance(value, Real)
+    ):
         raise TypeError(f"{name} must be a real number, got {value!r}")
     time = as_float(value)
     if math.isnan(time) or (math.isinf(time) and not infinite):

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
-from cg.integration.flows import dexpinv_of, difference_of, flows_of
+from cg.integration.flows import (
+    Dexpinv,
+    Difference,
+    Flows,
+    dexpinv_of,
+    difference_of,
+    flows_of,
+)
 from cg.integration.implicit import ConvergenceError, ImplicitStages
 from cg.integration.plan import Plan
 from cg.munthe_kaas import MuntheKaas
@@ -59,29 +67,24 @@ class Callbacks:
         self.event = event
         self.jump = jump
         self.trouble: Exception | None = None
-        self._flows = flows_of(plan.frame)
-        self._difference = difference_of(plan.frame)
-        method = plan.method
-        if isinstance(method, MuntheKaas):
-            self._dexpinv = dexpinv_of(plan.frame, max(method.advancing.order, 1))
-        self._handlers: dict[int, Callable[[Array, Array], Any]] = {
-            Operation.FLOW: self._flow,
-            Operation.RESTORE: self._restore,
-            Operation.COORDINATES: self._coordinates,
-            Operation.NEARBY: self._nearby,
-            Operation.SIZES: lambda _, y: self.frame.coordinate_sizes(self._point(y)),
-            Operation.TANGENT: lambda v, y: self.frame.field(v, self._point(y)),
-            Operation.SHORTEST: lambda v, y: self.frame.shortest(v, self._point(y)),
-            Operation.DEXPINV: lambda u, v: self._dexpinv(u, v),
-            Operation.STAGES: self._solve_stages,
-            Operation.FIELDS: self._evaluate,
-            Operation.EVENT: self._event,
-            Operation.JUMP: self._jump,
-        }
+
+    @cached_property
+    def _flows(self) -> Flows:
+        return flows_of(self.frame)
+
+    @cached_property
+    def _difference(self) -> Difference:
+        return difference_of(self.frame)
+
+    @cached_property
+    def _dexpinv(self) -> Dexpinv:
+        method = self.plan.method
+        assert isinstance(method, MuntheKaas)
+        return dexpinv_of(self.frame, max(method.advancing.order, 1))
 
     def __call__(self, operation: int, a: Array, b: Array) -> Array:
         """Return the result of an operation on two vectors, as a vector of doubles."""
-        answer = np.ascontiguousarray(self._handlers[operation](a, b))
+        answer = np.ascontiguousarray(_HANDLERS[operation](self, a, b))
         return answer.reshape(-1).view(np.float64) if answer.dtype.kind == "c" else answer.ravel()
 
     def _point(self, y: Array) -> Points:
@@ -134,3 +137,19 @@ class Callbacks:
         assert self.jump is not None
         t, member, event = a.tolist()
         return self.jump(int(event), int(member), t, self._point(y))
+
+
+_HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
+    Operation.FLOW: Callbacks._flow,
+    Operation.RESTORE: Callbacks._restore,
+    Operation.COORDINATES: Callbacks._coordinates,
+    Operation.NEARBY: Callbacks._nearby,
+    Operation.SIZES: lambda self, _, y: self.frame.coordinate_sizes(self._point(y)),
+    Operation.TANGENT: lambda self, v, y: self.frame.field(v, self._point(y)),
+    Operation.SHORTEST: lambda self, v, y: self.frame.shortest(v, self._point(y)),
+    Operation.DEXPINV: lambda self, u, v: self._dexpinv(u, v),
+    Operation.STAGES: Callbacks._solve_stages,
+    Operation.FIELDS: Callbacks._evaluate,
+    Operation.EVENT: Callbacks._event,
+    Operation.JUMP: Callbacks._jump,
+}

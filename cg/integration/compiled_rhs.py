@@ -76,9 +76,13 @@ class CompiledRhs:
 
     def addresses(self) -> tuple[int, int, int]:
         """Return addresses of the function and of the first member's data, and their distance."""
-        if self.parameters is None:
-            return self.address, self.user_data, 0
-        return self.address, self.parameters.ctypes.data, 8 * self.parameters.shape[-1]
+        distance = 0 if self.parameters is None else 8 * self.parameters.shape[-1]
+        return self.address, self.data_address, distance
+
+    @property
+    def data_address(self) -> int:
+        """Address of the data of the first member."""
+        return self.user_data if self.parameters is None else int(self.parameters.ctypes.data)
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member; RuntimeError if the function returns an error."""

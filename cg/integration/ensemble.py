@@ -267,7 +267,7 @@ def _distribute(
             else:
                 result.add(members, finished.result)
             watch.finish_members(members.stop - members.start)
-            watch.reach(problem.t0)
+            watch.reach(0.0)
 
 
 def _check_pickle(work: _Work) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cg.frames.arrays import Array, Points
-from cg.frames.base import Frame
+from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.integration.blocks import block_constants, describe_blocks, is_compiled
 from cg.integration.interpolant import AlgebraFlow, node_count, nodes_of, result_flows
 from cg.integration.paths import paths_of
@@ -83,6 +83,14 @@ class Plan:
     def tolerance_shape(self) -> tuple[int, ...]:
         """The shape that absolute tolerances may have."""
         return (self.frame.dim,) if self.in_algebra else self.frame.point_shape
+
+    def certainly_on(self, points: Points) -> bool:
+        """Tell whether points are on the manifold; if not, it takes a closer look."""
+        import cg._external as core
+
+        return self.compiled and core.plan_distance_bound(self.address, self.doubles(points).T) <= (
+            0.1 * MEMBERSHIP_TOLERANCE
+        )
 
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""

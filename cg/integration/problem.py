@@ -26,6 +26,7 @@ from cg.integration.arguments import (
     check_stops,
     check_t_eval,
     check_unused,
+    has_brackets,
 )
 from cg.integration.choice import AUTO, choose_method
 from cg.integration.compiled_rhs import CompiledRhs, compiled_rhs
@@ -153,7 +154,7 @@ def make_control(
     largest = check_step(max_step, "max_step", infinite=True)
     if h is not None:
         check_unused(rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
-        check_order(method, stacklevel=5)
+        check_order(method, stacklevel=4)
         size = check_step(h, "h")
         if size > largest:
             raise ValueError(f"h must not be larger than max_step = {largest:g}, got {h!r}")
@@ -163,7 +164,7 @@ def make_control(
             f"method must be a pair unless h gives the step size, got {given!r}, which has "
             "no embedded weights"
         )
-    check_pair(method, stacklevel=5)
+    check_pair(method, stacklevel=4)
     tolerances = check_atol(atol)
     if tolerances.shape not in ((), plan.tolerance_shape):
         raise ValueError(
@@ -208,13 +209,13 @@ def make_problem(
     if isinstance(method, str) and method == AUTO:
         method = choose_method(frame, None if h is not None else check_rtol(rtol, warn=False))
     chosen = check_method(method)
-    if isinstance(chosen, MuntheKaas):
+    if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen)
-    points, numbers = check_points(frame, y0, parameters, many)
+    plan = plan_of(frame, chosen)
+    points, numbers = check_points(plan, y0, parameters, many)
     rhs, extra = make_rhs(f, frame, args, numbers, together, len(points))
     start, stop = check_span(t_span)
     stops = check_stops(breakpoints, start, stop)
-    plan = plan_of(frame, chosen)
     control = make_control(
         plan, h=h, rtol=rtol, atol=atol, max_step=max_step, first_step=first_step,
         max_steps=max_steps, span=abs(stop - start), given=method,
@@ -224,5 +225,6 @@ def make_problem(
         None if t_eval is None else check_t_eval(t_eval, start, stop),
         check_flag("dense_output", dense_output), stage_solver, common,
     )  # fmt: skip
-    problem.event_table()
+    if events is not None:
+        problem.event_table()
     return problem

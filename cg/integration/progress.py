@@ -5,10 +5,6 @@ from __future__ import annotations
 import time
 from typing import Any
 
-import numpy as np
-
-from cg.frames.arrays import Array
-
 __all__ = ["Progress"]
 
 _SECONDS = 0.1
@@ -24,7 +20,7 @@ class Progress:
     start, stop
         The ends of the integration.
     members
-        How many trajectories there are, one after the other.
+        How many trajectories there are.
 
     Raises
     ------
@@ -34,24 +30,22 @@ class Progress:
 
     def __init__(self, function: Any, start: float, stop: float, members: int = 1) -> None:
         self.function = check_progress(function)
-        self.start = start
         self.length = abs(stop - start)
         self.total = members * self.length
         self._before = 0.0
         self._done = 0.0
         self._told = time.perf_counter()
 
-    def reach(self, t: float | Array) -> None:
-        """Note that the present trajectory is at some time, or each of several at its own."""
+    def reach(self, covered: float) -> None:
+        """Note how much time the present trajectories have covered, summed over them."""
         if self.function is None:
             return
-        done = self._before + float(np.minimum(np.abs(t - self.start), self.length).sum())
-        self._done = max(self._done, done)  # a member may have to begin again
+        self._done = max(self._done, self._before + covered)
         if time.perf_counter() - self._told >= _SECONDS:
             self._tell()
 
-    def finish_members(self, count: int = 1) -> None:
-        """Note that the present trajectories have ended, perhaps early, or -1 that one goes on."""
+    def finish_members(self, count: int) -> None:
+        """Note that the present trajectories have ended, perhaps early."""
         self._before += count * self.length
         self._done = max(self._done, self._before)
 

@@ -95,16 +95,13 @@ class PythonRhs:
     def set_args(self, args: tuple[Any, ...]) -> None:
         """Take other further arguments."""
         self.args = args
-        if self.parameters is None or self.together:
-            rows: list[tuple[Any, ...]] = [args]
-        else:
-            rows = [(*args, row) for row in self.parameters]
         frame = self.frame
-        self._contexts = [
-            (self.f, row, frame.point_shape, frame.dtype.num, (frame.dim,), self.check, self._spare)
-            for row in rows
-        ]
-        self._pointers = np.array([id(context) for context in self._contexts])
+        rest = frame.point_shape, frame.dtype.num, (frame.dim,), self.check, self._spare
+        if self.parameters is None or self.together:
+            self._contexts = [(self.f, args, *rest)]
+        else:
+            self._contexts = [(self.f, (*args, row), *rest) for row in self.parameters]
+            self._pointers = np.array([id(context) for context in self._contexts])
 
     def arguments(self, member: int) -> tuple[Any, ...]:
         """Return the further arguments of a member."""
@@ -117,8 +114,15 @@ class PythonRhs:
         import cg._external as core
 
         if self.parameters is None or self.together:
-            return core.python_field(), id(self._contexts[0]), 0
-        return core.python_member(), self._pointers.ctypes.data, 8
+            return core.python_field(), self.data_address, 0
+        return core.python_member(), self.data_address, 8
+
+    @property
+    def data_address(self) -> int:
+        """Address of the first member's data, which moves with further arguments."""
+        if self.parameters is None or self.together:
+            return id(self._contexts[0])
+        return int(self._pointers.ctypes.data)
 
     def part(self, members: slice) -> PythonRhs:
         """Return the same for some of the members."""

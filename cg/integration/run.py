@@ -166,19 +166,31 @@ class Run:
         self._dense: list[tuple[Array, ...]] = []
         self._steps: list[tuple[Array, Array]] = []
         self._events: list[tuple[Array, ...]] = []
-        self.start = self._give("start", plan.doubles(points))
-        self.end = self._give("end", self.start.copy())
-        self.reached = self._give("reached", np.full(members, t0))
-        self.status = self._give("status", np.full(members, Stop.PAUSED, dtype=np.int64))
-        self.flag = self._give("flag", np.zeros(members, dtype=np.int64))
-        self.failed_at = self._give("failed_at", np.full(members, t0))
-        self.counts = self._give("counts", np.zeros((members, len(COUNTS)), dtype=np.int64))
+        doubles = plan.doubles(points)
+        size = doubles.size
+        numbers = self._give("reached", np.empty(2 * members + 2 * size))
+        self.reached, self.failed_at = numbers[:members], numbers[members : 2 * members]
+        self.start = numbers[2 * members : 2 * members + size].reshape(doubles.shape)
+        self.end = numbers[2 * members + size :].reshape(doubles.shape)
+        numbers[: 2 * members] = t0
+        self.start[...] = self.end[...] = doubles
+        integers = self._give("status", np.zeros(8 * members, dtype=np.int64))
+        self.status, self.flag = integers[:members], integers[members : 2 * members]
+        self.status[...] = int(Stop.PAUSED)
+        self.counts = integers[2 * members :].reshape(members, len(COUNTS))
+        record = self.record
+        record.failed_at = record.reached + 8 * members
+        record.start = record.failed_at + 8 * members
+        record.end = record.start + 8 * size
+        record.flag = record.status + 8 * members
+        record.counts = record.flag + 8 * members
         self.t0 = t0
         self.span = abs(float(stops[-1]) - t0)
         if output.times is not None and output.y is not None and len(output.times):
             self.record.wanted = len(output.times)
             self._give("times", np.ascontiguousarray(output.times))
             self._give("y", output.y)
+        self._has_events = events is not None and len(events) > 0
         self._capacity = output.capacity or _FEW
         self._make_buffers(self._capacity)
         if lanes is None:
@@ -228,12 +240,17 @@ class Run:
             self.record.step_capacity = capacity
             self._give("step_t", np.empty(capacity))
             self._give("step_y", np.empty((capacity, width)))
-        self.record.event_capacity = min(capacity, _MANY)
-        self._give("event_of", np.empty((self.record.event_capacity, 2), dtype=np.int64))
-        self._give("event_t", np.empty(self.record.event_capacity))
-        self._give("event_y", np.empty((self.record.event_capacity, 2, width)))
+        if self._has_events:
+            self.record.event_capacity = min(capacity, _MANY)
+            self._give_events(self.record.event_capacity)
         if output.dense:
             self.give_dense(min(capacity, _MANY))
+
+    def _give_events(self, capacity: int) -> None:
+        width = self.plan.width
+        self._give("event_of", np.empty((capacity, 2), dtype=np.int64))
+        self._give("event_t", np.empty(capacity))
+        self._give("event_y", np.empty((capacity, 2, width)))
 
     def give_dense(self, capacity: int) -> None:
         """Give compiled code memory for so many interpolants."""
@@ -259,7 +276,7 @@ class Run:
             self.call()
             budget.stop(max(given - self.record.budget, 1))
             if watch is not None:
-                watch(self.record.ended * self.span + self.record.covered)
+                watch(float(np.abs(self.reached - self.t0).sum()))
 
     def call(self) -> None:
         """Go on in compiled code until something has to be done here, and take its output."""

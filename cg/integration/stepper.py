@@ -159,6 +159,7 @@ class Stepper:
             lanes=len(points),
         )  # fmt: skip
         self._core = run._core
+        self._target = np.empty(1)
         self._on_way = True  # whether compiled code has the ends of `_stops`
         self.t = t
         return run
@@ -209,7 +210,7 @@ class Stepper:
             )
         self._check_running()
         if not self._on_way:
-            self._continue(self._stops)
+            self._continue(self._stops[self.direction * (self._stops - self.t) > 0.0])
             self._on_way = True
         before, begin = self._count(4), self.t
         while self._count(4) == before:
@@ -255,8 +256,13 @@ class Stepper:
         if target == self.t:
             return None
         self._check_running()
-        inside = self.direction * (self._stops - target) < 0.0
-        self._continue(np.append(self._stops[inside & (self.direction * (self._stops - self.t) > 0.0)], target))
+        if len(self._stops) == 1:
+            self._target[0] = target
+            stops = self._target
+        else:
+            stops = np.append(self._stops[self.direction * (self._stops - target) < 0.0], target)
+            stops = stops[self.direction * (stops - self.t) > 0.0]
+        self._continue(stops)
         self._on_way = False
         run = self._run
         while run.record.ended < run.members:
@@ -322,11 +328,12 @@ class Stepper:
             self._rhs.set_args(self._args)
         run.replace_rhs(self._rhs)
         self._core.loop_restart(
-            run.address, self.t, rows.T, first or 0.0, self._rhs.addresses()[1]
+            run.address, self.t, rows.T, first or 0.0, self._rhs.data_address
         )
-        run.end[...] = rows
+        if rows is not run.end:
+            run.end[...] = rows
         run.reached[...] = self.t
-        run.record.ended = 0
+        run.record.ended = run.record.failed = 0
         self._on_way = False
         self.status = "running" if self.t != self.t_bound else "finished"
 
@@ -359,8 +366,7 @@ class Stepper:
         run.give_dense(run.members)
         self._core.loop_set_output(run.address)
         self._core.loop_interpolate(run.address)
-        run.record.budget = 0
-        run.record.ended = 0
+        run.record.budget = run.record.ended = 0
         run.call()
         steps = run.interpolants()
         run.forget_interpolants()
@@ -377,16 +383,15 @@ class Stepper:
             raise RuntimeError(f"the integration has {self.status} at t = {self.t:.17g}: restart it")
 
     def _continue(self, stops: Any) -> None:
-        ahead = stops[self.direction * (stops - self.t) > 0.0]
-        self._core.loop_continue(self._run.address, ahead)
-        self._run.record.ended = 0
+        self._core.loop_continue(self._run.address, stops)
+        self._run.record.ended = self._run.record.failed = 0
 
     def _settle(self) -> str | None:
         """Return why steps failed, raise what isn't a matter of their sizes."""
         run = self._run
-        bad = np.flatnonzero((run.status != Stop.PAUSED) & (run.status != Stop.FINISHED))
-        if not bad.size:
+        if not run.record.failed:
             return None
+        bad = np.flatnonzero((run.status != Stop.PAUSED) & (run.status != Stop.FINISHED))
         self.status = "failed"
         self.t = float(run.reached[bad[0]])
         trouble = run.trouble(int(bad[0]))
@@ -407,7 +412,7 @@ class Stepper:
         state = {
             name: value
             for name, value in vars(self).items()
-            if name not in ("_run", "_rhs", "_core", "_on_way")
+            if name not in ("_run", "_rhs", "_core", "_on_way", "_target")
         }
         state["parameters"] = self._rhs.parameters
         state["together"] = self._rhs.together
