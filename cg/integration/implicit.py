@@ -92,10 +92,17 @@ class ImplicitStages:
         The frame and the method.
     kind
         One of `STAGE_SOLVERS`.
+    lanes
+        How many members are on their way at the same time.
     """
 
     def __init__(
-        self, rhs: Callable[[int, float, Points], Array], frame: Frame, method: Tableau, kind: str
+        self,
+        rhs: Callable[[int, float, Points], Array],
+        frame: Frame,
+        method: Tableau,
+        kind: str,
+        lanes: int = 1,
     ) -> None:
         self.rhs = rhs
         self.frame = frame
@@ -105,8 +112,9 @@ class ImplicitStages:
         stages = list(range(method.stages))
         self._blocks = [stages] if method.rows is Rows.FULL else [[i] for i in stages]
         self._kind = kind
+        self._lanes = lanes
         self._member = -1
-        self._solvers: list[StageSolver] = []
+        self._solvers: dict[int, list[StageSolver]] = {}  # of members, the latest one last
         self._start: tuple[float, Array] = 0.0, np.empty(0)
         self.nfev = self.nexp = self.njev = self.nlu = 0
 
@@ -129,13 +137,17 @@ class ImplicitStages:
         ConvergenceError
             If the iteration doesn't reach the level of rounding.
         """
-        if member != self._member:
-            self._member = member
-            self._solvers = [StageSolver(self, block, self._kind) for block in self._blocks]
+        self._member = member
+        solvers = self._solvers.pop(member, None)
+        if solvers is None:
+            solvers = [StageSolver(self, block, self._kind) for block in self._blocks]
+            if len(self._solvers) == self._lanes:
+                del self._solvers[next(iter(self._solvers))]
+        self._solvers[member] = solvers
         self.nfev = self.nexp = self.njev = self.nlu = 0
         self._start = t, slope
         fields = np.tile(slope, (len(self.abscissae), 1))
-        for solver in self._solvers:
+        for solver in solvers:
             solver(t, point, h, fields)
         return fields, self.taken()
 
@@ -145,14 +157,19 @@ class ImplicitStages:
 
     def state(self) -> Any:
         """Return what is kept between steps."""
-        return self._member, [solver.inverse for solver in self._solvers]
+        return {
+            member: [solver.inverse for solver in solvers]
+            for member, solvers in self._solvers.items()
+        }
 
     def restore(self, state: Any) -> None:
         """Take what was kept between steps."""
-        self._member, inverses = state
-        self._solvers = [StageSolver(self, block, self._kind) for block in self._blocks]
-        for solver, inverse in zip(self._solvers, inverses, strict=False):
-            solver.inverse = inverse
+        for member, inverses in state.items():
+            self._solvers[member] = [
+                StageSolver(self, block, self._kind) for block in self._blocks
+            ]
+            for solver, inverse in zip(self._solvers[member], inverses, strict=True):
+                solver.inverse = inverse
 
     def field(self) -> Array:
         """Return the coefficients at the start of the step, which are known."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import weakref
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -51,6 +50,7 @@ class Plan:
         entries = int(np.prod(frame.point_shape, dtype=np.int64))
         self.parts = 2 if frame.dtype == np.complex128 else 1
         self.width = entries * self.parts
+        self._in_algebra: bool | None = None
         self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
         self.nodes = node_count(method)
         if self.compiled:
@@ -73,11 +73,16 @@ class Plan:
     def __reduce__(self) -> tuple[Any, ...]:
         return plan_of, (self.frame, self.method)
 
-    @cached_property
+    def look_at(self, point: Points) -> None:
+        """Find out, at any point, in what differences of points are measured."""
+        if self._in_algebra is None:
+            self._in_algebra = self.frame.exp_coordinates(point, point) is not None
+
+    @property
     def in_algebra(self) -> bool:
         """Whether differences of points are measured in coordinates, not in entries."""
-        point = self.frame.random_point(np.random.default_rng(0))
-        return self.frame.exp_coordinates(point, point) is not None
+        assert self._in_algebra is not None
+        return self._in_algebra
 
     @property
     def tolerance_shape(self) -> tuple[int, ...]:

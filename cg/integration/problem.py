@@ -213,6 +213,7 @@ def make_problem(
         check_algebra(frame, chosen)
     plan = plan_of(frame, chosen)
     points, numbers = check_points(plan, y0, parameters, many)
+    plan.look_at(points[0])
     rhs, extra = make_rhs(f, frame, args, numbers, together, len(points))
     start, stop = check_span(t_span)
     stops = check_stops(breakpoints, start, stop)

@@ -195,7 +195,8 @@ class Run:
         self._make_buffers(self._capacity)
         if lanes is None:
             lanes = members if common else _LANES if rhs.together else 1
-        self.callbacks = self._callbacks(events, stage_solver)
+        lanes = min(lanes, members)
+        self.callbacks = self._callbacks(events, stage_solver, lanes)
         functions, direction, most, jumps = _NO_EVENTS
         if events is not None and len(events):
             functions, direction = events.functions.T, events.direction
@@ -204,12 +205,12 @@ class Run:
         atol = np.broadcast_to(1.0 if control.atol is None else control.atol, shape).ravel()
         in_entries = control.h is None and not plan.in_algebra
         parts = plan.parts if in_entries else 1
-        needed = 1 << 16 if min(lanes, members) == 1 else 0
-        needed += min(lanes, members) * 8 * plan.method.stages * (plan.width + 2 * plan.frame.dim)
+        needed = 1 << 16 if lanes == 1 else 0
+        needed += lanes * 8 * plan.method.stages * (plan.width + 2 * plan.frame.dim)
         with reserved(needed, f"{members} trajectories of {plan.width} numbers"):
             self.address: int = core.loop_open(
                 plan.address, ctypes.addressof(self.record), id(self.callbacks), *rhs.addresses(),
-                min(lanes, members), rhs.together, common, keep_last, t0, stops,
+                lanes, rhs.together, common, keep_last, t0, stops,
                 control.h or 0.0, np.repeat(atol, parts), control.rtol, in_entries, parts,
                 plan.exponent, control.max_step, control.first_step or 0.0, control.max_steps,
                 functions, direction, most, jumps,
@@ -222,12 +223,14 @@ class Run:
         setattr(self.record, name, array.ctypes.data if array.size else None)
         return array
 
-    def _callbacks(self, events: EventTable | None, stage_solver: str) -> Callbacks:
+    def _callbacks(
+        self, events: EventTable | None, stage_solver: str, lanes: int
+    ) -> Callbacks:
         plan, rhs = self.plan, self.rhs
         method = plan.method
         stages = None
         if isinstance(method, Tableau) and not method.explicit:
-            stages = ImplicitStages(rhs.at_member, plan.frame, method, stage_solver)
+            stages = ImplicitStages(rhs.at_member, plan.frame, method, stage_solver, lanes)
         return Callbacks(
             plan, stages, rhs.at_members if rhs.together else None,
             None if events is None else events.value, None if events is None else events.jump,
