@@ -201,6 +201,7 @@ class Run:
         if events is not None and len(events):
             functions, direction = events.functions.T, events.direction
             most, jumps = events.most, events.jumps
+        plan.look_at(points[0])
         shape = plan.tolerance_shape if control.h is None else ()
         atol = np.broadcast_to(1.0 if control.atol is None else control.atol, shape).ravel()
         in_entries = control.h is None and not plan.in_algebra
