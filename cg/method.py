@@ -18,6 +18,7 @@ from .coefficients import Coefficient
 from .later import Later
 from .layout import Layout
 from .points import MethodError, Point, PointTree
+from .texts import visible
 
 __all__ = ["TOLERANCE_FACTOR", "Method", "read_coefficient", "read_texts", "remembered"]
 
@@ -94,7 +95,7 @@ class Method(ABC):
         """The method that leads to the second result of a pair; None without it."""
 
     def __repr__(self) -> str:
-        name = self.name or "without name"
+        name = visible(self.name) or "without name"
         return f"<{type(self).__name__} {name}: {self.description()}>"
 
     def description(self, *, complete: bool = False) -> str:
@@ -403,6 +404,8 @@ def read_texts(
     for label, text in (("name", name), ("source", source)):
         if not isinstance(text, str):
             raise error(f"{label} must be a str, got {text!r}")
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            raise error(f"{label} must be text, got {text!r}, which no encoding can hold")
     order, residual = nominal
     if order is not None:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from importlib.resources.abc import Traversable
@@ -16,7 +15,7 @@ from ..method import Method
 from ..munthe_kaas import MuntheKaas
 from ..points import MethodError
 from ..tableau import Tableau, TableauError
-from ..texts import file_in, read_json, read_toml
+from ..texts import file_in, quoted, read_json, read_toml, to_json
 
 __all__ = [
     "SUFFIXES",
@@ -182,11 +181,11 @@ def dumps(method: Method) -> str:
         for label, row in zip(("b", "b_embedded"), rows[method.stages :], strict=False):
             lines.append(f"{label} = {_array(row)}")
         if isinstance(method, MuntheKaas):
-            lines.insert(0, f"kind = {_quoted(_KIND)}")
+            lines.insert(0, f"kind = {quoted(_KIND)}")
     elif isinstance(method, CommutatorFree):
         lines.append("points = [")
         for point, weights in zip(method.points, method.point_coefficients, strict=True):
-            texts = ", ".join(f"{stage} = {_quoted(w.text)}" for stage, w in weights.items())
+            texts = ", ".join(f"{stage} = {quoted(w.text)}" for stage, w in weights.items())
             lines.append(f"  {{parent = {point.parent}, weights = {{{texts}}}}},")
         lines += ["]", f"stage_points = {list(method.stage_points)}", f"result = {method.result}"]
         if method.embedded_result is not None:
@@ -197,8 +196,8 @@ def dumps(method: Method) -> str:
         lines.append(f"b_third = {_array(method.third_weights)}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]
-        lines.append(f"residual = {_quoted(method.nominal_residual.text)}")
-    head = [f"name = {_quoted(method.name)}", f"source = {_quoted(method.source)}"]
+        lines.append(f"residual = {quoted(method.nominal_residual.text)}")
+    head = [f"name = {quoted(method.name)}", f"source = {quoted(method.source)}"]
     return "\n".join([*head, *lines]) + "\n"
 
 
@@ -211,20 +210,15 @@ def dumps_json(method: Method) -> str:
     lines = []
     for key, value in entry.items():
         if key in ("a", "points"):
-            rows = ",\n".join(f"    {json.dumps(row, ensure_ascii=False)}" for row in value)
+            rows = ",\n".join(f"    {to_json(row)}" for row in value)
             lines.append(f'  "{key}": [\n{rows}\n  ]')
         else:
-            lines.append(f'  "{key}": {json.dumps(value, ensure_ascii=False)}')
+            lines.append(f'  "{key}": {to_json(value)}')
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def _array(row: Sequence[Coefficient]) -> str:
-    return "[" + ", ".join(_quoted(coefficient.text) for coefficient in row) + "]"
-
-
-def _quoted(text: str) -> str:
-    # JSON's escapes are TOML's, except that TOML wants this one escaped too
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return "[" + ", ".join(quoted(coefficient.text) for coefficient in row) + "]"
 
 
 def save(method: Method, path: str | PathLike[str]) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..method import Method
 from ..points import MethodError
+from ..texts import visible
 from .entries import SUFFIXES, read
 
 __all__ = ["PROOF", "VARIABLE", "OwnMethods", "own_folders"]
@@ -117,7 +118,7 @@ class OwnMethods(Mapping[str, Method]):
         self._files = where
         for problem in problems.values():
             if problem not in known:
-                warnings.warn(f"left out of cg.methods: {problem}", stacklevel=4)
+                warnings.warn(f"left out of cg.methods: {visible(problem)}", stacklevel=4)
 
     def _check_name(self, name: str, path: Path, methods: Mapping[str, Method]) -> None:
         if not name.strip():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from click.shell_completion import CompletionItem
 from cg.catalogue import load, methods, munthe_kaas, near, resolve_method
 from cg.method import Method
 from cg.points import MethodError
+from cg.texts import to_json, visible_lines
 
 __all__ = [
     "METHOD",
@@ -26,6 +26,7 @@ __all__ = [
     "is_file",
     "json_option",
     "named",
+    "say",
     "workers_option",
 ]
 
@@ -58,7 +59,11 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
         """Offer names of the catalogue, then files."""
-        names = [n for n in (*methods, *munthe_kaas) if n.lower().startswith(incomplete.lower())]
+        names = [
+            n
+            for n in (*methods, *munthe_kaas)
+            if n.isprintable() and n.lower().startswith(incomplete.lower())
+        ]
         return [*(CompletionItem(n) for n in names), CompletionItem(incomplete, type="file")]
 
     def _refused(self, param: click.Parameter | None, problem: Exception) -> click.BadParameter:
@@ -85,7 +90,12 @@ METHOD = NamedMethod()
 
 def as_json(data: Any) -> None:
     """Print data as JSON."""
-    click.echo(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False))
+    click.echo(to_json(data, indent=2))
+
+
+def say(text: str, *, err: bool = False) -> None:
+    """Print lines of text, in which nothing reaches the terminal that isn't printable."""
+    click.echo(visible_lines(text), err=err)
 
 
 def check_output(path: Path | None, option: str = "--output") -> None:

@@ -13,8 +13,9 @@ from cg.diagnosis import draw_points
 from cg.facts import Facts, facts_of
 from cg.formats import export
 from cg.method import Method
+from cg.texts import visible
 
-from .arguments import METHOD, as_json, json_option
+from .arguments import METHOD, as_json, json_option, say
 from .listing import table
 
 __all__ = ["show_command"]
@@ -46,13 +47,17 @@ def show_command(method: Method, digits: int, in_json: bool) -> None:
         data = {**facts.as_dict(), "certificate": certificate, "source": method.source}
         as_json(data | {"method": json.loads(export(method, "json"))})
         return
-    click.echo(f"{method.name or 'a method'}, {facts.kind}\n")
-    lines = [*_numbers(facts), ("certificate", certificate or "none"), ("source", method.source)]
+    say(f"{visible(method.name) or 'a method'}, {facts.kind}\n")
+    lines = [
+        *_numbers(facts),
+        ("certificate", certificate or "none"),
+        ("source", visible(method.source)),
+    ]
     width = max(len(label) for label, _ in lines)
     for label, value in lines:
-        click.echo(f"  {label.ljust(width)}  {value}".rstrip())
+        say(f"  {label.ljust(width)}  {value}".rstrip())
     drawn = draw_points(method, digits=digits) if _has_points(method) else _tableau(method, digits)
-    click.echo("\n" + drawn)
+    say("\n" + drawn)
 
 
 def _has_points(method: Method) -> bool:

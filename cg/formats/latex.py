@@ -40,7 +40,7 @@ def to_latex(method: Method, title: str, digits: int | None) -> str:
     needs = r"% \usepackage{booktabs}"
     if "longtable" in table:
         needs += r", \usepackage{longtable}"
-    return f"% {_comment(title)}\n{needs}\n{table}\n"
+    return f"% Method {title}\n{needs}\n{table}\n"
 
 
 def to_array(method: Method) -> str:
@@ -217,7 +217,3 @@ def _is_short(entry: Coefficient) -> bool:
 def _power(text: str) -> str:
     significand, e, exponent = text.lower().partition("e")
     return f"{significand}\\cdot 10^{{{int(exponent)}}}" if e else text
-
-
-def _comment(text: str) -> str:
-    return " ".join(text.split())

@@ -6,6 +6,7 @@ from html import escape
 
 from ..commutator_free import CommutatorFree
 from ..method import Method
+from ..texts import visible
 from .latex import short_numbers, to_array
 
 __all__ = ["to_formula", "to_html"]
@@ -13,6 +14,7 @@ __all__ = ["to_formula", "to_html"]
 _MOST_ROWS = 40
 _CELL = 'style="text-align: right; padding: 0.1em 0.6em'
 _LEFT = f'{_CELL}; border-right: 1px solid"'
+_TEXT = 'class="tex2jax_ignore mathjax_ignore"'  # dollars begin no formula
 _LINE = 'style="border-top: 1px solid"'
 
 
@@ -23,10 +25,12 @@ def to_formula(method: Method) -> str:
 
 def to_html(method: Method) -> str:
     """Return a method as HTML: what it is, and its tableau or points to few digits."""
-    title = f"<b>{escape(method.name or 'without name')}</b>: {escape(method.description())}"
+    title = (
+        f"<b>{escape(visible(method.name) or 'without name')}</b>: {escape(method.description())}"
+    )
     table = _points(method) if isinstance(method, CommutatorFree) else _tableau(method)
-    source = f"<br><small>{escape(method.source)}</small>" if method.source else ""
-    return f"<div>{title}{source}\n{table}\n</div>"
+    source = f"<br><small>{escape(visible(method.source))}</small>" if method.source else ""
+    return f"<div {_TEXT}>{title}{source}\n{table}\n</div>"
 
 
 def _tableau(method: Method) -> str:
