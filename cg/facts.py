@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.resources import files
+from itertools import chain
 from typing import Any
 
 from .catalogue import methods, munthe_kaas
@@ -17,9 +18,12 @@ from .method import Method
 from .munthe_kaas import MuntheKaas
 from .stability import stability_limits
 
-__all__ = ["Facts", "compute_facts", "facts_of", "write_facts"]
+__all__ = ["Facts", "compute_facts", "facts_of", "too_large", "write_facts"]
 
 _FILE = files("cg.catalogue") / "facts.json"
+
+_MOST_WORK = 5e9
+"""Of a characteristic polynomial, s⁴ times the bits of the matrix in integers: some seconds."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,8 @@ class Facts:
         `Method.principal_error`; None beyond the orders that conditions are known of.
     real_stability, imaginary_stability : float or None
         `cg.stability.stability_limits`; None if there is no end.
+    not_computed : str or None
+        What wasn't computed and is None for that, and why.
     """
 
     name: str
@@ -54,15 +60,27 @@ class Facts:
     principal_error: float | None
     real_stability: float | None
     imaginary_stability: float | None
+    not_computed: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return what JSON can hold."""
         return asdict(self)
 
 
-def compute_facts(method: Method) -> Facts:
-    """Compute what there is to say of a method; of high orders it takes seconds."""
-    limits = stability_limits(method)
+def compute_facts(method: Method, *, stability: bool = True) -> Facts:
+    """Compute what there is to say of a method; of high orders it takes seconds.
+
+    Parameters
+    ----------
+    method : Method
+    stability : bool, optional
+        Compute the limits of stability, unless the method is `too_large` for that.
+    """
+    left_out = too_large(method) if stability else "limits of stability, which weren't asked for"
+    real = imaginary = None
+    if left_out is None:
+        limits = stability_limits(method)
+        real, imaginary = _finite(limits.real), _finite(limits.imaginary)
     principal = None
     if method.order < HIGHEST_ORDER:
         principal = _short(method.principal_error())
@@ -76,19 +94,43 @@ def compute_facts(method: Method) -> Facts:
         method.exponentials,
         method.pair_exponentials,
         principal,
-        _finite(limits.real),
-        _finite(limits.imaginary),
+        real,
+        imaginary,
+        left_out,
     )
 
 
-def facts_of(method: Method) -> Facts:
-    """Return what there is to say of a method: that of the catalogue's is kept."""
+def too_large(method: Method) -> str | None:
+    """Return why the limits of stability of a method would take minutes; None if they don't."""
+    (a, b), s = method.exact, method.stages
+    denominator, size = 1, 0
+    for x in chain(*a, b):
+        denominator = math.lcm(denominator, x.denominator)
+        size = max(size, x.numerator.bit_length() - x.denominator.bit_length())
+        if s**4 * (denominator.bit_length() + size) > _MOST_WORK:
+            return (
+                f"limits of stability, since with {s} stages and rationals of many digits the "
+                "exact characteristic polynomial would take minutes or longer"
+            )
+    return None
+
+
+def facts_of(method: Method, *, stability: bool = True) -> Facts:
+    """Return what there is to say of a method: that of the catalogue's is kept.
+
+    Parameters
+    ----------
+    method, stability
+        As for `compute_facts`.
+    """
     kept = _kept().get(method.name)
     known = method.name in methods or method.name in munthe_kaas
     if kept is None or not known:
-        return compute_facts(method)
+        return compute_facts(method, stability=stability)
     catalogue: Mapping[str, Method] = methods if method.name in methods else munthe_kaas
-    return kept if catalogue[method.name] == method else compute_facts(method)
+    if catalogue[method.name] == method:
+        return kept
+    return compute_facts(method, stability=stability)
 
 
 def write_facts(path: Any) -> None:

@@ -68,7 +68,9 @@ def list_command(
     wanted = [
         facts
         for facts in (
-            facts_of(m) for catalogue in (methods, munthe_kaas) for m in catalogue.values()
+            facts_of(m, stability=in_json)
+            for catalogue in (methods, munthe_kaas)
+            for m in catalogue.values()
         )
         if (order is None or facts.order == order)
         and (min_order is None or facts.order >= min_order)

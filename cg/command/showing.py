@@ -71,16 +71,19 @@ def _numbers(facts: Facts) -> list[tuple[str, str]]:
     flows = str(facts.flows)
     if facts.pair_flows != facts.flows:
         flows += f", {facts.pair_flows} with the estimate"
-    return [
-        ("order", order + (", up to a residual that is stored" if facts.approximate else "")),
-        ("evaluations", str(facts.evaluations)),
-        ("flows", flows),
-        ("principal error", _number(facts.principal_error, "unknown")),
+    stability = [
         ("stable on the real axis", f"from 0 to -{_number(facts.real_stability, 'infinity')}"),
         (
             "stable on the imaginary axis",
             f"from 0 to {_number(facts.imaginary_stability, 'infinity')}",
         ),
+    ]
+    return [
+        ("order", order + (", up to a residual that is stored" if facts.approximate else "")),
+        ("evaluations", str(facts.evaluations)),
+        ("flows", flows),
+        ("principal error", _number(facts.principal_error, "unknown")),
+        *([("not computed", facts.not_computed)] if facts.not_computed else stability),
     ]
 
 

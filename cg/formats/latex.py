@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
 from ..coefficients import Coefficient
@@ -70,27 +70,27 @@ def to_array(method: Method) -> str:
     return f"\\begin{{array}}{{{columns}}}\n" + "\n".join(lines) + "\n\\end{array}"
 
 
-def short_numbers(method: Method) -> list[list[str]]:
-    """Return the coefficients of a method to few digits, for people.
+def short_numbers(method: Method) -> Iterator[list[str]]:
+    """Return the coefficients of a method to few digits, for people, row by row as they are needed.
 
     Of a tableau the rows, abscissae first and blanks for zeros beside the diagonal; else the
     weights of each point.
     """
     if isinstance(method, CommutatorFree):
-        return [
-            [_plain(weight) for weight in weights.values()] for weights in method.point_coefficients
-        ]
-    return [[_plain(entry) if entry else "" for entry in row] for row in _entries(method)]
+        for weights in method.point_coefficients:
+            yield [_plain(weight) for weight in weights.values()]
+    else:
+        for row in _entries(method):
+            yield [_plain(entry) if entry else "" for entry in row]
 
 
-def _entries(method: Method) -> list[list[Coefficient | None]]:
+def _entries(method: Method) -> Iterator[list[Coefficient | None]]:
     """Return the rows of a tableau with its abscissae; None for zeros beside the diagonal."""
     explicit = method.explicit
     rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
     third = getattr(method, "third_weights", None)
     if third is not None:
         rows.append(list(third))
-    found: list[list[Coefficient | None]] = []
     for i, row in enumerate(rows):
         stage = i < method.stages
         entries = [
@@ -105,8 +105,7 @@ def _entries(method: Method) -> list[list[Coefficient | None]]:
                 first = Coefficient(total, to_decimal(total), Fraction(1))  # a decimal too
             else:
                 first = Coefficient.read(total)
-        found.append([first, *entries])
-    return found
+        yield [first, *entries]
 
 
 def _tableau(method: Method, digits: int | None) -> list[list[str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from itertools import islice
 
 from ..commutator_free import CommutatorFree
 from ..method import Method
@@ -35,11 +36,12 @@ def to_html(method: Method) -> str:
 
 def _tableau(method: Method) -> str:
     rows = []
-    for i, (first, *entries) in enumerate(short_numbers(method)):
+    for i, (first, *entries) in enumerate(islice(short_numbers(method), _MOST_ROWS)):
         cells = "".join(f'<td {_CELL}">{entry}</td>' for entry in entries)
         line = f" {_LINE}" if i == method.stages else ""
         rows.append(f"<tr{line}><td {_LEFT}>{first}</td>{cells}</tr>")
-    return _table("", rows)
+    third = getattr(method, "third_weights", None) is not None
+    return _table("", rows, method.stages + 1 + method.layout.pair + third)
 
 
 def _points(method: CommutatorFree) -> str:
@@ -50,14 +52,18 @@ def _points(method: CommutatorFree) -> str:
     if method.embedded_result is not None:
         roles.setdefault(method.embedded_result, []).append("second result")
     rows = [_row("0", "", "", roles.get(-1, []))]
-    pairs = zip(method.points, method.point_coefficients, strict=True)
-    for m, (point, weights) in enumerate(pairs):
+    shown = islice(zip(method.points, short_numbers(method), strict=True), _MOST_ROWS - 1)
+    for m, (point, numbers) in enumerate(shown):
         terms = " + ".join(
             f"{short} F<sub>{stage + 1}</sub>"
-            for stage, short in zip(weights, short_numbers(method)[m], strict=True)
+            for stage, short in zip(point.weights, numbers, strict=True)
         )
         rows.append(_row(str(m + 1), str(point.parent + 1), terms, roles.get(m, [])))
-    return _table("<tr><th>point</th><th>from</th><th>along h times</th><th></th></tr>", rows)
+    return _table(
+        "<tr><th>point</th><th>from</th><th>along h times</th><th></th></tr>",
+        rows,
+        1 + len(method.points),
+    )
 
 
 def _row(point: str, origin: str, terms: str, roles: list[str]) -> str:
@@ -66,8 +72,7 @@ def _row(point: str, origin: str, terms: str, roles: list[str]) -> str:
     return f'<tr>{cells}<td {left}">{terms}</td><td {left}">{", ".join(roles)}</td></tr>'
 
 
-def _table(head: str, rows: list[str]) -> str:
-    left = len(rows) - _MOST_ROWS
-    if left > 0:
-        rows = [*rows[:_MOST_ROWS], f'<tr><td colspan="4">and {left} more</td></tr>']
+def _table(head: str, rows: list[str], all_rows: int) -> str:
+    if left := all_rows - len(rows):
+        rows = [*rows, f'<tr><td colspan="4">and {left} more</td></tr>']
     return "<table>" + head + "\n".join(rows) + "</table>"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..catalogue import resolve_method
+from ..facts import too_large
 from ..method import Method
 from ..stability import stability_function
 from .style import COLOURS, axes_for, plain
@@ -91,6 +92,8 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
     See `cg.stability.stability_function`.
     """
+    if problem := too_large(method):
+        raise ValueError(f"method must have fewer stages or digits, got {method!r}: {problem}")
     above, below = (np.array([float(c) for c in p]) for p in stability_function(method))
     return np.asarray(np.polyval(above[::-1], z) / np.polyval(below[::-1], z))
 
