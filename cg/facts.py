@@ -17,6 +17,7 @@ from .conditions import HIGHEST_ORDER
 from .method import Method
 from .munthe_kaas import MuntheKaas
 from .stability import stability_limits
+from .texts import write_file
 
 __all__ = ["Facts", "compute_facts", "facts_of", "too_large", "write_facts"]
 
@@ -137,7 +138,7 @@ def write_facts(path: Any) -> None:
     """Write what there is to say of all methods of the catalogue."""
     entries = [compute_facts(m).as_dict() for c in (methods, munthe_kaas) for m in c.values()]
     lines = ",\n".join(json.dumps(entry, ensure_ascii=False) for entry in entries)
-    path.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+    write_file(path, f"[\n{lines}\n]\n")
 
 
 @cache

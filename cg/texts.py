@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import secrets
+import shutil
 import tomllib
+from contextlib import suppress
 from decimal import Decimal
 from fractions import Fraction
 from os import PathLike
@@ -23,6 +27,7 @@ __all__ = [
     "to_json",
     "visible",
     "visible_lines",
+    "write_file",
 ]
 
 MOST_CHARACTERS = 10_000_000
@@ -210,3 +215,45 @@ def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Pa
     if not fit:
         raise ValueError(f"name must be fit for a file's name, got {name[:80]!r}")
     return Path(folder) / f"{name}{suffix}"
+
+
+def write_file(path: str | PathLike[str], data: str | bytes) -> None:
+    """Write a file as a whole: whatever goes wrong on the way leaves the old one as it was.
+
+    The data go to a file beside it, which takes its place then. Links and permissions stay. What
+    is there and is no regular file, such as a device, is written to.
+
+    Parameters
+    ----------
+    path : path
+    data : str or bytes
+        Texts are written in UTF-8.
+
+    Raises
+    ------
+    OSError
+        If the file can't be written; the message names it.
+    ValueError
+        If UTF-8 can't hold the text.
+    """
+    path, content = Path(path), data.encode("utf-8") if isinstance(data, str) else data
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
+    target = path.resolve()
+    part = target.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        with part.open("xb") as file:
+            if target.exists():
+                target.open("ab").close()  # one that may not be written isn't replaced either
+                shutil.copymode(target, part)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, target)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None
+        raise
+    finally:
+        with suppress(OSError):
+            part.unlink()

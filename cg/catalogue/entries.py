@@ -15,7 +15,7 @@ from ..method import Method
 from ..munthe_kaas import MuntheKaas
 from ..points import MethodError
 from ..tableau import Tableau, TableauError
-from ..texts import file_in, quoted, read_json, read_toml, to_json
+from ..texts import file_in, quoted, read_json, read_toml, to_json, write_file
 
 __all__ = [
     "SUFFIXES",
@@ -242,4 +242,4 @@ def save(method: Method, path: str | PathLike[str]) -> None:
         text, path = dumps(method), file_in(path, method.name)
     else:
         text = dumps_json(method) if path.suffix.lower() == ".json" else dumps(method)
-    path.write_text(text, encoding="utf-8")
+    write_file(path, text)

@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ..texts import quoted, read_fraction, read_toml
+from ..texts import quoted, read_fraction, read_toml, write_file
 
 __all__ = ["Beyond", "Certificate", "CertificationError"]
 
@@ -206,7 +206,7 @@ class Certificate:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the certificate to a file."""
-        Path(path).write_text(self.dumps(), encoding="utf-8")
+        write_file(path, self.dumps())
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Certificate:

@@ -109,7 +109,8 @@ def check_output(path: Path | None, option: str = "--output") -> None:
     try:
         if path.is_file():
             path.open("ab").close()
-        else:
+            folder = path.resolve().parent
+        if path.is_file() or path.is_dir() or not path.exists():  # and no device
             with tempfile.TemporaryFile(dir=folder):
                 pass
     except OSError as error:

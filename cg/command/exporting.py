@@ -8,8 +8,9 @@ import click
 
 from cg.formats import FORMATS, export
 from cg.method import Method
+from cg.texts import write_file
 
-from .arguments import METHOD
+from .arguments import METHOD, check_output
 
 __all__ = ["export_command"]
 
@@ -36,8 +37,10 @@ def export_command(method: Method, format: str, digits: int | None, output: Path
       crouch-grossman export CF6c c -o cf6c.h
       crouch-grossman export CG5a json --digits 60
     """
+    check_output(output)
     text = export(method, format, digits=digits)
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
     else:
-        output.write_text(text, encoding="utf-8")
+        output.parent.mkdir(parents=True, exist_ok=True)
+        write_file(output, text)
