@@ -31,6 +31,7 @@ TOLERANCE_FACTOR = 2
 
 _DOUBLE_ROUNDING = 2.0**-40  # far above what rounding in double can do to a weight, relatively
 _MOST_IN_PASSING = 200  # coefficients of a method whose order is computed to show it: half a second
+_LEAST_UNIT = float(np.finfo(np.float64).tiny)
 _PROBE = 2.0**-20  # of the largest unit, for a difference quotient
 
 
@@ -342,7 +343,9 @@ class Method(ABC):
 
     @property
     def _units(self) -> NDArray[np.float64]:
-        return np.array([float(coefficient.unit) for coefficient in self.coefficients])
+        # those beyond doubles aren't nothing
+        units = [coefficient.unit for coefficient in self.coefficients]
+        return np.array([max(float(unit), _LEAST_UNIT) if unit else 0.0 for unit in units])
 
     def tolerance(self, order: int) -> NDArray[np.float64]:
         """Return what residuals may be for all that the stored places can tell.
