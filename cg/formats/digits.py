@@ -54,6 +54,8 @@ class Numbers:
         """
         if self.digits is not None:
             return to_decimal(value, self.digits)
+        if float(value) == 0.0:  # below the range of doubles, which compilers refuse
+            return "0"
         places = DECIMAL_DIGITS
         while float(text := to_decimal(value, places)) != float(value):
             places += DECIMAL_DIGITS
