@@ -294,3 +294,24 @@ def test_rationals_are_off_by_however_little(exponent):
     assert f"off by {said}" in str(found)
     second = cg.diagnose(cg.Tableau([[], [Fraction(1, 2) + small]], [0, 1]))
     assert (second.order, second.failing.order, second.failing.failing) == (1, 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('A = [[], ["1/2"]]\nb = ["0", "1"]', "the entry lacks a; the entry has unknown keys: A"),
+        ('a = [[], ["1/2"]]\nB = ["0", "1"]', "the entry lacks b; the entry has unknown keys: B"),
+        ("a = [[]]\nb = [1]\nbhat = [2]", "the entry has unknown keys: bhat"),
+        ('name = "x"', "the entry lacks a, b"),
+        (
+            'name = "x"\nsource = ""\nPoints = []\nstage_points = [-1]\nresult = 0',
+            "the entry lacks points; the entry has unknown keys: Points",
+        ),
+    ],
+)
+def test_keys_that_are_misspelt_are_named(text, message, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(TableauError) as error:
+        diagnose_file(file)
+    assert str(error.value) == f"{file}: {message}"

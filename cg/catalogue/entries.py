@@ -19,6 +19,7 @@ from ..texts import file_in, quoted, read_json, read_toml, to_json, write_file
 
 __all__ = [
     "SUFFIXES",
+    "check_keys",
     "check_path",
     "dumps",
     "dumps_json",
@@ -38,7 +39,8 @@ _REQUIRED = {"name", "source", "a", "b"}
 _OPTIONAL = {"b_embedded", "nominal"}
 _OPTIONAL_OF_ALGEBRAS = {"kind", "b_embedded", "b_third"}
 _KIND = "Munthe-Kaas"
-_REQUIRED_OF_POINTS = {"name", "source", "points", "stage_points", "result"}
+_KEYS_OF_POINTS = {"points", "stage_points", "result"}  # that a tableau has none of
+_REQUIRED_OF_POINTS = {"name", "source"} | _KEYS_OF_POINTS
 _OPTIONAL_OF_POINTS = {"embedded_result", "b_third", "nominal"}
 _POINT = {"parent", "weights"}
 _NOMINAL = {"order", "residual"}
@@ -60,19 +62,19 @@ def loads(text: str) -> Method:
     entry = (
         read_json(text, TableauError) if in_json else read_toml(text, TableauError, parse_float=str)
     )
-    points = "points" in entry
+    points = not _KEYS_OF_POINTS.isdisjoint(entry)
     if "kind" in entry:
         return _read_munthe_kaas(entry)
     if points:
-        _check_keys(entry, _REQUIRED_OF_POINTS, _OPTIONAL_OF_POINTS, "the entry")
+        check_keys(entry, _REQUIRED_OF_POINTS, _OPTIONAL_OF_POINTS, "the entry")
     else:
-        _check_keys(entry, _REQUIRED, _OPTIONAL, "the entry")
+        check_keys(entry, _REQUIRED, _OPTIONAL, "the entry")
     nominal: dict[str, Any] = {}
     if "nominal" in entry:
         table = entry.pop("nominal")
         if not isinstance(table, dict):
             raise TableauError(f"nominal must be a table, got {table!r}")
-        _check_keys(table, _NOMINAL, set(), "nominal")
+        check_keys(table, _NOMINAL, set(), "nominal")
         nominal = {f"nominal_{key}": value for key, value in table.items()}
     if points:
         third = entry.pop("b_third", None)
@@ -81,7 +83,7 @@ def loads(text: str) -> Method:
 
 
 def _read_munthe_kaas(entry: dict[str, Any]) -> MuntheKaas:
-    _check_keys(entry, _REQUIRED, _OPTIONAL_OF_ALGEBRAS, "the entry")
+    check_keys(entry, _REQUIRED, _OPTIONAL_OF_ALGEBRAS, "the entry")
     if (kind := entry.pop("kind")) != _KIND:
         raise MethodError(f"kind must be {_KIND!r}, got {kind!r}")
     third = entry.pop("b_third", None)
@@ -95,7 +97,7 @@ def _read_points(tables: Any) -> list[Any]:
     for m, table in enumerate(tables):
         if not isinstance(table, dict) or not isinstance(table.get("weights", {}), dict):
             raise MethodError(f"point {m} must be a table with one of weights, got {table!r}")
-        _check_keys(table, _POINT, set(), f"point {m}")
+        check_keys(table, _POINT, set(), f"point {m}")
         stages = table["weights"]
         if wrong := [stage for stage in stages if not _STAGE.fullmatch(stage)]:
             raise MethodError(f"weights of point {m} must be on stages, got one on {wrong[0]!r}")
@@ -103,11 +105,15 @@ def _read_points(tables: Any) -> list[Any]:
     return points
 
 
-def _check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
+def check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
+    """Raise an error that names all keys of a table that are missing or unknown."""
+    problems = []
     if missing := sorted(required - set(table)):
-        raise TableauError(f"{where} lacks {', '.join(missing)}")
+        problems.append(f"{where} lacks {', '.join(missing)}")
     if unknown := sorted(set(table) - required - optional):
-        raise TableauError(f"{where} has unknown keys: {', '.join(unknown)}")
+        problems.append(f"{where} has unknown keys: {', '.join(unknown)}")
+    if problems:
+        raise TableauError("; ".join(problems))
 
 
 def load(path: str | PathLike[str]) -> Method:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 import click
@@ -19,6 +21,8 @@ from .arguments import METHOD, as_json, json_option, say
 from .listing import table
 
 __all__ = ["show_command"]
+
+_MOST_BITS = 128  # more than the most digits that are shown
 
 
 @click.command("show", short_help="Show all of one method.")
@@ -110,7 +114,7 @@ def _certificate(method: Method) -> str | None:
 def _tableau(method: Any, digits: int) -> str:
     """Return c, a and b in columns; c before the rows of a, ``b^`` before second weights."""
     *rows, last = method.layout.cut(method.coefficients)
-    labels = [_text(x, digits) for x in _sums(method)]
+    labels = [_sum(row, digits) for row in method.exact[0]]
     lines = []
     weights = [rows.pop(), last] if method.layout.pair else [last]
     for c, row in zip(labels, rows, strict=True):
@@ -124,8 +128,11 @@ def _tableau(method: Any, digits: int) -> str:
     return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
 
 
-def _sums(method: Method) -> list[Coefficient]:
-    return [Coefficient.read(str(sum(row))) for row in method.exact[0]]
+def _sum(row: Sequence[Fraction], digits: int) -> str:
+    total = sum(row, Fraction(0))
+    # a longer one isn't shown as it is, and Python may refuse to write it
+    text = str(total) if total.denominator.bit_length() <= _MOST_BITS else ""
+    return text if 0 < len(text) <= digits + 1 else f"{float(total):.{digits}g}"
 
 
 def _text(x: Coefficient, digits: int) -> str:

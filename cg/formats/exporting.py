@@ -108,7 +108,7 @@ def export(
     if format == "toml":
         return dumps(numbers.rounded())
     if format == "latex":
-        return to_latex(numbers.rounded(), summary(method), digits)
+        return to_latex(numbers, summary(method))
     program = make_program(numbers, summary(method))
     orders = method.order, method.embedded_order
     lower = None if orders[1] is None else min(orders[0], orders[1])

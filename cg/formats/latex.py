@@ -9,6 +9,7 @@ from ..coefficients import Coefficient
 from ..commutator_free import CommutatorFree
 from ..method import Method
 from ..quad import to_decimal
+from .digits import Numbers
 
 __all__ = ["short_numbers", "to_array", "to_latex"]
 
@@ -17,24 +18,18 @@ _WIDEST = 110
 
 _LONGEST = 40  # rows of a table that stays on one page
 
+_MOST_BITS = 10_000  # of an integer; from 4300 digits on Python refuses to write it
+
 _SHORT = 6  # digits in notebooks
 
 
-def to_latex(method: Method, title: str, digits: int | None) -> str:
-    """Return a table, preceded by comments on what it needs.
-
-    Parameters
-    ----------
-    method : Method
-        With its coefficients as they are to be written.
-    title : str
-    digits : int or None
-        Of abscissae, which are sums of coefficients; None for all that there are.
-    """
+def to_latex(numbers: Numbers, title: str) -> str:
+    """Return a table, preceded by comments on what it needs."""
+    method = numbers.rounded(zeros=True)
     if isinstance(method, CommutatorFree):
         table = _points(method)
     else:
-        rows = _tableau(method, digits)
+        rows = _tableau(method, numbers)
         widest = max(sum(map(len, row)) for row in rows)
         table = _list(method) if widest > _WIDEST else _butcher(rows, method)
     needs = r"% \usepackage{booktabs}"
@@ -84,8 +79,15 @@ def short_numbers(method: Method) -> Iterator[list[str]]:
             yield [_plain(entry) if entry else "" for entry in row]
 
 
-def _entries(method: Method) -> Iterator[list[Coefficient | None]]:
-    """Return the rows of a tableau with its abscissae; None for zeros beside the diagonal."""
+def _entries(
+    method: Method, exact: Sequence[Fraction] | None = None
+) -> Iterator[list[Coefficient | None]]:
+    """Return the rows of a tableau with its abscissae; None for zeros beside the diagonal.
+
+    Abscissae are sums of `exact`, packed, or else of the coefficients.
+    """
+    packed = [given.value for given in method.coefficients] if exact is None else list(exact)
+    summed = method.layout.full_rows(packed)
     explicit = method.explicit
     rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
     third = getattr(method, "third_weights", None)
@@ -100,20 +102,27 @@ def _entries(method: Method) -> Iterator[list[Coefficient | None]]:
         first = None
         if stage:
             numbers = [Coefficient.read(entry) for entry in row]
-            total = sum((number.value for number in numbers), Fraction(0))
-            if any(set(number.text) & set(".ex") for number in numbers):
+            total = Fraction(sum(summed[i]))
+            if _is_long(total) or any(set(number.text) & set(".ex") for number in numbers):
                 first = Coefficient(total, to_decimal(total), Fraction(1))  # a decimal too
             else:
                 first = Coefficient.read(total)
         yield [first, *entries]
 
 
-def _tableau(method: Method, digits: int | None) -> list[list[str]]:
+def _is_long(value: Fraction) -> bool:
+    """Tell whether Python might refuse to write numerator or denominator."""
+    return max(value.numerator.bit_length(), value.denominator.bit_length()) > _MOST_BITS
+
+
+def _tableau(method: Method, numbers: Numbers) -> list[list[str]]:
     rows = []
-    for row in _entries(method):
+    digits = numbers.digits
+    for row in _entries(method, numbers.values):
         first, *rest = row
         if first is not None and first.unit and digits is not None:
-            first = Coefficient(first.value, to_decimal(first.value, digits), first.unit)
+            text = to_decimal(first.value, digits, zeros=True)
+            first = Coefficient(first.value, text, first.unit)
         rows.append([_number(entry) if entry else "" for entry in (first, *rest)])
     return rows
 
