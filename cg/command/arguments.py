@@ -6,7 +6,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -16,12 +16,16 @@ from cg.method import Method
 from cg.points import MethodError
 from cg.texts import to_json, visible_lines
 
+if TYPE_CHECKING:
+    from cg.certification import Certificate
+
 __all__ = [
     "METHOD",
     "F",
     "MethodArgument",
     "NamedMethod",
     "as_json",
+    "certificate_of_file",
     "check_output",
     "is_file",
     "json_option",
@@ -29,6 +33,8 @@ __all__ = [
     "say",
     "workers_option",
 ]
+
+_FILE = f"{__name__}.file"  # of a method, in the context of a command
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -80,9 +86,26 @@ class NamedMethod(MethodArgument):
         if isinstance(value, Method):
             return value
         try:
-            return load(value) if is_file(value) else named(value)
+            method = load(value) if is_file(value) else named(value)
         except (MethodError, OSError, ValueError) as problem:
             raise self._refused(param, problem) from None
+        if ctx is not None and is_file(value):
+            ctx.meta[_FILE] = value
+        return method
+
+
+def certificate_of_file(method: Method) -> Certificate | None:
+    """Return the certificate beside the file that the argument is; None without.
+
+    Raises
+    ------
+    CertificationError
+        If it is none, or another method's.
+    """
+    from cg.certification.files import certificate_beside
+
+    file = click.get_current_context().meta.get(_FILE)
+    return None if file is None else certificate_beside(file, method)
 
 
 METHOD = NamedMethod()

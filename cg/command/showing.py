@@ -17,7 +17,7 @@ from cg.formats import export
 from cg.method import Method
 from cg.texts import visible
 
-from .arguments import METHOD, as_json, json_option, say
+from .arguments import METHOD, as_json, certificate_of_file, json_option, say
 from .listing import table
 
 __all__ = ["show_command"]
@@ -99,11 +99,16 @@ def _certificate(method: Method) -> str | None:
     from cg.certification import CertificationError, certificate_of, check
 
     try:
-        certificate = certificate_of(method)
-    except CertificationError:
-        return None
-    if method.name in packaged:
-        return str(certificate)
+        certificate = certificate_of_file(method)
+    except CertificationError as error:
+        return f"proves nothing: {error}"
+    if certificate is None:
+        try:
+            certificate = certificate_of(method)
+        except CertificationError:
+            return None
+        if method.name in packaged:
+            return str(certificate)
     try:  # nothing of a file of the user's is believed
         check(certificate, method)
     except CertificationError as error:
