@@ -40,7 +40,9 @@ class Facts:
     principal_error : float or None
         `Method.principal_error`; None beyond the orders that conditions are known of.
     real_stability, imaginary_stability : float or None
-        `cg.stability.stability_limits`; None if there is no end.
+        `cg.stability.stability_limits`; None if there is no end, or if it isn't known.
+    stability_known : bool
+        False for methods that are too large for that.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Facts:
     principal_error: float | None
     real_stability: float | None
     imaginary_stability: float | None
+    stability_known: bool = True
 
     def as_dict(self) -> dict[str, Any]:
         """Return what JSON can hold."""
@@ -78,6 +81,7 @@ def compute_facts(method: Method) -> Facts:
         principal,
         _finite(limits.real),
         _finite(limits.imaginary),
+        not math.isnan(limits.real),
     )
 
 

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from fractions import Fraction
 
 import pytest
 from watching import interrupted_search
@@ -99,6 +100,16 @@ class TestList:
     def test_what_is_kept_is_what_is_computed(self, name):
         method = {**cg.methods, **munthe_kaas}[name]
         assert facts_of(method) == compute_facts(method)
+
+    def test_limits_of_methods_too_large_for_them_are_not_told(self, run, tmp_path):
+        method = cg.Tableau([["1/3"] * i for i in range(121)], [Fraction(1, 121)] * 121)
+        assert compute_facts(method).as_dict()["stability_known"] is False
+        path = tmp_path / "long.toml"
+        method.save(path)
+        _, shown, _ = run("show", str(path))
+        assert "stable" in shown
+        assert "limits are not computed, the method is too large" in shown
+        assert "infinity" not in shown
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", [*cg.methods, *munthe_kaas])

@@ -71,11 +71,18 @@ def _numbers(facts: Facts) -> list[tuple[str, str]]:
         ("evaluations", str(facts.evaluations)),
         ("flows", flows),
         ("principal error", _number(facts.principal_error, "unknown")),
-        ("stable on the real axis", f"from 0 to -{_number(facts.real_stability, 'infinity')}"),
-        (
-            "stable on the imaginary axis",
-            f"from 0 to {_number(facts.imaginary_stability, 'infinity')}",
-        ),
+        *_stability(facts),
+    ]
+
+
+def _stability(facts: Facts) -> list[tuple[str, str]]:
+    if not facts.stability_known:
+        return [("stable", "limits are not computed, the method is too large for that")]
+    real = _number(facts.real_stability, "infinity")
+    imaginary = _number(facts.imaginary_stability, "infinity")
+    return [
+        ("stable on the real axis", f"from 0 to -{real}"),
+        ("stable on the imaginary axis", f"from 0 to {imaginary}"),
     ]
 
 
