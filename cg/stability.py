@@ -69,8 +69,7 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
     """
     from flint import fmpq_mat
 
-    if not isinstance(method, Method):
-        raise TypeError(f"method must be a Method, got {method!r}")
+    _check(method)
     a, b = method.exact
     row = list(map(_exact, b))
     matrix = fmpq_mat([list(map(_exact, entries)) for entries in a])
@@ -112,6 +111,7 @@ def stability_limits(method: Method) -> StabilityLimits:
     >>> round(limits.real, 6), limits.imaginary
     (2.0, 0.0)
     """
+    _check(method)
     unknown = StabilityLimits(math.nan, math.nan)
     if method.stages > _MOST_STAGES:
         return unknown
@@ -132,6 +132,11 @@ def stability_limits(method: Method) -> StabilityLimits:
     sizes = _on_imaginary_axis(sizes_d, 1) + _on_imaginary_axis(sizes_n, 1)
     square = _end([_certain(below - above, sizes, noise)], below, growth)
     return StabilityLimits(real, math.sqrt(square))
+
+
+def _check(method: object) -> None:
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
 
 
 def _of_order(numerator: Polynomial, denominator: Polynomial, order: int) -> Polynomial:
