@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.resources import files
-from itertools import chain
 from typing import Any
 
 from .catalogue import methods, munthe_kaas
@@ -16,15 +15,12 @@ from .commutator_free import CommutatorFree
 from .conditions import HIGHEST_ORDER
 from .method import Method
 from .munthe_kaas import MuntheKaas
-from .stability import stability_limits
+from .stability import stability_limits, too_large
 from .texts import write_file
 
-__all__ = ["Facts", "compute_facts", "facts_of", "too_large", "write_facts"]
+__all__ = ["Facts", "compute_facts", "facts_of", "write_facts"]
 
 _FILE = files("cg.catalogue") / "facts.json"
-
-_MOST_WORK = 5e9
-"""Of a characteristic polynomial, s⁴ times the bits of the matrix in integers: some seconds."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +71,7 @@ def compute_facts(method: Method, *, stability: bool = True) -> Facts:
     ----------
     method : Method
     stability : bool, optional
-        Compute the limits of stability, unless the method is `too_large` for that.
+        Compute the limits of stability, unless the method is too large for that.
     """
     left_out = too_large(method) if stability else "limits of stability, which weren't asked for"
     real = imaginary = None
@@ -99,21 +95,6 @@ def compute_facts(method: Method, *, stability: bool = True) -> Facts:
         imaginary,
         left_out,
     )
-
-
-def too_large(method: Method) -> str | None:
-    """Return why the limits of stability of a method would take minutes; None if they don't."""
-    (a, b), s = method.exact, method.stages
-    denominator, size = 1, 0
-    for x in chain(*a, b):
-        denominator = math.lcm(denominator, x.denominator)
-        size = max(size, x.numerator.bit_length() - x.denominator.bit_length())
-        if s**4 * (denominator.bit_length() + size) > _MOST_WORK:
-            return (
-                f"limits of stability, since with {s} stages and rationals of many digits the "
-                "exact characteristic polynomial would take minutes or longer"
-            )
-    return None
 
 
 def facts_of(method: Method, *, stability: bool = True) -> Facts:

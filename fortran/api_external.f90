@@ -107,6 +107,19 @@ subroutine run_finish(address, i)
   run%trajectories(i)%failure%status = finished
 end subroutine run_finish
 
+! A trajectory's coefficients where it is are evaluated again, since the function gives others now.
+subroutine run_forget(address, i)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use runs, only: run_at, run_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: i
+  type(run_t), pointer :: run
+
+  run => run_at(address)
+  run%trajectories(i)%known = .false.
+end subroutine run_forget
+
 ! Equal steps from start to stop
 subroutine run_use_grid(address, start, stop, step, last, steps)
   use, intrinsic :: iso_c_binding, only: c_intptr_t

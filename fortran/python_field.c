@@ -1,12 +1,13 @@
 /* Calls a right-hand side that is a function in Python, as if it were one in C.
  *
  * The user data is a tuple
- *   (f, args, shape, dtype number, result shape, check, spare)
+ *   (f, args, shape, dtype number, result shape, check, spare, ended)
  * of the function, its further arguments, the shape of its points, the type of their entries, the
  * shape of its coefficients, a function check(value, t, y) that returns them as an array, or raises
- * what is wrong with them, and a list of one entry.  The check is called for all but the plainest
- * results.  In the list is the array that f was given last, or None: if nobody else has kept it,
- * the next point goes into it.
+ * what is wrong with them, a list of one entry, and an array of bools.  The check is called for all
+ * but the plainest results.  In the list is the array that f was given last, or None: if nobody
+ * else has kept it, the next point goes into it.  The bools tell of each member of an ensemble
+ * whether an event has ended it: its coefficients are zero then, and it stays where it is.
  */
 #include <math.h>
 #include <string.h>
@@ -15,8 +16,7 @@
 #include "fortranobject.h"
 #include "shared_numbers.h"
 
-enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE };
-enum { MOST_ARGUMENTS = 32 };
+enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE, ENDED };
 
 /* Whether an array has a shape, given as a tuple */
 static int has_shape(PyArrayObject *array, PyObject *shape)
@@ -83,16 +83,21 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
 {
     PyObject *extra = PyTuple_GET_ITEM(context, ARGUMENTS);
     Py_ssize_t count = PyTuple_GET_SIZE(extra);
-    if (count > MOST_ARGUMENTS) {
-        PyErr_Format(PyExc_TypeError, "args must have at most %d entries", (int)MOST_ARGUMENTS);
-        return NULL;
+    PyObject **arguments = PyMem_New(PyObject *, 3 + count);
+    if (arguments == NULL) {
+        return PyErr_NoMemory();
     }
-    PyObject *arguments[3 + MOST_ARGUMENTS] = {NULL, time, point};
+    arguments[0] = NULL; /* the function may use this place during the call */
+    arguments[1] = time;
+    arguments[2] = point;
     for (Py_ssize_t i = 0; i < count; i++) {
         arguments[3 + i] = PyTuple_GET_ITEM(extra, i);
     }
-    return PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
-                               (size_t)(2 + count) | PY_VECTORCALL_ARGUMENTS_OFFSET, NULL);
+    PyObject *value = PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
+                                          (size_t)(2 + count) | PY_VECTORCALL_ARGUMENTS_OFFSET,
+                                          NULL);
+    PyMem_Free(arguments);
+    return value;
 }
 
 /* Copies a list or a tuple of numbers, which are all floats; returns 0 if it isn't one. */
@@ -146,6 +151,22 @@ static int copy_plain(PyObject *value, PyObject *shape, double *f)
     return 1;
 }
 
+/* Members that have ended stay where they are. */
+static void hold_ended(PyObject *context, double *f)
+{
+    PyArrayObject *ended = (PyArrayObject *)PyTuple_GET_ITEM(context, ENDED);
+    PyObject *shape = PyTuple_GET_ITEM(context, RESULT);
+    const npy_bool *flags = PyArray_DATA(ended);
+    const Py_ssize_t members = PyArray_SIZE(ended);
+    const size_t dim
+        = (size_t)PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, PyTuple_GET_SIZE(shape) - 1));
+    for (Py_ssize_t i = 0; i < members; i++) {
+        if (flags[i]) {
+            memset(f + (size_t)i * dim, 0, dim * sizeof(double));
+        }
+    }
+}
+
 int call_python_field(double t, const double *y, double *f, void *user_data)
 {
     PyObject *context = user_data;
@@ -158,6 +179,7 @@ int call_python_field(double t, const double *y, double *f, void *user_data)
         value = call(context, time, point);
     }
     if (value != NULL && copy_plain(value, PyTuple_GET_ITEM(context, RESULT), f)) {
+        hold_ended(context, f);
         code = 0;
     } else if (value != NULL) {
         PyObject *checked = PyObject_CallFunctionObjArgs(PyTuple_GET_ITEM(context, CHECK), value,

@@ -41,6 +41,8 @@ class CompiledRhs:
         is given the address of its member's in place of ``user_data``.
     frame
         The frame that it gives coefficients for; needed to call it from Python.
+    reads_numbers
+        Whether the type of its last argument is a pointer to doubles, which it will read.
     """
 
     function: Any
@@ -48,6 +50,7 @@ class CompiledRhs:
     user_data: int
     parameters: Array | None = None
     frame: Frame | None = None
+    reads_numbers: bool = False
 
     def on(self, frame: Frame, batch: tuple[int, ...], parameters: Any) -> CompiledRhs:
         """Return the same right-hand side for points of ``frame``.
@@ -64,9 +67,15 @@ class CompiledRhs:
         Raises
         ------
         ValueError
-            If ``parameters`` has another shape, holds nothing, or there are user's data already.
+            If ``parameters`` has another shape, holds nothing, or there are user's data already;
+            or if there are neither and the function's last argument is a pointer to doubles.
         """
         if parameters is None:
+            if self.reads_numbers and not self.user_data:
+                raise ValueError(
+                    "parameters must be given for a compiled f without user_data whose last "
+                    "argument is of type double *, got None; of type void * it may be null"
+                )
             return replace(self, frame=frame)
         if self.user_data:
             raise ValueError("parameters must be None for a compiled f that has user_data")
@@ -160,7 +169,8 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
     name = _capsule("GetName", ctypes.c_char_p, capsule)
     address = _capsule("GetPointer", ctypes.c_void_p, capsule, name)
     user_data = _capsule("GetContext", ctypes.c_void_p, capsule)
-    return CompiledRhs((f, source), address, user_data or 0)
+    reads_numbers = _words(source.signature).endswith(",double*)")
+    return CompiledRhs((f, source), address, user_data or 0, reads_numbers=reads_numbers)
 
 
 def _capsule(name: str, result: Any, *arguments: Any) -> Any:
@@ -169,7 +179,11 @@ def _capsule(name: str, result: Any, *arguments: Any) -> Any:
     return ctypes.PYFUNCTYPE(result, *kinds)(address or 0)(*arguments)
 
 
+def _words(signature: str | None) -> str:
+    """Return a signature without spaces and ``const``."""
+    return (signature or "").replace("const", "").replace(" ", "")
+
+
 def _fits(signature: str | None) -> bool:
-    words = (signature or "").replace("const", "").replace(" ", "")
-    head, _, data = words.rpartition(",")
+    head, _, data = _words(signature).rpartition(",")
     return head == "int(double,double*,double*" and data.endswith("*)")

@@ -169,6 +169,10 @@ class CompiledRun:
         """Take no more steps of a trajectory."""
         self._core.finish(self._address, i + 1)
 
+    def forget(self, i: int) -> None:
+        """Evaluate the coefficients where a trajectory is anew."""
+        self._core.forget(self._address, i + 1)
+
     def smallest_step(self, t: float) -> float:
         """Return the resolution of time there, below which no step is taken."""
         return float(self._core.smallest_size(t))

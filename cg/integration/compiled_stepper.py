@@ -136,7 +136,7 @@ class CompiledStepper(Stepper):
         self, steps: int, t: float, y: Points
     ) -> tuple[Block, int, NDArray[np.intc], NDArray[np.intc], Array]:
         """Take some steps of all trajectories."""
-        capacity = steps // self.every + 1
+        capacity = (steps - 1) // self.every + 2  # wherever these begin, and the very last one
         if self._piece is None:
             times = np.empty(capacity + 1)
             points = np.empty((capacity + 1, self.trajectories, self.width))
@@ -240,6 +240,9 @@ class CompiledStepper(Stepper):
         return np.moveaxis(values, 0, 1).reshape(len(t), *self.batch, self.frame.dim)
 
     def end_member(self, index: tuple[int, ...]) -> None:
-        """Take no more steps of one trajectory, if it moves on its own."""
-        if self.trajectories > 1:
+        """Take no more steps of one trajectory, or leave a member where it is."""
+        if isinstance(self.rhs, PythonRhs):
+            self.rhs.ended[index] = True
+            self._run.forget(0)
+        elif self.trajectories > 1:
             self._run.finish(int(np.ravel_multi_index(index, self.batch)))

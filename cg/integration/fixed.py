@@ -167,6 +167,7 @@ def integrate(
         y=recorder.points(),
         nfev=counts.nfev,
         nexp=counts.nexp,
+        steps=counts.steps,
         method=problem.method,
         h=float(h),
         failures=dict(stepper.failures),

@@ -121,7 +121,7 @@ def solve_ivp(
         continuous solution.  Attributes ``terminal`` (a bool, or the number of times after which
         to stop) and ``direction`` are as in SciPy.  A zero at the initial point is no event.  Of
         an ensemble they are given one member at a time, and end that member, which is NaN from
-        there on.
+        there on; where ``f`` is given all members, what it returns for that one is ignored.
     max_step
         Largest step size.
     first_step

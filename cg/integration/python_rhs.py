@@ -77,6 +77,9 @@ class PythonRhs:
     ----------
     context
         What the function in C needs.
+    ended
+        Which members of the ensemble an event has ended, shape ``batch``.  Their coefficients
+        are zero whatever ``f`` returns for them.
     """
 
     def __init__(
@@ -91,6 +94,7 @@ class PythonRhs:
         self.batch = batch
         self.args = args
         self.shape = (*batch, frame.dim)
+        self.ended = np.zeros(batch, dtype=np.bool_)
         self.context = (
             f,
             args,
@@ -99,6 +103,7 @@ class PythonRhs:
             self.shape,
             self.check,
             [None],
+            self.ended,
         )
 
     def __call__(self, t: float, point: Points) -> Array:
@@ -140,6 +145,8 @@ class PythonRhs:
                 f"f must return an array of shape {self.shape}, got {got} at t = {t:.17g}"
                 f"{self._hint(coefficients.shape[len(self.batch) :])}"
             )
+        if self.batch:
+            coefficients[self.ended] = 0.0
         # Sums are finite only if all their terms are, and take a fraction of the time.
         if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
             if np.isfinite(y).all():

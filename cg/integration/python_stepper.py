@@ -90,7 +90,8 @@ class PythonStepper(Stepper):
         return np.array([self.step.evaluate(time, point) for time, point in pairs])
 
     def end_member(self, index: tuple[int, ...]) -> None:
-        """Go on: all members move as one."""
+        """Leave a member where it is."""
+        self.step.end_member(index)
 
     def _equal_steps(self, grid: TimeGrid) -> Iterator[tuple[float, Points]]:
         # Full steps take h itself, not differences of rounded times, so that all are equal.

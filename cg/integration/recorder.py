@@ -73,6 +73,7 @@ class Recorder:
     def add(self, block: Block) -> bool:
         """Keep the steps of a block; return whether events end the integration in it."""
         made: dict[int, Interpolant] = {}
+        going = set(self.logs)
         stop = self._record_events(block, made)
         if stop is not None:
             block = block.part(stop[0] + 1)
@@ -97,6 +98,8 @@ class Recorder:
             assert solution is not None
             self.parts.append(solution[0])
             self.ends.append(np.append(block.t[1:-1], end))
+        for member in going.difference(self.logs):  # not before its last step is complete
+            self.stepper.end_member(member)
         return stop is not None
 
     def _record_events(
@@ -119,7 +122,6 @@ class Recorder:
                 if theta is not None:
                     self.ended[member] = _time(block, k, theta)
                     end = max(end, theta)
-                    self.stepper.end_member(member)
                     del self.logs[member]
             if not self.logs:
                 return k, end

@@ -40,13 +40,15 @@ class Trajectory(_ReadOnly):
     Attributes
     ----------
     t
-        Times, shape ``(steps + 1,)``, read-only.
+        Times, shape ``(n,)``, read-only.  Without ``save_every`` those of all steps.
     y
-        Points, shape ``(steps + 1, *batch, *point_shape)``, read-only.
+        Points, shape ``(n, *batch, *point_shape)``, read-only.
     nfev
         Number of evaluations of the coefficients.
     nexp
         Number of flows (exponentials) that were computed; one of a whole ensemble counts once.
+    steps
+        Number of steps that were taken, stored or not.
     method
         The tableau that was used.
     h
@@ -74,6 +76,7 @@ class Trajectory(_ReadOnly):
     y: Points
     nfev: int
     nexp: int
+    steps: int
     method: Method
     h: float
     failures: dict[tuple[int, ...], str] = field(default_factory=dict)
@@ -82,7 +85,7 @@ class Trajectory(_ReadOnly):
 
     def __repr__(self) -> str:
         return (
-            f"Trajectory(t={self.t[0]:g}...{self.t[-1]:g}, steps={len(self.t) - 1}, "
+            f"Trajectory(t={self.t[0]:g}...{self.t[-1]:g}, steps={self.steps}, "
             f"nfev={self.nfev}, nexp={self.nexp}, h={self.h:g})"
         )
 

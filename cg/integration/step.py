@@ -211,6 +211,11 @@ class Step:
             self._known = (t, point, self.evaluate(t, point))
         return self._known[2]
 
+    def end_member(self, index: tuple[int, ...]) -> None:
+        """Leave a member of an ensemble where it is from now on."""
+        self.rhs.ended[index] = True
+        self._known = self._final = None
+
     def compose(self, row: Row, fields: Array, point: Points, h: float) -> Points:
         """Apply the flows of a row of coefficients, that of the lowest stage first."""
         self.counts.nexp += len(row)

@@ -142,7 +142,7 @@ class Stepper(ABC):
 
     @abstractmethod
     def end_member(self, index: tuple[int, ...]) -> None:
-        """Take no more steps of one member of an ensemble, if it moves on its own."""
+        """Take no more steps of one member of an ensemble: it stays where it is."""
 
 
 def advances_by_embedded(method: Method) -> bool:

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..catalogue import resolve_method
-from ..facts import too_large
 from ..method import Method
-from ..stability import stability_function
+from ..stability import stability_function, too_large
 from .style import COLOURS, axes_for, plain
 
 __all__ = ["growth", "stability_region"]
