@@ -82,6 +82,8 @@ class MatrixGroup(Frame):
         ------
         MemoryError
             If they need more memory than the machine has.
+        ValueError
+            If ``_make_basis`` of a subclass returns another number or another size of matrices.
         """
         needed = self.dim * self.size**2 * self.dtype.itemsize
         if needed > memory():
@@ -90,6 +92,11 @@ class MatrixGroup(Frame):
                 f"{needed / 2**30:.3g} GiB of memory, and there are {memory() / 2**30:.3g} GiB"
             )
         basis = np.asarray(self._make_basis(), dtype=self.dtype)
+        if basis.shape != (self.dim, *self.point_shape):
+            raise ValueError(
+                f"_make_basis of {type(self).__name__} must return matrices of shape "
+                f"{(self.dim, *self.point_shape)}, got {basis.shape}"
+            )
         basis.flags.writeable = False
         return basis
 
