@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from cg.frames import GL, SL, SU, Semidirect, Sp, U
+from cg.frames import GL, SL, SO, SU, Semidirect, Sp, Sphere, U
 from cg.integration.flows import difference_of
 
 
@@ -94,3 +94,45 @@ def test_scipy_does_not_speak(capfd):
             assert np.isnan(found).all() or off(frame, found, np.eye(2), y) < 10.0
             assert np.isnan(frame.exp_coordinates(np.eye(2), -np.eye(2))).all()
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_nearly_opposite_points_of_spheres(n):
+    frame, rng = Sphere(n), np.random.default_rng(214)
+    difference, known = difference_of(frame), 0
+    for distance in (0.0, 1e-16, 1e-15, 1e-12, -1e-9, 1e-6, -1e-3):
+        for _ in range(40):
+            y0, v = frame.random_point(rng), frame.random_vector(rng)
+            v = frame.shortest(v, y0)
+            y1 = frame.flow((np.pi + distance) / np.linalg.norm(v) * v, y0)
+            for found in (frame.exp_coordinates(y0, y1), difference(y0, y1)):
+                if np.isfinite(found).all():
+                    assert off(frame, found, y0, y1) < 4e-15
+                    known += 1
+    assert known > 500
+    assert np.isnan(difference(y0, -y0)).all()
+    assert np.isnan(frame.exp_coordinates(y0, -y0)).all()
+
+
+@pytest.mark.parametrize("kind", [SO, SU, U])
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 8, 12])
+@pytest.mark.parametrize("distance", [0.0, 1e-15, 1e-9, -1e-8, 1e-6, 1e-3])
+def test_half_turns_of_some_planes(kind, n, distance):
+    """One plane after the other is turned by half a turn, or nearly so."""
+    frame, rng = kind(n, "space"), np.random.default_rng(215)
+    difference = difference_of(frame)
+    pairs = n // 2
+    for halves in range(1, pairs + 1):
+        angles = rng.uniform(0.1, 3.0, pairs)
+        angles[:halves] = np.pi + distance * rng.standard_normal(halves)
+        form = np.eye(n, dtype=frame.dtype)
+        for j, angle in enumerate(angles):
+            c, s = np.cos(angle), np.sin(angle)
+            form[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] = [[c, -s], [s, c]]
+        axes, y0 = frame.random_point(rng, (2,))
+        y1 = frame.restore(axes @ form @ axes.conj().T @ y0)
+        v = frame.exp_coordinates(y0, y1)
+        assert off(frame, v, y0, y1) < 2e-14
+        found = difference(y0, y1)
+        if np.isfinite(found).all():
+            assert off(frame, found, y0, y1) < 2e-13
