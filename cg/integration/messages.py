@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cg.frames.arrays import Array
+from cg.frames.base import Frame
 from cg.integration.python_rhs import StageOverflowError, StepTooLongError
 from cg.shared_numbers import Stop
 
@@ -11,6 +12,7 @@ __all__ = [
     "TERMINAL_EVENT",
     "failed_members",
     "failure",
+    "flow_not_finite",
     "too_many_steps",
     "too_small_a_step",
 ]
@@ -54,6 +56,11 @@ def failure(stop: Stop, flag: int, t: float, slope: Array | None = None) -> Exce
 def too_small_a_step(t: float, smallest: float) -> str:
     """Return what to say of a step size at ``t`` that is below the resolution of time."""
     return f"the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
+
+
+def flow_not_finite(frame: Frame, t: float) -> str:
+    """Return what to say of a flow that returns NaN for the smallest of steps from ``t``."""
+    return f"the flow of {frame!r} returned NaN or infinity at t = {t:.17g}, however small the step"
 
 
 def too_many_steps(max_steps: int, t: float) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.integration.implicit import ConvergenceError
-from cg.integration.messages import too_many_steps, too_small_a_step
+from cg.integration.messages import flow_not_finite, too_many_steps, too_small_a_step
 from cg.integration.python_rhs import StageOverflowError, StepTooLongError
 from cg.integration.step import Step
 from cg.integration.stepper import AdaptiveSchedule, Block, Stepper, error_exponent
@@ -110,11 +110,11 @@ class PythonStepper(Stepper):
             return
         exponent = error_exponent(self.method)
         size = schedule.first_step or self._first_size(schedule)
-        last_error, after_rejection = 1.0, False
+        last_error, after_rejection, end = 1.0, False, t
         for _ in range(schedule.max_steps):
             size = self._core.tried_size(size, t, stop, schedule.max_step, after_rejection)
             if size < 0.0:
-                self.trouble = too_small_a_step(t, self._core.smallest_size(t))
+                self.trouble = self._why_no_step(t, point, end - t)
                 return
             sign = math.copysign(1.0, stop - t)
             end = t + sign * size
@@ -134,6 +134,13 @@ class PythonStepper(Stepper):
             if t == stop:
                 return
         self.trouble = too_many_steps(schedule.max_steps, t)
+
+    def _why_no_step(self, t: float, point: Points, h: float) -> str:
+        """Return what to say where no step is small enough, ``h`` having been the last one."""
+        field = self.step.field(t, point)[..., None, :]
+        if np.isfinite(self.step.compose(((0, 1.0),), field, point, h)).all():
+            return too_small_a_step(t, self._core.smallest_size(t))
+        return flow_not_finite(self.step.frame, t)
 
     def _attempt(
         self, schedule: AdaptiveSchedule, t: float, point: Points, h: float
