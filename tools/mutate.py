@@ -285,18 +285,14 @@ class Finder(importlib.abc.MetaPathFinder):
 
 
 class WithoutShrinking:
-    """Makes hypothesis draw the same each time, stop at the first failure and store nothing."""
+    """Makes hypothesis stop at the first failure."""
 
     def pytest_sessionstart(self) -> None:
         """Replace the profile that conftest.py has loaded."""
         import hypothesis
 
         hypothesis.settings.register_profile(
-            "mutants",
-            deadline=None,
-            database=None,
-            derandomize=True,
-            phases=[hypothesis.Phase.explicit, hypothesis.Phase.generate],
+            "mutants", phases=[hypothesis.Phase.explicit, hypothesis.Phase.generate]
         )
         hypothesis.settings.load_profile("mutants")
 
