@@ -178,7 +178,7 @@ def _finished(path: Path) -> int:
     """Return how many starts a store has without a gap."""
     if not path.exists():
         return 0
-    with Store(path, read=True) as store:
+    with Store(path) as store:
         done = {number for run in store.runs() for number in store.run(run.number).numbers()}
     return next(index for index in count() if index not in done)
 
