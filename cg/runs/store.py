@@ -61,7 +61,7 @@ class Store:
     Examples
     --------
     >>> import tempfile, cg
-    >>> path = Path(tempfile.mkdtemp()) / "runs.db"
+    >>> path = tempfile.mkdtemp() + "/runs.db"
     >>> _ = cg.search(order=2, stages=2, starts=3, seed=1, store=path)
     >>> with Store(path) as store:
     ...     [(run.kind, run.starts, run.solved) for run in store.runs()]
