@@ -309,10 +309,36 @@ class TestLog:
         with closing(iter(found.starts)) as reading:
             next(reading)
             search(**SMALL, starts=9, store=path)
-        assert "is still in its log runs.db-wal (others are reading it)" in caplog.text
+        assert "is still in its log runs.db-wal (others are at work on it)" in caplog.text
         assert starts_of_the_file_alone(path) == [2]
         Store(path).close()
         assert starts_of_the_file_alone(path) == [9]
+
+    def test_another_process_that_folds_is_waited_for(self, tmp_path, monkeypatch, caplog):
+        path = tmp_path / "runs.db"
+        killed(path)
+        pauses: list[float] = []
+
+        class Folding(sqlite3.Connection):
+            def execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
+                if "TRUNCATE" in statement and not pauses:  # what SQLite returns at once
+                    return super().execute("SELECT 1, -1, -1")
+                return super().execute(statement, *values)
+
+        connect = partial(sqlite3.connect, factory=Folding)
+        monkeypatch.setattr(sqlite3, "connect", connect)
+        monkeypatch.setattr(database.time, "sleep", pauses.append)
+        database.fold_log(path)
+        assert len(pauses) == 1
+        assert starts_of_the_file_alone(path) == [1]
+        assert "still in its log" not in caplog.text
+
+    def test_a_log_that_can_t_be_folded_is_told_of(self, tmp_path, caplog):
+        path = tmp_path / "runs.db"
+        killed(path)
+        path.write_bytes(b"notes " * 1000)
+        database.fold_log(path)
+        assert "still in its log runs.db-wal (file is not a database)" in caplog.text
 
     def test_a_log_that_can_t_be_seen_is_an_error(self, tmp_path, monkeypatch, capsys):
         path = tmp_path / "runs.db"

@@ -68,10 +68,13 @@ def change_to_wal(connection: sqlite3.Connection) -> None:
             connection.execute("PRAGMA journal_mode = WAL")
             return
         except sqlite3.OperationalError as error:
-            busy = error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY
-            if not busy or time.monotonic() > until:
+            if not _is_busy(error) or time.monotonic() > until:
                 raise
         time.sleep(0.01)
+
+
+def _is_busy(error: sqlite3.DatabaseError) -> bool:
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
 
 
 def log_of(path: Path) -> Path:
@@ -81,26 +84,32 @@ def log_of(path: Path) -> Path:
 
 def has_log(path: Path) -> bool:
     """Return whether a log with something in it is beside a store."""
-    log = log_of(path)
-    return log.exists() and log.stat().st_size > 0
+    try:
+        return log_of(path).stat().st_size > 0
+    except FileNotFoundError:
+        return False
 
 
 def fold_log(path: Path) -> None:
     """Move what is in the log of a store into its file, and warn if others don't let it."""
-    if not has_log(path):
-        return
-    try:
-        with closing(connected(path, "?mode=rw", _FOLD_SECONDS)) as connection:
-            (busy, *_) = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-        reason = "others are reading it" if busy else ""
-    except sqlite3.OperationalError as error:
-        reason = str(error)
-    if reason:
-        _log.warning(
-            "part of the store %s is still in its log %s (%s): keep both files together until "
-            "the store has been opened again to write",
-            path, log_of(path).name, reason,
-        )  # fmt: skip
+    until = time.monotonic() + _FOLD_SECONDS
+    while has_log(path):
+        try:
+            with closing(connected(path, "?mode=rw", 0.1)) as connection:
+                (busy, *_) = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+            reason = "others are at work on it" if busy else ""
+        except sqlite3.DatabaseError as error:
+            busy, reason = _is_busy(error), str(error)
+        if not reason:
+            return
+        if not busy or time.monotonic() > until:
+            _log.warning(
+                "part of the store %s is still in its log %s (%s): keep both files together until "
+                "the store has been opened again to write",
+                path, log_of(path).name, reason,
+            )  # fmt: skip
+            return
+        time.sleep(0.01)  # SQLite itself doesn't wait for another process that folds
 
 
 @contextmanager
