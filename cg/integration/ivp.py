@@ -141,8 +141,8 @@ def solve_ivp(
         threads of this process by default, or any executor that `cg.search` takes.  ``f`` is then
         called with one point, and ``t`` are the times of ``t_eval``, without it those of the
         fixed steps or else the ends of ``t_span``; a member is NaN after its end.
-        Results don't depend on the executor.  Other processes must be able to unpickle ``f``:
-        `cg.CompiledFunction` for a compiled one.
+        On one machine, results don't depend on the executor.  Other processes must be able to
+        unpickle ``f``: `cg.CompiledFunction` for a compiled one.
     out
         Array of the shape ``(times, members, *point_shape)``, all leading axes of the ensemble as
         one, that receives points as members end, such as one of NumPy on disk, of zarr or h5py;
