@@ -15,7 +15,8 @@ from .commutator_free import CommutatorFree
 from .conditions import HIGHEST_ORDER
 from .method import Method
 from .munthe_kaas import MuntheKaas
-from .stability import stability_limits
+from .stability import stability_limits, too_large
+from .texts import write_file
 
 __all__ = ["Facts", "compute_facts", "facts_of", "write_facts"]
 
@@ -41,6 +42,8 @@ class Facts:
         `Method.principal_error`; None beyond the orders that conditions are known of.
     real_stability, imaginary_stability : float or None
         `cg.stability.stability_limits`; None if there is no end.
+    not_computed : str or None
+        What wasn't computed and is None for that, and why.
     """
 
     name: str
@@ -54,15 +57,27 @@ class Facts:
     principal_error: float | None
     real_stability: float | None
     imaginary_stability: float | None
+    not_computed: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return what JSON can hold."""
         return asdict(self)
 
 
-def compute_facts(method: Method) -> Facts:
-    """Compute what there is to say of a method; of high orders it takes seconds."""
-    limits = stability_limits(method)
+def compute_facts(method: Method, *, stability: bool = True) -> Facts:
+    """Compute what there is to say of a method; of high orders it takes seconds.
+
+    Parameters
+    ----------
+    method : Method
+    stability : bool, optional
+        Compute the limits of stability, unless the method is too large for that.
+    """
+    left_out = too_large(method) if stability else "limits of stability, which weren't asked for"
+    real = imaginary = None
+    if left_out is None:
+        limits = stability_limits(method)
+        real, imaginary = _finite(limits.real), _finite(limits.imaginary)
     principal = None
     if method.order < HIGHEST_ORDER:
         principal = _short(method.principal_error())
@@ -76,26 +91,35 @@ def compute_facts(method: Method) -> Facts:
         method.exponentials,
         method.pair_exponentials,
         principal,
-        _finite(limits.real),
-        _finite(limits.imaginary),
+        real,
+        imaginary,
+        left_out,
     )
 
 
-def facts_of(method: Method) -> Facts:
-    """Return what there is to say of a method: that of the catalogue's is kept."""
+def facts_of(method: Method, *, stability: bool = True) -> Facts:
+    """Return what there is to say of a method: that of the catalogue's is kept.
+
+    Parameters
+    ----------
+    method, stability
+        As for `compute_facts`.
+    """
     kept = _kept().get(method.name)
     known = method.name in methods or method.name in munthe_kaas
     if kept is None or not known:
-        return compute_facts(method)
+        return compute_facts(method, stability=stability)
     catalogue: Mapping[str, Method] = methods if method.name in methods else munthe_kaas
-    return kept if catalogue[method.name] == method else compute_facts(method)
+    if catalogue[method.name] == method:
+        return kept
+    return compute_facts(method, stability=stability)
 
 
 def write_facts(path: Any) -> None:
     """Write what there is to say of all methods of the catalogue."""
     entries = [compute_facts(m).as_dict() for c in (methods, munthe_kaas) for m in c.values()]
     lines = ",\n".join(json.dumps(entry, ensure_ascii=False) for entry in entries)
-    path.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+    write_file(path, f"[\n{lines}\n]\n")
 
 
 @cache

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from .checks import memory
+from .forks import at_forks
 
 __all__ = ["reserved"]
 
@@ -20,6 +21,14 @@ _SLACK = 1 << 20  # f2py's and the allocator's own
 
 _changed = threading.Condition()
 _promised = {"bytes": 0}  # to calls that are running
+
+
+def _forget_promises() -> None:
+    global _promised  # noqa: PLW0603
+    _promised = {"bytes": 0}
+
+
+at_forks(_changed, _forget_promises)
 
 
 @contextmanager
@@ -40,17 +49,18 @@ def reserved(needed: int, what: str) -> Iterator[None]:
     MemoryError
         If there is less: of physical memory, or below the limits of the process.
     """
+    promised = _promised  # a child of a fork has another
     with _changed:
-        while not _available(needed + _promised["bytes"] + _SLACK):
-            if not _promised["bytes"]:
+        while not _available(needed + promised["bytes"] + _SLACK):
+            if not promised["bytes"]:
                 raise MemoryError(f"{what} needs {_in_words(needed)} of memory, which isn't there")
             _changed.wait()
-        _promised["bytes"] += needed
+        promised["bytes"] += needed
     try:
         yield
     finally:
         with _changed:
-            _promised["bytes"] -= needed
+            promised["bytes"] -= needed
             _changed.notify_all()
 
 

@@ -18,6 +18,7 @@ from .coefficients import Coefficient
 from .later import Later
 from .layout import Layout
 from .points import MethodError, Point, PointTree
+from .texts import visible
 
 __all__ = ["TOLERANCE_FACTOR", "Method", "read_coefficient", "read_texts", "remembered"]
 
@@ -30,6 +31,7 @@ TOLERANCE_FACTOR = 2
 
 _DOUBLE_ROUNDING = 2.0**-40  # far above what rounding in double can do to a weight, relatively
 _MOST_IN_PASSING = 200  # coefficients of a method whose order is computed to show it: half a second
+_LEAST_UNIT = float(np.finfo(np.float64).tiny)
 _PROBE = 2.0**-20  # of the largest unit, for a difference quotient
 
 
@@ -94,7 +96,7 @@ class Method(ABC):
         """The method that leads to the second result of a pair; None without it."""
 
     def __repr__(self) -> str:
-        name = self.name or "without name"
+        name = visible(self.name) or "without name"
         return f"<{type(self).__name__} {name}: {self.description()}>"
 
     def description(self, *, complete: bool = False) -> str:
@@ -341,7 +343,9 @@ class Method(ABC):
 
     @property
     def _units(self) -> NDArray[np.float64]:
-        return np.array([float(coefficient.unit) for coefficient in self.coefficients])
+        # those beyond doubles aren't nothing
+        units = [coefficient.unit for coefficient in self.coefficients]
+        return np.array([max(float(unit), _LEAST_UNIT) if unit else 0.0 for unit in units])
 
     def tolerance(self, order: int) -> NDArray[np.float64]:
         """Return what residuals may be for all that the stored places can tell.
@@ -403,6 +407,8 @@ def read_texts(
     for label, text in (("name", name), ("source", source)):
         if not isinstance(text, str):
             raise error(f"{label} must be a str, got {text!r}")
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            raise error(f"{label} must be text, got {text!r}, which no encoding can hold")
     order, residual = nominal
     if order is not None:
         try:

@@ -18,7 +18,9 @@ from typing import Any, TypeVar
 import numpy as np
 import threadpoolctl
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
+
+from .forks import at_forks
 
 __all__ = [
     "Stopped",
@@ -55,30 +57,69 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-_limit_lock = threading.Lock()
-_limited: dict[str, Any] = {"users": 0, "limits": None}
+class _Limit:
+    """The limit of one thread: set by the first user in a process, lifted by the last one."""
+
+    lock = threading.RLock()
+
+    def __init__(self) -> None:
+        self.users = 0
+        self._before: list[tuple[Any, int]] = []  # libraries, numbers of their threads
+
+    def begin(self) -> None:
+        with self.lock:
+            if not self.users:
+                _take_control()
+                libraries = ThreadpoolController().lib_controllers
+                counts = [(one, one.num_threads or 1) for one in libraries]
+                self._before = [(one, threads) for one, threads in counts if threads > 1]
+                for library, _ in self._before:
+                    library.set_num_threads(1)
+            self.users += 1
+
+    def end(self) -> None:
+        with self.lock:
+            self.users -= 1
+            if not self.users:
+                self.lift()
+
+    def lift(self) -> None:
+        """Set the numbers that were there before, except where someone else has set another."""
+        _take_control()
+        for library, threads in self._before:
+            if library.num_threads == 1:
+                library.set_num_threads(threads)
+        self._before = []
+        _take_control()
+
+
+_limit = _Limit()
 
 
 @contextmanager
 def single_threads() -> Iterator[None]:
     """Keep linear algebra to one thread each, so that results don't depend on their number.
 
-    The limit is one for the whole process: the first user sets it, the last one lifts it.
+    The limit is one for the whole process: the first user sets it, the last one lifts it. A limit
+    that someone else sets meanwhile holds instead, and isn't touched. In a forked child it is
+    lifted.
     """
-    with _limit_lock:
-        if not _limited["users"]:
-            _take_control()
-            _limited["limits"] = threadpool_limits(1)
-        _limited["users"] += 1
+    limit = _limit  # a child of a fork has another
+    limit.begin()
     try:
         yield
     finally:
-        with _limit_lock:
-            _limited["users"] -= 1
-            if not _limited["users"]:
-                _take_control()
-                _limited["limits"].restore_original_limits()
-                _take_control()
+        limit.end()
+
+
+def _lift_in_child() -> None:
+    global _limit  # noqa: PLW0603
+    if _limit.users:
+        _limit.lift()
+    _limit = _Limit()
+
+
+at_forks(_Limit.lock, _lift_in_child)
 
 
 def _take_control() -> None:

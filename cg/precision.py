@@ -6,9 +6,28 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from .forks import in_children
+
 __all__ = ["working_precision"]
 
 _lock = threading.RLock()
+_holders: list[tuple[int, int]] = []  # threads, and the precision before: the outermost first
+
+
+def _take_over() -> None:
+    """Free the lock in a forked child, if a thread had it that isn't there."""
+    global _lock  # noqa: PLW0603
+    if _holders and _holders[0][0] == threading.get_ident():
+        return
+    _lock = threading.RLock()
+    if _holders:
+        from flint import ctx
+
+        ctx.prec = _holders[0][1]
+        _holders.clear()
+
+
+in_children(_take_over)
 
 
 @contextmanager
@@ -24,8 +43,10 @@ def working_precision(bits: int) -> Iterator[None]:
 
     with _lock:
         before = ctx.prec
-        ctx.prec = bits
+        _holders.append((threading.get_ident(), before))
         try:
+            ctx.prec = bits
             yield
         finally:
             ctx.prec = before
+            _holders.pop()

@@ -217,7 +217,7 @@ def from_float(values: Any) -> Quads:
     return np.ascontiguousarray(quads.T).reshape(*array.shape, 16)
 
 
-def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS) -> str:
+def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = False) -> str:
     """Write an exact value in decimal, rounded to so many significant digits.
 
     Parameters
@@ -225,12 +225,14 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS) -> str:
     value : Fraction or int
     digits : int, optional
         From 1 to 100000; 36 keep a binary128 number apart from all others.
+    zeros : bool, optional
+        Keep zeros after the point that are significant digits.
 
     Returns
     -------
     str
-        Without trailing zeros, ``"0"`` for zero. Positional, except that magnitudes beyond
-        ``10**±100`` are written as in ``"-1.25e-4950"``.
+        Without trailing zeros by default, ``"0"`` for zero. Positional, except that magnitudes
+        beyond ``10**±100`` are written as in ``"-1.25e-4950"``.
     """
     if not isinstance(value, Fraction | int) or isinstance(value, bool):
         raise TypeError(f"value must be a Fraction, got {value!r}")
@@ -241,14 +243,18 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS) -> str:
     exponent = _decimal_exponent(magnitude)
     sign = "-" if value < 0 else ""
     if abs(exponent) > _LONGEST:
-        significand = to_decimal(magnitude / Fraction(10) ** exponent, digits)
+        significand = to_decimal(magnitude / Fraction(10) ** exponent, digits, zeros=zeros)
         return f"{sign}{significand}e{exponent}"
     places = digits - exponent - 1
     scaled = round(magnitude * Fraction(10) ** places)
+    if scaled == 10**digits:  # rounded up to one digit more
+        scaled, places = scaled // 10, places - 1
     if places <= 0:
         return f"{sign}{scaled * 10**-places}"
     text = str(scaled).rjust(places + 1, "0")
-    whole, part = text[:-places], text[-places:].rstrip("0")
+    whole, part = text[:-places], text[-places:]
+    if not zeros:
+        part = part.rstrip("0")
     return f"{sign}{whole}.{part}" if part else f"{sign}{whole}"
 
 

@@ -1,9 +1,10 @@
 """Search for methods: many random starts, each solved in double and refined in real(16).
 
 This is Section 3.2 of Jackiewicz, Marthinsen and Owren. A start is a pure function of
-``(seed, index)``, so results don't depend on the number of workers, and any start can
-be run again alone. Besides tableaux, methods with several frozen fields a flow are searched
-for: those of a given tree of points, or of trees that are drawn with the starts.
+``(seed, index)`` and of the kernels of BLAS, which processors differ in. So on one machine results
+don't depend on the number of workers, and any start can be run again alone. Besides tableaux,
+methods with several frozen fields a flow are searched for: those of a given tree of points, or of
+trees that are drawn with the starts.
 """
 
 from __future__ import annotations
@@ -111,7 +112,8 @@ def search(
         Where starts run: threads of this process by default, ``"processes"``, any
         `concurrent.futures.Executor`, or a function that makes one. With the last two a
         start whose worker dies is reported in `SearchResult.failures`, and the search goes on. It
-        doesn't change the result either.
+        doesn't change the result either, unless other machines have other kernels of BLAS: then
+        starts of the default algorithm end at other points.
     store : path, optional
         File that receives every finished start (`cg.runs.Store`). The starts that it has of the
         same settings aren't run again; other runs may share it. The first interrupt lets the

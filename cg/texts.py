@@ -1,17 +1,34 @@
-"""What is read from text, and file names made of names: bounded, or a clear error."""
+"""Texts that are read and written: bounded, escaped, or a clear error."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
+import secrets
+import shutil
 import tomllib
+from contextlib import suppress
 from decimal import Decimal
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
 from typing import Any
+from unicodedata import category
 
-__all__ = ["MOST_CHARACTERS", "MOST_EXPONENT", "file_in", "read_fraction", "read_json", "read_toml"]
+__all__ = [
+    "MOST_CHARACTERS",
+    "MOST_EXPONENT",
+    "file_in",
+    "quoted",
+    "read_fraction",
+    "read_json",
+    "read_toml",
+    "to_json",
+    "visible",
+    "visible_lines",
+    "write_file",
+]
 
 MOST_CHARACTERS = 10_000_000
 """Of a file; a method of 200 stages whose coefficients have 200 digits has four million."""
@@ -24,6 +41,57 @@ _DEEPEST = 20
 _LONGEST_NAME = 200  # bytes; file systems take 255, with suffixes
 _UNFIT = re.compile(r'[/\\:*?"<>|\x00-\x1f\x7f]')
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+
+
+def visible(text: str) -> str:
+    r"""Return a text in which what isn't printable, line breaks too, is escaped.
+
+    Examples
+    --------
+    >>> visible("line\nbreak, \x1b[2J"), visible("König 5")
+    ('line\\nbreak, \\x1b[2J', 'König 5')
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter
+        if letter.isprintable() or category(letter) == "Zs"  # spaces of other widths
+        else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
+
+
+def visible_lines(text: str) -> str:
+    """Return a text in which only line breaks are as they were, and the rest is `visible`."""
+    return "\n".join(map(visible, text.split("\n")))
+
+
+def quoted(text: str) -> str:
+    """Return a text as a string of TOML in which everything is printable."""
+    if text.isprintable():
+        return json.dumps(text, ensure_ascii=False)
+    return "".join(
+        letter if letter.isprintable() else f"\\U{ord(letter):08x}"
+        for letter in json.dumps(text, ensure_ascii=False)
+    )
+
+
+def to_json(data: Any, **options: Any) -> str:
+    """Return data as JSON in which everything but line breaks is printable.
+
+    Parameters
+    ----------
+    data : object
+    **options
+        Those of `json.dumps`.
+    """
+    text = json.dumps(data, ensure_ascii=False, allow_nan=False, **options)
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() or letter == "\n" else json.dumps(letter)[1:-1]
+        for letter in text
+    )
 
 
 def read_fraction(value: Any) -> Fraction:
@@ -147,3 +215,45 @@ def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Pa
     if not fit:
         raise ValueError(f"name must be fit for a file's name, got {name[:80]!r}")
     return Path(folder) / f"{name}{suffix}"
+
+
+def write_file(path: str | PathLike[str], data: str | bytes) -> None:
+    """Write a file as a whole: whatever goes wrong on the way leaves the old one as it was.
+
+    The data go to a file beside it, which takes its place then. Links and permissions stay. What
+    is there and is no regular file, such as a device, is written to.
+
+    Parameters
+    ----------
+    path : path
+    data : str or bytes
+        Texts are written in UTF-8.
+
+    Raises
+    ------
+    OSError
+        If the file can't be written; the message names it.
+    ValueError
+        If UTF-8 can't hold the text.
+    """
+    path, content = Path(path), data.encode("utf-8") if isinstance(data, str) else data
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
+    target = path.resolve()
+    part = target.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        with part.open("xb") as file:
+            if target.exists():
+                target.open("ab").close()  # one that may not be written isn't replaced either
+                shutil.copymode(target, part)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, target)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None
+        raise
+    finally:
+        with suppress(OSError):
+            part.unlink()

@@ -16,7 +16,6 @@
 #include "shared_numbers.h"
 
 enum { FUNCTION, ARGUMENTS, SHAPE, TYPE, RESULT, CHECK, SPARE };
-enum { MOST_ARGUMENTS = 32 };
 
 /* Whether an array has a shape, given as a tuple */
 static int has_shape(PyArrayObject *array, PyObject *shape)
@@ -83,16 +82,21 @@ static PyObject *call(PyObject *context, PyObject *time, PyObject *point)
 {
     PyObject *extra = PyTuple_GET_ITEM(context, ARGUMENTS);
     Py_ssize_t count = PyTuple_GET_SIZE(extra);
-    if (count > MOST_ARGUMENTS) {
-        PyErr_Format(PyExc_TypeError, "args must have at most %d entries", (int)MOST_ARGUMENTS);
-        return NULL;
+    PyObject **arguments = PyMem_New(PyObject *, 3 + count);
+    if (arguments == NULL) {
+        return PyErr_NoMemory();
     }
-    PyObject *arguments[3 + MOST_ARGUMENTS] = {NULL, time, point};
+    arguments[0] = NULL; /* the function may use this place during the call */
+    arguments[1] = time;
+    arguments[2] = point;
     for (Py_ssize_t i = 0; i < count; i++) {
         arguments[3 + i] = PyTuple_GET_ITEM(extra, i);
     }
-    return PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
-                               (size_t)(2 + count) | PY_VECTORCALL_ARGUMENTS_OFFSET, NULL);
+    PyObject *value = PyObject_Vectorcall(PyTuple_GET_ITEM(context, FUNCTION), arguments + 1,
+                                          (size_t)(2 + count) | PY_VECTORCALL_ARGUMENTS_OFFSET,
+                                          NULL);
+    PyMem_Free(arguments);
+    return value;
 }
 
 /* Copies a list or a tuple of numbers, which are all floats; returns 0 if it isn't one. */

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Kept"]
+__all__ = ["DamagedError", "Kept"]
+
+
+class DamagedError(ValueError):
+    """A file of which a line can't be read."""
 
 
 class Kept:
@@ -19,6 +24,8 @@ class Kept:
     ----------
     path : Path
         The file, which is made if there is none.
+    read : callable, optional
+        Turns what JSON gives into a record, or raises ValueError.
 
     Attributes
     ----------
@@ -27,28 +34,28 @@ class Kept:
 
     Raises
     ------
-    ValueError
-        If another line than the last isn't JSON.
+    DamagedError
+        If another line than the last isn't JSON, or no record.
     OSError
         If the file can't be written.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._stream = path.open("a+", encoding="utf-8")
+    def __init__(self, path: Path, read: Callable[[Any], Any] = lambda record: record) -> None:
+        self._stream = path.open("ab+")
         self._stream.seek(0)
         text = self._stream.read()
-        whole = text[: text.rfind("\n") + 1]
+        whole = text[: text.rfind(b"\n") + 1]
         try:
-            self.records = tuple(json.loads(line) for line in whole.splitlines())
+            self.records = tuple(read(json.loads(line)) for line in whole.splitlines())
         except ValueError as error:
             self._stream.close()
-            raise ValueError(f"{path} has a damaged line: {error}") from error
+            raise DamagedError(f"{path} has a damaged line: {error}") from error
         if len(whole) < len(text):
-            self._stream.truncate(len(whole.encode("utf-8")))
+            self._stream.truncate(len(whole))
 
     def append(self, record: Any) -> None:
         """Write a record, and make sure that it is on disk."""
-        self._stream.write(json.dumps(record) + "\n")
+        self._stream.write(json.dumps(record).encode() + b"\n")
         self._stream.flush()
         os.fsync(self._stream.fileno())
 

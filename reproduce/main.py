@@ -19,6 +19,7 @@ from cg.runs import StoreError
 from .context import Settings
 from .display import Display, duration
 from .items import ITEMS, select
+from .kept import DamagedError
 from .run import OutputError, check_output, check_settings, run
 
 __all__ = ["main"]
@@ -68,8 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with _terminated_as_interrupted():
             run(items, out, settings, options.workers, display.begin, display.finish, limit)
-    except StoreError as error:
-        return _complain(f"{error}; without that file its search begins anew")
+    except (StoreError, DamagedError) as error:
+        return _complain(f"{error}; without that file what it holds is computed anew")
     except OSError as error:
         return _complain(f"{error}; finished items are kept in {out}")
     except KeyboardInterrupt:

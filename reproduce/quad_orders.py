@@ -36,9 +36,9 @@ def end_errors(context: Context, runs: Sequence[Run]) -> dict[Run, float]:
         Best with the longest first, so that no core waits at the end.
     """
     digest = fingerprint.of_code(__name__, {})
-    kept = Kept(context.checkpoints / f"quad-errors-{digest}.jsonl")
+    kept = Kept(context.checkpoints / f"quad-errors-{digest}.jsonl", _recorded)
     try:
-        errors = dict(map(_recorded, kept.records))
+        errors = dict(kept.records)
         missing = [run for run in runs if run not in errors]
         for reading in {run[0] for run in missing}:
             top.reference_end(reading)  # once, before threads ask for it
@@ -60,7 +60,7 @@ def _recorded(record: Any) -> tuple[Run, float]:
         error = record["error"]
         if not (isinstance(error, float) and 0 < error < math.inf):
             raise TypeError
-    except (KeyError, TypeError, ValueError):
+    except (IndexError, KeyError, TypeError, ValueError):
         raise ValueError(f"not the record of an error: {str(record)[:80]}") from None
     return (reading, method, steps), error
 

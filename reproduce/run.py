@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import cg
+from cg.texts import write_file
 
 from . import fingerprint
 from .blocks import Data
@@ -126,8 +126,8 @@ def run(
         state["items"] = {name: results[name] for name in ITEMS if name in results}
         state["run"]["seconds"][item.name] = round(time.perf_counter() - begun, 2)
         sections[item.name] = section(item, numbers, out)
-        _write(out / _RESULTS, _dumps(state))
-        _write(out / _REPORT, page(state, sections))
+        write_file(out / _RESULTS, _dumps(state))
+        write_file(out / _REPORT, page(state, sections))
 
     for item in items:
         begun = time.perf_counter()
@@ -177,10 +177,3 @@ def _plain(numbers: Data) -> Data:
 
 def _dumps(state: dict[str, Any]) -> str:
     return json.dumps(state, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _write(path: Path, text: str) -> None:
-    """Replace a file at once: a run that is killed leaves the old one or the new one."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    os.replace(part, path)

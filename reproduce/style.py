@@ -15,6 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from cg.texts import write_file
+
 from .blocks import Chart
 
 __all__ = ["LINES", "PALETTE", "grid", "label_panel", "lines", "render"]
@@ -134,11 +136,13 @@ def render(chart: Chart, folder: Path) -> str:
         figure = Figure(figsize=chart.size, layout="constrained")
         FigureCanvasAgg(figure)
         chart.draw(figure)
-        figure.savefig(folder / f"{chart.name}.png", dpi=160, metadata={"Software": None})
+        pixels = io.BytesIO()
+        figure.savefig(pixels, format="png", dpi=160, metadata={"Software": None})
         stream = io.StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     svg = stream.getvalue()
-    (folder / f"{chart.name}.svg").write_text(svg, encoding="utf-8")
+    write_file(folder / f"{chart.name}.png", pixels.getvalue())
+    write_file(folder / f"{chart.name}.svg", svg)
     return _for_page(svg, chart)
 
 

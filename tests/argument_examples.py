@@ -294,6 +294,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     "quad.from_float": Call(quad.from_float, {"values": [1.0, 0.5]}),
     "stability.stability_function": Call(stability.stability_function, {"method": CG3}),
     "stability.stability_limits": Call(stability.stability_limits, {"method": CG3}),
+    "stability.too_large": Call(stability.too_large, {"method": CG3}),
     "low_storage.from_two_registers": Call(
         low_storage.from_two_registers, {"a": [0, "-1/2"], "b": ["1/2", 1], "name": "x"}
     ),

@@ -28,9 +28,13 @@ if (
 # The matrices of the tests are small: threads of BLAS would only wait for each other.
 threadpool_limits(1)
 
-# A machine that is busy with something else is no reason to fail.
-hypothesis.settings.register_profile("untimed", deadline=None)
-hypothesis.settings.load_profile("untimed")
+# Every run draws the same examples, and a busy machine is no reason to fail. With
+# `--hypothesis-profile=nightly` each run draws others, and prints how to repeat what fails.
+hypothesis.settings.register_profile("same", derandomize=True, database=None, deadline=None)
+hypothesis.settings.register_profile(
+    "nightly", derandomize=False, database=None, deadline=None, print_blob=True
+)
+hypothesis.settings.load_profile("same")
 
 
 @pytest.fixture(scope="session")

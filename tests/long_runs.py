@@ -34,6 +34,7 @@ LONG: dict[str, tuple[str, str, Command]] = {
             "tests/test_fuzz_readers.py",
             "tests/test_fuzz_callbacks.py",
             "tests/test_fuzz_arguments.py",
+            "--hypothesis-profile=nightly",
             CG_FUZZ=str(FUZZ),
         ),
     ),

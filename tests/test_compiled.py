@@ -17,6 +17,7 @@ from cg.frames import GL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
 from cg.integration.built_in import integrate_affine
 from cg.integration.compiled_rhs import compiled_rhs
+from cg.integration.step_budget import StepBudget
 from cg.problems.affine import AffineField
 from cg.shared_numbers import (
     BlockKind,
@@ -121,6 +122,19 @@ def test_every_kth_step_and_the_last_are_stored(every, compiled, affine):
     np.testing.assert_array_equal(some.t, all_steps.t[wanted])
     np.testing.assert_array_equal(some.y, all_steps.y[wanted])
     assert some.nfev == all_steps.nfev
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 6, 7, 30])
+def test_stored_steps_do_not_depend_on_pauses(every, monkeypatch):
+    options = {"frame": SO3(), "method": "CG3", "h": 0.05, "save_every": every}
+    f = lambda t, y: [t, y[0, 0], 1.0]  # noqa: E731
+    wanted = integrate(f, (0, 1), np.eye(3), **options)
+    rng = np.random.default_rng(6)
+    for most in range(1, 20):
+        monkeypatch.setattr(StepBudget, "start", lambda _, most=most: rng.integers(1, most + 1))
+        found = integrate(f, (0, 1), np.eye(3), **options)
+        np.testing.assert_array_equal(found.t, wanted.t)
+        np.testing.assert_array_equal(found.y, wanted.y)
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3, 20])
@@ -334,6 +348,46 @@ def test_workers_of_a_python_function_are_refused():
 def test_further_arguments_of_a_compiled_function_are_refused(function):
     with pytest.raises(ValueError, match="args must be None for a compiled f"):
         cg.solve_ivp(function("growth"), (0, 1), [1.0], frame=Euclidean(1), h=0.1, args=(1,))
+
+
+def reads_numbers(library):
+    """Return functions that read numbers, which a null pointer in their place would crash."""
+    pointer = library["decays"]
+    pointer.argtypes, pointer.restype = [ctypes.c_double, DOUBLES, DOUBLES, DOUBLES], ctypes.c_int
+    address = ctypes.cast(pointer, ctypes.c_void_p).value
+    prototype = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, DOUBLES)
+    capsule = ctypes.PYFUNCTYPE(
+        ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p
+    )(ctypes.cast(ctypes.pythonapi.PyCapsule_New, ctypes.c_void_p).value)
+    text = b"int (double, double const *, double *, double const *)"
+    return {
+        "pointer": pointer,
+        "prototype": prototype(address),
+        "callable": LowLevelCallable(pointer),
+        "capsule": LowLevelCallable(capsule(address, text, None)),
+        "cfunc": type("CFunc", (), {"address": address, "ctypes": prototype(address)})(),
+        "text": text,
+    }
+
+
+@pytest.mark.parametrize("kind", ["pointer", "prototype", "callable", "capsule", "cfunc"])
+def test_functions_that_read_numbers_need_them(kind, library):
+    f = reads_numbers(library)[kind]
+    message = "parameters must be given for a compiled f .* double \\*, got None"
+    with pytest.raises(ValueError, match=message):
+        integrate(f, (0, 1), [1.0], **OPTIONS)
+    with pytest.raises(ValueError, match=message):
+        cg.solve_ivp(f, (0, 1), [[1.0], [2.0]], frame=Euclidean(1))
+    options = OPTIONS | {"parameters": [-1.0, 2.0], "h": 0.125}
+    found = integrate(f, (0, 1), [1.0], **options)
+    assert found.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
+
+
+def test_functions_that_read_numbers_may_have_user_data(library):
+    data = np.array([-1.0, 2.0])
+    f = LowLevelCallable(reads_numbers(library)["pointer"], ctypes.c_void_p(data.ctypes.data))
+    found = integrate(f, (0, 1), [1.0], **(OPTIONS | {"h": 0.125}))
+    assert found.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
 
 
 def test_other_signatures_are_refused(library):

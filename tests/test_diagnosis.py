@@ -271,3 +271,47 @@ def test_drawings():
     assert pair.count("point") == len(cg.methods["CF4(3)"].points)
     with pytest.raises(TypeError, match="tree must be an OrderedTree"):
         draw_tree("[]")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("small", ["1e-300", "1e-310", "1e-320", "1e-400", "1e-9999"])
+@pytest.mark.parametrize("other", ["1", "1.000000000000000000000000000000001"])
+def test_entries_smaller_than_doubles_are_within_their_last_place(small, other):
+    found = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, other]))
+    assert found.order == 2
+    assert found.failing.order == 3
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("exponent", [100, 200, 300, 400, 4000])
+def test_rationals_are_off_by_however_little(exponent):
+    small = Fraction(1, 10**exponent)
+    found = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, 1 - 2 * small]))
+    assert (found.order, found.failing.order) == (0, 1)
+    assert found.failing.residual == -float(small)
+    assert found.failing.failing == found.failing.of == 1
+    said = f"-1e-{exponent}" if exponent < 330 else "less than a double can tell"
+    assert f"off by {said}" in str(found)
+    second = cg.diagnose(cg.Tableau([[], [Fraction(1, 2) + small]], [0, 1]))
+    assert (second.order, second.failing.order, second.failing.failing) == (1, 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('A = [[], ["1/2"]]\nb = ["0", "1"]', "the entry lacks a; the entry has unknown keys: A"),
+        ('a = [[], ["1/2"]]\nB = ["0", "1"]', "the entry lacks b; the entry has unknown keys: B"),
+        ("a = [[]]\nb = [1]\nbhat = [2]", "the entry has unknown keys: bhat"),
+        ('name = "x"', "the entry lacks a, b"),
+        (
+            'name = "x"\nsource = ""\nPoints = []\nstage_points = [-1]\nresult = 0',
+            "the entry lacks points; the entry has unknown keys: Points",
+        ),
+    ],
+)
+def test_keys_that_are_misspelt_are_named(text, message, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(TableauError) as error:
+        diagnose_file(file)
+    assert str(error.value) == f"{file}: {message}"

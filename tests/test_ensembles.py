@@ -16,6 +16,13 @@ from cg.problems import StateDependentRotation
 PROBLEM = StateDependentRotation()
 
 
+class Uncompiled(Euclidean):
+    """A frame whose steps are taken in Python."""
+
+    def compiled_blocks(self):
+        return None
+
+
 @pytest.mark.parametrize(
     "frame", [SO3(), SO3("space"), Sphere(2), Product(SO3(), Euclidean(2)), CoadjointOrbit]
 )
@@ -217,6 +224,57 @@ def test_events_of_members(in_c, options, terminal, function):
     assert found.sol(0.99)[2, 0] == pytest.approx(np.exp(-0.099), rel=1e-8)
     assert np.isnan(found.y[-1, :2]).all() == terminal
     assert found.status == 0
+
+
+BLOWS_UP = {
+    "pair": {"method": "CF5(4)"},
+    "algebra": {"method": "RKMK5(4)"},
+    "fixed": {"method": "CG3", "h": 0.01},
+    "implicit": {"method": "DICG3(2)"},
+}
+
+
+@pytest.mark.parametrize("frame", [Euclidean(1), Uncompiled(1)], ids=["compiled", "in Python"])
+@pytest.mark.parametrize("options", BLOWS_UP.values(), ids=BLOWS_UP)
+@pytest.mark.parametrize("outputs", [{}, {"t_eval": [0.0, 0.5, 2.0]}, {"dense_output": True}])
+def test_a_member_that_an_event_has_ended_does_not_stop_the_others(frame, options, outputs):
+    """It would be infinite at t = 1."""
+
+    def reaches(t, y):
+        return y[0] - 10.0
+
+    reaches.terminal = True
+    found = cg.solve_ivp(
+        lambda t, y: y**2, (0, 2), [[1.0], [0.1]], frame=frame, events=reaches, **options, **outputs
+    )
+    assert (found.status, found.failures) == (0, {})
+    assert [len(times) for times in found.t_events[0]] == [1, 0]
+    assert found.t_events[0][0][0] == pytest.approx(0.9, abs=2e-3)
+    assert found.t[-1] == 2.0
+    assert np.isnan(found.y[-1, 0]).all()
+    assert found.y[-1, 1, 0] == pytest.approx(0.125, rel=1e-4)
+    if found.sol is not None:
+        assert found.sol(0.85)[0, 0] == pytest.approx(1 / 0.15, rel=2e-2)
+        assert np.isnan(found.sol(1.5)[0]).all()
+
+
+@pytest.mark.parametrize("frame", [Euclidean(1), Uncompiled(1)], ids=["compiled", "in Python"])
+@pytest.mark.parametrize("options", [{"h": 0.25, "method": "CG3"}, {"max_step": 0.25}])
+def test_what_f_returns_for_a_member_that_has_ended_does_not_matter(frame, options):
+    """It is NaN for the first member from the step on that follows its event."""
+
+    def f(t, y):
+        return [[-1.0 if t < 0.76 else np.nan], [1.0]]
+
+    def halved(t, y):
+        return y[0] - 0.5
+
+    halved.terminal = True
+    found = cg.solve_ivp(f, (0, 3), [[1.0], [1.0]], frame=frame, events=halved, **options)
+    assert (found.status, found.t[-1]) == (0, 3.0)
+    assert found.t_events[0][0][0] == pytest.approx(0.5, abs=1e-12)
+    assert np.isnan(found.y[-1, 0]).all()
+    assert found.y[-1, 1, 0] == pytest.approx(4.0, rel=1e-12)
 
 
 def test_terminal_events_of_all_members_end_it_all(function):

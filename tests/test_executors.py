@@ -17,6 +17,7 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -141,6 +142,19 @@ def test_the_same_in_processes(tmp_path):
         assert cg.construct(**CONSTRUCT, executor=pool) == construction
         assert pool.submit(double, 3).result() == 6  # it is left as it was
     assert construction.method is not None
+
+
+def test_lmdif_is_the_same_on_other_processors(tmp_path):
+    """As far as kernels of OpenBLAS go, which the environment chooses."""
+    script = "import cg, sys; cg.search(3, 3, 12, 5, algorithm='lmdif', store=sys.argv[1])"
+    stored = []
+    for kernel in ({}, {"OPENBLAS_CORETYPE": "Prescott"}):
+        path = tmp_path / f"{len(stored)}.db"
+        command = [sys.executable, "-c", script, str(path)]
+        subprocess.run(command, env={**os.environ, **kernel}, check=True)
+        with Store(path, read=True) as opened:
+            stored.append([replace(one, seconds=0.0) for one in opened.run(1).records()])
+    assert stored[0] == stored[1]
 
 
 def sizes_of_chunks(work, total):

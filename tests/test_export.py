@@ -121,7 +121,7 @@ def check_c(names, folder):
         header.write_text(cg.export(name, "c"), encoding="utf-8")
         headers.append(f'#include "{header.name}"\n')
     (folder / "program.c").write_text("".join(headers) + c_program(names), encoding="utf-8")
-    flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
+    flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-pedantic", "-Werror"]
     subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=folder)
     run = subprocess.run([folder / "program"], capture_output=True, text=True, check=True)
     agree(run.stdout, names)
@@ -280,6 +280,32 @@ def test_all_methods(check, tmp_path):
     if check is check_octave and shutil.which("octave-cli") is None:
         pytest.skip("Octave isn't installed")
     check(ALL, tmp_path)
+
+
+NO_FLOWS = {
+    "one stage": cg.Tableau([[]], [0], name="Still"),
+    "two stages": cg.Tableau([[], [0]], [0, 0], name="Still"),
+    "a pair": cg.Tableau([[]], [0], b_embedded=[1], name="Still"),
+    "tiny": cg.Tableau([[], ["1e-400"]], ["-1e-9999", "1e-320"], name="Still"),
+}
+
+
+@pytest.mark.parametrize("what", NO_FLOWS)
+def test_methods_that_stay_where_they_are(what, tmp_path):
+    """Without flows some tables are empty."""
+    for format, suffix in (("c", "c"), ("fortran", "f90"), ("python", "py"), ("matlab", "m")):
+        text = cg.export(NO_FLOWS[what], format)
+        (tmp_path / f"still_step.{suffix}").write_text(text, encoding="utf-8")
+    warn = ["-Wall", "-Wextra", "-pedantic", "-Werror", "-c"]
+    subprocess.run(["gcc", "-std=c99", *warn, "still_step.c"], check=True, cwd=tmp_path)
+    subprocess.run(["gfortran", "-std=f2018", *warn, "still_step.f90"], check=True, cwd=tmp_path)
+    names = {}
+    exec((tmp_path / "still_step.py").read_text(encoding="utf-8"), names)
+    point = names["step"](lambda t, y: [1.0], lambda v, y: y + v, 0.0, np.ones(1), 0.1)
+    assert point == (1.1 if what == "a pair" else 1.0)
+    if shutil.which("octave-cli") is not None:
+        call = f"assert(still_step(@(t, y) 1, @(v, y) y + v, 0, 1, 0.1) == {point[0]})"
+        subprocess.run(["octave-cli", "--norc", "--eval", call], check=True, cwd=tmp_path)
 
 
 def swapped():

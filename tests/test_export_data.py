@@ -11,8 +11,10 @@ import pytest
 
 import cg
 from cg.catalogue import dumps, loads, munthe_kaas, packaged, resolve_method
+from cg.command.showing import _tableau
 from cg.formats import FORMATS, known_digits
 from cg.formats.program import identifier
+from cg.quad import to_decimal
 
 ALL = [*packaged, *munthe_kaas]
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
@@ -183,3 +185,44 @@ def test_julia_is_julia():
         (module,) = (node for node in root.children if node.type == "module_definition")
         found = sum(node.type == "function_definition" for node in module.children)
         assert found >= 2 + (resolve_method(name).embedded_order is not None)
+
+
+class TestRounded:
+    def test_abscissae_are_sums_that_are_rounded(self):
+        method = cg.methods["CG4a"]
+        for digits in (4, 6, 9, 15):
+            rows = [
+                re.findall(r"\$(.*?)\$", line)
+                for line in method.export("latex", digits=digits).split("\n")
+                if line.endswith(r"\\")
+            ]
+            for found, row in zip(rows[1:5], method.exact[0][1:], strict=True):
+                exact = sum(row)
+                assert abs(Fraction(found[0]) - exact) <= Fraction(1, 2 * 10**digits), digits
+        assert "$0.876890$ & " in method.export("latex", digits=6)
+
+    def test_zeros_that_are_digits_stay(self):
+        rows = [[], ["-1.09699999999"]], ["0.99999999", "12.3000000000004"]
+        text = cg.Tableau(*rows).export("latex", digits=6)
+        assert "-1.09700" in text
+        assert "12.3000" in text
+        assert re.search(r"\b1\.00000\b", text)
+
+    def test_sums_of_more_digits_than_python_writes_are_decimals(self):
+        row = [f"{10**399}/{10**400 + k}" for k in range(1, 31)]
+        tableau = cg.Tableau([[0] * 30] * 29 + [row], row, name="long")
+        assert tableau.export("latex").count("frac") == 60
+        assert "3 & 0.1" in tableau._repr_latex_()
+        assert _tableau(tableau, 6).splitlines()[29].split()[:3] == ["3", "│", "0.1"]
+        found = cg.diagnose(tableau, c=[0] * 29 + [1]).findings
+        assert [f.message for f in found if f.message.startswith("row 30 of a sums to 3, not to")]
+
+
+@pytest.mark.parametrize(
+    ("digits", "zeros", "text"),
+    [(3, True, "1.00"), (3, False, "1"), (4, True, "0.9996"), (1, True, "1"), (2, True, "1.0")],
+)
+def test_zeros_of_decimals(digits, zeros, text):
+    assert to_decimal(Fraction("0.9996"), digits, zeros=zeros) == text
+    tiny = to_decimal(Fraction("0.9996e-200"), digits, zeros=zeros)
+    assert Fraction(tiny) == Fraction(text) / 10**200

@@ -147,7 +147,11 @@ def test_conventions_are_text():
     ("make", "message"),
     [
         (lambda: MatrixFrame([[[True]]]), "matrices must be an array of real numbers"),
-        (lambda: MatrixFrame([[[np.nan]]]), r"matrices must be finite, got \[\[\[nan"),
+        (lambda: MatrixFrame([[[np.nan]]]), r"matrices must be finite, got nan at \[0, 0, 0\]"),
+        (
+            lambda: CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)),
+            r"algebra must be finite, got inf at \[0, 0, 0\]",
+        ),
         (lambda: IsospectralOrbit(MASKED), "spectrum must be an array of real numbers"),
         (lambda: CoadjointOrbit(SO3(), MASKED), "point must be an array of real numbers"),
         (lambda: FreeRigidBody(inertia=MASKED), "inertia must be an array of real numbers"),

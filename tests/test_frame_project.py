@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from frame_examples import CIRCLE, ELLIPSE, FRAMES, OPEN, name
+from frame_examples import CIRCLE, ELLIPSE, FRAMES, HEISENBERG_CONSTANTS, OPEN, name
 from test_frames import condition
 
 import cg
 from cg.frames import (
+    GL,
     SL,
     SO,
     SO3,
@@ -26,6 +27,7 @@ from cg.frames import (
 )
 
 every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
+PLANE = CoadjointOrbit(HEISENBERG_CONSTANTS, (0.5, 0.25, 1.5), "space")
 BATCHES = [(), (4,), (2, 3), (0,)]
 
 
@@ -138,9 +140,42 @@ def test_where_there_is_no_nearest_point(frame):
         frame.project(np.append(y[1], 1.0))
 
 
-def test_zero_is_near_no_unit_vector():
-    assert np.isnan(Sphere(2).project(np.zeros(3))).all()
-    assert np.isnan(SL(2).project(np.zeros((2, 2)))).all()
+@every_frame
+def test_zero_is_projected_to_no_point_or_a_point(frame):
+    """Equally near to all of a sphere, a group of unitary matrices, or an orbit."""
+    y = np.stack([np.zeros(frame.point_shape), frame.random_point(np.random.default_rng(98))])
+    projected = frame.project(y)
+    if frame.membership_error(y[0]) == 0.0:
+        np.testing.assert_array_equal(projected[0], y[0])
+    elif frame == PLANE:
+        np.testing.assert_allclose(projected[0], [0.0, 0.0, 1.5])
+    else:
+        assert np.isnan(projected[0]).all()
+    np.testing.assert_allclose(projected[1], y[1], rtol=0, atol=4e-15 * condition(y[1]))
+
+
+@pytest.mark.parametrize(
+    ("frame", "y"),
+    [
+        (SO3(), np.diag([1.0, 0.0, 0.0])),
+        (SO3(), np.diag([1.0, 0.5, -0.5])),
+        (SO(4), np.diag([1.0, 1.0, 0.0, 0.0])),
+        (SU(3), np.diag([1.0, 1.0, 0.0])),
+        (U(2), np.ones((2, 2))),
+        (Stiefel(4, 2), np.ones((4, 2))),
+        (IsospectralOrbit((-1.0, 0.25, 1.5)), np.diag([1.0, 0.25, 0.25])),
+        (GL(2), np.ones((2, 2))),
+    ],
+    ids=repr,
+)
+def test_there_is_no_nearest_point_where_many_are(frame, y):
+    assert np.isnan(frame.project(y)).all()
+
+
+def test_a_nearest_point_may_be_far():
+    np.testing.assert_allclose(SO3().project(np.diag([1.0, 2.0, 0.0])), np.eye(3), atol=1e-15)
+    orbit = IsospectralOrbit((0.0, 0.0, 1.0))
+    np.testing.assert_allclose(orbit.project(np.diag([0.0, 0.0, 9.0])), np.diag([0, 0, 1.0]))
 
 
 def test_users_give_projections():

@@ -282,12 +282,7 @@ def _folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@settings(
-    max_examples=300 * MANY,
-    derandomize=MANY == 1,
-    database=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@settings(max_examples=300 * MANY, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(changed_calls())
 def test_arguments(call):
     check(*call)

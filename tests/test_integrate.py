@@ -9,7 +9,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from cg.catalogue import methods
-from cg.frames import SO3, Euclidean, Product
+from cg.frames import SO3, Euclidean, Product, Stiefel
 from cg.integration import Solution, integrate
 from cg.integration.paths import paths_of
 from cg.problems import StateDependentRotation
@@ -367,3 +367,15 @@ def test_numbers_that_are_not_finite_are_shown():
     for value in (np.array([0.0, np.nan, 1.0]), [0.0, np.nan, 1.0]):
         with pytest.raises(ValueError, match=r"finite numbers, got \[ *0. *nan *1.\] at t = 0"):
             solve(lambda t, y, value=value: value)
+
+
+@pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 3)], ids=["compiled", "in Python"])
+@pytest.mark.parametrize("method", ["CG3", "ImplicitMidpoint"])
+@pytest.mark.parametrize(("save_every", "stored"), [(1, 21), (6, 5), (100, 2)])
+def test_steps_are_counted_whether_they_are_stored_or_not(frame, method, save_every, stored):
+    found = integrate(
+        lambda t, y: np.zeros(3), (0, 1), np.eye(3), frame=frame, method=method, h=0.05,
+        save_every=save_every,
+    )  # fmt: skip
+    assert (found.steps, len(found.t)) == (20, stored)
+    assert "steps=20, " in repr(found)

@@ -180,14 +180,6 @@ def test_elliptic_functions_of_symmetric_bodies_and_steady_rotations(inertia, mo
     np.testing.assert_allclose(body.exact_momentum(times), m, rtol=0, atol=1e-11)
 
 
-def test_elliptic_functions_on_the_separatrix():
-    # With these numbers twice the energy is |m|^2 over the middle moment, but for rounding.
-    body = FreeRigidBody((2.0, 3.0, 4.0), (1.0, 1.0, np.sqrt(2.0)))
-    times = [0.5, 2.0, 5.0]
-    m = body.body_momentum(ambient(body, times))
-    np.testing.assert_allclose(body.exact_momentum(times), m, rtol=0, atol=1e-7)
-
-
 def test_elliptic_functions_agree_with_the_taylor_series():
     body = FreeRigidBody()
     times = [0.25, 1, 4]
@@ -384,7 +376,14 @@ def test_hat_is_used_as_documented():
         (lambda: ConingMotion(angle=np.nan), "angle must be a finite number"),
         (lambda: CONING.sampled([0, 1, 2]), "times must be at least four finite numbers"),
         (lambda: CONING.sampled([0, 1, 1, 2]), "times must increase"),
-        (lambda: GyroAttitude([0, 1, 2, 3], np.zeros((3, 3))), r"rates must be .* shape \(4, 3\)"),
+        (
+            lambda: GyroAttitude([0, 1, 2, 3], np.zeros((3, 3))),
+            r"rates must have shape \(4, 3\), got \(3, 3\)",
+        ),
+        (
+            lambda: GyroAttitude([0, 1, 2, 3], [[0, 0, 0], [0, 0, np.nan], *np.zeros((2, 3))]),
+            r"rates must be finite, got nan at \[1, 2\]",
+        ),
         (
             lambda: GyroAttitude([0, 1, 2, 3], np.zeros((4, 3)), [1, 1, 0, 0]),
             "initial must be a point of UnitQuaternion",

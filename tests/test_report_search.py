@@ -18,6 +18,8 @@ from cg.random_start import random_start
 from cg.reproduce.blocks import Table
 from cg.reproduce.coefficients import labels
 from cg.reproduce.context import Context, Settings
+from cg.reproduce.kept import DamagedError, Kept
+from cg.reproduce.main import main
 from cg.reproduce.quad_orders import end_errors
 from cg.reproduce.sections import evaluations
 from cg.reproduce.sections import search as section
@@ -242,8 +244,32 @@ def test_errors_in_quad_are_kept(tmp_path, monkeypatch):
     assert end_errors(context(tmp_path), runs) == found
     with path.open("a") as stream:
         stream.write(json.dumps({"run": ["momentum", "CG4", 8], "error": "0"}) + "\n")
-    with pytest.raises(ValueError, match="not the record of an error"):
+    with pytest.raises(ValueError, match=r"damaged line: not the record of an error"):
         end_errors(context(tmp_path), runs)
+
+
+def test_a_line_that_a_killed_run_left_unfinished_is_dropped(tmp_path):
+    path = tmp_path / "errors.jsonl"
+    path.write_bytes(b'[1]\n[2, "\xc3')
+    with closing(Kept(path)) as kept:
+        assert kept.records == ([1],)
+        kept.append([3])
+    with closing(Kept(path)) as kept:
+        assert kept.records == ([1], [3])
+
+
+@pytest.mark.parametrize("line", [b"no JSON", b"\xff", b"\0\0\0", b"[1]", b'{"run": 3}'])
+def test_damaged_errors_in_quad_are_named(line, tmp_path, monkeypatch, capsys):
+    assert end_errors(context(tmp_path), []) == {}
+    (path,) = tmp_path.iterdir()
+    content = line + b'\n{"run": ["momentum", "CG4", 8], "error": 0.5}\n'
+    path.write_bytes(content)
+    with pytest.raises(DamagedError, match=path.name):
+        end_errors(context(tmp_path), [])
+    assert path.read_bytes() == content
+    monkeypatch.setattr("cg.reproduce.main.run", lambda *_: end_errors(context(tmp_path), []))
+    assert main(["--out", str(tmp_path / "out")]) == 2
+    assert f"{path.name} has a damaged line" in capsys.readouterr().err
 
 
 def start(out, *arguments):

@@ -19,9 +19,10 @@ from typing import Any
 import pytest
 
 import cg
+import cg.command
 import cg.random_search as search_module
 from cg.random_search import run_start, search
-from cg.runs import Failure, Record, Store, schema, store
+from cg.runs import Failure, Record, Store, database, schema, store
 
 SMALL: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5}
 CONSTRUCT: dict[str, Any] = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}
@@ -111,6 +112,7 @@ class TestSearch:
         with Store(path) as opened:
             assert [run.starts for run in opened.runs()] == [40, 40]
             assert {run.settings["seed"] for run in opened.runs()} == {1, 2}
+        assert starts_of_the_file_alone(path) == [40, 40]
 
     def test_a_file_that_another_is_making_just_now(self, tmp_path, monkeypatch):
         path = tmp_path / "runs.db"
@@ -249,6 +251,124 @@ def test_forged_tries_are_refused(settings, change, tmp_path):
     run_sql(path, f"UPDATE starts SET {change} WHERE number = 0")
     with pytest.raises(ValueError, match="not the record of an attempt"):
         cg.construct(**settings, store=path)
+
+
+def starts_of_the_file_alone(path: Path) -> list[int]:
+    """Return the numbers of starts that a copy of a store's file has, without its log."""
+    copy = path.with_name("copy.db")
+    copy.write_bytes(path.read_bytes())
+    with Store(copy, read=True) as opened:
+        return [run.starts for run in opened.runs()]
+
+
+def killed(path: Path) -> None:
+    """Leave a store whose run was killed after its first start."""
+    script = (
+        "import cg, os, sys\n"
+        "cg.search(3, 3, 9, 5, store=sys.argv[1], workers=1, progress=lambda *_: os._exit(9))"
+    )
+    assert subprocess.run([sys.executable, "-c", script, str(path)], check=False).returncode == 9
+
+
+def only_immutable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refuse connections as in a folder where nothing can be written."""
+    connect: Callable[..., sqlite3.Connection] = sqlite3.connect
+
+    class Refusing(sqlite3.Connection):
+        def execute(self, *arguments: Any) -> sqlite3.Cursor:
+            raise sqlite3.OperationalError("unable to open database file")
+
+    def refusing(file: str, **options: Any) -> sqlite3.Connection:
+        kind = sqlite3.Connection if "immutable" in file else Refusing
+        return connect(file, factory=kind, **options)
+
+    monkeypatch.setattr(sqlite3, "connect", refusing)
+
+
+class TestLog:
+    """SQLite's log beside the file."""
+
+    def test_a_store_that_was_just_made_is_one(self, tmp_path):
+        path = tmp_path / "runs.db"
+        with Store(path):
+            assert starts_of_the_file_alone(path) == []
+
+    @pytest.mark.parametrize("other", [Store, partial(Store, read=True)])
+    def test_a_run_that_ended_is_in_the_file_though_others_have_it_open(self, other, tmp_path):
+        path = tmp_path / "runs.db"
+        Store(path).close()
+        with other(path):
+            search(**SMALL, starts=20, store=path)
+            assert starts_of_the_file_alone(path) == [20]
+        assert starts_of_the_file_alone(path) == [20]
+
+    def test_a_reader_in_the_way_is_told_of(self, tmp_path, monkeypatch, caplog):
+        monkeypatch.setattr(database, "_FOLD_SECONDS", 0.1)
+        path = tmp_path / "runs.db"
+        found = search(**SMALL, starts=2, store=path)
+        with closing(iter(found.starts)) as reading:
+            next(reading)
+            search(**SMALL, starts=9, store=path)
+        assert "is still in its log runs.db-wal (others are at work on it)" in caplog.text
+        assert starts_of_the_file_alone(path) == [2]
+        Store(path).close()
+        assert starts_of_the_file_alone(path) == [9]
+
+    def test_another_process_that_folds_is_waited_for(self, tmp_path, monkeypatch, caplog):
+        path = tmp_path / "runs.db"
+        killed(path)
+        pauses: list[float] = []
+
+        class Folding(sqlite3.Connection):
+            def execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
+                if "TRUNCATE" in statement and not pauses:  # what SQLite returns at once
+                    return super().execute("SELECT 1, -1, -1")
+                return super().execute(statement, *values)
+
+        connect = partial(sqlite3.connect, factory=Folding)
+        monkeypatch.setattr(sqlite3, "connect", connect)
+        monkeypatch.setattr(database.time, "sleep", pauses.append)
+        database.fold_log(path)
+        assert len(pauses) == 1
+        assert starts_of_the_file_alone(path) == [1]
+        assert "still in its log" not in caplog.text
+
+    def test_a_log_that_can_t_be_folded_is_told_of(self, tmp_path, caplog):
+        path = tmp_path / "runs.db"
+        killed(path)
+        path.write_bytes(b"notes " * 1000)
+        database.fold_log(path)
+        assert "still in its log runs.db-wal (file is not a database)" in caplog.text
+
+    def test_a_log_that_can_t_be_seen_is_an_error(self, tmp_path, monkeypatch, capsys):
+        path = tmp_path / "runs.db"
+        killed(path)
+        only_immutable(monkeypatch)
+        with pytest.raises(OSError, match=r"part of it is in its log runs\.db-wal"):
+            Store(path, read=True)
+        assert cg.command.main(["runs", "list", str(path)]) == 2
+        assert "part of it is in its log runs.db-wal" in capsys.readouterr().err
+
+    def test_a_file_that_left_its_log_behind_is_told_of(self, tmp_path, caplog):
+        path = tmp_path / "runs.db"
+        killed(path)
+        with Store(path, read=True) as opened:
+            assert [run.starts for run in opened.runs()] == [1]
+        assert not caplog.text
+        for _ in range(2):
+            starts_of_the_file_alone(path)
+            assert "copy.db may lack starts" in caplog.text
+            caplog.clear()
+        Store(path).close()
+        assert starts_of_the_file_alone(path) == [1]
+        assert not caplog.text
+
+    def test_a_file_without_anything_but_its_log_is_told_of(self, tmp_path):
+        path = tmp_path / "runs.db"
+        with closing(sqlite3.connect(path)) as connection:
+            connection.execute("PRAGMA journal_mode = WAL")
+        with pytest.raises(ValueError, match=r"is no store, or one without its log runs\.db-wal"):
+            Store(path, read=True)
 
 
 class TestFile:
@@ -402,17 +522,7 @@ class TestFile:
         path = tmp_path / "runs.db"
         search(**SMALL, starts=2, store=path)
         before = path.read_bytes()
-        connect: Callable[..., sqlite3.Connection] = sqlite3.connect
-
-        class Refusing(sqlite3.Connection):
-            def execute(self, *arguments: Any) -> sqlite3.Cursor:
-                raise sqlite3.OperationalError("unable to open database file")
-
-        def refusing(file: str, **options: Any) -> sqlite3.Connection:
-            kind = sqlite3.Connection if "immutable" in file else Refusing
-            return connect(file, factory=kind, **options)
-
-        monkeypatch.setattr(store.sqlite3, "connect", refusing)
+        only_immutable(monkeypatch)
         with Store(path, read=True) as opened:
             assert [run.starts for run in opened.runs()] == [2]
         assert path.read_bytes() == before

@@ -40,6 +40,24 @@ def test_the_limit_of_threads_is_lifted_by_the_last_user() -> None:
     assert after == before
 
 
+def test_a_limit_that_someone_sets_meanwhile_stays() -> None:
+    with threadpool_limits(2):
+        with single_threads():
+            threadpool_limits(3)
+            during = _blas_threads()
+        after = _blas_threads()
+    assert set(during) == set(after) == {3}
+
+
+def test_a_limit_that_ends_meanwhile_is_not_set_again() -> None:
+    with threadpool_limits(3):
+        theirs = threadpool_limits(2)
+        with single_threads():
+            theirs.restore_original_limits()
+        after = _blas_threads()
+    assert set(after) == {3}
+
+
 def test_runs_that_overlap_keep_to_one_thread_each_and_restore_it() -> None:
     with threadpool_limits(2):
         ended = threading.Event()

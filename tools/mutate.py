@@ -15,14 +15,15 @@ import argparse
 import ast
 import importlib.abc
 import importlib.machinery
-import json
 import os
 import random
 import resource
+import runpy
 import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from types import CodeType
 from typing import Any
@@ -285,18 +286,14 @@ class Finder(importlib.abc.MetaPathFinder):
 
 
 class WithoutShrinking:
-    """Makes hypothesis draw the same each time, stop at the first failure and store nothing."""
+    """Makes hypothesis stop at the first failure."""
 
     def pytest_sessionstart(self) -> None:
         """Replace the profile that conftest.py has loaded."""
         import hypothesis
 
         hypothesis.settings.register_profile(
-            "mutants",
-            deadline=None,
-            database=None,
-            derandomize=True,
-            phases=[hypothesis.Phase.explicit, hypothesis.Phase.generate],
+            "mutants", phases=[hypothesis.Phase.explicit, hypothesis.Phase.generate]
         )
         hypothesis.settings.load_profile("mutants")
 
@@ -380,12 +377,11 @@ def preload() -> None:
     import scipy.optimize  # noqa: F401
 
 
-def run(modules: Sequence[str], size: int, seed: int, output: Path) -> Iterator[dict[str, Any]]:
-    """Test mutants that `output` doesn't hold yet; yield each with what became of it."""
-    known = set()
-    if output.exists():
-        records = map(json.loads, output.read_text("utf-8").splitlines())
-        known = {(record["module"], record["number"], record["change"]) for record in records}
+def run(
+    modules: Sequence[str], size: int, seed: int, output: Path, kept: Any
+) -> Iterator[dict[str, Any]]:
+    """Test mutants that aren't kept in `output` yet; yield each with what became of it."""
+    known = {(record["module"], record["number"], record["change"]) for record in kept.records}
     log = output.with_suffix(".log")
     for module in modules:
         todo = [
@@ -425,10 +421,11 @@ def main() -> None:
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
     preload()
-    with options.output.open("a", encoding="utf-8") as file:
-        for record in run(modules, options.sample, options.seed, options.output):
-            file.write(json.dumps(record, ensure_ascii=False) + "\n")
-            file.flush()
+    # by its file: modules of the package that are imported here can't be mutated
+    kept_class = runpy.run_path(str(ROOT / "reproduce" / "kept.py"))["Kept"]
+    with closing(kept_class(options.output)) as kept:
+        for record in run(modules, options.sample, options.seed, options.output, kept):
+            kept.append(record)
             print(
                 f"{record['module']}:{record['line']} {record['outcome']}: {record['change']}",
                 flush=True,

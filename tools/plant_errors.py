@@ -10,7 +10,6 @@ goes to FILE; errors that are there already aren't planted again.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shutil
 import subprocess
@@ -18,8 +17,11 @@ import sys
 import sysconfig
 import tempfile
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
+
+from cg.reproduce.kept import Kept
 
 ROOT = Path(__file__).parents[1]
 
@@ -290,10 +292,6 @@ def main() -> None:
     parser.add_argument("numbers", nargs="*", type=int, help="from 1; by default all")
     parser.add_argument("--output", type=Path, required=True)
     options = parser.parse_args()
-    known = set()
-    if options.output.exists():
-        records = map(json.loads, options.output.read_text("utf-8").splitlines())
-        known = {record["what"] for record in records}
     wanted = [ERRORS[k - 1] for k in options.numbers] or ERRORS
     listed = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
@@ -302,7 +300,8 @@ def main() -> None:
         text=True,
         check=True,
     )
-    with tempfile.TemporaryDirectory() as name, options.output.open("a", encoding="utf-8") as file:
+    with tempfile.TemporaryDirectory() as name, closing(Kept(options.output)) as kept:
+        known = {record["what"] for record in kept.records}
         folder = Path(name)
         for path in filter(lambda path: (ROOT / path).exists(), listed.stdout.splitlines()):
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
@@ -320,8 +319,7 @@ def main() -> None:
                 "by": first,
                 "seconds": round(time.monotonic() - begin, 1),
             }
-            file.write(json.dumps(record, ensure_ascii=False) + "\n")
-            file.flush()
+            kept.append(record)
             print(f"{error.file}: {error.what}: {result} {first}", flush=True)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from importlib.resources.abc import Traversable
@@ -16,10 +15,11 @@ from ..method import Method
 from ..munthe_kaas import MuntheKaas
 from ..points import MethodError
 from ..tableau import Tableau, TableauError
-from ..texts import file_in, read_json, read_toml
+from ..texts import file_in, quoted, read_json, read_toml, to_json, write_file
 
 __all__ = [
     "SUFFIXES",
+    "check_keys",
     "check_path",
     "dumps",
     "dumps_json",
@@ -39,7 +39,8 @@ _REQUIRED = {"name", "source", "a", "b"}
 _OPTIONAL = {"b_embedded", "nominal"}
 _OPTIONAL_OF_ALGEBRAS = {"kind", "b_embedded", "b_third"}
 _KIND = "Munthe-Kaas"
-_REQUIRED_OF_POINTS = {"name", "source", "points", "stage_points", "result"}
+_KEYS_OF_POINTS = {"points", "stage_points", "result"}  # that a tableau has none of
+_REQUIRED_OF_POINTS = {"name", "source"} | _KEYS_OF_POINTS
 _OPTIONAL_OF_POINTS = {"embedded_result", "b_third", "nominal"}
 _POINT = {"parent", "weights"}
 _NOMINAL = {"order", "residual"}
@@ -61,19 +62,19 @@ def loads(text: str) -> Method:
     entry = (
         read_json(text, TableauError) if in_json else read_toml(text, TableauError, parse_float=str)
     )
-    points = "points" in entry
+    points = not _KEYS_OF_POINTS.isdisjoint(entry)
     if "kind" in entry:
         return _read_munthe_kaas(entry)
     if points:
-        _check_keys(entry, _REQUIRED_OF_POINTS, _OPTIONAL_OF_POINTS, "the entry")
+        check_keys(entry, _REQUIRED_OF_POINTS, _OPTIONAL_OF_POINTS, "the entry")
     else:
-        _check_keys(entry, _REQUIRED, _OPTIONAL, "the entry")
+        check_keys(entry, _REQUIRED, _OPTIONAL, "the entry")
     nominal: dict[str, Any] = {}
     if "nominal" in entry:
         table = entry.pop("nominal")
         if not isinstance(table, dict):
             raise TableauError(f"nominal must be a table, got {table!r}")
-        _check_keys(table, _NOMINAL, set(), "nominal")
+        check_keys(table, _NOMINAL, set(), "nominal")
         nominal = {f"nominal_{key}": value for key, value in table.items()}
     if points:
         third = entry.pop("b_third", None)
@@ -82,7 +83,7 @@ def loads(text: str) -> Method:
 
 
 def _read_munthe_kaas(entry: dict[str, Any]) -> MuntheKaas:
-    _check_keys(entry, _REQUIRED, _OPTIONAL_OF_ALGEBRAS, "the entry")
+    check_keys(entry, _REQUIRED, _OPTIONAL_OF_ALGEBRAS, "the entry")
     if (kind := entry.pop("kind")) != _KIND:
         raise MethodError(f"kind must be {_KIND!r}, got {kind!r}")
     third = entry.pop("b_third", None)
@@ -96,7 +97,7 @@ def _read_points(tables: Any) -> list[Any]:
     for m, table in enumerate(tables):
         if not isinstance(table, dict) or not isinstance(table.get("weights", {}), dict):
             raise MethodError(f"point {m} must be a table with one of weights, got {table!r}")
-        _check_keys(table, _POINT, set(), f"point {m}")
+        check_keys(table, _POINT, set(), f"point {m}")
         stages = table["weights"]
         if wrong := [stage for stage in stages if not _STAGE.fullmatch(stage)]:
             raise MethodError(f"weights of point {m} must be on stages, got one on {wrong[0]!r}")
@@ -104,11 +105,15 @@ def _read_points(tables: Any) -> list[Any]:
     return points
 
 
-def _check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
+def check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
+    """Raise an error that names all keys of a table that are missing or unknown."""
+    problems = []
     if missing := sorted(required - set(table)):
-        raise TableauError(f"{where} lacks {', '.join(missing)}")
+        problems.append(f"{where} lacks {', '.join(missing)}")
     if unknown := sorted(set(table) - required - optional):
-        raise TableauError(f"{where} has unknown keys: {', '.join(unknown)}")
+        problems.append(f"{where} has unknown keys: {', '.join(unknown)}")
+    if problems:
+        raise TableauError("; ".join(problems))
 
 
 def load(path: str | PathLike[str]) -> Method:
@@ -182,11 +187,11 @@ def dumps(method: Method) -> str:
         for label, row in zip(("b", "b_embedded"), rows[method.stages :], strict=False):
             lines.append(f"{label} = {_array(row)}")
         if isinstance(method, MuntheKaas):
-            lines.insert(0, f"kind = {_quoted(_KIND)}")
+            lines.insert(0, f"kind = {quoted(_KIND)}")
     elif isinstance(method, CommutatorFree):
         lines.append("points = [")
         for point, weights in zip(method.points, method.point_coefficients, strict=True):
-            texts = ", ".join(f"{stage} = {_quoted(w.text)}" for stage, w in weights.items())
+            texts = ", ".join(f"{stage} = {quoted(w.text)}" for stage, w in weights.items())
             lines.append(f"  {{parent = {point.parent}, weights = {{{texts}}}}},")
         lines += ["]", f"stage_points = {list(method.stage_points)}", f"result = {method.result}"]
         if method.embedded_result is not None:
@@ -197,8 +202,8 @@ def dumps(method: Method) -> str:
         lines.append(f"b_third = {_array(method.third_weights)}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]
-        lines.append(f"residual = {_quoted(method.nominal_residual.text)}")
-    head = [f"name = {_quoted(method.name)}", f"source = {_quoted(method.source)}"]
+        lines.append(f"residual = {quoted(method.nominal_residual.text)}")
+    head = [f"name = {quoted(method.name)}", f"source = {quoted(method.source)}"]
     return "\n".join([*head, *lines]) + "\n"
 
 
@@ -211,20 +216,15 @@ def dumps_json(method: Method) -> str:
     lines = []
     for key, value in entry.items():
         if key in ("a", "points"):
-            rows = ",\n".join(f"    {json.dumps(row, ensure_ascii=False)}" for row in value)
+            rows = ",\n".join(f"    {to_json(row)}" for row in value)
             lines.append(f'  "{key}": [\n{rows}\n  ]')
         else:
-            lines.append(f'  "{key}": {json.dumps(value, ensure_ascii=False)}')
+            lines.append(f'  "{key}": {to_json(value)}')
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def _array(row: Sequence[Coefficient]) -> str:
-    return "[" + ", ".join(_quoted(coefficient.text) for coefficient in row) + "]"
-
-
-def _quoted(text: str) -> str:
-    # JSON's escapes are TOML's, except that TOML wants this one escaped too
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return "[" + ", ".join(quoted(coefficient.text) for coefficient in row) + "]"
 
 
 def save(method: Method, path: str | PathLike[str]) -> None:
@@ -248,4 +248,4 @@ def save(method: Method, path: str | PathLike[str]) -> None:
         text, path = dumps(method), file_in(path, method.name)
     else:
         text = dumps_json(method) if path.suffix.lower() == ".json" else dumps(method)
-    path.write_text(text, encoding="utf-8")
+    write_file(path, text)

@@ -10,9 +10,10 @@ from pathlib import Path
 
 from ..method import Method
 from ..points import MethodError
+from ..texts import visible
 from .entries import SUFFIXES, read
 
-__all__ = ["PROOF", "VARIABLE", "OwnMethods", "own_folders"]
+__all__ = ["PROOF", "VARIABLE", "OwnMethods", "own_folders", "proof_beside"]
 
 PROOF = ".certificate.toml"
 """What the names of certificates end in, which are beside the files of methods."""
@@ -41,6 +42,15 @@ def own_folders() -> tuple[Path, ...]:
     except RuntimeError:  # nobody's home
         return ()
     return (settings / _APPLICATION / "methods",)
+
+
+def proof_beside(file: Path) -> Path:
+    """Return where the certificate of the method in a file is, if there is one.
+
+    It is beside the file, or in a folder ``certificates`` beside it.
+    """
+    kept = file.parent / "certificates" / f"{file.stem}.toml"
+    return kept if kept.is_file() else file.with_name(file.stem + PROOF)
 
 
 def _settings_folder() -> Path:
@@ -79,8 +89,7 @@ class OwnMethods(Mapping[str, Method]):
     def proof(self, name: str) -> Path:
         """Return where the certificate of a method is, if there is one."""
         self._refresh()
-        file = self._files[name]
-        return file.with_name(file.stem + PROOF)
+        return proof_beside(self._files[name])
 
     def __getitem__(self, name: str) -> Method:
         self._refresh()
@@ -117,7 +126,7 @@ class OwnMethods(Mapping[str, Method]):
         self._files = where
         for problem in problems.values():
             if problem not in known:
-                warnings.warn(f"left out of cg.methods: {problem}", stacklevel=4)
+                warnings.warn(f"left out of cg.methods: {visible(problem)}", stacklevel=4)
 
     def _check_name(self, name: str, path: Path, methods: Mapping[str, Method]) -> None:
         if not name.strip():

@@ -11,7 +11,7 @@ from pathlib import Path
 from ..catalogue import load, methods
 from ..method import Method
 from ..points import MethodError
-from ..texts import file_in
+from ..texts import file_in, visible_lines
 from .certificate import CertificationError
 from .files import certificate_names, certificate_of, check_file
 from .prove import certify, check
@@ -50,7 +50,7 @@ def _run(items: Sequence[str], prove: Callable[[str], str]) -> int:
         except (CertificationError, MethodError, OSError, KeyError, ValueError) as error:
             failed += 1
             message = f"FAILED {item}: {error}"
-        print(f"{message} [{time.perf_counter() - begin:.1f} s]", flush=True)
+        print(f"{visible_lines(message)} [{time.perf_counter() - begin:.1f} s]", flush=True)
     print(f"{len(items) - failed} of {len(items)} proved")
     return 1 if failed else 0
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass
 from fractions import Fraction
@@ -10,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ..texts import read_fraction, read_toml
+from ..texts import quoted, read_fraction, read_toml, write_file
 
 __all__ = ["Beyond", "Certificate", "CertificationError"]
 
@@ -149,21 +148,21 @@ class Certificate:
 
     def dumps(self) -> str:
         """Write the certificate as TOML; `loads` gives an equal one back."""
-        quoted = [
-            f"name = {json.dumps(self.name, ensure_ascii=False)}",
+        lines = [
+            f"name = {quoted(self.name)}",
             f"order = {self.order}",
             f'radius = "{self.radius}"',
             f"bits = {self.bits}",
-            f"identities = {json.dumps(list(self.identities))}",
+            f"identities = [{', '.join(map(quoted, self.identities))}]",
             f"fixed = {_wrapped(self.fixed)}",
             "",
             "[beyond]",
             *_beyond(self.beyond),
         ]
         if self.embedded_beyond is not None:
-            quoted += ["", "[embedded]", f"order = {self.embedded_order}"]
-            quoted += _beyond(self.embedded_beyond)
-        return "\n".join(quoted) + "\n"
+            lines += ["", "[embedded]", f"order = {self.embedded_order}"]
+            lines += _beyond(self.embedded_beyond)
+        return "\n".join(lines) + "\n"
 
     @classmethod
     def loads(cls, text: str) -> Certificate:
@@ -207,7 +206,7 @@ class Certificate:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the certificate to a file."""
-        Path(path).write_text(self.dumps(), encoding="utf-8")
+        write_file(path, self.dumps())
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Certificate:
@@ -259,5 +258,5 @@ def _beyond(found: Beyond) -> list[str]:
 
 
 def _wrapped(names: tuple[str, ...]) -> str:
-    lines = [", ".join(f'"{name}"' for name in names[k : k + 10]) for k in range(0, len(names), 10)]
+    lines = [", ".join(map(quoted, names[k : k + 10])) for k in range(0, len(names), 10)]
     return "[\n" + "".join(f"  {line},\n" for line in lines) + "]" if lines else "[]"

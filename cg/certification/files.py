@@ -5,14 +5,16 @@ from __future__ import annotations
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from os import PathLike
+from pathlib import Path
 
 from ..catalogue import methods, packaged
+from ..catalogue.own import proof_beside
 from ..method import Method
 from .certificate import Certificate, CertificationError
 from .prove import check
 from .statement import fitting
 
-__all__ = ["certificate_names", "certificate_of", "check_file", "folder"]
+__all__ = ["certificate_beside", "certificate_names", "certificate_of", "check_file", "folder"]
 
 
 def folder() -> Traversable:
@@ -43,16 +45,39 @@ def certificate_of(method: Method) -> Certificate:
     name = method.name
     if name not in methods or methods[name] != method:
         raise CertificationError(f"{name or 'the method'} isn't in the catalogue: see cg.certify")
-    own = name not in packaged
-    path = methods.own.proof(name) if own else folder() / f"{name}.toml"
+    path = folder() / f"{name}.toml" if name in packaged else methods.own.proof(name)
     if not path.is_file():
         raise CertificationError(f"{name} has no certificate")
-    try:
+    if isinstance(path, Path):
+        certificate = Certificate.load(path)
+    else:  # of a package that isn't a folder
         certificate = Certificate.loads(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError as error:
-        raise CertificationError(f"{path}: not UTF-8: {error}") from None
-    if own:
+    if name not in packaged:
         fitting(certificate, method)
+    return certificate
+
+
+def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:
+    """Return the certificate beside the file of a method, None if there is none.
+
+    It isn't proved again here: see `check`.
+
+    Parameters
+    ----------
+    file : path
+        Of the method; see `certificate_of` for the name of the other.
+    method : Method
+
+    Raises
+    ------
+    CertificationError
+        If the file is no certificate, or another method's.
+    """
+    path = proof_beside(Path(file))
+    if not path.is_file():
+        return None
+    certificate = Certificate.load(path)
+    fitting(certificate, method)
     return certificate
 
 

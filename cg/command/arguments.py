@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -15,6 +14,10 @@ from click.shell_completion import CompletionItem
 from cg.catalogue import load, methods, munthe_kaas, near, resolve_method
 from cg.method import Method
 from cg.points import MethodError
+from cg.texts import to_json, visible_lines
+
+if TYPE_CHECKING:
+    from cg.certification import Certificate
 
 __all__ = [
     "METHOD",
@@ -22,12 +25,16 @@ __all__ = [
     "MethodArgument",
     "NamedMethod",
     "as_json",
+    "certificate_of_file",
     "check_output",
     "is_file",
     "json_option",
     "named",
+    "say",
     "workers_option",
 ]
+
+_FILE = f"{__name__}.file"  # of a method, in the context of a command
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -58,7 +65,11 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
         """Offer names of the catalogue, then files."""
-        names = [n for n in (*methods, *munthe_kaas) if n.lower().startswith(incomplete.lower())]
+        names = [
+            n
+            for n in (*methods, *munthe_kaas)
+            if n.isprintable() and n.lower().startswith(incomplete.lower())
+        ]
         return [*(CompletionItem(n) for n in names), CompletionItem(incomplete, type="file")]
 
     def _refused(self, param: click.Parameter | None, problem: Exception) -> click.BadParameter:
@@ -75,9 +86,26 @@ class NamedMethod(MethodArgument):
         if isinstance(value, Method):
             return value
         try:
-            return load(value) if is_file(value) else named(value)
+            method = load(value) if is_file(value) else named(value)
         except (MethodError, OSError, ValueError) as problem:
             raise self._refused(param, problem) from None
+        if ctx is not None and is_file(value):
+            ctx.meta[_FILE] = value
+        return method
+
+
+def certificate_of_file(method: Method) -> Certificate | None:
+    """Return the certificate beside the file that the argument is; None without.
+
+    Raises
+    ------
+    CertificationError
+        If it is none, or another method's.
+    """
+    from cg.certification.files import certificate_beside
+
+    file = click.get_current_context().meta.get(_FILE)
+    return None if file is None else certificate_beside(file, method)
 
 
 METHOD = NamedMethod()
@@ -85,7 +113,12 @@ METHOD = NamedMethod()
 
 def as_json(data: Any) -> None:
     """Print data as JSON."""
-    click.echo(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False))
+    click.echo(to_json(data, indent=2))
+
+
+def say(text: str, *, err: bool = False) -> None:
+    """Print lines of text, in which nothing reaches the terminal that isn't printable."""
+    click.echo(visible_lines(text), err=err)
 
 
 def check_output(path: Path | None, option: str = "--output") -> None:
@@ -99,7 +132,8 @@ def check_output(path: Path | None, option: str = "--output") -> None:
     try:
         if path.is_file():
             path.open("ab").close()
-        else:
+            folder = path.resolve().parent
+        if path.is_file() or path.is_dir() or not path.exists():  # and no device
             with tempfile.TemporaryFile(dir=folder):
                 pass
     except OSError as error:

@@ -7,7 +7,7 @@ import click
 from cg.diagnosis import Diagnosis, diagnose, diagnose_file
 from cg.points import MethodError
 
-from .arguments import MethodArgument, as_json, is_file, json_option, named
+from .arguments import MethodArgument, as_json, is_file, json_option, named, say
 from .main import NO
 
 __all__ = ["check_command"]
@@ -50,7 +50,7 @@ def check_command(found: Diagnosis, order: int | None, in_json: bool) -> int:
     if in_json:
         as_json(found.as_dict())
     else:
-        click.echo(str(found))
+        say(str(found))
         if too_low:
-            click.echo(f"the order is {reached}, less than {order}")
+            say(f"the order is {reached}, less than {order}")
     return NO if too_low or found.mistakes else 0

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import click
 
-from cg.formats import FORMATS, export
+from cg.formats import FORMATS, export, known_digits
 from cg.method import Method
+from cg.texts import write_file
 
-from .arguments import METHOD
+from .arguments import METHOD, certificate_of_file, check_output
 
 __all__ = ["export_command"]
 
@@ -28,6 +29,8 @@ __all__ = ["export_command"]
 def export_command(method: Method, format: str, digits: int | None, output: Path | None) -> None:
     """Write a method as data, as a table, or as a step in another language.
 
+    The certificate of a file FILE.toml is FILE.certificate.toml beside it.
+
     FORMAT is json, toml, latex, python, jax, c, fortran, julia or matlab.
 
     \b
@@ -36,8 +39,13 @@ def export_command(method: Method, format: str, digits: int | None, output: Path
       crouch-grossman export CF6c c -o cf6c.h
       crouch-grossman export CG5a json --digits 60
     """
-    text = export(method, format, digits=digits)
+    check_output(output)
+    known = known_digits(method)
+    more = digits is not None and known is not None and digits > known
+    certificate = certificate_of_file(method) if more else None
+    text = export(method, format, digits=digits, certificate=certificate)
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
     else:
-        output.write_text(text, encoding="utf-8")
+        output.parent.mkdir(parents=True, exist_ok=True)
+        write_file(output, text)

@@ -10,8 +10,9 @@ import click
 
 from cg.catalogue import methods, munthe_kaas
 from cg.facts import Facts, facts_of
+from cg.texts import visible
 
-from .arguments import as_json, json_option
+from .arguments import as_json, json_option, say
 
 __all__ = ["list_command", "table"]
 
@@ -67,7 +68,9 @@ def list_command(
     wanted = [
         facts
         for facts in (
-            facts_of(m) for catalogue in (methods, munthe_kaas) for m in catalogue.values()
+            facts_of(m, stability=in_json)
+            for catalogue in (methods, munthe_kaas)
+            for m in catalogue.values()
         )
         if (order is None or facts.order == order)
         and (min_order is None or facts.order >= min_order)
@@ -81,7 +84,7 @@ def list_command(
         as_json([facts.as_dict() for facts in wanted])
         return
     heads = ("name", "kind", "order", "evaluations", "flows", "error")
-    click.echo(table([heads, *map(_row, wanted)]))
+    say(table([heads, *map(_row, wanted)]))
 
 
 def _row(facts: Facts) -> tuple[str, ...]:
@@ -89,7 +92,7 @@ def _row(facts: Facts) -> tuple[str, ...]:
     error = "" if facts.principal_error is None else f"{facts.principal_error:.3g}"
     about = "≈" if facts.approximate else ""
     numbers = (f"{about}{facts.order}{pair}", str(facts.evaluations), str(facts.pair_flows), error)
-    return facts.name, facts.kind, *numbers
+    return visible(facts.name), facts.kind, *numbers
 
 
 def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:

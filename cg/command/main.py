@@ -9,6 +9,8 @@ from importlib import import_module
 
 import click
 
+from cg.texts import visible
+
 __all__ = ["COMPLETE", "NO", "PROGRAM", "UNUSABLE", "group", "main"]
 
 NO, UNUSABLE, INTERRUPTED = 1, 2, 130
@@ -122,5 +124,5 @@ def _with_notes(text: str, error: BaseException) -> str:
 
 
 def _refuse(program: str, message: str) -> int:
-    print(f"{program}: error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"{program}: error: {visible(' '.join(message.split()))}", file=sys.stderr)
     return UNUSABLE

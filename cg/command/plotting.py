@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import click
 
 from cg.method import Method
+from cg.texts import write_file
 
-from .arguments import METHOD
+from .arguments import METHOD, check_output
 
 __all__ = ["plot_command"]
 
@@ -28,10 +30,15 @@ def plot_command(method: Method, what: str, output: Path) -> None:
       crouch-grossman plot CF5a points -o cf5a.svg
       crouch-grossman plot DP5(4) stability -o stability.png
     """
+    check_output(output)
     import matplotlib as mpl
 
     mpl.use("Agg")  # no window is wanted
     from cg import plot
 
     draw = {"points": plot.points, "tableau": plot.tableau, "stability": plot.stability_region}
-    draw[what](method).figure.savefig(output, bbox_inches="tight")
+    picture = BytesIO()
+    kind = output.suffix[1:] or None
+    draw[what](method).figure.savefig(picture, format=kind, bbox_inches="tight")
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_file(output, picture.getvalue())

@@ -9,7 +9,7 @@ import click
 from cg.certification import CertificationError, certify
 from cg.method import Method
 
-from .arguments import METHOD, as_json, check_output, json_option
+from .arguments import METHOD, as_json, check_output, json_option, say
 from .main import NO
 
 __all__ = ["certify_command"]
@@ -45,7 +45,7 @@ def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
         if in_json:
             as_json({"name": method.name, "proved": False, "message": str(error)})
         else:
-            click.echo(f"not proved: {error}")
+            say(f"not proved: {error}")
         return NO
     if output is not None:
         output.parent.mkdir(parents=True, exist_ok=True)
@@ -65,6 +65,6 @@ def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
         )
     else:
         if output is None:
-            click.echo(certificate.dumps())
-        click.echo(f"proved {certificate}")
+            say(certificate.dumps())
+        say(f"proved {certificate}")
     return 0

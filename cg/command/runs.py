@@ -14,7 +14,7 @@ from cg.finds import Solution, best, families, promote, solutions
 from cg.finds.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
 
-from .arguments import as_json, check_output, json_option
+from .arguments import as_json, check_output, json_option, say
 from .main import NO
 
 __all__ = ["runs_command"]
@@ -63,12 +63,12 @@ def list_runs(file: str, in_json: bool) -> int:
     if in_json:
         as_json([_data(run) for run in found])
         return 0
-    click.echo("run  kind       order  stages  flows  seed   starts  solved  failed  smallest f")
+    say("run  kind       order  stages  flows  seed   starts  solved  failed  smallest f")
     for run in found:
         settings = run.settings
         flows = settings.get("flows")
         best_f = "-" if run.best is None else f"{run.best:.1e}"
-        click.echo(
+        say(
             f"{run.number:>3}  {run.kind:<9}  {settings['order']:>5}  {settings['stages']:>6}  "
             f"{'-' if flows is None else flows:>5}  {settings['seed']:>4}  {run.starts:>7}  "
             f"{run.solved:>6}  {run.failed:>6}  {best_f:>10}"
@@ -98,17 +98,17 @@ def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
         as_json(data)
         return 0
     given = {key: value for key, value in summary.settings.items() if value is not None}
-    click.echo(f"run {run.number}, {summary.kind}, begun {_time(summary.created)}")
-    click.echo(", ".join(f"{key} {value}" for key, value in given.items() if key != "tree"))
+    say(f"run {run.number}, {summary.kind}, begun {_time(summary.created)}")
+    say(", ".join(f"{key} {value}" for key, value in given.items() if key != "tree"))
     rate = summary.starts / summary.seconds if summary.seconds else 0.0
-    click.echo(
+    say(
         f"{summary.starts} starts in {summary.seconds:.0f} s of one core ({rate:.3g} a second), "
         f"{summary.solved} solved, {summary.failed} failed"
     )
-    click.echo(f"{len(found)} distinct solutions in at most {data['families_at_most']} families")
+    say(f"{len(found)} distinct solutions in at most {data['families_at_most']} families")
     for index, message in data["failures"]:
-        click.echo(f"start {index} failed: {message}")
-    click.echo("\nf ended in")
+        say(f"start {index} failed: {message}")
+    say("\nf ended in")
     _draw(run.decades())
     return 0
 
@@ -127,16 +127,16 @@ def best_of_run(_: Store, run: StoredRun, objective: str, count: int, in_json: b
     if in_json:
         as_json([_solution(one) for one in found])
     elif found:
-        click.echo("start  stages  flows  rank  largest coefficient  principal error")
+        say("start  stages  flows  rank  largest coefficient  principal error")
         for one in found:
             data = _solution(one)
-            click.echo(
+            say(
                 f"{data['start']:>5}  {data['stages']:>6}  {data['flows']:>5}  "
                 f"{data['rank']:>4}  {data['largest_coefficient']:>19.3g}  "
                 f"{data['principal_error']:>15.3g}"
             )
     else:
-        click.echo("no start led to what was wanted")
+        say("no start led to what was wanted")
     return 0 if found else NO
 
 
@@ -162,14 +162,14 @@ def promote_start(
     """
     check_output(folder / name, "--folder")
     made = promote(run, name, folder, number=start, max_iterations=steps)
-    click.echo(f"{made.method!r}")
-    click.echo(f"principal error {made.before:.3g}, now {made.principal_error:.3g}")
+    say(f"{made.method!r}")
+    say(f"principal error {made.before:.3g}, now {made.principal_error:.3g}")
     if made.reason:
-        click.echo(f"{'not' if made.certificate is None else 'only in part'} proved: {made.reason}")
+        say(f"{'not' if made.certificate is None else 'only in part'} proved: {made.reason}")
     if made.certificate is not None:
-        click.echo(str(made.certificate))
+        say(str(made.certificate))
     for file in made.files:
-        click.echo(f"wrote {file}")
+        say(f"wrote {file}")
     return NO if made.reason else 0
 
 
@@ -213,4 +213,4 @@ def _draw(decades: dict[int, int]) -> None:
     most = max(decades.values(), default=1)
     for decade, count in decades.items():
         bar = "#" * max(1, round(40 * count / most))
-        click.echo(f"  1e{decade:<4} {count:>7}  {bar}")
+        say(f"  1e{decade:<4} {count:>7}  {bar}")

@@ -15,7 +15,7 @@ from cg.formats import export
 from cg.method import Method
 from cg.random_search import SearchResult, search
 
-from .arguments import as_json, check_output
+from .arguments import as_json, check_output, say
 from .engines import engine
 from .main import NO
 from .shapes import construction_options, search_options, settled
@@ -105,9 +105,7 @@ def _run(
                 interrupt.add_note("with --store FILE it would go on from there")
             raise
     for failure in result.failures:
-        click.echo(
-            f"{piece} {failure.index} of seed {arguments['seed']}: {failure.message}", err=True
-        )
+        say(f"{piece} {failure.index} of seed {arguments['seed']}: {failure.message}", err=True)
     plain = function is construct and output is None and not in_json
     methods = sorted(found(result, plain), key=_largest)
     if output is not None:
@@ -118,10 +116,10 @@ def _run(
     if in_json:
         as_json([json.loads(export(method, "json")) for method in methods])
     elif not methods:
-        click.echo("no method found")
+        say("no method found")
     elif not plain:
         for method in methods:
-            click.echo(f"{method!r}, largest coefficient {_largest(method):.3g}")
+            say(f"{method!r}, largest coefficient {_largest(method):.3g}")
     return 0 if methods else NO
 
 

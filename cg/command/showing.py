@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 import click
@@ -13,11 +15,14 @@ from cg.diagnosis import draw_points
 from cg.facts import Facts, facts_of
 from cg.formats import export
 from cg.method import Method
+from cg.texts import visible
 
-from .arguments import METHOD, as_json, json_option
+from .arguments import METHOD, as_json, certificate_of_file, json_option, say
 from .listing import table
 
 __all__ = ["show_command"]
+
+_MOST_BITS = 128  # more than the most digits that are shown
 
 
 @click.command("show", short_help="Show all of one method.")
@@ -46,13 +51,17 @@ def show_command(method: Method, digits: int, in_json: bool) -> None:
         data = {**facts.as_dict(), "certificate": certificate, "source": method.source}
         as_json(data | {"method": json.loads(export(method, "json"))})
         return
-    click.echo(f"{method.name or 'a method'}, {facts.kind}\n")
-    lines = [*_numbers(facts), ("certificate", certificate or "none"), ("source", method.source)]
+    say(f"{visible(method.name) or 'a method'}, {facts.kind}\n")
+    lines = [
+        *_numbers(facts),
+        ("certificate", certificate or "none"),
+        ("source", visible(method.source)),
+    ]
     width = max(len(label) for label, _ in lines)
     for label, value in lines:
-        click.echo(f"  {label.ljust(width)}  {value}".rstrip())
+        say(f"  {label.ljust(width)}  {value}".rstrip())
     drawn = draw_points(method, digits=digits) if _has_points(method) else _tableau(method, digits)
-    click.echo("\n" + drawn)
+    say("\n" + drawn)
 
 
 def _has_points(method: Method) -> bool:
@@ -66,16 +75,19 @@ def _numbers(facts: Facts) -> list[tuple[str, str]]:
     flows = str(facts.flows)
     if facts.pair_flows != facts.flows:
         flows += f", {facts.pair_flows} with the estimate"
-    return [
-        ("order", order + (", up to a residual that is stored" if facts.approximate else "")),
-        ("evaluations", str(facts.evaluations)),
-        ("flows", flows),
-        ("principal error", _number(facts.principal_error, "unknown")),
+    stability = [
         ("stable on the real axis", f"from 0 to -{_number(facts.real_stability, 'infinity')}"),
         (
             "stable on the imaginary axis",
             f"from 0 to {_number(facts.imaginary_stability, 'infinity')}",
         ),
+    ]
+    return [
+        ("order", order + (", up to a residual that is stored" if facts.approximate else "")),
+        ("evaluations", str(facts.evaluations)),
+        ("flows", flows),
+        ("principal error", _number(facts.principal_error, "unknown")),
+        *([("not computed", facts.not_computed)] if facts.not_computed else stability),
     ]
 
 
@@ -87,11 +99,16 @@ def _certificate(method: Method) -> str | None:
     from cg.certification import CertificationError, certificate_of, check
 
     try:
-        certificate = certificate_of(method)
-    except CertificationError:
-        return None
-    if method.name in packaged:
-        return str(certificate)
+        certificate = certificate_of_file(method)
+    except CertificationError as error:
+        return f"proves nothing: {error}"
+    if certificate is None:
+        try:
+            certificate = certificate_of(method)
+        except CertificationError:
+            return None
+        if method.name in packaged:
+            return str(certificate)
     try:  # nothing of a file of the user's is believed
         check(certificate, method)
     except CertificationError as error:
@@ -102,7 +119,7 @@ def _certificate(method: Method) -> str | None:
 def _tableau(method: Any, digits: int) -> str:
     """Return c, a and b in columns; c before the rows of a, ``b^`` before second weights."""
     *rows, last = method.layout.cut(method.coefficients)
-    labels = [_text(x, digits) for x in _sums(method)]
+    labels = [_sum(row, digits) for row in method.exact[0]]
     lines = []
     weights = [rows.pop(), last] if method.layout.pair else [last]
     for c, row in zip(labels, rows, strict=True):
@@ -116,8 +133,11 @@ def _tableau(method: Any, digits: int) -> str:
     return "\n".join([*text[: method.stages], rule, *text[method.stages :]])
 
 
-def _sums(method: Method) -> list[Coefficient]:
-    return [Coefficient.read(str(sum(row))) for row in method.exact[0]]
+def _sum(row: Sequence[Fraction], digits: int) -> str:
+    total = sum(row, Fraction(0))
+    # a longer one isn't shown as it is, and Python may refuse to write it
+    text = str(total) if total.denominator.bit_length() <= _MOST_BITS else ""
+    return text if 0 < len(text) <= digits + 1 else f"{float(total):.{digits}g}"
 
 
 def _text(x: Coefficient, digits: int) -> str:

@@ -99,7 +99,7 @@ def construct(
     order, stages : int
         What is wanted.
     seed : int
-        Not negative; try k depends on (seed, k) alone.
+        Not negative; on one machine try k depends on (seed, k) alone.
     tries : int, optional
         Random starts at most.
     largest : float, optional

@@ -11,6 +11,7 @@ from ..coefficients import Coefficient
 from ..method import Method, read_coefficient
 from ..munthe_kaas import MuntheKaas
 from ..points import MethodError
+from ..texts import visible
 from .failing import FailingCondition, first_failing
 from .findings import Finding
 from .mistakes import find_all
@@ -64,7 +65,9 @@ class Diagnosis:
         method = self.method
         flows = f"{method.exponentials} flows"
         kind = "explicit" if method.explicit else "implicit"
-        lines = [f"{method.name or 'a method'}: {kind}, {method.stages} evaluations, {flows}"]
+        lines = [
+            f"{visible(method.name) or 'a method'}: {kind}, {method.stages} evaluations, {flows}"
+        ]
         lines.append(f"order: {self._order}")
         if self.embedded_order is not None:
             lines.append(f"order of the second result: {self.embedded_order}")

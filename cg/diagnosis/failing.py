@@ -51,10 +51,11 @@ class FailingCondition:
         return self.residual + float(self.right_side)
 
     def __str__(self) -> str:
+        off = f"{self.residual:.3g}" if self.residual else "less than a double can tell"
         return (
             f"{draw_tree(self.tree)}\n"
             f"{self.tree}  Φ = {self.weight:.10g}, 1/γ = {self.right_side}, "
-            f"off by {self.residual:.3g}"
+            f"off by {off}"
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -91,9 +92,15 @@ def _first(method: Method, order: int) -> FailingCondition:
     failing = [
         k for k, (r, t) in enumerate(zip(residuals, allowed, strict=True)) if not _within(r, t)
     ]
+    if failing:
+        residual = float(residuals[failing[0]].mid())
+    else:  # by less than balls can tell
+        exact = conditions.exact_residuals_of(method.tree, order, independent=True)[lower:]
+        pairs = enumerate(zip(exact, allowed, strict=True))
+        failing = [k for k, (r, t) in pairs if abs(r) > Fraction(t)]
+        residual = float(exact[failing[0]])
     k = failing[0]
     tree = forest(order + 1).tree(trees[k])
-    residual = float(residuals[k].mid())
     return FailingCondition(order, tree, residual, sides[k], len(failing), len(trees))
 
 

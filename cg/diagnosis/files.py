@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..catalogue import load
+from ..catalogue.entries import check_keys
 from ..method import Method
 from ..munthe_kaas import MuntheKaas
 from ..points import MethodError
@@ -20,6 +21,9 @@ __all__ = ["diagnose_file", "diagnose_tableau"]
 
 _KEYS = {"name", "source", "kind", "a", "b", "b_embedded", "c"}
 """Of a file that is more generous than one of the catalogue."""
+
+_KEYS_OF_OTHERS = {"points", "stage_points", "result", "nominal", "b_third"}
+"""Of files that must be like those of the catalogue."""
 
 
 def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
@@ -50,11 +54,10 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
         raise TableauError(f"{path}: not UTF-8: {error}") from None
     except MethodError as error:
         raise type(error)(f"{path}: {error}") from None
-    if set(entry) <= _KEYS and "a" in entry and "b" not in entry:
-        raise TableauError(f"{path}: the entry lacks b")
-    if not {"a", "b"} <= set(entry) <= _KEYS:
+    if not _KEYS_OF_OTHERS.isdisjoint(entry):
         return diagnose(load(path))
     try:
+        check_keys(entry, {"a", "b"}, _KEYS, "the entry")
         return diagnose_tableau({"name": path.stem} | entry)
     except MethodError as error:
         raise type(error)(f"{path}: {error}") from None

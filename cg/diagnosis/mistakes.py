@@ -215,5 +215,6 @@ def _text(coefficient: Coefficient) -> str:
 
 
 def _short(value: Fraction) -> str:
-    text = str(value)
-    return text if len(text) <= 12 else f"{float(value):.16g}"
+    # Python may refuse to write a longer one
+    text = str(value) if value.denominator.bit_length() <= 64 else ""
+    return text if 0 < len(text) <= 12 else f"{float(value):.16g}"

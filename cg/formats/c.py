@@ -173,4 +173,5 @@ def _tables(program: Program) -> str:
 
 
 def _array(declared: str, entries: Sequence[str]) -> str:
+    entries = entries or ["0"]  # an array of C can't be empty
     return f"{declared}[{len(entries)}] = {{\n{wrapped(entries, '    ')}\n}};"

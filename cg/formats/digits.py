@@ -54,15 +54,22 @@ class Numbers:
         """
         if self.digits is not None:
             return to_decimal(value, self.digits)
+        if float(value) == 0.0:  # below the range of doubles, which compilers refuse
+            return "0"
         places = DECIMAL_DIGITS
         while float(text := to_decimal(value, places)) != float(value):
             places += DECIMAL_DIGITS
         return text
 
-    def rounded(self) -> Method:
+    def rounded(self, *, zeros: bool = False) -> Method:
         """Return the method with its coefficients written to so many digits.
 
         Those that are known exactly stay as they are.
+
+        Parameters
+        ----------
+        zeros : bool, optional
+            Keep zeros at the end of the others.
 
         Raises
         ------
@@ -73,11 +80,11 @@ class Numbers:
         if digits is None:
             return method
         texts = [
-            to_decimal(value, digits) if given.unit else given.text
+            to_decimal(value, digits, zeros=zeros) if given.unit else given.text
             for given, value in zip(method.coefficients, self.values, strict=True)
         ]
         try:
-            return _with_texts(method, texts, digits)
+            return _with_texts(method, texts, digits, zeros)
         except MethodError as problem:
             name = method.name or "the method"
             raise ValueError(f"digits: {digits} are too few for {name}: {problem}") from None
@@ -153,7 +160,7 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     return Numbers(method, tuple(map(Fraction, texts)), digits)
 
 
-def _with_texts(method: Method, texts: Sequence[str], digits: int) -> Method:
+def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) -> Method:
     """Return a method of the same kind with other coefficients."""
     names: dict[str, Any] = {"name": method.name, "source": method.source}
     nominal: dict[str, Any] = {
@@ -162,7 +169,7 @@ def _with_texts(method: Method, texts: Sequence[str], digits: int) -> Method:
     }
     third = getattr(method, "third_weights", None)
     if third is not None:
-        third = [_shortened(given, digits) for given in third]
+        third = [_shortened(given, digits, zeros) for given in third]
     if isinstance(method, CommutatorFree):
         return CommutatorFree(
             zip(method.layout.parents, method.layout.point_weights(texts), strict=True),
@@ -181,5 +188,5 @@ def _with_texts(method: Method, texts: Sequence[str], digits: int) -> Method:
     return Tableau(a, b, b_embedded=b_embedded, **names, **nominal)
 
 
-def _shortened(given: Coefficient, digits: int) -> str:
-    return to_decimal(given.value, digits) if given.unit else given.text
+def _shortened(given: Coefficient, digits: int, zeros: bool) -> str:
+    return to_decimal(given.value, digits, zeros=zeros) if given.unit else given.text

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..catalogue import dumps, dumps_json, resolve_method
 from ..method import Method
+from ..texts import visible
 from .c import to_c
 from .digits import numbers_of
 from .fortran import to_fortran
@@ -107,7 +108,7 @@ def export(
     if format == "toml":
         return dumps(numbers.rounded())
     if format == "latex":
-        return to_latex(numbers.rounded(), summary(method), digits)
+        return to_latex(numbers, summary(method))
     program = make_program(numbers, summary(method))
     orders = method.order, method.embedded_order
     lower = None if orders[1] is None else min(orders[0], orders[1])
@@ -123,4 +124,4 @@ def summary(method: Method) -> str:
     >>> summary(cg.methods["CG4(3)b"])
     'CG4(3)b: order 4(3), 5 evaluations, 15 flows'
     """
-    return f"{method.name or 'without name'}: {method.description(complete=True)}"
+    return f"{visible(method.name) or 'without name'}: {method.description(complete=True)}"

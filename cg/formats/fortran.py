@@ -196,6 +196,8 @@ def _numbers(texts: Sequence[str]) -> list[str]:
 
 def _array(kind: str, name: str, entries: Sequence[str]) -> list[str]:
     """Declare an array; a long one in parts."""
+    if not entries:
+        return [f"  {kind}, parameter :: {name}(0) = [{kind} ::]"]
     if len(entries) <= _MOST_ENTRIES:
         body = wrapped(entries, "    ", end=" &")
         return [f"  {kind}, parameter :: {name}({len(entries)}) = [ &\n{body}]"]

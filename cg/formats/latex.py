@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
 from ..coefficients import Coefficient
 from ..commutator_free import CommutatorFree
 from ..method import Method
 from ..quad import to_decimal
+from .digits import Numbers
 
 __all__ = ["short_numbers", "to_array", "to_latex"]
 
@@ -17,30 +18,24 @@ _WIDEST = 110
 
 _LONGEST = 40  # rows of a table that stays on one page
 
+_MOST_BITS = 10_000  # of an integer; from 4300 digits on Python refuses to write it
+
 _SHORT = 6  # digits in notebooks
 
 
-def to_latex(method: Method, title: str, digits: int | None) -> str:
-    """Return a table, preceded by comments on what it needs.
-
-    Parameters
-    ----------
-    method : Method
-        With its coefficients as they are to be written.
-    title : str
-    digits : int or None
-        Of abscissae, which are sums of coefficients; None for all that there are.
-    """
+def to_latex(numbers: Numbers, title: str) -> str:
+    """Return a table, preceded by comments on what it needs."""
+    method = numbers.rounded(zeros=True)
     if isinstance(method, CommutatorFree):
         table = _points(method)
     else:
-        rows = _tableau(method, digits)
+        rows = _tableau(method, numbers)
         widest = max(sum(map(len, row)) for row in rows)
         table = _list(method) if widest > _WIDEST else _butcher(rows, method)
     needs = r"% \usepackage{booktabs}"
     if "longtable" in table:
         needs += r", \usepackage{longtable}"
-    return f"% {_comment(title)}\n{needs}\n{table}\n"
+    return f"% Method {title}\n{needs}\n{table}\n"
 
 
 def to_array(method: Method) -> str:
@@ -70,27 +65,34 @@ def to_array(method: Method) -> str:
     return f"\\begin{{array}}{{{columns}}}\n" + "\n".join(lines) + "\n\\end{array}"
 
 
-def short_numbers(method: Method) -> list[list[str]]:
-    """Return the coefficients of a method to few digits, for people.
+def short_numbers(method: Method) -> Iterator[list[str]]:
+    """Return the coefficients of a method to few digits, for people, row by row as they are needed.
 
     Of a tableau the rows, abscissae first and blanks for zeros beside the diagonal; else the
     weights of each point.
     """
     if isinstance(method, CommutatorFree):
-        return [
-            [_plain(weight) for weight in weights.values()] for weights in method.point_coefficients
-        ]
-    return [[_plain(entry) if entry else "" for entry in row] for row in _entries(method)]
+        for weights in method.point_coefficients:
+            yield [_plain(weight) for weight in weights.values()]
+    else:
+        for row in _entries(method):
+            yield [_plain(entry) if entry else "" for entry in row]
 
 
-def _entries(method: Method) -> list[list[Coefficient | None]]:
-    """Return the rows of a tableau with its abscissae; None for zeros beside the diagonal."""
+def _entries(
+    method: Method, exact: Sequence[Fraction] | None = None
+) -> Iterator[list[Coefficient | None]]:
+    """Return the rows of a tableau with its abscissae; None for zeros beside the diagonal.
+
+    Abscissae are sums of `exact`, packed, or else of the coefficients.
+    """
+    packed = [given.value for given in method.coefficients] if exact is None else list(exact)
+    summed = method.layout.full_rows(packed)
     explicit = method.explicit
     rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
     third = getattr(method, "third_weights", None)
     if third is not None:
         rows.append(list(third))
-    found: list[list[Coefficient | None]] = []
     for i, row in enumerate(rows):
         stage = i < method.stages
         entries = [
@@ -100,21 +102,27 @@ def _entries(method: Method) -> list[list[Coefficient | None]]:
         first = None
         if stage:
             numbers = [Coefficient.read(entry) for entry in row]
-            total = sum((number.value for number in numbers), Fraction(0))
-            if any(set(number.text) & set(".ex") for number in numbers):
+            total = Fraction(sum(summed[i]))
+            if _is_long(total) or any(set(number.text) & set(".ex") for number in numbers):
                 first = Coefficient(total, to_decimal(total), Fraction(1))  # a decimal too
             else:
                 first = Coefficient.read(total)
-        found.append([first, *entries])
-    return found
+        yield [first, *entries]
 
 
-def _tableau(method: Method, digits: int | None) -> list[list[str]]:
+def _is_long(value: Fraction) -> bool:
+    """Tell whether Python might refuse to write numerator or denominator."""
+    return max(value.numerator.bit_length(), value.denominator.bit_length()) > _MOST_BITS
+
+
+def _tableau(method: Method, numbers: Numbers) -> list[list[str]]:
     rows = []
-    for row in _entries(method):
+    digits = numbers.digits
+    for row in _entries(method, numbers.values):
         first, *rest = row
         if first is not None and first.unit and digits is not None:
-            first = Coefficient(first.value, to_decimal(first.value, digits), first.unit)
+            text = to_decimal(first.value, digits, zeros=True)
+            first = Coefficient(first.value, text, first.unit)
         rows.append([_number(entry) if entry else "" for entry in (first, *rest)])
     return rows
 
@@ -217,7 +225,3 @@ def _is_short(entry: Coefficient) -> bool:
 def _power(text: str) -> str:
     significand, e, exponent = text.lower().partition("e")
     return f"{significand}\\cdot 10^{{{int(exponent)}}}" if e else text
-
-
-def _comment(text: str) -> str:
-    return " ".join(text.split())

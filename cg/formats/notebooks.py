@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from html import escape
+from itertools import islice
 
 from ..commutator_free import CommutatorFree
 from ..method import Method
+from ..texts import visible
 from .latex import short_numbers, to_array
 
 __all__ = ["to_formula", "to_html"]
@@ -13,6 +15,7 @@ __all__ = ["to_formula", "to_html"]
 _MOST_ROWS = 40
 _CELL = 'style="text-align: right; padding: 0.1em 0.6em'
 _LEFT = f'{_CELL}; border-right: 1px solid"'
+_TEXT = 'class="tex2jax_ignore mathjax_ignore"'  # dollars begin no formula
 _LINE = 'style="border-top: 1px solid"'
 
 
@@ -23,19 +26,22 @@ def to_formula(method: Method) -> str:
 
 def to_html(method: Method) -> str:
     """Return a method as HTML: what it is, and its tableau or points to few digits."""
-    title = f"<b>{escape(method.name or 'without name')}</b>: {escape(method.description())}"
+    title = (
+        f"<b>{escape(visible(method.name) or 'without name')}</b>: {escape(method.description())}"
+    )
     table = _points(method) if isinstance(method, CommutatorFree) else _tableau(method)
-    source = f"<br><small>{escape(method.source)}</small>" if method.source else ""
-    return f"<div>{title}{source}\n{table}\n</div>"
+    source = f"<br><small>{escape(visible(method.source))}</small>" if method.source else ""
+    return f"<div {_TEXT}>{title}{source}\n{table}\n</div>"
 
 
 def _tableau(method: Method) -> str:
     rows = []
-    for i, (first, *entries) in enumerate(short_numbers(method)):
+    for i, (first, *entries) in enumerate(islice(short_numbers(method), _MOST_ROWS)):
         cells = "".join(f'<td {_CELL}">{entry}</td>' for entry in entries)
         line = f" {_LINE}" if i == method.stages else ""
         rows.append(f"<tr{line}><td {_LEFT}>{first}</td>{cells}</tr>")
-    return _table("", rows)
+    third = getattr(method, "third_weights", None) is not None
+    return _table("", rows, method.stages + 1 + method.layout.pair + third)
 
 
 def _points(method: CommutatorFree) -> str:
@@ -46,14 +52,18 @@ def _points(method: CommutatorFree) -> str:
     if method.embedded_result is not None:
         roles.setdefault(method.embedded_result, []).append("second result")
     rows = [_row("0", "", "", roles.get(-1, []))]
-    pairs = zip(method.points, method.point_coefficients, strict=True)
-    for m, (point, weights) in enumerate(pairs):
+    shown = islice(zip(method.points, short_numbers(method), strict=True), _MOST_ROWS - 1)
+    for m, (point, numbers) in enumerate(shown):
         terms = " + ".join(
             f"{short} F<sub>{stage + 1}</sub>"
-            for stage, short in zip(weights, short_numbers(method)[m], strict=True)
+            for stage, short in zip(point.weights, numbers, strict=True)
         )
         rows.append(_row(str(m + 1), str(point.parent + 1), terms, roles.get(m, [])))
-    return _table("<tr><th>point</th><th>from</th><th>along h times</th><th></th></tr>", rows)
+    return _table(
+        "<tr><th>point</th><th>from</th><th>along h times</th><th></th></tr>",
+        rows,
+        1 + len(method.points),
+    )
 
 
 def _row(point: str, origin: str, terms: str, roles: list[str]) -> str:
@@ -62,8 +72,7 @@ def _row(point: str, origin: str, terms: str, roles: list[str]) -> str:
     return f'<tr>{cells}<td {left}">{terms}</td><td {left}">{", ".join(roles)}</td></tr>'
 
 
-def _table(head: str, rows: list[str]) -> str:
-    left = len(rows) - _MOST_ROWS
-    if left > 0:
-        rows = [*rows[:_MOST_ROWS], f'<tr><td colspan="4">and {left} more</td></tr>']
+def _table(head: str, rows: list[str], all_rows: int) -> str:
+    if left := all_rows - len(rows):
+        rows = [*rows, f'<tr><td colspan="4">and {left} more</td></tr>']
     return "<table>" + head + "\n".join(rows) + "</table>"

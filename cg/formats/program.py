@@ -217,10 +217,10 @@ def _without_repetitions(tree: PointTree) -> PointTree:
 
 def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
     """Return the points in the order in which they are needed, and how many before each stage."""
-    order: list[int] = []
+    order: dict[int, None] = {}  # a set that keeps its order
 
     def lead_to(end: int) -> None:
-        order.extend(m for m in tree.path(end) if m not in order)
+        order.update(dict.fromkeys(tree.path(end)))
 
     before = []
     for at in tree.stage_points:
@@ -229,7 +229,7 @@ def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
     lead_to(tree.result)
     if tree.embedded_result is not None:
         lead_to(tree.embedded_result)
-    return order, tuple(before)
+    return list(order), tuple(before)
 
 
 def _slots(
@@ -251,11 +251,9 @@ def _slots(
     slots = {START: 0}
     free: list[int] = []
     count = 1
-    held: list[int] = []
+    ended: dict[int, list[int]] = {}
     for k, m in enumerate(order):
-        for other in [other for other in held if last[other] <= k]:
-            held.remove(other)
-            free.append(slots[other])
+        free.extend(slots[other] for other in ended.pop(k, ()))
         parent = slots[tree.points[m].parent]
         if parent in free:
             slots[m] = parent
@@ -265,5 +263,5 @@ def _slots(
         else:
             slots[m] = count
             count += 1
-        held.append(m)
+        ended.setdefault(last[m], []).append(m)
     return slots, count

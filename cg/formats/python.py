@@ -129,7 +129,10 @@ def _module(program: Program, lower: int | None, line: str, xp: str) -> str:
     array = "array"
     arguments = _ARGUMENTS.format(dexpinv=_DEXPINV if program.on_algebra else "", array=array)
     values = {"call": call, "arguments": arguments, "xp": xp, "lower": lower}
-    parts = [comment(heading(program.title, program.source), "#"), "", line, "", _tables(program)]
+    # in a comment in the first two lines Python would look for an encoding
+    parts = ['"""A step of a Runge-Kutta method on manifolds."""', ""]
+    parts += [comment(heading(program.title, program.source), "#")]
+    parts += ["", line, "", _tables(program)]
     parts += ["", _STEP.format(**values).rstrip("\n")]
     if program.second is not None:
         parts.append(_PAIR.format(**values).rstrip("\n"))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
+from ..texts import visible
+
 __all__ = ["comment", "heading", "integers", "real", "wrapped"]
 
 _WIDTH = 96
@@ -16,13 +18,13 @@ def heading(title: str, source: str) -> str:
 
 
 def comment(text: str, mark: str) -> str:
-    """Return a text as lines of comment."""
+    """Return a text as lines of comment, none of which the next line continues."""
     lines = []
-    for paragraph in text.split("\n"):
-        # what isn't printable could end the comment
-        clean = "".join(letter if letter.isprintable() else " " for letter in paragraph)
-        lines += textwrap.wrap(clean, _WIDTH) or [""]
-    return "\n".join(f"{mark} {line}".rstrip() for line in lines)
+    for paragraph in text.splitlines():
+        lines += textwrap.wrap(visible(paragraph), _WIDTH) or [""]
+    # in C a comment goes on after a backslash, which ??/ is too
+    ends = (" ." if line.endswith(("\\", "??/")) else "" for line in lines)
+    return "\n".join(f"{mark} {line}{end}".rstrip() for line, end in zip(lines, ends, strict=True))
 
 
 def real(number: str) -> str:

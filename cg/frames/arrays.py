@@ -17,6 +17,7 @@ __all__ = [
     "Points",
     "Size",
     "check_convention",
+    "check_finite",
     "check_name",
     "check_random",
     "check_size",
@@ -74,6 +75,15 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         raise ValueError(
             f"{name} must be an array of {adjective} numbers, got {value!r}"
         ) from error
+
+
+def check_finite(array: Points, name: str) -> None:
+    """Raise ValueError, with the first such entry, unless an array is finite."""
+    finite = np.isfinite(array)
+    if not finite.all():
+        index = tuple(np.argwhere(~finite)[0].tolist())
+        place = ", ".join(map(str, index))
+        raise ValueError(f"{name} must be finite, got {array[index]} at [{place}]")
 
 
 def check_name(name: Any) -> None:

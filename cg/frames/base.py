@@ -171,7 +171,8 @@ class Frame(FieldAlgebra):
         Returns
         -------
         ndarray
-            Of type ``dtype``, shape ``(..., *point_shape)``; NaN where there is no such point.
+            Of type ``dtype``, shape ``(..., *point_shape)``; all NaN where there is no such point
+            or where many are equally near, as for zero and a sphere.
 
         Raises
         ------
@@ -180,10 +181,14 @@ class Frame(FieldAlgebra):
         """
         point = self._points(y)
         rows = point.reshape(-1, *self.point_shape)
-        finite = np.isfinite(rows).all(axis=tuple(range(1, rows.ndim)))
+        axes = tuple(range(1, rows.ndim))
+        found = np.asarray(np.isfinite(rows).all(axis=axes))
         projected = np.full(rows.shape, np.nan, dtype=self.dtype)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            projected[finite] = self._project(rows[finite])
+            projected[found] = self._project(rows[found])
+            found = np.asarray(np.isfinite(projected).all(axis=axes))
+            found[found] = self.relative_error(projected[found]) <= MEMBERSHIP_TOLERANCE
+        projected[~found] = np.nan
         return projected.reshape(point.shape)
 
     def _project(self, y: Points) -> Points:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Size, check_convention, real_array
+from cg.frames.arrays import Array, Convention, Size, check_convention, check_finite, real_array
 from cg.frames.base import Frame
 from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.matrix_functions import combine, corrected, expm
@@ -223,11 +223,12 @@ class CoadjointOrbit(Frame):
 def _checked_constants(value: ArrayLike) -> Constants:
     constants = real_array(value, "algebra")
     m = len(constants) if constants.ndim else 0
-    if m < 1 or constants.shape != (m, m, m) or not np.isfinite(constants).all():
+    if m < 1 or constants.shape != (m, m, m):
         raise ValueError(
-            "algebra must be a MatrixGroup or finite structure constants of shape (m, m, m), "
+            "algebra must be a MatrixGroup or structure constants of shape (m, m, m), "
             f"got shape {constants.shape}"
         )
+    check_finite(constants, "algebra")
     size = np.abs(constants).max()
     if np.abs(constants + constants.swapaxes(0, 1)).max() > _ROUNDING * size:
         raise ValueError("algebra must have constants antisymmetric in the first two indices")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
@@ -21,7 +20,8 @@ class HomogeneousSpace(Frame):
     the group; usually there are more of them than the manifold has dimensions, and different ones
     may stand for the same tangent.
 
-    A space supplies ``group``, the action and its derivative, and ``restore``.
+    A space supplies ``group``, the action ``_act`` and its derivative ``_act_infinitesimally``,
+    ``restore``, and what is abstract in `Frame`.
 
     References
     ----------
@@ -46,13 +46,13 @@ class HomogeneousSpace(Frame):
         """Dimension of the group."""
         return self.group.dim
 
+    @abstractmethod
     def _act(self, x: Points, y: Points) -> Points:
         """Return the point to which the group element ``x`` takes ``y``."""
-        return np.asarray(x @ y)
 
+    @abstractmethod
     def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
         """Return the tangent at ``y`` of the element ``omega`` of the Lie algebra."""
-        return np.asarray(omega @ y)
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         # The product of the two group elements leads to where one flow after the other does,

@@ -134,8 +134,15 @@ class IsospectralOrbit(HomogeneousSpace):
 
     def _project(self, y: Points) -> Points:
         # The symmetric part's eigenvectors give the nearest matrix with these eigenvalues, by
-        # the inequality of Hoffman and Wielandt.
-        return self.restore(0.5 * (y + y.mT.conj()))
+        # the inequality of Hoffman and Wielandt. Where eigenvalues are equal that shouldn't be,
+        # their vectors are any.
+        symmetric, n = 0.5 * (y + y.mT.conj()), len(self.spectrum)
+        close, wanted = (
+            np.diff(values) <= n * np.finfo(np.float64).eps * np.abs(values).max(axis=-1)[..., None]
+            for values in (np.linalg.eigvalsh(symmetric), np.array(self.spectrum))
+        )
+        unique = (~close | wanted).all(axis=-1)
+        return np.where(unique[..., None, None], self.restore(symmetric), np.nan)
 
     def _with_eigenvectors(self, vectors: Points) -> Points:
         product = (vectors * np.array(self.spectrum)) @ vectors.mT.conj()

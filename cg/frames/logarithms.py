@@ -11,6 +11,8 @@ from cg.frames.arrays import Array, Points
 
 # Within this 1-norm of the identity z below has norm 1/7, and the terms left out are 1e-18.
 _NEAR = 0.25
+# Squares of so many roots of a matrix of doubles have no digits.
+_MOST_ROOTS = 60
 _ARTANH = [1.0 / (2 * k + 1) for k in range(11)]
 
 
@@ -40,17 +42,22 @@ def _log1p(away: Points, far: Callable[[Points], Points]) -> Points:
     near = np.asarray(np.linalg.matrix_norm(away, ord=1) <= _NEAR)
     result = np.empty_like(away)
     if near.any():
-        small = away[near]
-        z = np.linalg.solve(small + 2.0 * identity, small)
-        square = z @ z
-        series = _ARTANH[-1] * identity
-        for coefficient in _ARTANH[-2::-1]:
-            series = coefficient * identity + square @ series
-        result[near] = 2.0 * (z @ series)
+        result[near] = _series(away[near])
     for index in map(tuple, np.argwhere(~near)):
         finite = np.isfinite(away[index]).all()
         result[index] = far(identity + away[index]) if finite else np.nan
     return result
+
+
+def _series(small: Points) -> Points:
+    """Return the logarithms of the identity plus matrices of norm at most `_NEAR`."""
+    identity = np.eye(small.shape[-1])
+    z = np.linalg.solve(small + 2.0 * identity, small)
+    square = z @ z
+    series = _ARTANH[-1] * identity
+    for coefficient in _ARTANH[-2::-1]:
+        series = coefficient * identity + square @ series
+    return np.asarray(2.0 * (z @ series))
 
 
 def real_log1p(away: Points) -> Points:
@@ -65,10 +72,24 @@ def real_log1p(away: Points) -> Points:
 
 
 def _real_logarithm(x: Points) -> Points:
+    """Return the logarithm of a matrix by inverse scaling and squaring of its Schur form."""
+    nothing = np.full_like(x, np.nan)
     if np.linalg.cond(x) * np.finfo(np.float64).eps > 1.0:
-        return np.full_like(x, np.nan)
-    logarithm = scipy.linalg.logm(x)
-    return np.full_like(x, np.nan) if np.iscomplexobj(logarithm) else np.asarray(logarithm)
+        return nothing
+    root, vectors = scipy.linalg.rsf2csf(*scipy.linalg.schur(x, output="real"))
+    eigenvalues, identity = np.diagonal(root), np.eye(len(x))
+    if ((eigenvalues.imag == 0.0) & (eigenvalues.real <= 0.0)).any():
+        return nothing
+    logarithms = np.log(eigenvalues)
+    roots = 0
+    while not np.linalg.matrix_norm(root - identity, ord=1) <= _NEAR:
+        if roots == _MOST_ROOTS or not np.isfinite(root).all():
+            return nothing
+        root = scipy.linalg.sqrtm(root)
+        roots += 1
+    logarithm = np.ldexp(1.0, roots) * _series(root - identity)
+    np.fill_diagonal(logarithm, logarithms)
+    return np.asarray((vectors @ logarithm @ vectors.conj().T).real)
 
 
 def rotation_log1p(away: Points) -> Points:
@@ -119,7 +140,14 @@ def unitary_log1p(away: Points, *, special: bool) -> Points:
         Whether the determinants are 1 and the logarithms are to be traceless.  Else the angles
         are in :math:`(-\pi, \pi]`.
     """
-    return _log1p(away, _special_unitary_logarithm if special else _unitary_logarithm)
+    if not special:
+        return _log1p(away, _unitary_logarithm)
+    result = _log1p(away, _special_unitary_logarithm)
+    # Small angles of 26 eigenvalues or more may add up to a turn.
+    turns = np.trace(result, axis1=-2, axis2=-1).imag
+    for index in map(tuple, np.argwhere(np.abs(turns) > np.pi)):
+        result[index] = _special_unitary_logarithm(np.eye(away.shape[-1]) + away[index])
+    return result
 
 
 def _unitary_angles(x: Points) -> tuple[Array, Points]:

@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, check_size, complex_array, is_complex_array, real_array
+from cg.frames.arrays import (
+    Array,
+    Points,
+    check_finite,
+    check_size,
+    complex_array,
+    is_complex_array,
+    real_array,
+)
 from cg.frames.base import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
@@ -72,8 +80,7 @@ class MatrixFrame(UserFrame):
         array: Points = (complex_array if is_complex else real_array)(matrices, "matrices")
         if array.ndim != 3 or array.shape[1] != array.shape[2] or 0 in array.shape:
             raise ValueError(f"matrices must have shape (m, n, n), got {array.shape}")
-        if not np.isfinite(array).all():
-            raise ValueError(f"matrices must be finite, got {matrices!r}")
+        check_finite(array, "matrices")
         if columns is not None:
             columns = check_size(columns, name="columns")
         array.flags.writeable = False

@@ -330,15 +330,23 @@ def nearest_unitary(y: Points, *, special: bool) -> Points:
         Real or complex matrices, shape ``(..., n, k)`` with ``k <= n``.
     special
         Whether they must also have determinant 1, as for `distance_from_unitary`.
+
+    Returns
+    -------
+    ndarray
+        NaN where rounding decides which matrix is the nearest.
     """
-    left, _, right = np.linalg.svd(y, full_matrices=False)
+    left, singular, right = np.linalg.svd(y, full_matrices=False)
+    least = singular[..., -1]
     if special:
         determinant = np.linalg.det(left) * np.linalg.det(right)
         if np.iscomplexobj(y):
             left = left * np.exp(-1j * np.angle(determinant) / y.shape[-1])[..., None, None]
         else:
+            least = singular[..., -2] + np.sign(determinant) * least
             left[..., -1] *= np.sign(determinant)[..., None]
-    return np.asarray(left @ right)
+    unique = least > y.shape[-2] * np.finfo(np.float64).eps * singular[..., 0]
+    return np.where(unique[..., None, None], left @ right, np.nan)
 
 
 def random_unitary(

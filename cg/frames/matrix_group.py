@@ -26,6 +26,7 @@ from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.frames.dexpinv import frobenius, series_dexpinv
 from cg.frames.logarithms import real_log1p
 from cg.frames.matrix_functions import (
+    LARGEST_EXPONENT,
     combine,
     distance_from_unitary,
     expm,
@@ -81,6 +82,8 @@ class MatrixGroup(Frame):
         ------
         MemoryError
             If they need more memory than the machine has.
+        ValueError
+            If ``_make_basis`` of a subclass returns another number or another size of matrices.
         """
         needed = self.dim * self.size**2 * self.dtype.itemsize
         if needed > memory():
@@ -89,6 +92,11 @@ class MatrixGroup(Frame):
                 f"{needed / 2**30:.3g} GiB of memory, and there are {memory() / 2**30:.3g} GiB"
             )
         basis = np.asarray(self._make_basis(), dtype=self.dtype)
+        if basis.shape != (self.dim, *self.point_shape):
+            raise ValueError(
+                f"_make_basis of {type(self).__name__} must return matrices of shape "
+                f"{(self.dim, *self.point_shape)}, got {basis.shape}"
+            )
         basis.flags.writeable = False
         return basis
 
@@ -250,17 +258,31 @@ class MatrixGroup(Frame):
         return np.asarray(y @ x if self.convention == "body" else x @ y)
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return the logarithm of the quotient of ``y1`` and ``y0``, NaN where it has none."""
+        """Return the logarithm of the quotient of ``y1`` and ``y0``.
+
+        It is NaN where there is none, or where its flow from ``y0`` misses ``y1`` by more than
+        1e-8 of that, since rounding is all there is of the quotient.
+        """
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        inverse = self.inverse(start)
+        # Rounding may have made points singular, whose inverses would end in an error.
+        regular = (np.linalg.slogdet(start)[0] != 0.0)[..., None, None]
+        inverse = self.inverse(np.where(regular, start, np.eye(self.size)))
         # Of the quotient less the identity this keeps the digits that points nearby have.
         with np.errstate(over="ignore", invalid="ignore"):
             difference = end - start
             body = self.convention == "body"
             away = inverse @ difference if body else difference @ inverse
-        finite = np.isfinite(away).all(axis=(-2, -1))[..., None]
+        finite = (regular & np.isfinite(away)).all(axis=(-2, -1))[..., None]
         coordinates = self._log1p(np.where(finite[..., None], away, 0.0))
-        return np.where(finite, coordinates, np.nan)
+        return self._reaching(np.where(finite, coordinates, np.nan), start, end)
+
+    def _reaching(self, v: Array, start: Points, end: Points) -> Array:
+        """Return coefficients, NaN where their flow doesn't lead to the end."""
+        known = np.asarray(np.linalg.matrix_norm(self.algebra(v)) <= LARGEST_EXPONENT)
+        with np.errstate(over="ignore", invalid="ignore"):
+            off = np.linalg.matrix_norm(self.flow(np.where(known[..., None], v, 0.0), start) - end)
+            reached = known & (off <= MEMBERSHIP_TOLERANCE * np.linalg.matrix_norm(end))
+        return np.where(reached[..., None], v, np.nan)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return exponentials of normal coefficients of deviation 1/2."""
@@ -271,6 +293,9 @@ class UnitaryMatrixGroup(MatrixGroup):
     """A group of unitary or orthogonal matrices, whose inverses are their adjoints."""
 
     _special: ClassVar[bool] = False
+
+    def _reaching(self, v: Array, start: Points, end: Points) -> Array:
+        return v  # from eigenvalues, which have all their digits
 
     def inverse(self, x: ArrayLike) -> Points:
         """Return the conjugate transposes, which on the group are the inverses."""

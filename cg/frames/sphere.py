@@ -15,6 +15,9 @@ from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 
+# Of the distance from the opposite point, the least part that must be along the sphere
+_OPPOSITE = 1e-4
+
 
 @dataclass(frozen=True, repr=False)
 class Sphere(HomogeneousSpace):
@@ -89,13 +92,18 @@ class Sphere(HomogeneousSpace):
         """Return the shortest rotation that takes ``y0`` to ``y1``, NaN if they are opposite."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         start, end = np.broadcast_arrays(start, end)
-        # A multiple of the start added to the end changes nothing.
-        wedge = (end - start)[..., :, None] * start[..., None, :]
+        # A multiple of the start added to the end changes nothing, and leaves what is short.
+        cosine = np.vecdot(start, end)
+        short = end - np.copysign(1.0, cosine)[..., None] * start
+        wedge = short[..., :, None] * start[..., None, :]
         turn = self.group._algebra_projection(wedge - wedge.mT)
         # The coefficients have the norm of sin(angle).
-        sine, cosine = np.linalg.norm(turn, axis=-1), np.vecdot(start, end)
+        sine = np.linalg.norm(turn, axis=-1)
         angle = np.arctan2(sine, cosine)
         quotient = np.divide(angle, sine, out=np.where(cosine > 0.0, 1.0, np.nan), where=sine > 0.0)
+        # Opposite but for the rounding of their lengths
+        opposite = (cosine < 0.0) & (sine <= _OPPOSITE * np.linalg.norm(short, axis=-1))
+        quotient = np.where(opposite, np.nan, quotient)
         return np.asarray(quotient[..., None] * turn)
 
     def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:

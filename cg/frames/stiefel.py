@@ -76,6 +76,12 @@ class Stiefel(HomogeneousSpace):
         """The shape ``(n, k)``."""
         return (self.n, self.k)
 
+    def _act(self, x: Points, y: Points) -> Points:
+        return np.asarray(x @ y)
+
+    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
+        return np.asarray(omega @ y)
+
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a Newton-Schulz step towards orthonormal columns."""
         return newton_schulz(y, y.mT)

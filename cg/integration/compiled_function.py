@@ -19,6 +19,10 @@ class CompiledFunction:
 
     A pointer means nothing in another process; this can be pickled, and is loaded anew there.
 
+    A library doesn't tell the types of its functions, so they can't be checked.  A function of
+    another signature, or one that reads ``user_data`` where neither that nor ``parameters`` is
+    given, can end the interpreter.
+
     Parameters
     ----------
     path : path

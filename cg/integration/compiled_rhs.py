@@ -44,6 +44,8 @@ class CompiledRhs:
         is given the address of its member's in place of ``user_data``.
     frame
         The frame that it gives coefficients for; needed to call it from Python.
+    reads_numbers
+        Whether the type of its last argument is a pointer to doubles, which it will read.
     """
 
     function: Any
@@ -51,6 +53,7 @@ class CompiledRhs:
     user_data: int
     parameters: Array | None = None
     frame: Frame | None = None
+    reads_numbers: bool = False
 
     def on(self, frame: Frame, parameters: Array | None) -> CompiledRhs:
         """Return the same right-hand side for points of ``frame``.
@@ -65,8 +68,14 @@ class CompiledRhs:
         Raises
         ------
         ValueError
-            If there are parameters and user's data.
+            If there are parameters and user's data; or if there are neither and the function's
+            last argument is a pointer to doubles.
         """
+        if parameters is None and self.reads_numbers and not self.user_data:
+            raise ValueError(
+                "parameters must be given for a compiled f without user_data whose last "
+                "argument is of type double *, got None; of type void * it may be null"
+            )
         if parameters is not None and self.user_data:
             raise ValueError("parameters must be None for a compiled f that has user_data")
         return replace(self, frame=frame, parameters=parameters)
@@ -157,7 +166,8 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
         return None
     if not _fits(source.signature, SIGNATURE):
         raise ValueError(f"f must have the signature {SIGNATURE!r}, got {source.signature!r}")
-    return CompiledRhs((f, source), *_addresses(source))
+    reads_numbers = _words(source.signature).endswith(",double*)")
+    return CompiledRhs((f, source), *_addresses(source), reads_numbers=reads_numbers)
 
 
 @dataclass(frozen=True)
@@ -224,7 +234,11 @@ def _capsule(name: str, result: Any, *arguments: Any) -> Any:
     return ctypes.PYFUNCTYPE(result, *kinds)(address or 0)(*arguments)
 
 
+def _words(signature: str | None) -> str:
+    """Return a signature without spaces and ``const``."""
+    return (signature or "").replace("const", "").replace(" ", "")
+
+
 def _fits(signature: str | None, wanted: str) -> bool:
-    words = (signature or "").replace("const", "").replace(" ", "")
-    head, _, data = words.rpartition(",")
+    head, _, data = _words(signature).rpartition(",")
     return head == wanted.replace(" ", "").rpartition(",")[0] and data.endswith("*)")

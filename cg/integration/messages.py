@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from cg.frames.arrays import Array
+from cg.frames.base import Frame
 from cg.integration.python_rhs import StageOverflowError, StepTooLongError
 from cg.shared_numbers import Stop
 
@@ -14,6 +15,7 @@ __all__ = [
     "TERMINAL_EVENT",
     "failed_members",
     "failure",
+    "flow_not_finite",
     "no_progress",
     "too_many_steps",
     "too_small_a_step",
@@ -63,6 +65,11 @@ def too_small_a_step(t: float) -> str:
     """Return what to say of a step size at ``t`` that is below the resolution of time."""
     smallest = 10.0 * math.ulp(t)
     return f"the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
+
+
+def flow_not_finite(frame: Frame, t: float) -> str:
+    """Return what to say of a flow that returns NaN for the smallest of steps from ``t``."""
+    return f"the flow of {frame!r} returned NaN or infinity at t = {t:.17g}, however small the step"
 
 
 def no_progress(t: float) -> str:

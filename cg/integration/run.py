@@ -18,7 +18,13 @@ from cg.integration.compiled_rhs import CompiledRhs
 from cg.integration.dense import Steps
 from cg.integration.events import EventTable
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER, ImplicitStages
-from cg.integration.messages import failure, no_progress, too_many_steps, too_small_a_step
+from cg.integration.messages import (
+    failure,
+    flow_not_finite,
+    no_progress,
+    too_many_steps,
+    too_small_a_step,
+)
 from cg.integration.plan import Plan
 from cg.integration.python_rhs import PythonRhs, StageOverflowError
 from cg.integration.step_budget import StepBudget
@@ -372,7 +378,7 @@ class Run:
             case Stop.FINISHED | Stop.PAUSED | Stop.TERMINAL_EVENT:
                 return None
             case Stop.STEP_TOO_SMALL:
-                return too_small_a_step(t)
+                return self._why_no_step(member, t)
             case Stop.TOO_MANY_STEPS:
                 return too_many_steps(self.control.max_steps, t)
             case Stop.JUMPS_WITHOUT_PROGRESS:
@@ -385,3 +391,14 @@ class Run:
             case Stop.STAGE_NOT_FINITE if self.callbacks.trouble is not None:
                 return StageOverflowError(str(self.callbacks.trouble))
         return failure(stop, int(self.flag[member]), t)
+
+    def _why_no_step(self, member: int, t: float) -> str:
+        """Return what to say where no step is small enough."""
+        plan = self.plan
+        point = plan.points(self.end[member].copy(), ())
+        try:
+            slope = self.rhs.at_member(member, t, point)
+            moved = plan.frame.flow(self.record.step_size * slope, point)
+        except (ValueError, ArithmeticError, RuntimeError):
+            return too_small_a_step(t)
+        return too_small_a_step(t) if np.isfinite(moved).all() else flow_not_finite(plan.frame, t)

@@ -12,7 +12,7 @@ from ..commutator_free import CommutatorFree
 from ..method import Method
 from ..points import START, PointTree
 from ..quad import to_decimal
-from .style import COLOURS, FAINT, axes_for, blank
+from .style import COLOURS, FAINT, axes_for, blank, plain
 
 __all__ = ["points", "tableau"]
 
@@ -70,7 +70,7 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     blank(ax)
     ax.set_xlim(-0.6, s + 0.6)
     ax.set_ylim(-len(rows) - 0.2, 0.6)
-    ax.set_title(f"{method.name or 'without name'}: {method.description()}", fontsize=10)
+    ax.set_title(f"{plain(method.name) or 'without name'}: {method.description()}", fontsize=10)
     return ax
 
 
@@ -148,7 +148,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
     for side in ("left", "right", "top"):
         ax.spines[side].set_visible(False)
     ax.margins(0.1, 0.15)
-    ax.set_title(f"{method.name or 'without name'}: {method.description()}", fontsize=10)
+    ax.set_title(f"{plain(method.name) or 'without name'}: {method.description()}", fontsize=10)
     return ax
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..catalogue import resolve_method
 from ..method import Method
-from ..stability import stability_function
-from .style import COLOURS, axes_for
+from ..stability import stability_function, too_large
+from .style import COLOURS, axes_for, plain
 
 __all__ = ["growth", "stability_region"]
 
@@ -76,7 +76,7 @@ def stability_region(
         if len(methods) == 1:
             ax.contourf(*grid, size, levels=[0.0, 1.0], colors=[colour], alpha=0.25)
         ax.contour(*grid, size, levels=[1.0], colors=[colour], linestyles=[dashes])
-        ax.plot([], [], color=colour, linestyle=dashes, label=one.name or "without name")
+        ax.plot([], [], color=colour, linestyle=dashes, label=plain(one.name) or "without name")
     ax.set_aspect("equal")
     ax.set_xlim(left, right)
     ax.set_ylim(low, high)
@@ -91,6 +91,8 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
     See `cg.stability.stability_function`.
     """
+    if problem := too_large(method):
+        raise ValueError(f"method must have fewer stages or digits, got {method!r}: {problem}")
     above, below = (np.array([float(c) for c in p]) for p in stability_function(method))
     return np.asarray(np.polyval(above[::-1], z) / np.polyval(below[::-1], z))
 

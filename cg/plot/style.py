@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..texts import visible
+
 __all__ = [
     "COLOURS",
     "FAINT",
@@ -11,6 +13,7 @@ __all__ = [
     "blank",
     "check_label",
     "curve_style",
+    "plain",
     "spatial_axes_for",
 ]
 
@@ -82,6 +85,11 @@ def curve_style(ax: Any) -> dict[str, Any]:
         "linewidth": 1.4,
         "gid": _CURVE,
     }
+
+
+def plain(text: str) -> str:
+    """Return a text that matplotlib draws as it is, in which dollars begin no formula."""
+    return visible(text).replace("$", r"\$")
 
 
 def check_label(label: Any) -> None:

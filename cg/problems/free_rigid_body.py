@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
-import scipy
 from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Product, Sphere
 from cg.frames.arrays import Array
 from cg.problems.checks import ball, cross_terms, moments, times_array, vector
+from cg.problems.elliptic import argument_of, jacobi_functions
 from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
 
 _FRAME = Product(SO3(), Sphere(2))
+
+# Squares of smaller complementary moduli are no normal numbers.
+_SMALLEST = 1e-150
 
 
 @dataclass(frozen=True)
@@ -111,34 +116,26 @@ class FreeRigidBody:
             m_i = \alpha\,\mathrm{cn}, \quad m_j = \beta\,\mathrm{sn}, \quad
             m_k = \gamma\,\mathrm{dn}(\lambda t + \delta \mid \kappa), \qquad
             \lambda^2 = (a_k - a_j)(2E - a_i |m|^2) .
+
+        It errs by the rounding of :math:`\lambda t`, on the separatrix and next to it as well.
+
+        Raises
+        ------
+        ValueError
+            If a time isn't a finite number, or the motion so near the separatrix that its
+            complementary modulus isn't zero, but below 1e-150.
         """
-        a, start = 1.0 / np.array(self.inertia), np.array(self.momentum)
-        squares = start * start
-        i, j, k = np.argsort(a, kind="stable").tolist()
-        if (a - a[j]) @ squares < 0.0:
-            i, k = k, i
-        # Twice the energy lies between a_i |m|^2 and a_k |m|^2; as sums of terms of one sign these
-        # distances keep their digits near the steady rotations.
-        wide = abs(a[k] - a) @ squares
-        high = abs(a - a[i]) @ squares
         times = times_array(t)
-        if np.count_nonzero(start) == 1 or wide == 0.0 or high == 0.0 or a[k] == a[j]:
-            # The momentum lies in a principal axis.
+        start = np.array(self.momentum)
+        motion = _motion(self.inertia, self.momentum)
+        if motion is None:
             return np.broadcast_to(start, (*times.shape, 3)).copy()
-        outer, inner = abs(a[k] - a[i]), abs(a[k] - a[j])
-        rate = np.sqrt(inner * high)
-        parameter = min(abs(a[j] - a[i]) * wide / (inner * high), 1.0)
-        even = (j - i) % 3 == 1
-        third = np.copysign(np.sqrt(high / outer), start[k])
-        first = np.sqrt(wide / outer)
-        sign = (1.0 if even else -1.0) * np.sign(a[i] - a[k]) * np.sign(third)
-        second = sign * np.sqrt(wide / inner)
-        angle = np.arctan2(start[j] / second, start[i] / first)
-        phase = rate * times + scipy.special.ellipkinc(angle, parameter)
-        sn, cn, dn, _ = scipy.special.ellipj(phase, parameter)
+        (i, j, k), amplitudes, rate, complement = motion
+        quotients = start / amplitudes
+        shift = argument_of(quotients[j], quotients[i], complement)
         m = np.empty((*times.shape, 3))
-        m[..., i], m[..., j], m[..., k] = first * cn, second * sn, third * dn
-        return m
+        m[..., j], m[..., i], m[..., k] = jacobi_functions(rate * times + shift, complement)
+        return m * amplitudes
 
     def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
         """Return the solution, attitude included, at given times in extended precision.
@@ -160,3 +157,54 @@ class FreeRigidBody:
         start = [arb(int(i == j)) for i in range(3) for j in range(3)]
         start += [ball(x) / size for x in self.momentum]
         return QuadraticSystem(tuple(equations), tuple(start))
+
+
+def _motion(
+    inertia: tuple[float, ...], momentum: tuple[float, ...]
+) -> tuple[tuple[int, int, int], Array, float, float] | None:
+    """Return the axes i, j, k, the amplitudes of m, the rate and the complementary modulus.
+
+    It is None of a momentum in a principal axis, which is constant.  Near the separatrix, where
+    :math:`2E = a_j |m|^2`, the motion depends on how near, and doubles don't tell: what this is
+    made of are fractions.
+
+    Raises
+    ------
+    ValueError
+        If the modulus isn't zero, but too small for a double.
+    """
+    scale = 2.0 ** math.frexp(max(map(abs, momentum)))[1]
+    a = [1 / Fraction(moment) for moment in inertia]
+    squares = [(Fraction(x) / Fraction(scale)) ** 2 for x in momentum]
+    i, j, k = sorted(range(3), key=a.__getitem__)
+    # 2E - a_j |m|^2, whose sign tells which axis is encircled
+    excess = _weighted(squares, [x - a[j] for x in a])
+    if excess < 0:
+        i, k = k, i
+    # Twice the energy lies between a_i |m|^2 and a_k |m|^2, so far away from these:
+    wide, high = (_weighted(squares, [abs(x - a[n]) for x in a]) for n in (k, i))
+    outer, inner = abs(a[k] - a[i]), abs(a[k] - a[j])
+    if sum(map(bool, momentum)) == 1 or not wide or not high or not inner:
+        return None
+    complement = _root(outer * abs(excess) / (inner * high))
+    if excess and complement < _SMALLEST:
+        raise ValueError(
+            f"the motion with momentum {momentum!r} is too near the separatrix to be computed"
+        )
+    amplitudes = np.empty(3)
+    amplitudes[i] = np.copysign(scale * _root(wide / outer), momentum[i])
+    amplitudes[k] = np.copysign(scale * _root(high / outer), momentum[k])
+    sign = (1.0 if (j - i) % 3 == 1 else -1.0) * (1.0 if a[i] > a[k] else -1.0)
+    sign *= np.copysign(1.0, amplitudes[i]) * np.copysign(1.0, amplitudes[k])
+    amplitudes[j] = sign * scale * _root(wide / inner)
+    return (i, j, k), amplitudes, scale * _root(inner * high), complement
+
+
+def _weighted(squares: Sequence[Fraction], weights: Sequence[Fraction]) -> Fraction:
+    return sum((x * w for x, w in zip(squares, weights, strict=True)), Fraction(0))
+
+
+def _root(x: Fraction) -> float:
+    """Return the square root, where x itself may be beyond the range of doubles too."""
+    half = (x.numerator.bit_length() - x.denominator.bit_length()) // 2
+    return math.ldexp(math.sqrt(x / Fraction(4) ** half), half)

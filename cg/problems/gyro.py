@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from cg.frames import UnitQuaternion
-from cg.frames.arrays import Array, real_array
+from cg.frames.arrays import Array, check_finite, real_array
 from cg.problems.checks import number, times_array
 
 
@@ -61,10 +61,9 @@ class GyroAttitude:
             raise ValueError(f"times must be at least four finite numbers, got {self.times!r}")
         if not (np.diff(times) > 0.0).all():
             raise ValueError(f"times must increase, got {self.times!r}")
-        if rates.shape != (len(times), 3) or not np.isfinite(rates).all():
-            raise ValueError(
-                f"rates must be finite and have shape ({len(times)}, 3), got shape {rates.shape}"
-            )
+        if rates.shape != (len(times), 3):
+            raise ValueError(f"rates must have shape ({len(times)}, 3), got {rates.shape}")
+        check_finite(rates, "rates")
         point = self.frame.check_point(self.initial, name="initial")
         for name, value in (("times", times), ("rates", rates), ("initial", point)):
             value.flags.writeable = False

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from .database import StoreError
 from .execution import ExecutorLike, Finished, as_finished, check_executor, completed
+from .one_run import StoredRun
 from .progress import ProgressLine, Tally, check_progress
 from .records import Failure, Record, RunSummary
 from .resuming import stored_run
-from .store import Store, StoredRun, StoreError
+from .store import Store
 
 __all__ = [
     "ExecutorLike",

@@ -20,12 +20,12 @@ from concurrent.futures import (
 )
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
 from multiprocessing import get_context
 from typing import Any, Generic, TypeVar
 
 from ..checks import check_integer
 from ..parallel import available_cores, end_with_parent, new_flag, single_threads, work_for
+from .chunks import Chunks
 from .lost import broken_executor, dropped, worker_died
 from .portable import portable
 
@@ -36,12 +36,8 @@ Result = TypeVar("Result")
 ExecutorLike = Executor | Callable[[], Executor] | str | None
 """None (threads), ``"threads"``, ``"processes"``, an executor, or what makes one."""
 
-_CHUNK_SECONDS = 0.25  # that a chunk is to take: far longer than it takes to hand out
 _CHUNKS_A_WORKER = 2  # handed out at a time, so that no worker waits for this process
-_LEAST_SECONDS = 0.02  # even at the end: about what handing out takes on a cluster
-_TAIL = 4  # chunks that a worker still gets at least, so that all end at about the same time
 _ATTEMPTS = 2  # of a piece alone, whose worker may have been killed from outside
-_REMEMBERED = 0.3  # weight of one piece in the mean time of a piece
 
 _log = logging.getLogger("cg")
 
@@ -144,7 +140,7 @@ def completed(
     given.
     """
     pool = _Pool(executor, workers, data)
-    queue = _Chunks(indices, total, pool)
+    queue = Chunks(indices, total, pool)
     interrupted: KeyboardInterrupt | None = None
     with single_threads(), pool:
         while True:
@@ -375,35 +371,6 @@ class _Pool:
 def _refused(error: Exception) -> bool:
     """Return whether an executor couldn't take work since it couldn't start a worker."""
     return isinstance(error, OSError) and not dropped(error)
-
-
-class _Chunks:
-    """Indices in chunks."""
-
-    def __init__(self, indices: Iterable[int], total: int, pool: _Pool) -> None:
-        self._indices = iter(indices)
-        self._left = total
-        self._pool = pool
-        self._mean: float | None = None
-
-    def next(self) -> list[int]:
-        size = 1
-        if (not self._pool.threads or self._pool.data) and self._mean is not None:
-            fair = self._left // (_TAIL * self._pool.workers)
-            mean = max(self._mean, 1e-6)
-            least = max(1, int(_LEAST_SECONDS / mean))
-            size = max(least, min(int(_CHUNK_SECONDS / mean), fair))
-        chunk = list(islice(self._indices, size))
-        self._left -= len(chunk)
-        return chunk
-
-    def learn(self, results: list[Finished[Any]]) -> None:
-        if results:
-            mean = sum(finished.seconds for finished in results) / len(results)
-            old = mean if self._mean is None else self._mean
-            pieces = sum(max(1, len(finished.chunk)) for finished in results)
-            # the first piece of a worker, which also loads what it needs, is soon forgotten
-            self._mean = mean + (1.0 - _REMEMBERED) ** pieces * (old - mean)
 
 
 def _workers_of(executor: Any) -> int:

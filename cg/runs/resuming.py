@@ -8,7 +8,8 @@ from concurrent.futures import BrokenExecutor
 from contextlib import closing, contextmanager
 from typing import Any
 
-from .store import Store, StoredRun
+from .one_run import StoredRun
+from .store import Store
 
 __all__ = ["stored_run"]
 

@@ -9,37 +9,34 @@ from __future__ import annotations
 
 import errno
 import json
-import math
+import logging
 import os
 import platform
 import sqlite3
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import astuple, fields
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
+from .database import (
+    StoreError,
+    change_to_wal,
+    checked,
+    connected,
+    fold_log,
+    has_log,
+    log_of,
+    named_errors,
+)
+from .one_run import StoredRun
 from .owner import AT_WORK, alive, owner
-from .records import Failure, Record, RunSummary
+from .records import RunSummary
 from .schema import APPLICATION_ID, MIGRATIONS
 
-__all__ = ["Store", "StoreError", "StoredRun"]
+__all__ = ["Store"]
 
-_BUSY_SECONDS = 60  # for which a writer waits for another
-
-
-_COLUMNS = tuple(field.name for field in fields(Record))
-_INSERT = (
-    f"INSERT OR REPLACE INTO starts (run, finished, {', '.join(_COLUMNS)}) "
-    f"VALUES ({', '.join('?' * (len(_COLUMNS) + 2))})"
-)
-_SELECT = f"SELECT {', '.join(_COLUMNS)} FROM starts WHERE run = ?"
-
-
-class StoreError(ValueError):
-    """A file that is no store, or is damaged, or was written by a newer version."""
+_log = logging.getLogger("cg")
 
 
 class Store:
@@ -64,7 +61,7 @@ class Store:
     Examples
     --------
     >>> import tempfile, cg
-    >>> path = Path(tempfile.mkdtemp()) / "runs.db"
+    >>> path = tempfile.mkdtemp() + "/runs.db"
     >>> _ = cg.search(order=2, stages=2, starts=3, seed=1, store=path)
     >>> with Store(path) as store:
     ...     [(run.kind, run.starts, run.solved) for run in store.runs()]
@@ -72,11 +69,11 @@ class Store:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, read: bool = False) -> None:
-        self.path = _checked(path)
+        self.path, self._reads = checked(path), read
         if read and not self.path.exists():
             raise FileNotFoundError(errno.ENOENT, "store must be a file that exists", str(path))
-        with _named_errors(self.path):
-            self._connection = self._connected("?mode=ro" if read else "")
+        with named_errors(self.path):
+            self._connection = connected(self.path, "?mode=ro" if read else "")
             try:
                 if read:
                     self._check_to_read()
@@ -86,28 +83,35 @@ class Store:
                 self._connection.close()
                 raise
 
-    def _connected(self, options: str) -> sqlite3.Connection:
-        # as an address, since SQLite takes some names for something else than files
-        return sqlite3.connect(
-            self.path.absolute().as_uri() + options,
-            timeout=_BUSY_SECONDS, isolation_level=None, uri=True,
-        )  # fmt: skip
-
     def _check_to_read(self) -> None:
         """Raise ValueError unless the file can be read as it is; an older store is brought up."""
         try:
             self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        except sqlite3.OperationalError:
+        except sqlite3.OperationalError as error:
             # beside a file in a folder that can't be written there can't be what readers share
             self._connection.close()
-            self._connection = self._connected("?mode=ro&immutable=1")
+            if has_log(self.path):
+                raise OSError(
+                    errno.EACCES,
+                    f"store can't be read: part of it is in its log {log_of(self.path).name}, and "
+                    f"SQLite reads a log where it can write ({error}); copy both files elsewhere",
+                    str(self.path),
+                ) from error
+            self._connection = connected(self.path, "?mode=ro&immutable=1")
         known, tables = self._contents()
         if known != APPLICATION_ID or not tables:
-            raise StoreError(f"store {self.path} is no store")
+            (mode,) = self._connection.execute("PRAGMA journal_mode").fetchone()
+            log = f", or one without its log {log_of(self.path).name}" if mode == "wal" else ""
+            raise StoreError(f"store {self.path} is no store{log}")
         if self._schema() != len(MIGRATIONS):
             self._connection.close()
-            self._connection = self._connected("")
+            self._connection, self._reads = connected(self.path), False
             self._migrate()
+        elif not has_log(self.path) and self._owners_that_died():
+            _log.warning(
+                "store %s may lack starts: it has runs that were killed, or were at work when it "
+                "was copied, and no log %s", self.path, log_of(self.path).name,
+            )  # fmt: skip
 
     def _contents(self) -> tuple[int, int]:
         """Return which program made the file, and the number of its tables."""
@@ -125,8 +129,10 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, with all that was written in it, not in its log."""
         self._connection.close()
+        if not self._reads:
+            fold_log(self.path)
 
     def _migrate(self) -> None:
         """Bring an older store, or an empty file, to the present schema."""
@@ -139,30 +145,22 @@ class Store:
                 f"store {self.path} was written by a newer version of this package: schema "
                 f"{self._schema()}, this version knows {len(MIGRATIONS)}"
             )
-        self._change_to_wal()
+        change_to_wal(connection)
         connection.execute("PRAGMA synchronous = NORMAL")
         connection.execute("PRAGMA foreign_keys = ON")
-        if self._schema() == len(MIGRATIONS):
-            return
         with self._transaction():
             for number, statements in enumerate(MIGRATIONS[self._schema() :], self._schema() + 1):
                 for statement in statements:
                     connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {number}")
-            connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+                connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            died = [(owner,) for owner in self._owners_that_died()]
+            connection.executemany("UPDATE runs SET owner = NULL WHERE owner = ?", died)
+        connection.execute("PRAGMA wal_checkpoint")
 
-    def _change_to_wal(self) -> None:
-        """Turn on write-ahead logging, for which SQLite itself waits for no other process."""
-        until = time.monotonic() + _BUSY_SECONDS
-        while True:
-            try:
-                self._connection.execute("PRAGMA journal_mode = WAL")
-                return
-            except sqlite3.OperationalError as error:
-                busy = error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY
-                if not busy or time.monotonic() > until:
-                    raise
-            time.sleep(0.01)
+    def _owners_that_died(self) -> list[str]:
+        rows = self._connection.execute("SELECT owner, changed FROM runs WHERE owner IS NOT NULL")
+        return [owner for owner, changed in rows if not alive(owner, changed)]
 
     def _schema(self) -> int:
         (number,) = self._connection.execute("PRAGMA user_version").fetchone()
@@ -170,7 +168,7 @@ class Store:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        with _named_errors(self.path):
+        with named_errors(self.path):
             try:  # an interrupt may come between any two of these
                 self._connection.execute("BEGIN IMMEDIATE")
                 yield
@@ -220,6 +218,7 @@ class Store:
                 connection.execute(
                     "UPDATE runs SET owner = ?, changed = ? WHERE number = ?", (me, now, number)
                 )
+        connection.execute("PRAGMA wal_checkpoint")  # a copy of the file says that it's at work
         assert number is not None
         AT_WORK.add(me)
         return StoredRun(self, int(number), me)
@@ -239,7 +238,7 @@ class Store:
 
     def runs(self) -> tuple[RunSummary, ...]:
         """Return all runs, in the order in which they were begun."""
-        with _named_errors(self.path):
+        with named_errors(self.path):
             rows = self._connection.execute(
                 """
                 SELECT runs.number, kind, settings, versions, created, changed, owner,
@@ -281,164 +280,6 @@ def _summary(
         seconds,
         owner is not None and alive(owner, changed),
     )
-
-
-class StoredRun:
-    """One run in a store; made by `Store.begin` and `Store.run`."""
-
-    def __init__(self, store: Store, number: int, owner: str | None) -> None:
-        self._store, self.number, self._owner = store, number, owner
-
-    def __len__(self) -> int:
-        (count,) = self._query("SELECT count(*) FROM starts WHERE run = ?").fetchone()
-        return int(count)
-
-    @property
-    def path(self) -> Path:
-        """The store's file."""
-        return self._store.path
-
-    def kind(self) -> str:
-        """Return what kind of run it is: ``"search"`` or ``"construct"``."""
-        (kind,) = self._query("SELECT kind FROM runs WHERE number = ?").fetchone()
-        return str(kind)
-
-    def settings(self) -> dict[str, Any]:
-        """Return what determines the results."""
-        query = "SELECT settings FROM runs WHERE number = ?"
-        (text,) = self._query(query).fetchone()
-        settings: dict[str, Any] = json.loads(text)
-        return settings
-
-    def decades(self) -> dict[int, int]:
-        """Return how many starts ended with f in each decade, its exponent of ten the key.
-
-        f is that after the refinement where there was one; what isn't finite is left out, and what
-        is zero counts as 1e-99.
-        """
-        counts: dict[int, int] = {}
-        query = "SELECT coalesce(refined_f, f) FROM starts WHERE run = ?"
-        for (f,) in self._query(query):
-            if math.isfinite(f):
-                decade = math.floor(math.log10(max(f, 1e-99)))
-                counts[decade] = counts.get(decade, 0) + 1
-        return dict(sorted(counts.items()))
-
-    def numbers(self, condition: str = "", *values: Any) -> Iterator[int]:
-        """Yield the indices of all starts recorded, increasing, or of those of an SQL condition."""
-        query = f"SELECT number FROM starts WHERE run = ? {condition} ORDER BY number"
-        for (number,) in self._query(query, *values):
-            yield number
-
-    def failures(self) -> tuple[Failure, ...]:
-        """Return the starts whose worker died."""
-        query = "SELECT number, message FROM failures WHERE run = ? ORDER BY number"
-        return tuple(Failure(*row) for row in self._query(query))
-
-    def records(self, condition: str = "", *values: Any) -> Iterator[Record]:
-        """Yield records by index, or as an SQL condition with what may follow it asks."""
-        query = f"{_SELECT} {condition or 'ORDER BY number'}"
-        for row in self._query(query, *values):
-            yield _record(row)
-
-    def append(self, records: Iterable[Record]) -> None:
-        """Record starts, all at once or none.
-
-        Raises
-        ------
-        OSError
-            If the file can't be written, a full disk among other reasons.
-        """
-        now = time.time()
-        rows = [(self.number, now, *astuple(record)) for record in records]
-        with self._store._transaction():
-            self._store._connection.executemany(_INSERT, rows)
-            self._touch(now)
-
-    def fail(self, failure: Failure) -> None:
-        """Record that the worker of a start died."""
-        now = time.time()
-        with self._store._transaction():
-            self._store._connection.execute(
-                "INSERT OR REPLACE INTO failures (run, number, message, finished) "
-                "VALUES (?, ?, ?, ?)",
-                (self.number, failure.index, failure.message, now),
-            )
-            self._touch(now)
-
-    def close(self) -> None:
-        """Let others go on with the run; what was recorded stays."""
-        if self._owner is None:
-            return
-        try:
-            with self._store._transaction():
-                self._store._connection.execute(
-                    "UPDATE runs SET owner = NULL WHERE number = ? AND owner = ?",
-                    (self.number, self._owner),
-                )
-        finally:
-            AT_WORK.discard(self._owner)
-
-    def _touch(self, now: float) -> None:
-        self._store._connection.execute(
-            "UPDATE runs SET changed = ? WHERE number = ?", (now, self.number)
-        )
-
-    def _query(self, query: str, *values: Any) -> sqlite3.Cursor:
-        with _named_errors(self._store.path):
-            return self._store._connection.execute(query, (self.number, *values))
-
-
-def _record(row: tuple[Any, ...]) -> Record:
-    record = Record(*row)
-    wanted = {"number": int, "stages": int, "f": float, "coefficients": bytes, "seconds": float}
-    for name, kind in wanted.items():
-        if not isinstance(getattr(record, name), kind):
-            raise ValueError(
-                f"not the record of a start: {name} is {str(getattr(record, name))[:80]!r} "
-                f"at start {record.number!r}"
-            )
-    return Record(**{**vars(record), "solved": bool(record.solved)})
-
-
-def _checked(given: Any) -> Path:
-    if not isinstance(given, str | os.PathLike):
-        raise TypeError(f"store must be a path, got {given!r}")
-    path = Path(given)
-    try:
-        encoded = os.fsencode(path)
-    except UnicodeEncodeError:
-        encoded = b"\0"
-    if b"\0" in encoded:
-        raise ValueError(f"store must be a path that the system can write, got {given!r}")
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "store must be a file", str(path))
-    # a device or a pipe may never end
-    if path.exists() and not path.is_file():
-        raise ValueError(f"store must be a file, got {path}, which exists and is none")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "store must be in a folder that exists", str(path))
-    return path
-
-
-@contextmanager
-def _named_errors(path: Path) -> Iterator[None]:
-    """Turn errors of SQLite into those of files, with the path."""
-    try:
-        yield
-    except sqlite3.DatabaseError as error:
-        name = getattr(error, "sqlite_errorname", "")
-        if name.startswith(("SQLITE_NOTADB", "SQLITE_CORRUPT")):
-            raise StoreError(
-                f"store {path} is not an SQLite database, or damaged: {error}"
-            ) from error
-        number = {
-            "SQLITE_FULL": errno.ENOSPC,
-            "SQLITE_READONLY": errno.EROFS,
-            "SQLITE_CANTOPEN": errno.EACCES,
-            "SQLITE_BUSY": errno.EAGAIN,
-        }.get("_".join(name.split("_")[:2]), errno.EIO)
-        raise OSError(number, f"store can't be used: {error}", str(path)) from error
 
 
 def _canonical(settings: Mapping[str, Any]) -> str:

@@ -1,0 +1,146 @@
+"""One run of a store: its starts, and what else is known of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .database import named_errors
+from .owner import AT_WORK
+from .records import Failure, Record
+
+if TYPE_CHECKING:
+    from .store import Store
+
+__all__ = ["StoredRun"]
+
+_COLUMNS = tuple(field.name for field in fields(Record))
+_INSERT = (
+    f"INSERT OR REPLACE INTO starts (run, finished, {', '.join(_COLUMNS)}) "
+    f"VALUES ({', '.join('?' * (len(_COLUMNS) + 2))})"
+)
+_SELECT = f"SELECT {', '.join(_COLUMNS)} FROM starts WHERE run = ?"
+
+
+class StoredRun:
+    """One run in a store; made by `Store.begin` and `Store.run`."""
+
+    def __init__(self, store: Store, number: int, owner: str | None) -> None:
+        self._store, self.number, self._owner = store, number, owner
+
+    def __len__(self) -> int:
+        (count,) = self._query("SELECT count(*) FROM starts WHERE run = ?").fetchone()
+        return int(count)
+
+    @property
+    def path(self) -> Path:
+        """The store's file."""
+        return self._store.path
+
+    def kind(self) -> str:
+        """Return what kind of run it is: ``"search"`` or ``"construct"``."""
+        (kind,) = self._query("SELECT kind FROM runs WHERE number = ?").fetchone()
+        return str(kind)
+
+    def settings(self) -> dict[str, Any]:
+        """Return what determines the results."""
+        query = "SELECT settings FROM runs WHERE number = ?"
+        (text,) = self._query(query).fetchone()
+        settings: dict[str, Any] = json.loads(text)
+        return settings
+
+    def decades(self) -> dict[int, int]:
+        """Return how many starts ended with f in each decade, its exponent of ten the key.
+
+        f is that after the refinement where there was one; what isn't finite is left out, and what
+        is zero counts as 1e-99.
+        """
+        counts: dict[int, int] = {}
+        query = "SELECT coalesce(refined_f, f) FROM starts WHERE run = ?"
+        for (f,) in self._query(query):
+            if math.isfinite(f):
+                decade = math.floor(math.log10(max(f, 1e-99)))
+                counts[decade] = counts.get(decade, 0) + 1
+        return dict(sorted(counts.items()))
+
+    def numbers(self, condition: str = "", *values: Any) -> Iterator[int]:
+        """Yield the indices of all starts recorded, increasing, or of those of an SQL condition."""
+        query = f"SELECT number FROM starts WHERE run = ? {condition} ORDER BY number"
+        for (number,) in self._query(query, *values):
+            yield number
+
+    def failures(self) -> tuple[Failure, ...]:
+        """Return the starts whose worker died."""
+        query = "SELECT number, message FROM failures WHERE run = ? ORDER BY number"
+        return tuple(Failure(*row) for row in self._query(query))
+
+    def records(self, condition: str = "", *values: Any) -> Iterator[Record]:
+        """Yield records by index, or as an SQL condition with what may follow it asks."""
+        query = f"{_SELECT} {condition or 'ORDER BY number'}"
+        for row in self._query(query, *values):
+            yield _record(row)
+
+    def append(self, records: Iterable[Record]) -> None:
+        """Record starts, all at once or none.
+
+        Raises
+        ------
+        OSError
+            If the file can't be written, a full disk among other reasons.
+        """
+        now = time.time()
+        rows = [(self.number, now, *astuple(record)) for record in records]
+        with self._store._transaction():
+            self._store._connection.executemany(_INSERT, rows)
+            self._touch(now)
+
+    def fail(self, failure: Failure) -> None:
+        """Record that the worker of a start died."""
+        now = time.time()
+        with self._store._transaction():
+            self._store._connection.execute(
+                "INSERT OR REPLACE INTO failures (run, number, message, finished) "
+                "VALUES (?, ?, ?, ?)",
+                (self.number, failure.index, failure.message, now),
+            )
+            self._touch(now)
+
+    def close(self) -> None:
+        """Let others go on with the run; what was recorded stays."""
+        if self._owner is None:
+            return
+        try:
+            with self._store._transaction():
+                self._store._connection.execute(
+                    "UPDATE runs SET owner = NULL WHERE number = ? AND owner = ?",
+                    (self.number, self._owner),
+                )
+        finally:
+            AT_WORK.discard(self._owner)
+
+    def _touch(self, now: float) -> None:
+        self._store._connection.execute(
+            "UPDATE runs SET changed = ? WHERE number = ?", (now, self.number)
+        )
+
+    def _query(self, query: str, *values: Any) -> sqlite3.Cursor:
+        with named_errors(self._store.path):
+            return self._store._connection.execute(query, (self.number, *values))
+
+
+def _record(row: tuple[Any, ...]) -> Record:
+    record = Record(*row)
+    wanted = {"number": int, "stages": int, "f": float, "coefficients": bytes, "seconds": float}
+    for name, kind in wanted.items():
+        if not isinstance(getattr(record, name), kind):
+            raise ValueError(
+                f"not the record of a start: {name} is {str(getattr(record, name))[:80]!r} "
+                f"at start {record.number!r}"
+            )
+    return Record(**{**vars(record), "solved": bool(record.solved)})

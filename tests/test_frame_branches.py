@@ -1,0 +1,138 @@
+"""Coordinates of points at branch cuts of logarithms, and of those that have nearly none."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from cg.frames import GL, SL, SO, SU, Semidirect, Sp, Sphere, U
+from cg.integration.flows import difference_of
+
+
+def off(frame, v, y0, y1):
+    return np.abs(frame.flow(v, y0) - y1).max()
+
+
+def shortest_length(angles):
+    """The least norm of angles moved by whole turns so that they add up to zero, for SU(n)."""
+    angles = angles - 2 * np.pi * np.round(angles / (2 * np.pi))
+    turns = round(angles.sum() / (2 * np.pi))
+    # 2 |Omega| in the Frobenius norm is that of the coefficients times the root of two.
+    moved = np.sort(np.copysign(1.0, turns) * angles)[::-1].copy()
+    moved[: abs(turns)] -= 2 * np.pi
+    return np.sqrt(2.0 * (moved**2).sum())
+
+
+@pytest.mark.parametrize("n", [3, 12, 13, 25, 26, 27, 33, 40])
+@pytest.mark.parametrize("turns", [1, -1, 2, 5, -12])
+@pytest.mark.parametrize("convention", ["body", "space"])
+def test_angles_of_special_unitary_matrices_add_up_to_zero(n, turns, convention):
+    frame, rng = SU(n, convention), np.random.default_rng(211)
+    angles = rng.normal(scale=0.02, size=n)
+    angles += 2 * np.pi * turns / n - angles.mean()
+    vectors = U(n).random_point(rng)
+    y0 = frame.random_point(rng)
+    for x in (np.diag(np.exp(1j * angles)), (vectors * np.exp(1j * angles)) @ vectors.conj().T):
+        y1 = y0 @ x if convention == "body" else x @ y0
+        v = frame.exp_coordinates(y0, y1)
+        assert off(frame, v, y0, y1) < 1e-13
+        np.testing.assert_allclose(np.linalg.norm(v), shortest_length(angles), rtol=1e-12)
+    y = np.exp(2j * np.pi * turns / n) * np.eye(n)
+    assert off(frame, frame.exp_coordinates(np.eye(n), y), np.eye(n), y) < 1e-13
+
+
+@pytest.mark.parametrize("n", range(3, 13))
+def test_compiled_angles_agree_where_they_are_known(n):
+    frame = SU(n)
+    difference, one = difference_of(frame), np.eye(n, dtype=complex)
+    for k in range(1, n):
+        # Half a turn or more lies between these, for which compiled code has no coordinates.
+        assert np.isnan(difference(one, np.exp(2j * np.pi * k / n) * one)).all()
+    rng = np.random.default_rng(212)
+    v = 0.2 * frame.random_vector(rng, (20,))
+    y = frame.flow(v, one)
+    known = frame.exp_coordinates(one, y)
+    found = difference(np.broadcast_to(one, y.shape), y)
+    np.testing.assert_allclose(found, known, rtol=0, atol=1e-14 * n)
+
+
+@pytest.mark.parametrize(
+    "frame", [GL(2), GL(3, "body"), GL(6), SL(2), SL(3), Sp(2), Sp(4), Semidirect(SL(2))], ids=repr
+)
+def test_logarithms_lead_to_the_point_or_are_nan(frame):
+    """However ill conditioned the points are, and without a word of SciPy."""
+    rng = np.random.default_rng(213)
+    known = 0
+    for scale in (0.5, 2.0, 5.0, 10.0, 20.0):
+        v = scale * frame.random_vector(rng, (20,))
+        y0 = frame.flow(0.5 * scale * frame.random_vector(rng, (20,)), np.eye(frame.size))
+        y1 = frame.flow(v, y0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = frame.exp_coordinates(y0, y1)
+        has = np.isfinite(found).all(axis=-1)
+        assert np.isnan(found[~has]).all()
+        missed = np.linalg.norm(frame.flow(found[has], y0[has]) - y1[has], axis=(-2, -1))
+        assert (missed <= 1e-8 * np.linalg.norm(y1[has], axis=(-2, -1))).all()
+        known += has.sum()
+    assert known > 20
+
+
+def test_singular_matrices_spoil_no_neighbour():
+    y = np.stack([np.ones((2, 2)), np.eye(2), np.eye(2)])
+    found = GL(2).exp_coordinates(y, [np.eye(2), np.ones((2, 2)), [[1.0, 1.0], [0.0, 1.0]]])
+    assert np.isnan(found[:2]).all()
+    np.testing.assert_allclose(found[2], [0.0, 1.0, 0.0, 0.0], atol=1e-15)
+
+
+def test_scipy_does_not_speak(capfd):
+    y = np.array([[1.0, 1e9], [0.0, 1.0 + 1e-6]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for frame in (GL(2), GL(2, "body")):
+            found = frame.exp_coordinates(np.eye(2), y)
+            assert np.isnan(found).all() or off(frame, found, np.eye(2), y) < 10.0
+            assert np.isnan(frame.exp_coordinates(np.eye(2), -np.eye(2))).all()
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_nearly_opposite_points_of_spheres(n):
+    frame, rng = Sphere(n), np.random.default_rng(214)
+    difference, known = difference_of(frame), 0
+    for distance in (0.0, 1e-16, 1e-15, 1e-12, -1e-9, 1e-6, -1e-3):
+        for _ in range(40):
+            y0, v = frame.random_point(rng), frame.random_vector(rng)
+            v = frame.shortest(v, y0)
+            y1 = frame.flow((np.pi + distance) / np.linalg.norm(v) * v, y0)
+            for found in (frame.exp_coordinates(y0, y1), difference(y0, y1)):
+                if np.isfinite(found).all():
+                    assert off(frame, found, y0, y1) < 4e-15
+                    known += 1
+    assert known > 500
+    assert np.isnan(difference(y0, -y0)).all()
+    assert np.isnan(frame.exp_coordinates(y0, -y0)).all()
+
+
+@pytest.mark.parametrize("kind", [SO, SU, U])
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 8, 12])
+@pytest.mark.parametrize("distance", [0.0, 1e-15, 1e-9, -1e-8, 1e-6, 1e-3])
+def test_half_turns_of_some_planes(kind, n, distance):
+    """One plane after the other is turned by half a turn, or nearly so."""
+    frame, rng = kind(n, "space"), np.random.default_rng(215)
+    difference = difference_of(frame)
+    pairs = n // 2
+    for halves in range(1, pairs + 1):
+        angles = rng.uniform(0.1, 3.0, pairs)
+        angles[:halves] = np.pi + distance * rng.standard_normal(halves)
+        form = np.eye(n, dtype=frame.dtype)
+        for j, angle in enumerate(angles):
+            c, s = np.cos(angle), np.sin(angle)
+            form[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] = [[c, -s], [s, c]]
+        axes, y0 = frame.random_point(rng, (2,))
+        y1 = frame.restore(axes @ form @ axes.conj().T @ y0)
+        v = frame.exp_coordinates(y0, y1)
+        assert off(frame, v, y0, y1) < 2e-14
+        found = difference(y0, y1)
+        if np.isfinite(found).all():
+            assert off(frame, found, y0, y1) < 2e-13

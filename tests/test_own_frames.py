@@ -1,0 +1,72 @@
+"""What a subclass of a frame must have, and what is said of a flow that has no numbers."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.frames import SO, FieldFrame, Frame, HomogeneousSpace, MatrixGroup
+
+FRAME = {
+    "dim": 1,
+    "point_shape": (2,),
+    "field": lambda self, v, y: y,
+    "flow": lambda self, v, y: y,
+    "membership_error": lambda self, y: 0.0,
+    "random_point": lambda self, rng, size=(): rng.standard_normal((*size, 2)),
+}
+SPACE = {
+    "group": SO(2, "space"),
+    "point_shape": (2,),
+    "restore": lambda self, y: y,
+    "membership_error": lambda self, y: 0.0,
+    "random_point": lambda self, rng, size=(): rng.standard_normal((*size, 2)),
+    "_act": lambda self, x, y: (x @ y[..., None])[..., 0],
+    "_act_infinitesimally": lambda self, omega, y: (omega @ y[..., None])[..., 0],
+}
+GROUP = {
+    "dim": 1,
+    "size": 2,
+    "convention": "space",
+    "_make_basis": lambda self: [[[0.0, -1.0], [1.0, 0.0]]],
+    "membership_error": lambda self, y: 0.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("base", "hook"),
+    [
+        (base, hook)
+        for base, hooks in ((Frame, FRAME), (HomogeneousSpace, SPACE), (MatrixGroup, GROUP))
+        for hook in hooks
+    ],
+)
+def test_what_a_subclass_lacks_is_named_when_one_is_made(base, hook):
+    hooks = {Frame: FRAME, HomogeneousSpace: SPACE, MatrixGroup: GROUP}[base]
+    whole = type("Whole", (base,), hooks)()
+    assert whole.flow(np.zeros(whole.dim), np.eye(2)).shape == (2, 2)
+    lacking = type("Lacking", (base,), {k: v for k, v in hooks.items() if k != hook})
+    with pytest.raises(TypeError, match=f"abstract class Lacking .*abstract method.*{hook}\\b"):
+        lacking()
+
+
+def test_a_basis_must_fit_the_group():
+    wrong = type("Wrong", (MatrixGroup,), GROUP | {"dim": 2})()
+    message = r"_make_basis of Wrong must return matrices of shape \(2, 2, 2\), got \(1, 2, 2\)"
+    with pytest.raises(ValueError, match=message):
+        wrong.flow([0.0, 1.0], np.eye(2))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("good_until", [-1.0, 0.5])
+def test_flows_that_return_no_numbers_are_named(value, good_until):
+    """From the start, or from somewhere on the way."""
+
+    def flow(v, y):
+        return y + v if y[0] + v[0] <= good_until else value * np.ones(1)
+
+    frame = FieldFrame([lambda y: np.ones(1)], flow, point_shape=1)
+    solution = cg.solve_ivp(lambda t, y: np.ones(1), (0, 1), [0.0], frame=frame)
+    assert not solution.success
+    assert "the flow of FieldFrame(" in solution.message
+    assert "returned NaN or infinity at t = 0" in solution.message
+    assert abs(solution.t[-1] - max(good_until, 0.0)) < 1e-12
