@@ -27,6 +27,7 @@ NAMES = (
     "ensemble",
     "output",
     "rivals",
+    "estimates",
     "tableaux",
     "parts",
     "workers",
