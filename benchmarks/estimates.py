@@ -10,6 +10,7 @@ from statistics import median
 import numpy as np
 
 import cg
+from cg.catalogue import munthe_kaas, resolve_method
 from cg.frames import SO3
 
 from .cases import Case, cases
@@ -22,15 +23,28 @@ __all__ = ["LARGEST", "MEDIAN", "run", "spins"]
 MEDIAN, LARGEST = 5.0, 50.0
 """What the error may be, in tolerances, with a pair that `cg.solve_ivp` takes by default."""
 
-_TOLERANCES = tuple(10.0**-k for k in range(3, 11))
+_TOLERANCES = tuple(10.0**-k for k in range(1, 11))
+_LARGEST_TOLERANCE = 1e-3  # above, runs serve to tell the work for large errors
 _SPINS = 50
 _SEED = 1
 _SLOWEST = 5.0  # seconds, after which smaller tolerances are left out
-_ERRORS = (1e-5, 1e-8)
+_ERRORS = (1e-3, 1e-5, 1e-8)
 _AGAINST = "RKMK8(5,3)"
+
+_DECISIVE = (1e-3, 1e-8)  # at loose and at tight tolerances
+_NO_BRACKETS = "without brackets"
+_COSTS = {
+    "compiled": ("time",),
+    "in Python, with brackets": ("flows",),
+    _NO_BRACKETS: ("evaluations", "flows"),
+}
+_ALIKE = 1.1  # of the least cost, up to which others are no worse
 
 Runs = dict[str, dict[float, Point]]
 """By pair and tolerance."""
+
+Curves = Sequence[Mapping[str, Curve]]
+"""By equation and pair."""
 
 
 def spins(count: int) -> list[Case]:
@@ -58,21 +72,26 @@ def _spin(name: str, velocity: list[float]) -> Case:
 
 def run(quick: bool, figures: Path | None) -> Result:
     """Run all pairs with all tolerances on the spins and on the problems of the rivals."""
-    tolerances = _TOLERANCES[:4] if quick else _TOLERANCES
+    tolerances = _TOLERANCES[:6] if quick else _TOLERANCES
     rounds = 1 if quick else 3
     turning = [_runs(case, tolerances, 1) for case in spins(3 if quick else _SPINS)]
     problems = [_runs(case, tolerances, rounds) for case in cases(["heavy_top"] if quick else None)]
     names = list(problems[0])
     return Result(
         "Error estimates",
-        f"The error at the end in tolerances, `rtol = atol`, from {tolerances[0]:g} to "
+        f"The error at the end in tolerances, `rtol = atol`, from {_LARGEST_TOLERANCE:g} to "
         f"{tolerances[-1]:g}, of all explicit pairs, on the ten problems of `rivals` and on "
         f"{len(turning)} spins: SO(3), f = u + 0.3 times the first row of the rotation, |u| from 5 "
         "to 30, t from 0 to 3. The largest error of an entry counts. A pair that `cg.solve_ivp` "
         f"takes by default has a median of at most {MEDIAN:g} and nothing above {LARGEST:g}. "
         f"Smaller tolerances are left out after a run of {_SLOWEST:g} s.",
         tuple(row for name in names for row in _rows(name, turning + problems)),
-        (_by_tolerance(names, turning, problems), _work(problems, rounds), _work(turning, 0)),
+        (
+            _defaults(turning + problems, problems),
+            _by_tolerance(names, turning, problems),
+            _work(problems, rounds),
+            _work(turning, 0),
+        ),
     )
 
 
@@ -90,7 +109,12 @@ def _runs(case: Case, tolerances: tuple[float, ...], rounds: int) -> Runs:
 
 def _quotients(name: str, runs: list[Runs]) -> list[float]:
     """Return errors in tolerances."""
-    return [p.error / tolerance for found in runs for tolerance, p in found[name].items()]
+    return [
+        p.error / tolerance
+        for found in runs
+        for tolerance, p in found[name].items()
+        if tolerance <= _LARGEST_TOLERANCE
+    ]
 
 
 def _rows(name: str, runs: list[Runs]) -> list[Row]:
@@ -104,7 +128,7 @@ def _rows(name: str, runs: list[Runs]) -> list[Row]:
 
 
 def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -> str:
-    shown = list(turning[0][names[0]])
+    shown = [k for k in turning[0][names[0]] if k <= _LARGEST_TOLERANCE]
     heads = [f"{kind}, {tolerance:g}" for kind in ("spins", "problems") for tolerance in shown[::2]]
     lines = [
         "**Error in tolerances**, median and largest, by tolerance:",
@@ -122,6 +146,47 @@ def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -
     return "\n".join(lines)
 
 
+def _defaults(runs: list[Runs], problems: list[Runs]) -> str:
+    """Say which pairs the rule of `cg.integration.choice` takes."""
+    names = [name for name in problems[0] if _may_be_default(name, runs)]
+    curves = _curves(problems)
+    lines = [
+        "**By the rule for defaults** (`cg/integration/choice.py`), of "
+        f"{', '.join(f'`{name}`' for name in names)}:",
+        "",
+        f"| frames | least | {' | '.join(f'for errors of {error:g}' for error in _DECISIVE)} |",
+        "|---|---|---|---|",
+    ]
+    for frames, kinds in _COSTS.items():
+        fit = [n for n in names if n not in munthe_kaas or frames != _NO_BRACKETS]
+        cells = [_cheapest(fit, curves, error, kinds) for error in _DECISIVE]
+        lines.append(f"| {frames} | {' + '.join(kinds)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _may_be_default(name: str, runs: list[Runs]) -> bool:
+    """Tell whether a pair is honest, and calls f within the span."""
+    found = _quotients(name, runs)
+    within = all(0.0 <= c <= 1.0 for c in resolve_method(name).c.tolist())
+    return within and median(found) <= MEDIAN and max(found) <= LARGEST
+
+
+def _cheapest(names: list[str], curves: Curves, error: float, kinds: tuple[str, ...]) -> str:
+    """Return the pair with the fewest evaluations of those that cost least, empty where none is."""
+    costs = {name: sum(_ratio(name, curves, error, kind) for kind in kinds) for name in names}
+    least = min((cost for cost in costs.values() if not math.isnan(cost)), default=math.nan)
+    alike = [name for name, cost in costs.items() if cost <= _ALIKE * least]
+    found = min(alike, key=lambda name: _ratio(name, curves, error, "evaluations"), default="")
+    return f"`{found}`" if found else ""
+
+
+def _curves(runs: list[Runs]) -> Curves:
+    return [
+        {name: Curve.of(name, "pair", 0, list(found.values())) for name, found in r.items()}
+        for r in runs
+    ]
+
+
 def _work(runs: list[Runs], rounds: int) -> str:
     """Return a table of work at equal errors, over that of one pair."""
     kinds = [kind for kind in QUANTITIES if rounds or kind != "time"]
@@ -134,18 +199,16 @@ def _work(runs: list[Runs], rounds: int) -> str:
         f"| | {' | '.join(heads)} |",
         "|---" * (len(heads) + 1) + "|",
     ]
-    curves = [
-        {name: Curve.of(name, "pair", 0, list(found.values())) for name, found in r.items()}
-        for r in runs
-    ]
+    curves = _curves(runs)
     for name in curves[0]:
-        cells = [_ratio(name, curves, error, kind) for error in _ERRORS for kind in kinds]
+        found = [_ratio(name, curves, error, kind) for error in _ERRORS for kind in kinds]
+        cells = ["" if math.isnan(ratio) else f"{ratio:.2f}" for ratio in found]
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def _ratio(name: str, curves: Sequence[Mapping[str, Curve]], error: float, kind: str) -> str:
-    """Return the median of the work over that of the other pair, empty where neither reached."""
+def _ratio(name: str, curves: Curves, error: float, kind: str) -> float:
+    """Return the median of the work over that of the other pair, NaN where neither reached."""
     found = [c[name].at(error, kind) / c[_AGAINST].at(error, kind) for c in curves]
     found = [ratio for ratio in found if not math.isnan(ratio)]
-    return f"{median(found):.2f}" if found else ""
+    return median(found) if found else math.nan

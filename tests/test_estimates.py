@@ -1,0 +1,95 @@
+"""Error estimates tell the errors: those of default methods, and of lifted pairs."""
+
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from frame_examples import HEISENBERG
+
+import cg
+from cg.frames import SO3, Stiefel
+from cg.integration.choice import choose_method
+
+ROOT = Path(__file__).parent.parent
+TOLERANCES = (1e-3, 1e-5, 1e-8)
+FRAMES = (SO3(), Stiefel(3, 2), HEISENBERG)
+DEFAULTS = sorted({choose_method(frame, rtol) for frame in FRAMES for rtol in (None, *TOLERANCES)})
+
+
+@pytest.fixture(scope="module")
+def equations():
+    """A small part of the benchmark's set."""
+    sys.path.insert(0, str(ROOT))
+    from benchmarks.cases import cases
+    from benchmarks.estimates import spins
+
+    yield spins(6) + cases(["heavy_top", "wheels", "toda"])
+    sys.path.remove(str(ROOT))
+
+
+def quotients(equations, method):
+    """Return errors in tolerances."""
+    found = []
+    for case in equations:
+        for tolerance in TOLERANCES:
+            run = cg.solve_ivp(
+                case.f, (0, case.end), case.y0, frame=case.frame, method=method,
+                rtol=tolerance, atol=tolerance,
+            )  # fmt: skip
+            found.append(case.error(run.y[-1]) / tolerance)
+    return found
+
+
+def test_references_of_spins(equations):
+    for case in equations[:6]:
+        other = cg.integrate(
+            case.f, (0, case.end), case.y0, frame=case.frame, method="CF8a", h=case.end / 2048
+        )
+        assert case.error(other.y[-1]) < 1e-12
+
+
+def test_there_is_a_default_of_each_kind():
+    assert len(DEFAULTS) >= 3
+
+
+@pytest.mark.parametrize("name", DEFAULTS)
+def test_defaults_are_honest(equations, name):
+    from benchmarks.estimates import LARGEST, MEDIAN
+
+    found = quotients(equations, name)
+    assert np.median(found) <= MEDIAN
+    assert max(found) <= LARGEST
+
+
+@pytest.mark.parametrize("name", ["BS3(2)", "DP5(4)", "DVERK6(5)", "Verner7(6)", "Verner8(7)"])
+def test_second_results_by_flows_of_their_own_see_the_splitting(equations, name):
+    """With one flow from the result, which is the flat estimate, errors are far larger."""
+    pair = cg.methods[name]
+    first = list(zip(pair.points, pair.point_coefficients, strict=True))[: pair.result + 1]
+    points = [
+        (point.parent, {k: weight.text for k, weight in weights.items()})
+        for point, weights in first
+    ]
+    difference = [second - b for second, b in zip(pair.exact_embedded, pair.exact[1], strict=True)]
+    points.append((pair.result, {k: w for k, w in enumerate(difference) if w != Fraction(0)}))
+    flat = cg.CommutatorFree(points, pair.stage_points, pair.result, embedded_result=len(first))
+    assert (flat.order, flat.embedded_order) == (pair.order, pair.embedded_order)
+    spins = equations[:6]
+    assert np.median(quotients(spins, flat)) > 5
+    assert max(quotients(spins, pair)) < 8
+
+
+def test_the_tool_finds_them(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import make_second_results as tool
+
+    pair = cg.methods["BS3(2)"]
+    assert tool.make(pair, tool.RECIPES["BS3(2)"])[0] == pair
+    recipe = tool.Recipe(cg.points.START, 2, 4)
+    found, error, hits = tool.make(cg.methods["DP5(4)"], recipe)
+    assert hits == 4
+    assert (found.order, found.embedded_order, found.pair_exponentials) == (5, 4, 14)
+    assert found.exact_embedded == cg.methods["DP5(4)"].exact_embedded
+    assert 0 < error == pytest.approx(found.embedded.principal_error(), rel=1e-9)
