@@ -18,7 +18,10 @@ from .record import Aim, Result, Row
 from .solvers import pairs
 from .work_curves import QUANTITIES, Curve, Point, run_point
 
-__all__ = ["LARGEST", "MEDIAN", "run", "spins"]
+__all__ = ["LARGEST", "MEDIAN", "run", "spins", "stored", "write_table"]
+
+BEGIN, END = "<!-- estimates -->\n", "<!-- end of estimates -->\n"
+"""What a table of all pairs is between, in docs/catalogue.md."""
 
 MEDIAN, LARGEST = 5.0, 50.0
 """What the error may be, in tolerances, with a pair that `cg.solve_ivp` takes by default."""
@@ -127,6 +130,28 @@ def _rows(name: str, runs: list[Runs]) -> list[Row]:
     ]
 
 
+def stored(result: Result) -> dict[str, dict[str, float]]:
+    """Return what a result says of each pair: median, 90 % below, largest."""
+    found: dict[str, dict[str, float]] = {}
+    for row in result.rows:
+        name, what = row.quantity.removeprefix("`").split("`, ")
+        found.setdefault(name, {})[what] = row.value
+    return found
+
+
+def write_table(result: Result, page: Path) -> None:
+    """Write what a result says of each pair between two marks of a page."""
+    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    after = rest.partition(END)[2]
+    lines = ["| pair | median | 90 % below | largest | honest |", "|---|---|---|---|---|"]
+    for name, numbers in stored(result).items():
+        honest = numbers["median"] <= MEDIAN and numbers["largest"] <= LARGEST
+        cells = " | ".join(f"{number:.2g}" for number in numbers.values())
+        lines.append(f"| `{name}` | {cells} | {'yes' if honest else '**no**'} |")
+    shown = "\n".join(lines)
+    page.write_text(f"{before}{BEGIN}{shown}\n{END}{after}", encoding="utf-8")
+
+
 def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -> str:
     shown = [k for k in turning[0][names[0]] if k <= _LARGEST_TOLERANCE]
     heads = [f"{kind}, {tolerance:g}" for kind in ("spins", "problems") for tolerance in shown[::2]]
@@ -172,12 +197,16 @@ def _may_be_default(name: str, runs: list[Runs]) -> bool:
 
 
 def _cheapest(names: list[str], curves: Curves, error: float, kinds: tuple[str, ...]) -> str:
-    """Return the pair with the fewest evaluations of those that cost least, empty where none is."""
+    """Return the pair with the least counts of those that cost least, empty where none is."""
     costs = {name: sum(_ratio(name, curves, error, kind) for kind in kinds) for name in names}
     least = min((cost for cost in costs.values() if not math.isnan(cost)), default=math.nan)
     alike = [name for name, cost in costs.items() if cost <= _ALIKE * least]
-    found = min(alike, key=lambda name: _ratio(name, curves, error, "evaluations"), default="")
+    found = min(alike, key=lambda name: _counts(name, curves, error), default="")
     return f"`{found}`" if found else ""
+
+
+def _counts(name: str, curves: Curves, error: float) -> float:
+    return sum(_ratio(name, curves, error, kind) for kind in ("evaluations", "flows"))
 
 
 def _curves(runs: list[Runs]) -> Curves:

@@ -93,3 +93,29 @@ def test_the_tool_finds_them(monkeypatch):
     assert (found.order, found.embedded_order, found.pair_exponentials) == (5, 4, 14)
     assert found.exact_embedded == cg.methods["DP5(4)"].exact_embedded
     assert 0 < error == pytest.approx(found.embedded.principal_error(), rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def measured(equations):
+    from benchmarks import page
+
+    return page.read(ROOT / "benchmarks" / "results.json")["estimates"]
+
+
+def test_defaults_are_what_the_rule_takes(measured):
+    kinds = ("compiled | time", "in Python, with brackets | flows")
+    for frame, kind in zip(FRAMES, (*kinds, "without brackets | evaluations + flows"), strict=True):
+        loose, tight = choose_method(frame, 1e-4), choose_method(frame, 1e-8)
+        assert f"| {kind} | `{loose}` | `{tight}` |" in measured.notes[0]
+
+
+def test_the_catalogue_tells_what_was_measured(measured, tmp_path):
+    from benchmarks.estimates import BEGIN, END, stored, write_table
+
+    text = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
+    page = tmp_path / "page.md"
+    page.write_text(f"{BEGIN}{END}", encoding="utf-8")
+    write_table(measured, page)
+    assert page.read_text(encoding="utf-8") in text
+    pairs = {*cg.methods, *cg.catalogue.munthe_kaas}
+    assert pairs.issuperset(stored(measured))
