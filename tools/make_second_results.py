@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +76,19 @@ class SecondResult(Splitting):
         owner = np.full(len(trees), -1, dtype=np.intc)
         found = compiled_conditions.residuals(order, self.layout, x, trees, owner)
         return float(np.linalg.norm(found))
+
+
+def flat_estimate(pair: cg.CommutatorFree) -> cg.CommutatorFree:
+    """Return a pair with its flat estimate: the second result is one flow from the first."""
+    assert pair.exact_embedded is not None
+    count = pair.result + 1
+    rows = zip(pair.points[:count], pair.point_coefficients, strict=False)
+    points: list[tuple[int, Mapping[int, Any]]] = [(point.parent, row) for point, row in rows]
+    weights = zip(pair.exact_embedded, pair.exact[1], strict=True)
+    points.append((pair.result, {k: second - b for k, (second, b) in enumerate(weights)}))
+    return cg.CommutatorFree(
+        points, pair.stage_points, pair.result, embedded_result=count, name=pair.name
+    )
 
 
 def splitting_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
