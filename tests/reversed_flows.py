@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from cg.integration import compiled_run, step
+from cg.integration import plan
+from cg.integration.implicit import ImplicitStages
 from cg.integration.paths import Path, paths_of
 
 
@@ -14,11 +15,11 @@ def reversed_paths(method):
 
 
 def reverse_flows(monkeypatch):
-    for module in (compiled_run, step):
-        monkeypatch.setattr(module, "paths_of", reversed_paths)
-    compose = step.Step.compose
+    monkeypatch.setattr(plan, "paths_of", reversed_paths)
+    monkeypatch.setattr(plan, "_plans", lambda method: {})  # none is prepared yet
+    compose = ImplicitStages.compose
     monkeypatch.setattr(
-        step.Step,
+        ImplicitStages,
         "compose",
         lambda self, row, fields, point, h: compose(self, row[::-1], fields, point, h),
     )

@@ -30,11 +30,10 @@ except KeyboardInterrupt:
 """
 CALLS = {
     "fixed": "cg.integrate(f, (0, 2e9), one, method='CG3', h=1.0, save_every=10**9, **options)",
-    "workers": "cg.integrate(f, (0, 2e9), many, method='CG3', h=1.0, save_every=10**9, workers=2, "
-    "**options)",
+    "workers": "cg.solve_ensemble(f, (0, 2e9), many, method='CG3', h=1.0, workers=2, **options)",
     "adaptive": "cg.solve_ivp(f, (0, 1e9), one, max_step=1e-6, max_steps=10**12, t_eval=[], "
     "**options)",
-    "ensemble": "cg.solve_ivp(f, (0, 1e9), many, max_step=1e-6, max_steps=10**12, **options)",
+    "ensemble": "cg.solve_ensemble(f, (0, 1e9), many, max_step=1e-6, max_steps=10**12, **options)",
     "built in": "integrate_heavy_top(cg.problems.HeavyTop(), method='CG3', h=1e-3, steps=10**6, "
     "kind='real128')",
 }

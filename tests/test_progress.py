@@ -1,5 +1,7 @@
 """What long integrations tell of themselves, and results as datasets."""
 
+import time
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -46,11 +48,16 @@ class TestProgress:
         )
         check(told, 3.0)
 
-    def test_of_steps_in_python(self, told):
-        frame = cg.frames.GL(2)
+    def test_of_slow_steps(self, told):
+        """Compiled code pauses after each step that takes longer than a user waits."""
+
+        def slow(t, y):
+            time.sleep(0.01)
+            return [0.1, 0.2, -0.1, np.cos(t)]
+
         run = cg.solve_ivp(
-            lambda t, y: [0.1, 0.2, -0.1, np.cos(t)], (0, 1), np.eye(2), frame=frame,
-            max_step=0.1, method="CF4(3)", progress=told,
+            slow, (0, 1), np.eye(2), frame=cg.frames.GL(2), max_step=0.1, method="CF4(3)",
+            progress=told,
         )  # fmt: skip
         check(told, 1.0)
         assert len(told) == run.steps + 1  # each step, and the end
@@ -71,11 +78,24 @@ class TestProgress:
         problem = cg.problems.AffineField(FRAME, np.eye(3))
         compiled, _kept = affine(problem)
         y0 = np.broadcast_to(np.eye(3), (4, 3, 3))
-        cg.solve_ivp(
-            compiled, (0, 0.5), y0, t_eval=[0.25], frame=FRAME, max_step=0.1, progress=told
-        )
-        check(told, 2.0)
-        assert {0.5, 1.0, 1.5, 2.0} <= {done for done, _ in told}
+        options = {"frame": FRAME, "max_step": 0.1, "progress": told}
+        for span in ((0, 0.5), (1, 0.5)):
+            for workers in (None, 2):
+                told.clear()
+                cg.solve_ensemble(compiled, span, y0, workers=workers, **options)
+                check(told, 2.0)
+                assert len(told) >= 2
+
+    def test_of_members_that_end_early(self, told):
+        def event(t, y):
+            return t - 1.25
+
+        run = cg.solve_ensemble(
+            turn, (0, 3), np.broadcast_to(np.eye(3), (3, 3, 3)), frame=FRAME, progress=told,
+            events=cg.Event(event, terminal=True),
+        )  # fmt: skip
+        assert run.status.tolist() == [1, 1, 1]
+        check(told, 9.0)
 
     def test_seldom_and_at_the_end(self):
         told = Told()
@@ -94,8 +114,8 @@ class TestProgress:
         for call in (cg.integrate, cg.solve_ivp):
             with pytest.raises(TypeError, match="progress must be callable, got 3"):
                 call(turn, (0, 1), np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=3)
-        with pytest.raises(ValueError, match="progress must be None with executor, workers or out"):
-            cg.solve_ivp(turn, (0, 1), np.eye(3)[None], frame=FRAME, workers=2, progress=print)
+        with pytest.raises(TypeError, match="progress must be callable, got 3"):
+            cg.solve_ensemble(turn, (0, 1), np.eye(3)[None], frame=FRAME, progress=3)
 
 
 def test_results_know_their_frame():
@@ -122,16 +142,9 @@ class TestDatasets:
 
     def test_of_ensembles(self):
         frame = cg.frames.UnitQuaternion()
-        y0 = frame.random_point(np.random.default_rng(2), (3, 2))
-
-        def f(t, y):
-            return np.ones((*y.shape[:-1], 3)) * t
-
-        run = cg.solve_ivp(f, (0, 1), y0, frame=frame, method="DP5(4)")
+        y0 = frame.random_point(np.random.default_rng(2), (3,))
+        run = cg.solve_ensemble(lambda t, y: np.ones(3) * t, (0, 1), y0, frame=frame)
         data = run.to_xarray()
-        assert data.y.dims == ("t", "member_0", "member_1", "component")
+        assert data.y.dims == ("t", "member", "component")
         assert data.y.shape == run.y.shape
-        assert data.attrs["status"] == 0
-        assert data.attrs["steps"] == run.steps
-        one = cg.solve_ivp(f, (0, 1), y0[:, 0], frame=frame).to_xarray()
-        assert one.y.dims == ("t", "member", "component")
+        assert_array_equal(data.y, run.y)
