@@ -1,0 +1,151 @@
+"""Steps of methods, their errors and their choice, one flow at a time, all in Python."""
+
+import copy
+from dataclasses import dataclass
+
+import numpy as np
+
+from cg.integration.paths import paths_of
+from cg.integration.plan import error_exponent
+
+
+class Step:
+    """Steps of an explicit method, which count what they take."""
+
+    def __init__(self, f, frame, method):
+        self.f, self.frame, self.method = f, frame, method
+        self.paths = paths_of(method)
+        self.nfev = self.nexp = 0
+        self._known = {}  # coefficients at the ends of the last step
+
+    def __call__(self, t, y, h):
+        return self._take(t, y, h, [self.paths.result])[0]
+
+    def pair(self, t, y, h):
+        """Return both results, the one that advances first."""
+        paths = self.paths
+        if not paths.errors or paths.series:
+            return tuple(self._take(t, y, h, [paths.result, paths.embedded]))
+        y1 = self(t, y, h)
+        return y1, self.frame.flow(-self._differences(h)[0], y1)
+
+    def trial(self, t, y, h, rtol, atol):
+        """Return the result and its error in tolerances."""
+        if not self.paths.errors:
+            y1, other = self.pair(t, y, h)
+            return y1, error(self.frame, other, y1, y, rtol, atol)
+        y1 = self(t, y, h)
+        errors = []
+        for v in self._differences(h):
+            v = self.frame.shortest(v, y1)
+            known = self.frame.exp_coordinates(y1, y1) is not None
+            difference = v if known else self.frame.field(v, y1)
+            errors.append(_rms(difference / _scale(self.frame, [y, y1], rtol, atol)))
+        if len(errors) == 1 or errors[0] == 0.0:
+            return y1, errors[0]
+        return y1, errors[0] ** 2 / np.hypot(errors[0], 0.1 * errors[1])
+
+    def _differences(self, h):
+        weights = np.array(self.paths.errors, dtype=float)
+        return h * weights @ np.array(self.fields)
+
+    def _take(self, t, y, h, results):
+        paths, self.fields, self.ends = self.paths, [], {0: (y, None)}
+        for k, c in enumerate(map(float, paths.c)):
+            path = 0 if k == 0 else paths.stages[k]
+            point, u = self._end(path, h)
+            if k == 0 and id(y) in self._known:
+                v = self._known[id(y)][1]
+            else:
+                v = np.asarray(self.f(t + c * h, point), dtype=float)
+                self.nfev += 1
+            if k == paths.final_stage - 1:
+                final = v
+            if paths.series and u is not None:
+                v = self.frame.dexpinv(u, v, order=paths.series)
+            self.fields.append(v)
+        found = [self._end(path, h)[0] for path in results]
+        self._known = {id(y): (y, self.fields[0])}
+        if paths.final_stage:
+            self._known[id(found[0])] = found[0], final
+        return found
+
+    def _end(self, path, h):
+        """Return the end of a path and the coefficients of its last flow."""
+        if path not in self.ends:
+            origin, flows = self.paths.paths[path - 1].origin, self.paths.paths[path - 1].flows
+            point, u = self._end(origin, h)[0], None
+            for flow in flows:
+                u = sum(h * float(weight) * self.fields[k] for k, weight in flow)
+                point = self.frame.flow(u, point)
+                self.nexp += 1
+            self.ends[path] = point, u
+        return self.ends[path]
+
+
+@dataclass
+class Steps:
+    """Steps that were chosen by errors, with what they took."""
+
+    times: list
+    y: object
+    rejected: int
+    nfev: int
+    nexp: int
+
+
+def choose_steps(f, span, y0, *, frame, method, first_step, rtol=1e-3, atol=1e-6):
+    """Return the steps of a pair by Gustafsson's control."""
+    (t, stop), y, step = span, y0, Step(f, frame, method)
+    sign, exponent = np.sign(stop - t), error_exponent(method)
+    found, size, last, after_rejection = Steps([t], y0, 0, 0, 0), first_step, 1.0, False
+    while t != stop:
+        wanted = size
+        shortened = sign * (t + sign * size - stop) >= 0.0
+        end = stop if shortened else t + sign * size
+        taken = abs(end - t)
+        y1, err = step.trial(t, y, end - t, rtol, atol)
+        if not err <= 1.0:
+            size = taken * (max(0.2, 0.9 * err**-exponent) if np.isfinite(err) else 0.25)
+            found.rejected, after_rejection = found.rejected + 1, True
+            continue
+        factor = 5.0
+        if err > 0.0:
+            factor = min(5.0, max(0.2, 0.9 * (err**-0.7 * last**0.4) ** exponent))
+        size = taken * (min(factor, 1.0) if after_rejection else factor)
+        if shortened and not after_rejection:
+            size = max(size, wanted)
+        t, y, last, after_rejection = end, y1, max(err, 1e-4), False
+        found.times.append(t)
+    found.y, found.nfev, found.nexp = y, step.nfev, step.nexp
+    return found
+
+
+def error(frame, other, y1, y, rtol, atol):
+    """Return the difference of two results in tolerances."""
+    difference = frame.exp_coordinates(other, y1)
+    if difference is None:
+        difference = y1 - other
+    return _rms(difference / _scale(frame, [y, y1], rtol, atol))
+
+
+def _scale(frame, points, rtol, atol):
+    if frame.exp_coordinates(points[0], points[0]) is None:
+        sizes = [_rms(y) for y in points]
+    else:
+        sizes = [frame.coordinate_sizes(y) for y in points]
+    return np.maximum(atol + rtol * np.maximum(*sizes), np.finfo(float).tiny)
+
+
+def _rms(values):
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+
+def uncompiled(frame):
+    """Return a frame that does the same in Python alone."""
+    made = copy.copy(frame)
+    kind = type(frame)
+    made.__class__ = type(kind.__name__, (kind,), {"compiled_blocks": lambda self: None})
+    if hasattr(made, "group"):
+        vars(made)["group"] = uncompiled(made.group)
+    return made
