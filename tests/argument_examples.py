@@ -42,7 +42,7 @@ CANDIDATE = construction.pack_method(CG3)
 SOLVED = cg.solve_ivp(lambda t, y: [0.1, 0.2, 0.3], (0, 1), np.eye(3), frame=SO3, dense_output=True)
 
 
-def turning(t, y):
+def turning(t, y, *numbers):
     return np.array([0.3, -0.2 * np.cos(t), 0.1])
 
 
@@ -67,10 +67,12 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
             "atol": 1e-3,
             "t_eval": [0.25, 0.5],
             "dense_output": True,
-            "events": lambda t, y: t - 0.7,
+            "events": lambda t, y, *numbers: t - 0.7,
+            "breakpoints": [0.5],
             "max_step": 0.5,
             "first_step": 0.1,
             "max_steps": 100,
+            "parameters": [1.0, 2.0],
             "progress": lambda t, end: None,
         },
         (cg.ConvergenceError,),
@@ -100,11 +102,57 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
             "h": 0.25,
             "stage_solver": "fixed-point",
             "save_every": 1,
-            "workers": 1,
+            "args": (1.0,),
             "parameters": None,
             "progress": None,
         },
         (cg.ConvergenceError,),
+    ),
+    "solve_ensemble": Call(
+        cg.solve_ensemble,
+        {
+            "f": turning,
+            "t_span": (0.0, 0.5),
+            "y0": np.stack([np.eye(3)] * 2),
+            "frame": SO3,
+            "method": "CF4",
+            "h": 0.25,
+            "t_eval": [0.25, 0.5],
+            "dense_output": True,
+            "events": lambda t, y, *numbers: t - 0.7,
+            "breakpoints": [0.25],
+            "parameters": [[1.0], [2.0]],
+            "vectorized": False,
+            "common_steps": False,
+            "executor": None,
+            "workers": 1,
+            "out": np.zeros((2, 2, 3, 3)),
+            "progress": None,
+        },
+        (OverflowError,),
+    ),
+    "Event": Call(
+        cg.Event, {"function": abs, "terminal": 2, "direction": 1.0, "jump": lambda t, y: y}
+    ),
+    "Stepper": Call(
+        cg.Stepper,
+        {
+            "f": turning,
+            "t0": 0.0,
+            "y0": np.eye(3),
+            "t_bound": 1.0,
+            "frame": SO3,
+            "method": "CG4(3)",
+            "rtol": 1e-3,
+            "atol": 1e-3,
+            "max_step": 0.5,
+            "first_step": 0.1,
+            "args": (1.0,),
+            "parameters": [1.0, 2.0],
+            "breakpoints": [0.5],
+            "vectorized": False,
+            "common_steps": False,
+        },
     ),
     "search": Call(
         cg.search,

@@ -224,9 +224,9 @@ def test_a_projected_point_can_be_integrated_from():
     frame = Product(SO3(), UnitQuaternion(), Euclidean(2))
     rng = np.random.default_rng(97)
     y0 = frame.random_point(rng, (3,)).astype(np.float32)
-    f = frame.random_vector(rng, (3,))
+    f = frame.random_vector(rng)
     options = {"frame": frame, "method": "CG3", "h": 0.1}
     with pytest.raises(ValueError, match=r"e-08, more than 1e-08; frame\.project\(y0\) is the"):
-        cg.integrate(lambda t, y: f, (0, 1), y0, **options)
-    end = cg.integrate(lambda t, y: f, (0, 1), frame.project(y0), **options).y[-1]
+        cg.solve_ensemble(lambda t, y: f, (0, 1), y0, **options)
+    end = cg.solve_ensemble(lambda t, y: f, (0, 1), frame.project(y0), **options).y[-1]
     assert frame.membership_error(end).max() < 1e-15

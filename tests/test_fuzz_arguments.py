@@ -237,8 +237,15 @@ def is_named(call, message, called):
 # What calls return, and errors
 RETURNED = {
     *("Certificate", "CompiledFunction", "DenseOutput", "Diagnosis", "Lifted", "Reference"),
-    *("Solution", "Trajectory", "Rows", "Structure", "Frame", "HomogeneousSpace", "MatrixGroup"),
-    *("Method", "MethodError", "TableauError", "CertificationError", "ConvergenceError"),
+    *("Solution", "EnsembleSolution", "Rows", "Structure", "Frame", "HomogeneousSpace"),
+    *(
+        "MatrixGroup",
+        "Method",
+        "MethodError",
+        "TableauError",
+        "CertificationError",
+        "ConvergenceError",
+    ),
     *("FlowOverflowError", "LiftError", "StepTooLongError", "Product", "exact_weights"),
 }
 # Arguments whose own errors come out as they are

@@ -12,11 +12,6 @@ import cg
 CHANGE = {
     "cg.certification.spanned.Spanned",
     "cg.construction.construct._Told",
-    "cg.integration.compiled_stepper.CompiledStepper",
-    "cg.integration.member_output._Path",
-    "cg.integration.python_stepper.PythonStepper",
-    "cg.integration.stepper.Counts",
-    "cg.integration.stepper.Stepper",
 }
 
 

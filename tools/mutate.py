@@ -33,7 +33,7 @@ CPU_SECONDS = 120
 WALL_SECONDS = 900
 
 CERTIFICATION = "values certify_weights krawczyk flat_rows orthogonality certify"
-INTEGRATION = "integration_loop integration_input events ensembles solve_ivp integrate"
+INTEGRATION = "integration_loop integration_input events solve_ensemble solve_ivp integrate"
 # Cases that take long, and see what others see
 LONG = "not Stiefel and not Coadjoint and not second_way and not spacecraft and not slopes"
 TESTS = {  # module: files of tests in the order in which they are run
@@ -44,29 +44,23 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.points": "points point_conditions",
     "cg.tableau": "tableau points catalogue",
     "cg.commutator_free": "points catalogue",
-    "cg.integration.ivp": "solve_ivp integration_input ensembles events compiled_output "
-    "member_ends progress ensemble_executors",
-    "cg.integration.compiled_stepper": "compiled_output compiled_adaptive ensembles compiled "
-    "integration_loop python_field",
-    "cg.integration.compiled_run": "compiled_output compiled_adaptive ensembles member_ends "
-    "integration_loop",
-    "cg.integration.own_steps": "member_ends ensembles integration_loop compiled_adaptive progress",
-    "cg.integration.member_ends": "member_ends ensembles progress compiled_adaptive",
-    "cg.integration.outcome": "solve_ivp events ensembles adaptive member_ends",
-    "cg.integration.error_norm": "adaptive compiled_adaptive ensembles",
-    "cg.integration.members": "members_apart ensemble_executors ensembles",
-    "cg.integration.member_output": "member_output ensembles progress",
-    "cg.integration.interpolant": "values integration_loop dense events munthe_kaas ensembles",
-    "cg.integration.recorder": f"{INTEGRATION} compiled_output",
-    "cg.integration.events": "events compiled_output ensembles",
-    "cg.integration.dense": "integration_loop events ensembles dense",
-    "cg.integration.time_grid": "values integration_loop integration_input integrate solve_ivp",
-    "cg.integration.choice": "solve_ivp adaptive integrate",
     "cg.integration.arguments": "integration_input bad_input solve_ivp adaptive integrate",
-    "cg.integration.interpolation": "values integration_loop events munthe_kaas compiled_output "
-    "dense",
-    "cg.integration.python_stepper": f"{INTEGRATION} adaptive compiled_adaptive",
-    "cg.integration.step": f"{INTEGRATION} implicit adaptive munthe_kaas",
+    "cg.integration.callbacks": f"{INTEGRATION} implicit order_on_frames munthe_kaas",
+    "cg.integration.choice": "solve_ivp adaptive integrate",
+    "cg.integration.compiled_rhs": "compiled compiled_adaptive solve_ensemble",
+    "cg.integration.dense": "integration_loop events dense solve_ensemble",
+    "cg.integration.ensemble": "solve_ensemble ensembles ensemble_executors members_apart progress",
+    "cg.integration.events": "events compiled_adaptive solve_ensemble",
+    "cg.integration.implicit": "implicit implicit_methods solve_ensemble",
+    "cg.integration.interpolant": "values integration_loop dense events munthe_kaas",
+    "cg.integration.ivp": "solve_ivp integration_input events integrate progress",
+    "cg.integration.paths": "integrate registers munthe_kaas order_on_frames",
+    "cg.integration.plan": f"values {INTEGRATION} adaptive lift",
+    "cg.integration.problem": "integration_input solve_ivp solve_ensemble adaptive",
+    "cg.integration.python_rhs": "python_field integration_input solve_ensemble",
+    "cg.integration.results": "values solve_ivp solve_ensemble",
+    "cg.integration.run": f"{INTEGRATION} adaptive limits",
+    "cg.integration.stepper": "stepper",
     "cg.certification.krawczyk": "values krawczyk certify",
     "cg.certification.find": CERTIFICATION,
     "cg.certification.prove": CERTIFICATION,
