@@ -1,0 +1,210 @@
+"""Members of ensembles that end before others, by events or failures; steps in common."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from test_solve_ensemble import check, members_alone
+
+import cg
+from cg.frames import SO3, SU, Euclidean, Stiefel
+from cg.integration import progress, step_budget
+from cg.problems.affine import AffineField
+
+LINE = {"frame": Euclidean(1)}
+RATES, NEVER = np.array([-1.0, -2.0, 0.5, 0.0]), 1e9
+CHOSEN = {"rtol": 1e-9, "atol": 1e-9, **LINE}
+FIXED = {"method": "CG6g", "h": 1 / 32, **LINE}
+OUTPUTS = {
+    "ends": {}, "times": {"t_eval": [0.25, 0.5, 1.0]}, "dense": {"dense_output": True},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("options", [CHOSEN, FIXED], ids=["chosen", "fixed"])
+def test_a_member_that_fails_ends_alone(options, output, function):
+    rates = np.stack([RATES, [NEVER, NEVER, NEVER, 0.6]], axis=-1)
+    f = function("decays")
+    found = cg.solve_ensemble(f, (0, 1), [1.0], parameters=rates, **options, **OUTPUTS[output])
+    assert found.status.tolist() == [0, 0, 0, -1]
+    assert not found.success
+    assert list(found.messages) == [3]
+    assert found.messages[3].startswith("f returned the error code 5 at t = 0.6")
+    assert found.message == f"Failure of 1 of 4 trajectories; of y0[3]: {found.messages[3]}."
+    assert found[3].message == found.messages[3]
+    assert 0.3 < found.t_end[3] <= 0.65
+    there = found.t <= found.t_end[3]
+    assert (found.y[there, 3] == 1.0).all()  # its rate is zero
+    assert np.isnan(found.y[~there, 3]).all()
+    assert found[3].t.tolist() == found.t[there].tolist()
+    apart = members_alone(f, (0, 1), np.ones((3, 1)), rates[:3], **options, **OUTPUTS[output])
+    for i, alone in enumerate(apart):
+        np.testing.assert_array_equal(found.y[:, i], alone.y[-len(found.t) :])
+        assert found.nfev[i] == alone.nfev
+    if found.sol is not None:
+        assert np.isnan(found.sol(0.9)[3, 0])
+        np.testing.assert_allclose(found.sol(0.9)[:3, 0], np.exp(0.9 * RATES[:3]), rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad", "options", "message"),
+    [
+        ("square", 0.0, 4.0, {}, "the step size fell below"),
+        ("square", 0.0, 1e160, {}, "f must return finite numbers"),
+        ("stops", 0.0, 1.0, {}, "f returned the error code 7 at t = 0"),
+        ("growth", 1.0, 0.0, {"max_steps": 3}, "max_steps = 3 steps"),
+        ("growth", 1.0, 1e308, {"method": "CG3", "h": 0.5}, "the solution is no longer finite"),
+    ],
+)
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_failures_are_named(name, good, bad, options, message, output, function):
+    span = (0.0, 1.0) if "h" in options else (0.0, 0.5)
+    found = cg.solve_ensemble(
+        function(name), span, [[good], [bad], [good]],
+        **{**LINE, **options, **OUTPUTS[output], "t_eval": [0.0, span[1]]},
+    )  # fmt: skip
+    assert list(found.messages) == [1]
+    assert found.messages[1].startswith(message)
+    assert found.message.startswith("Failure of 1 of 3 trajectories; of y0[1]: ")
+    assert np.isnan(found.y).ravel().tolist() == [False] * 4 + [True, False]
+
+
+def test_where_all_fail_what_they_reached_is_kept(function):
+    numbers = [[-1.0, 0.6], [-1.0, 0.6]]
+    found = cg.solve_ensemble(
+        function("decays"), (0, 1), [1.0], parameters=numbers, t_eval=np.arange(33) / 32, **FIXED
+    )
+    assert found.status.tolist() == [-1, -1]
+    assert found.message.startswith("Failure of 2 of 2 trajectories; of y0[0]: f returned")
+    assert found.nrejected.tolist() == [0, 0]
+    n = len(found[0].t)
+    assert 0.5 < found[0].t[-1] < 0.65
+    np.testing.assert_allclose(found.y[:n, 0, 0], np.exp(-found.t[:n]), rtol=1e-8)
+    assert np.isnan(found.y[n:]).all()
+
+
+def test_a_function_too_large_for_any_step(affine):
+    problem = AffineField(Euclidean(1), [0.0])
+    problem.constant[:] = 1e308
+    f, _keep = affine(problem)
+    found = cg.solve_ensemble(f, (0, 1), [[0.0], [1.0]], **LINE)
+    assert found.messages[0].startswith("f is too large to choose a step at t = 0, got ")
+
+
+def test_points_too_large_for_the_solution_within(function):
+    options = {"t_eval": [0.5], "rtol": 1e-3, **LINE}
+    y0 = np.array([[1.0], [1e308]])
+    found = cg.solve_ensemble(function("growth"), (0, 0.58), y0, **options)
+    check(found, members_alone(function("growth"), (0, 0.58), y0, **options))
+    assert math.isclose(found.y[0, 0, 0], math.exp(0.5), rel_tol=1e-4)
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_an_exception_of_f_ends_the_call(vectorized):
+    def f(t, y):
+        if np.max(t) > 0.5:
+            raise ArithmeticError("too late")
+        return -y
+
+    with pytest.raises(ArithmeticError, match="too late"):
+        cg.solve_ensemble(f, (0, 1), [[1.0], [2.0]], vectorized=vectorized, **LINE)
+
+
+def test_one_warning_for_all_members():
+    with pytest.warns(UserWarning, match="rtol") as told:
+        cg.solve_ensemble(lambda t, y: y, (0, 1), np.zeros((4, 1)), rtol=0.0, **LINE)
+    assert len(told) == 1
+
+
+@pytest.mark.parametrize("options", [CHOSEN, FIXED], ids=["chosen", "fixed"])
+def test_terminal_events_of_all_members_end_it_all(options, function):
+    event = cg.Event(lambda t, y, row: y[0] - 0.5, terminal=True)
+    # the second function fails later, which is no failure of what has ended before
+    numbers = np.array([[-1.0, NEVER], [-2.0, 0.75]])
+    found = cg.solve_ensemble(
+        function("decays"), (0, 5), [1.0], parameters=numbers, events=event, **options
+    )
+    assert found.status.tolist() == [1, 1]
+    assert (found.success, found.message) == (True, "A terminal event ended the integration.")
+    np.testing.assert_allclose(found.t_end, np.log(2) / -numbers[:, 0], rtol=1e-7)
+    assert found.y_events[0][1] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("kind", ["compiled", "python", "vectorized"])
+def test_progress_is_the_sum_over_members(kind, function, monkeypatch):
+    monkeypatch.setattr(progress, "_SECONDS", 0.0)
+    monkeypatch.setattr(step_budget, "_SECONDS", 0.0)
+    told = []
+    cg.solve_ensemble(
+        function("growth") if kind == "compiled" else lambda t, y: y, (0, 2), np.ones((5, 1)),
+        vectorized=kind == "vectorized", progress=lambda *now: told.append(now), **CHOSEN,
+    )  # fmt: skip
+    done, total = zip(*told, strict=True)
+    assert set(total) == {10.0}
+    assert all(a <= b for a, b in itertools.pairwise(done))
+    assert done[-1] == 10.0
+    assert len({x for x in done if 0 < x < 4}) > 3
+
+
+class TestCommonSteps:
+    """All members take the steps that the one with the largest error calls for."""
+
+    @pytest.mark.parametrize("vectorized", [False, True])
+    def test_one_member_takes_its_own(self, vectorized):
+        y0 = SO3().random_point(np.random.default_rng(1), 1)
+        options = {"frame": SO3(), "rtol": 1e-6, "dense_output": True}
+
+        def f(t, y):
+            return np.stack([t, y[..., 0, 0], y[..., 1, 2]], axis=-1)
+
+        apart = members_alone(f, (0, 1), y0, **options)
+        check(
+            cg.solve_ensemble(f, (0, 1), y0, vectorized=vectorized, common_steps=True, **options),
+            apart,
+        )
+
+    @pytest.mark.parametrize("frame", [SO3(), SU(2), Stiefel(3, 1)], ids=repr)
+    @pytest.mark.parametrize("vectorized", [False, True])
+    def test_steps(self, frame, vectorized):
+        rng = np.random.default_rng(5)
+        y0 = frame.random_point(rng, 6)
+        weights = rng.standard_normal((frame.dim, y0[0].view(float).size))
+
+        def f(t, y):
+            many = np.ndim(t) == 1
+            flat = np.ascontiguousarray(y).reshape(len(t) if many else 1, -1).view(float)
+            found = np.cos(flat @ weights.T + np.reshape(t, (-1, 1)))
+            return found if many else found[0]
+
+        options = {"frame": frame, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
+        found = cg.solve_ensemble(
+            f, (0, 1), y0, vectorized=vectorized, common_steps=True, t_eval=[0.15, 1], **options
+        )
+        assert len(set(found.steps.tolist())) == 1
+        alone = members_alone(f, (0, 1), y0, **{**options, "t_eval": [0.15, 1]})
+        most = max(run.steps for run in alone)
+        assert most <= found.steps[0] <= 1.3 * most
+        for i, run in enumerate(alone):
+            np.testing.assert_array_equal(found.sol[i].ts, found.sol.ts)
+            assert frame.distance(found.y[:, i], run.y).max() < 2e-5
+        assert frame.membership_error(found.y).max() < 1e-13
+
+    @pytest.mark.parametrize("common", [False, True])
+    @pytest.mark.parametrize("vectorized", [False, True])
+    def test_a_terminal_event_ends_one_member(self, common, vectorized):
+        event = cg.Event(lambda t, y: y[0] - 10.0, terminal=True)
+        found = cg.solve_ensemble(
+            lambda t, y: y**2, (0, 2), [[1.0], [0.1]], events=event, vectorized=vectorized,
+            common_steps=common, rtol=1e-8, dense_output=True, **LINE,
+        )  # fmt: skip
+        assert found.status.tolist() == [1, 0]
+        assert found.success
+        assert found.messages == {0: "A terminal event ended the integration."}
+        np.testing.assert_allclose(found.t_end, [0.9, 2.0], rtol=1e-6)
+        assert [len(times) for times in found.t_events[0]] == [1, 0]
+        np.testing.assert_allclose(found.y_events[0][0], [[10.0]], rtol=1e-12)
+        assert np.isnan(found.y[-1, 0, 0])
+        np.testing.assert_allclose(found.y[-1, 1], 1 / 8, rtol=1e-6)
+        assert np.isnan(found.sol(1.0)[0, 0])
+        np.testing.assert_allclose(found.sol(1.0)[1, 0], 1 / 9, rtol=1e-6)
