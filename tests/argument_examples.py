@@ -43,7 +43,7 @@ SOLVED = cg.solve_ivp(lambda t, y: [0.1, 0.2, 0.3], (0, 1), np.eye(3), frame=SO3
 
 
 def turning(t, y, *numbers):
-    return np.array([0.3, -0.2 * np.cos(t), 0.1])
+    return np.stack([0.3 + 0.0 * t, -0.2 * np.cos(t), 0.1 + 0.0 * t], axis=-1)
 
 
 def residual(x):

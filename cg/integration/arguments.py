@@ -136,7 +136,7 @@ def check_max_steps(max_steps: Any) -> int:
     """Return the largest number of steps or the default; ValueError unless it is positive."""
     if max_steps is None:
         return DEFAULT_MAX_STEPS
-    return check_count(max_steps, "max_steps")
+    return min(check_count(max_steps, "max_steps"), 2**62)  # which compiled code can count
 
 
 def check_count(value: object, name: str) -> int:

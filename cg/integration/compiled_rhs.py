@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
-from cg.frames.arrays import Array, Points, real_array
+from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.compiled_function import CompiledFunction
 
@@ -130,9 +130,7 @@ class CompiledRhs:
         coefficients = np.empty((members, self.frame.dim))
         if members:
             rows = points.reshape(members, -1).view(np.float64)
-            _, code = core.call_field(
-                *self.addresses(), t, rows.T, coefficients.T
-            )
+            _, code = core.call_field(*self.addresses(), t, rows.T, coefficients.T)
             if code:
                 raise RuntimeError(f"f returned the error code {code} at t = {t:.17g}")
         return coefficients.reshape(*batch, self.frame.dim)

@@ -340,7 +340,7 @@ class _Result:
 
     def solution(self) -> EnsembleSolution:
         """Return the whole."""
-        failures = {(k,): self._messages[k] for k in np.flatnonzero(self._status < 0).tolist()}
+        failures = {k: self._messages[k] for k in np.flatnonzero(self._status < 0).tolist()}
         if not self._alive:
             raise RuntimeError(failed_members(failures, self._members))
         problem = self._problem
@@ -349,6 +349,7 @@ class _Result:
         assert problem.t_eval is not None
         t = problem.t_eval.copy()
         t.flags.writeable = False
+        counts: dict[str, Any] = dict(zip(COUNTS, self._counts.T, strict=True))
         message = FINISHED
         if failures:
             message = failed_members(failures, self._members)
@@ -367,7 +368,7 @@ class _Result:
             t_end=self._reached,
             **self._event_lists(),
             status=self._status,
-            **dict(zip(COUNTS, self._counts.T, strict=True)),
+            **counts,
             messages=dict(sorted(self._messages.items())),
             message=message,
             success=not failures,
@@ -381,7 +382,9 @@ class _Result:
         plan = self._problem.plan
         width = (plan.nodes + 1) * plan.frame.dim
         none = np.empty(0, dtype=np.int64)
-        steps = Steps(plan, none, np.empty((0, 3)), np.empty((0, 2, plan.width)), np.empty((0, width)))
+        steps = Steps(
+            plan, none, np.empty((0, 3)), np.empty((0, 2, plan.width)), np.empty((0, width))
+        )
         return DenseOutput(steps, self._problem.t0, self._problem.points[member])
 
     def _event_lists(self) -> dict[str, Any]:

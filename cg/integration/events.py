@@ -69,12 +69,13 @@ class Event:
     jump: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
-        self._check("event")
+        self._check("event", "function")
 
-    def _check(self, name: str) -> tuple[int, int]:
+    def _check(self, name: str, function: str | None = None) -> tuple[int, int]:
         """Return after how many times the event is terminal, and the sign of its direction."""
         if not callable(self.function) and compiled_event(self.function) is None:
-            raise TypeError(f"{name} must be callable as event(t, y), got {self.function!r}")
+            what = function or name
+            raise TypeError(f"{what} must be callable as event(t, y), got {self.function!r}")
         if self.jump is not None and not callable(self.jump):
             raise TypeError(f"{name}.jump must be callable as jump(t, y), got {self.jump!r}")
         terminal = self.terminal
@@ -85,8 +86,7 @@ class Event:
             most = _EVER if terminal == 0 or terminal > 2**53 else int(terminal)
         else:
             raise ValueError(
-                f"{name}.terminal must be a bool or a whole number, not negative, got "
-                f"{terminal!r}"
+                f"{name}.terminal must be a bool or a whole number, not negative, got {terminal!r}"
             )
         try:
             direction = float(self.direction)

@@ -165,9 +165,7 @@ class ImplicitStages:
     def restore(self, state: Any) -> None:
         """Take what was kept between steps."""
         for member, inverses in state.items():
-            self._solvers[member] = [
-                StageSolver(self, block, self._kind) for block in self._blocks
-            ]
+            self._solvers[member] = [StageSolver(self, block, self._kind) for block in self._blocks]
             for solver, inverse in zip(self._solvers[member], inverses, strict=True):
                 solver.inverse = inverse
 

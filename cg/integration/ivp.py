@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_count, check_grid, equal_steps
 from cg.integration.choice import AUTO
@@ -297,7 +296,9 @@ def _solve(problem: Problem, every: int, watch: Progress) -> Solution:
     elif problem.control.h is not None and problem.events is None:
         capacity = _grid_steps(problem) // every + len(problem.stops) + 1
     table = problem.event_table() if problem.events is not None else None
-    run = problem.run(Output(times, every if times is None else 0, problem.dense, y, capacity), table)
+    run = problem.run(
+        Output(times, every if times is None else 0, problem.dense, y, capacity), table
+    )
     run.drive(watch.reach if watch.function is not None else None)
     watch.finish()
     status, message = _status(run)
@@ -339,11 +340,11 @@ def _status(run: Run) -> tuple[int, str]:
 
 
 def _continuous(problem: Problem, run: Run) -> DenseOutput:
-    of, t, y = run.events()
+    _, t, y = run.events()
     return DenseOutput(run.interpolants(), problem.t0, problem.points[0], (t, y[:, 1]))
 
 
-def _events(table: EventTable | None, run: Run) -> dict[str, list[Array] | list[Points] | None]:
+def _events(table: EventTable | None, run: Run) -> dict[str, Any]:
     if table is None:
         return {"t_events": None, "y_events": None, "y_after": None}
     of, t, y = run.events()

@@ -23,8 +23,8 @@ __all__ = [
 
 FINISHED = "The end of t_span was reached."
 MANY_REJECTIONS = (
-    "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at known "
-    "times, name them as breakpoints"
+    "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at "
+    "known times, name them as breakpoints"
 )
 TERMINAL_EVENT = "A terminal event ended the integration."
 
@@ -82,9 +82,8 @@ def too_many_steps(max_steps: int, t: float) -> str:
     return f"max_steps = {max_steps} steps, rejected ones included, led only to t = {t:.17g}"
 
 
-def failed_members(failures: dict[tuple[int, ...], str], total: int) -> str:
+def failed_members(failures: dict[int, str], total: int) -> str:
     """Return what to say of trajectories of an ensemble that ended early."""
     first = min(failures)
-    where = ", ".join(map(str, first))
     why = failures[first].removesuffix(".")
-    return f"Failure of {len(failures)} of {total} trajectories; of y0[{where}]: {why}."
+    return f"Failure of {len(failures)} of {total} trajectories; of y0[{first}]: {why}."

@@ -1,4 +1,4 @@
-"""Frames and methods as the compiled loop over steps takes them, prepared once for any number of runs."""
+"""Frames and methods as the compiled loop over steps takes them, prepared for any run."""
 
 from __future__ import annotations
 

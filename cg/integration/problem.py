@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.checks import check_flag
@@ -173,9 +171,7 @@ def make_control(
     first = None if first_step is None else check_step(first_step, "first_step")
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-    return Control(
-        None, check_rtol(rtol), tolerances, largest, first, check_max_steps(max_steps)
-    )
+    return Control(None, check_rtol(rtol), tolerances, largest, first, check_max_steps(max_steps))
 
 
 def make_problem(

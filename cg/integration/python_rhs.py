@@ -132,7 +132,8 @@ class PythonRhs:
     def at_member(self, member: int, t: float, y: Points) -> Array:
         """Return the coefficients of a member after checking them, as an array of their own."""
         if self.together:
-            return self.at_members(np.array([t]), np.array([member]), y[None])[0]
+            row: Array = self.at_members(np.array([t]), np.array([member]), y[None])[0]
+            return row
         visible = y.view()
         visible.flags.writeable = False
         value = self.f(t, visible, *self.arguments(member))
@@ -185,9 +186,7 @@ class PythonRhs:
                 coefficients.reshape(len(rows), -1)
             ).all(axis=1)
             if wrong.any():
-                raise ValueError(
-                    f"f must return finite numbers, got {coefficients} at {_when(t)}"
-                )
+                raise ValueError(f"f must return finite numbers, got {coefficients} at {_when(t)}")
             if finite_only:
                 raise StageOverflowError(f"a stage is no longer finite at {_when(t)}")
         return coefficients

@@ -196,8 +196,9 @@ class EnsembleSolution(_ReadOnly):
         sign = 1.0 if len(self.t) == 0 or self.t[-1] >= self.t[0] else -1.0
         there = sign * (self.t - self.t_end[member]) <= 0.0
         names = ("nfev", "njev", "nlu", "nexp", "steps", "nrejected", "status")
+        counts: dict[str, Any] = {name: int(getattr(self, name)[member]) for name in names}
         status = int(self.status[member])
-        events = {
+        events: dict[str, Any] = {
             name: None if lists is None else [parts[member] for parts in lists]
             for name, lists in (
                 ("t_events", self.t_events),
@@ -210,7 +211,7 @@ class EnsembleSolution(_ReadOnly):
             y=np.asarray(self.y[:, member])[there],
             sol=None if self.sol is None else self.sol[member],
             **events,
-            **{name: int(getattr(self, name)[member]) for name in names},
+            **counts,
             message=self.messages.get(member, FINISHED),
             success=status >= 0,
             method=self.method,

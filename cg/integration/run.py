@@ -51,7 +51,7 @@ _NO_EVENTS = np.zeros((2, 1), dtype=np.int64), np.array([2]), np.array([0]), np.
 
 
 class _Record(ctypes.Structure):
-    _fields_ = [(name, _KINDS[kind]) for name, kind in RECORD.items()]  # noqa: RUF012
+    _fields_ = [(name, _KINDS[kind]) for name, kind in RECORD.items()]
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class Run:
         self.record = _Record(members=members, every=max(output.every, 1), dense=output.dense)
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []
-        self._steps: list[tuple[Array, Array]] = []
+        self._steps: list[tuple[Array, ...]] = []
         self._events: list[tuple[Array, ...]] = []
         doubles = plan.doubles(points)
         size = doubles.size
@@ -230,16 +230,14 @@ class Run:
         setattr(self.record, name, array.ctypes.data if array.size else None)
         return array
 
-    def _callbacks(
-        self, events: EventTable | None, stage_solver: str, lanes: int
-    ) -> Callbacks:
+    def _callbacks(self, events: EventTable | None, stage_solver: str, lanes: int) -> Callbacks:
         plan, rhs = self.plan, self.rhs
         method = plan.method
         stages = None
         if isinstance(method, Tableau) and not method.explicit:
             stages = ImplicitStages(rhs.at_member, plan.frame, method, stage_solver, lanes)
         return Callbacks(
-            plan, stages, rhs.at_members if rhs.together else None,
+            plan, stages, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.together else None,
             None if events is None else events.value, None if events is None else events.jump,
         )  # fmt: skip
 
@@ -302,8 +300,8 @@ class Run:
             self._steps.append(self._taken(record.steps, full, "step_t", "step_y"))
         if record.interpolants:
             full = full or record.interpolants == record.dense_capacity
-            names = ("dense_member", "dense_t", "dense_y", "dense_field")
-            self._dense.append(self._taken(record.interpolants, full, *names))
+            parts = ("dense_member", "dense_t", "dense_y", "dense_field")
+            self._dense.append(self._taken(record.interpolants, full, *parts))
         if record.events:
             full = full or 2 * record.events > record.event_capacity
             names = ("event_of", "event_t", "event_y")
@@ -349,7 +347,7 @@ class Run:
         self.rhs = rhs
         if self.callbacks.stages is not None:
             self.callbacks.stages.rhs = rhs.at_member
-        if rhs.together:
+        if isinstance(rhs, PythonRhs) and rhs.together:
             self.callbacks.fields = rhs.at_members
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
@@ -371,7 +369,7 @@ class Run:
         of, t, y = (np.concatenate(parts) for parts in zip(*self._events, strict=True))
         return of - 1, t, plan.points(y, (len(t), 2))
 
-    def trouble(self, member: int) -> Exception | str | None:
+    def trouble(self, member: int) -> Exception | str | None:  # noqa: PLR0911
         """Return why a member ended early: an exception, or what to say of chosen steps."""
         stop, t = Stop(self.status[member]), float(self.failed_at[member])
         match stop:

@@ -22,7 +22,7 @@ from cg.integration.dense import DenseOutput, EnsembleOutput
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.plan import plan_of
 from cg.integration.problem import make_problem, make_rhs
-from cg.integration.python_rhs import Coefficients
+from cg.integration.python_rhs import Coefficients, PythonRhs
 from cg.integration.run import Output, Run
 from cg.method import Method
 from cg.shared_numbers import Stop
@@ -317,19 +317,18 @@ class Stepper:
         first = self._first_step if first_step is None else check_step(first_step, "first_step")
         if parameters is not None or (args is not None and not hasattr(self._rhs, "set_args")):
             numbers = self._rhs.parameters if parameters is None else np.array(parameters, float)
-            if parameters is not None and not self._many:
+            if numbers is not None and parameters is not None and not self._many:
                 numbers = numbers[None]
             self._rhs, self._args = make_rhs(
                 self.f, self.frame, self._args or None if args is None else args, numbers,
                 self._rhs.together, run.members,
             )  # fmt: skip
         elif args is not None:
+            assert isinstance(self._rhs, PythonRhs)
             self._args = check_args(args)
             self._rhs.set_args(self._args)
         run.replace_rhs(self._rhs)
-        self._core.loop_restart(
-            run.address, self.t, rows.T, first or 0.0, self._rhs.data_address
-        )
+        self._core.loop_restart(run.address, self.t, rows.T, first or 0.0, self._rhs.data_address)
         if rows is not run.end:
             run.end[...] = rows
         run.reached[...] = self.t
@@ -380,7 +379,9 @@ class Stepper:
 
     def _check_running(self) -> None:
         if self.status != "running":
-            raise RuntimeError(f"the integration has {self.status} at t = {self.t:.17g}: restart it")
+            raise RuntimeError(
+                f"the integration has {self.status} at t = {self.t:.17g}: restart it"
+            )
 
     def _continue(self, stops: Any) -> None:
         self._core.loop_continue(self._run.address, stops)
