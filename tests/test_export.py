@@ -10,11 +10,11 @@ import heisenberg
 import numpy as np
 import pytest
 from heisenberg import START, STEP, TIME, Heisenberg
+from python_steps import Step
 
 import cg
 from cg.catalogue import munthe_kaas, resolve_method
 from cg.formats.program import identifier
-from cg.integration.step import Step, _combined
 
 ALL = [name for name in [*cg.methods, *munthe_kaas] if resolve_method(name).explicit]
 SOME = [
@@ -32,8 +32,14 @@ def ours(name):
         return [step(TIME, start, STEP)]
     if not method.error_weights:
         return list(step.pair(TIME, start, STEP))
-    (point,) = step._take(TIME, start, STEP, 1)
-    return [point, *_combined(STEP * step.error_weights, step._stage_fields)]
+    point = step(TIME, start, STEP)
+    return [point, *errors_of(step)]
+
+
+def errors_of(step):
+    """Return the coefficients of the errors, summed over the stages in their order."""
+    weights = [[STEP * float(weight) for weight in row] for row in step.paths.errors]
+    return [sum(w * v for w, v in zip(row, step.fields, strict=True)) for row in weights]
 
 
 def agree(found, names):
@@ -332,7 +338,7 @@ def test_steps_are_those_of_higher_order(method):
     np.testing.assert_array_equal(found, step(TIME, start, STEP))
     if method.error_weights:
         point, error = names["step_error"](*functions, TIME, start, STEP)
-        wanted = _combined(STEP * step.error_weights, step._stage_fields)
+        wanted = errors_of(step)
         np.testing.assert_array_equal(error, wanted)
     else:
         point, second = names["step_pair"](*functions, TIME, start, STEP)
