@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -10,13 +11,13 @@ from cg.integration.plan import error_exponent
 
 
 class Step:
-    """Steps of an explicit method, which count what they take."""
+    """Steps of a method; those of an explicit one count what they take."""
 
     def __init__(self, f, frame, method):
         self.f, self.frame, self.method = f, frame, method
         self.paths = paths_of(method)
         self.nfev = self.nexp = 0
-        self._known = {}  # coefficients at the ends of the last step
+        self._known = []  # times, points and coefficients at the ends of the last step
 
     def __call__(self, t, y, h):
         return self._take(t, y, h, [self.paths.result])[0]
@@ -36,8 +37,8 @@ class Step:
             return y1, error(self.frame, other, y1, y, rtol, atol)
         y1 = self(t, y, h)
         errors = []
-        for v in self._differences(h):
-            v = self.frame.shortest(v, y1)
+        for combination in self._differences(h):
+            v = self.frame.shortest(combination, y1)
             known = self.frame.exp_coordinates(y1, y1) is not None
             difference = v if known else self.frame.field(v, y1)
             errors.append(_rms(difference / _scale(self.frame, [y, y1], rtol, atol)))
@@ -51,11 +52,14 @@ class Step:
 
     def _take(self, t, y, h, results):
         paths, self.fields, self.ends = self.paths, [], {0: (y, None)}
+        if not self.method.explicit:
+            self._iterate(t, y, h)
+            return [self._end(path, h)[0] for path in results]
         for k, c in enumerate(map(float, paths.c)):
             path = 0 if k == 0 else paths.stages[k]
             point, u = self._end(path, h)
-            if k == 0 and id(y) in self._known:
-                v = self._known[id(y)][1]
+            if k == 0 and any(y is point and abs(t - at) < 1e-12 for at, point, _ in self._known):
+                v = next(v for _, point, v in self._known if y is point)
             else:
                 v = np.asarray(self.f(t + c * h, point), dtype=float)
                 self.nfev += 1
@@ -65,10 +69,25 @@ class Step:
                 v = self.frame.dexpinv(u, v, order=paths.series)
             self.fields.append(v)
         found = [self._end(path, h)[0] for path in results]
-        self._known = {id(y): (y, self.fields[0])}
+        self._known = [(t, y, self.fields[0])]
         if paths.final_stage:
-            self._known[id(found[0])] = found[0], final
+            self._known.append((t + h, found[0], final))
         return found
+
+    def _iterate(self, t, y, h):
+        """Find the coefficients at implicit stages by fixed-point iteration."""
+        method = self.method
+        self.fields = [np.asarray(self.f(t, y), dtype=float)] * method.stages
+        for _ in range(200):
+            before, self.fields = self.fields, []
+            for row, c in zip(method.a, method.c, strict=True):
+                point = y
+                for weight, v in zip(row, before, strict=True):
+                    point = self.frame.flow(h * weight * v, point)
+                self.fields.append(np.asarray(self.f(t + c * h, point), dtype=float))
+            if np.abs(np.subtract(self.fields, before)).max() < 1e-15:
+                return
+        assert np.abs(np.subtract(self.fields, before)).max() < 1e-13
 
     def _end(self, path, h):
         """Return the end of a path and the coefficients of its last flow."""
@@ -144,8 +163,12 @@ def _rms(values):
 def uncompiled(frame):
     """Return a frame that does the same in Python alone."""
     made = copy.copy(frame)
-    kind = type(frame)
-    made.__class__ = type(kind.__name__, (kind,), {"compiled_blocks": lambda self: None})
-    if hasattr(made, "group"):
+    object.__setattr__(made, "__class__", _kind(type(frame)))
+    if "group" in vars(made):
         vars(made)["group"] = uncompiled(made.group)
     return made
+
+
+@cache
+def _kind(kind):
+    return type(kind.__name__, (kind,), {"compiled_blocks": lambda self: None})
