@@ -218,7 +218,7 @@ def test_members_jump_on_their_own(frame):
     together = cg.solve_ensemble(f, (0, 4), y0, parameters=rates, t_eval=[1, 4], **options)
     for i in range(4):
         alone = cg.solve_ivp(f, (0, 4), y0[i], parameters=rates[i], t_eval=[1, 4], **options)
-        assert len(alone.t_events[0]) > 1
+        assert len(alone.t_events[0]) >= 1
         np.testing.assert_array_equal(together.y[:, i], alone.y)
         np.testing.assert_array_equal(together.t_events[0][i], alone.t_events[0])
         np.testing.assert_array_equal(together.y_after[0][i], alone.y_after[0])

@@ -1,0 +1,139 @@
+"""Breakpoints: steps end there, and f is seen from the side that the step is on."""
+
+import ctypes
+import warnings
+
+import numpy as np
+import pytest
+from compiled_examples import DOUBLES
+
+import cg
+from cg.frames import SO3, Euclidean
+
+POINTS = np.array([0.3, 0.7])
+LINE = {"frame": Euclidean(1)}
+WAYS = [{"h": 0.25, "method": "CG4a"}, {"h": 1.0, "method": "CG3"}, {"method": "CF4(3)"},
+        {"method": "RKMK8(5,3)"}, {"h": 0.25, "method": "DICG3"}]  # fmt: skip
+
+
+def stairs(t, y):
+    """One more after each point, which is itself among those after it."""
+    return [1.0 + np.searchsorted(POINTS, t, side="right")]
+
+
+def height(t):
+    return t + np.maximum(t - POINTS[0], 0.0) + np.maximum(t - POINTS[1], 0.0)
+
+
+def compiled(keep):
+    """Return the stairs as a function in C, which keeps its times."""
+
+    def f(t, y, out, data):
+        keep.append(t)
+        out[0] = stairs(t, None)[0]
+        return 0
+
+    return ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)(f)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=str)
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize("in_c", [False, True])
+def test_steps_end_there_and_see_their_own_side(way, backward, in_c):
+    seen = []
+
+    def f(t, y):
+        seen.append(t)
+        return stairs(t, y)
+
+    span, points = ((1.0, 0.0), POINTS[::-1]) if backward else ((0.0, 1.0), POINTS)
+    found = cg.solve_ivp(
+        compiled(seen) if in_c else f, span, [0.0], breakpoints=points, dense_output=True,
+        **LINE, **way,
+    )  # fmt: skip
+    assert np.isin(points, found.t).all()
+    # forward a step that begins at a point sees the point itself; a step that ends there does not
+    sign = -1.0 if backward else 1.0
+    for point in points:
+        assert np.nextafter(point, -sign * np.inf) in seen
+        assert point in seen
+    first = [seen.index(p) for p in points]
+    last = [max(i for i, t in enumerate(seen) if sign * (t - p) < 0.0) for p in points]
+    assert all(a > b for a, b in zip(first, last, strict=True))
+    if not backward:  # the stairs are those of the right at a point
+        np.testing.assert_allclose(found.y[:, 0], height(found.t), rtol=0, atol=1e-13)
+        t = np.linspace(0, 1, 101)
+        np.testing.assert_allclose(found.sol(t)[:, 0], height(t), rtol=0, atol=1e-13)
+    assert found.nrejected == 0
+
+
+@pytest.mark.parametrize("way", WAYS[:3], ids=str)
+def test_output_across_them(way):
+    times = np.sort(np.concatenate([np.linspace(0, 1, 14), POINTS]))
+    options = {"breakpoints": POINTS, **LINE, **way}
+    dense = cg.solve_ivp(stairs, (0, 1), [0.0], dense_output=True, **options)
+    some = cg.solve_ivp(stairs, (0, 1), [0.0], t_eval=times, **options)
+    np.testing.assert_array_equal(some.y, dense.sol(times))
+    np.testing.assert_allclose(some.y[:, 0], height(times), rtol=0, atol=1e-13)
+    event = cg.solve_ivp(stairs, (0, 1), [0.0], events=lambda t, y: y[0] - height(0.5), **options)
+    np.testing.assert_allclose(event.t_events[0], [0.5], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("method", ["CG4a", "RKMK4"])
+def test_the_order_is_kept_on_rotations(method):
+    def f(t, y):
+        return np.array([1.0, 0.3, -0.4]) * (1.0 + y[0, 1]) * (3.0 if t >= 0.4321 else 1.0)
+
+    def end(h, breakpoints):
+        return cg.solve_ivp(
+            f, (0, 1), np.eye(3), frame=SO3(), method=method, h=h, breakpoints=breakpoints
+        ).y[-1]
+
+    half = cg.integrate(f, (0, np.nextafter(0.4321, 0)), np.eye(3), frame=SO3(), method="CF6b",
+                        h=0.01).y[-1]  # fmt: skip
+    truth = cg.integrate(f, (0.4321, 1), half, frame=SO3(), method="CF6b", h=0.01).y[-1]
+    errors = [SO3().distance(end(h, [0.4321]), truth) for h in (0.04, 0.02)]
+    assert np.log2(errors[0] / errors[1]) > 3.5
+    assert SO3().distance(end(0.02, None), truth) > 100 * errors[1]
+
+
+def test_those_beyond_the_span_are_left_out():
+    plain = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], **LINE)
+    found = cg.solve_ivp(stairs, (0.0, 0.2), [0.0], breakpoints=[-1.0, 0.0, 0.2, 5.0], **LINE)
+    np.testing.assert_array_equal(found.t, plain.t)
+    np.testing.assert_array_equal(found.y, plain.y)
+
+
+@pytest.mark.parametrize(
+    ("breakpoints", "message"),
+    [
+        ([[0.5]], "breakpoints must have one axis"),
+        ([0.7, 0.3], "breakpoints must be finite and strictly sorted in the direction of"),
+        ([0.3, 0.3], "breakpoints must be finite and strictly sorted"),
+        ([np.nan], "breakpoints must be finite"),
+        (["a"], "breakpoints must be an array of real numbers"),
+    ],
+)
+def test_bad_ones_are_refused(breakpoints, message):
+    with pytest.raises(ValueError, match=message):
+        cg.solve_ivp(stairs, (0, 1), [0.0], breakpoints=breakpoints, **LINE)
+
+
+def test_kinks_that_are_not_named_are_warned_of():
+    """Recorded data, between whose times is a line."""
+    times = np.linspace(0.0, 1.0, 1001)
+    rates = np.random.default_rng(1).standard_normal((3, len(times)))
+
+    def f(t, y):
+        return [np.interp(t, times, row) for row in rates]
+
+    options = {"frame": SO3(), "method": "RKMK8(5,3)", "rtol": 1e-11, "atol": 1e-11}
+    with pytest.warns(UserWarning, match="name them as breakpoints") as caught:
+        poor = cg.solve_ivp(f, (0, 1), np.eye(3), **options)
+    assert caught[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        good = cg.solve_ivp(f, (0, 1), np.eye(3), breakpoints=times, **options)
+    assert good.nrejected == 0
+    assert good.nfev < 0.5 * poor.nfev
+    assert np.isin(times, good.t).all()
