@@ -1,9 +1,8 @@
 """Symmetric matrices with given eigenvalues in compiled code, against the loop in Python."""
 
-from unittest.mock import patch
-
 import numpy as np
 import pytest
+from compiled_examples import frames_in_python
 from frame_examples import name
 from test_munthe_kaas import generic
 
@@ -22,7 +21,6 @@ from cg.integration.flows import (
     difference_of,
     flows_of,
 )
-from cg.integration.problem import Problem
 from cg.problems import TodaFlow
 from cg.problems.affine import AffineField
 from cg.shared_numbers import BlockKind
@@ -37,15 +35,10 @@ ORBITS = [
     Power(IsospectralOrbit((-1.0, 0.5, 2.0, 2.5)), 3),
     Product(IsospectralOrbit((0.0, 3.0)), IsospectralOrbit((-1.0, 0.25, 1.5))),
 ]
-IN_PYTHON = (
-    patch.object(Problem, "in_compiled_code", property(lambda self: False)),
-    patch("cg.integration.step.flows_of", _Flows),
-    patch("cg.integration.step.dexpinv_of", _Dexpinv),
-)
 
 
 def in_python(call):
-    with IN_PYTHON[0], IN_PYTHON[1], IN_PYTHON[2]:
+    with frames_in_python(flows_of=_Flows, dexpinv_of=_Dexpinv):
         return call()
 
 
@@ -140,14 +133,18 @@ def test_steps_are_those_of_the_loop_in_python(frame, key):
             # the error of a tiny first step would not be far from rounding
             tight = {"frame": frame, "method": key, "rtol": 1e-5, "atol": 1e-5, "first_step": 0.125}
             yield cg.solve_ivp(f, (0, 1), y0, dense_output=True, **tight)
-            yield cg.solve_ivp(f, (0, 1), batch, **tight)
+            yield cg.solve_ensemble(
+                lambda t, y: np.stack([f(*at) for at in zip(t, y, strict=True)]), (0, 1), batch,
+                vectorized=True, common_steps=True, **tight,
+            )  # fmt: skip
 
     fast = list(both())
     slow = in_python(lambda: list(both()))
     np.testing.assert_allclose(fast[0].y, slow[0].y, rtol=0, atol=1e-13)
     assert frame.relative_error(fast[0].y).max() < 2e-15
     for a, b in zip(fast[1:], slow[1:], strict=True):
-        assert (a.steps, a.nfev, a.nexp, a.nrejected) == (b.steps, b.nfev, b.nexp, b.nrejected)
+        for count in ("steps", "nfev", "nexp", "nrejected"):
+            np.testing.assert_array_equal(getattr(a, count), getattr(b, count))
         np.testing.assert_allclose(a.t, b.t, rtol=1e-6)
         np.testing.assert_allclose(a.y, b.y, rtol=0, atol=1e-6)
     if method.embedded_order:
@@ -182,10 +179,11 @@ def test_a_function_in_c(affine):
     np.testing.assert_allclose(fast.t, slow.t, rtol=1e-6)
     np.testing.assert_allclose(fast.y[-1], slow.y[-1], rtol=0, atol=1e-9)
     points = frame.random_point(np.random.default_rng(9), 5)
-    whole = cg.integrate(f, (0, 1), points, frame=frame, method="CG4a", h=0.125, workers=2)
+    fixed = {"frame": frame, "method": "CG4a", "h": 0.125}
+    whole = cg.solve_ensemble(f, (0, 1), points, **fixed, workers=2)
     for i, point in enumerate(points):
-        alone = cg.integrate(f, (0, 1), point, frame=frame, method="CG4a", h=0.125)
-        np.testing.assert_array_equal(whole.y[:, i], alone.y)
+        alone = cg.integrate(f, (0, 1), point, **fixed)
+        np.testing.assert_array_equal(whole.y[-1, i], alone.y[-1])
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import ctypes
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def test_a_member_that_fails_ends_alone(options, output, function):
     assert found.status.tolist() == [0, 0, 0, -1]
     assert not found.success
     assert list(found.messages) == [3]
-    assert found.messages[3].startswith("f returned the error code 5 at t = 0.6")
+    assert re.match(r"f returned the error code 5 at t = 0\.[6-9]", found.messages[3])
     assert found.message == f"Failure of 1 of 4 trajectories; of y0[3]: {found.messages[3]}."
     assert found[3].message == found.messages[3]
     assert 0.3 < found.t_end[3] <= 0.65
@@ -56,7 +57,7 @@ def test_a_member_that_fails_ends_alone(options, output, function):
         ("square", 0.0, 1e160, {}, "f must return finite numbers"),
         ("stops", 0.0, 1.0, {}, "f returned the error code 7 at t = 0"),
         ("growth", 1.0, 0.0, {"max_steps": 3}, "max_steps = 3 steps"),
-        ("growth", 1.0, 1e308, {"method": "CG3", "h": 0.5}, "the solution is no longer finite"),
+        ("growth", 1.0, 1e308, {"method": "CG3", "h": 0.5}, "a stage is no longer finite"),
     ],
 )
 @pytest.mark.parametrize("output", OUTPUTS)
