@@ -76,7 +76,9 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
                     data_stride, lanes, batch, common, keep_last, t0, segments, stops, h, widths, &
                     atol, rtol, in_entries, parts, exponent, max_step, first_step, max_steps, &
                     events, event_functions, direction, most, jumps, address)
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_funptr, c_intptr_t, c_loc, &
+                                         c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use error_norm_r64, only: tolerances_t
   use kinds_r64, only: wp
@@ -99,6 +101,7 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
   integer(c_intptr_t), intent(out) :: address
   type(plan_t), pointer :: plan
   type(run_t), pointer :: run
+  type(c_funptr) :: pointer
   integer :: count
 
   allocate (run)
@@ -108,7 +111,9 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
   run%python%context = transfer(context, c_null_ptr)
   if (context /= 0) run%frame%callback => run%python
   run%batch = batch
-  run%function_address = function_address
+  pointer = transfer(function_address, pointer)
+  call c_f_procpointer(pointer, run%rhs)
+  run%nan = ieee_value(run%nan, ieee_quiet_nan)
   run%data_address = data_address
   run%data_stride = data_stride
   run%t0 = t0

@@ -8,7 +8,7 @@ module external_field
   use stepper_r64, only: vector_field_t
   implicit none
   private
-  public :: external_field_t, make_external_field
+  public :: external_field_t, make_external_field, rhs_i
 
   abstract interface
 

@@ -6,7 +6,7 @@ module run
                                          c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use callback, only: external_events_t, python_t
-  use external_field, only: external_field_t, make_external_field
+  use external_field, only: rhs_i
   use frames_r64, only: frame_t
   use interpolant_r64, only: scheme_t
   use kinds_r64, only: wp
@@ -33,7 +33,8 @@ module run
     type(python_t) :: python
     type(external_events_t) :: events
     logical :: batch = .false.               ! whether the field takes many points at a time
-    integer(c_intptr_t) :: function_address = 0
+    procedure(rhs_i), pointer, nopass :: rhs => null()
+    real(wp) :: nan = 0.0_wp
     integer(c_intptr_t) :: data_address = 0  ! 0 for none
     integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
     real(wp) :: t0 = 0.0_wp
@@ -158,7 +159,7 @@ contains
             if (.not. run%busy(i)) exit
           end if
           associate (lane => run%lanes(i))
-            if (any(lane%status == [needs_minimum, needs_maximum])) then
+            if (lane%status == needs_minimum .or. lane%status == needs_maximum) then
               waits = .true.
               exit
             end if
@@ -288,26 +289,24 @@ contains
     end do
   end subroutine share
 
-  ! The coefficients that lanes need
+  ! The coefficients that lanes need. What the function leaves out stays NaN.
   subroutine evaluate(run, requests)
     type(run_t), target, intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
-    type(external_field_t) :: field
+    integer(c_intptr_t) :: address
     integer :: i
 
-    associate (n => run%frame%point_size, m => run%frame%dimension)
-      if (run%batch) then
-        call evaluate_together(run, requests)
-        return
-      end if
-      do i = 1, size(requests)
-        associate (lane => run%lanes(requests(i)))
-          call make_external_field(run%function_address, run%data_address &
-                                   + int(lane%member - 1, c_intptr_t) * run%data_stride, field)
-          call field%coefficients(n, m, lane%want_t, lane%want, lane%got, lane%flag)
-        end associate
-      end do
-    end associate
+    if (run%batch) then
+      call evaluate_together(run, requests)
+      return
+    end if
+    do i = 1, size(requests)
+      associate (lane => run%lanes(requests(i)))
+        address = run%data_address + int(lane%member - 1, c_intptr_t) * run%data_stride
+        lane%got = run%nan
+        lane%flag = run%rhs(lane%want_t, lane%want, lane%got, transfer(address, c_null_ptr))
+      end associate
+    end do
   end subroutine evaluate
 
   subroutine evaluate_together(run, requests)

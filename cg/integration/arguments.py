@@ -350,3 +350,13 @@ def check_real_time(value: Any, name: str, *, infinite: bool = True) -> float:
     if math.isnan(time) or (math.isinf(time) and not infinite):
         raise ValueError(f"{name} must be a{'' if infinite else ' finite'} number, got {value!r}")
     return time
+
+
+def is_many(frame: Any, y0: Any) -> bool:
+    """Tell whether ``y0`` has an axis more than a point; a wrong one is seen later."""
+    if not isinstance(frame, Frame):
+        return False
+    try:
+        return np.ndim(frame.read_points(y0, "y0")) > len(frame.point_shape)
+    except (TypeError, ValueError):
+        return False

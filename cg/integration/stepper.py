@@ -15,7 +15,13 @@ from scipy import LowLevelCallable
 from cg.checks import check_flag
 from cg.frames.arrays import Points
 from cg.frames.base import Frame
-from cg.integration.arguments import check_args, check_real_time, check_step, check_stops
+from cg.integration.arguments import (
+    check_args,
+    check_real_time,
+    check_step,
+    check_stops,
+    is_many,
+)
 from cg.integration.choice import AUTO
 from cg.integration.compiled_function import CompiledFunction
 from cg.integration.dense import DenseOutput, EnsembleOutput
@@ -121,7 +127,7 @@ class Stepper:
         self.direction = -1.0 if bound < start else 1.0
         together = check_flag("vectorized", vectorized)
         common = check_flag("common_steps", common_steps)
-        many = np.ndim(y0) > len(getattr(frame, "point_shape", ()))
+        many = is_many(frame, y0)
         if (together or common) and not many:
             raise ValueError("vectorized and common_steps must be False for a single point")
         problem = make_problem(
