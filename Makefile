@@ -57,7 +57,7 @@ test-checks:
 SANITIZED := conditions differential structure least_norm lmdif lmdif_callback lmdif_tolerances \
   flows frame_product registers compiled compiled_adaptive compiled_output compiled_exponentials \
   compiled_isospectral munthe_kaas_compiled low_storage integrate solve_ivp events adaptive \
-  ensembles solve_ensemble member_ends member_output members_apart idle_points dense integration_loop \
+  solve_ensemble ensemble_executors jumps idle_points dense integration_loop \
   fuzz_callbacks
 MEASURED := lmdif_callback.py::test_nothing_is_left_behind_by_exceptions \
   low_storage.py::TestMemory
