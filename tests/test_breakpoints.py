@@ -16,21 +16,21 @@ WAYS = [{"h": 0.25, "method": "CG4a"}, {"h": 1.0, "method": "CG3"}, {"method": "
         {"method": "RKMK8(5,3)"}, {"h": 0.25, "method": "DICG3"}]  # fmt: skip
 
 
-def stairs(t, y):
-    """One more after each point, which is itself among those after it."""
-    return [1.0 + np.searchsorted(POINTS, t, side="right")]
+def stairs(t, y, side="right"):
+    """One more after each point, which is itself on a side."""
+    return [1.0 + np.searchsorted(POINTS, t, side=side)]
 
 
 def height(t):
     return t + np.maximum(t - POINTS[0], 0.0) + np.maximum(t - POINTS[1], 0.0)
 
 
-def compiled(keep):
+def compiled(keep, side):
     """Return the stairs as a function in C, which keeps its times."""
 
     def f(t, y, out, data):
         keep.append(t)
-        out[0] = stairs(t, None)[0]
+        out[0] = stairs(t, None, side)[0]
         return 0
 
     return ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)(f)
@@ -40,15 +40,15 @@ def compiled(keep):
 @pytest.mark.parametrize("backward", [False, True])
 @pytest.mark.parametrize("in_c", [False, True])
 def test_steps_end_there_and_see_their_own_side(way, backward, in_c):
-    seen = []
+    seen, side = [], "left" if backward else "right"
 
     def f(t, y):
         seen.append(t)
-        return stairs(t, y)
+        return stairs(t, y, side)
 
     span, points = ((1.0, 0.0), POINTS[::-1]) if backward else ((0.0, 1.0), POINTS)
     found = cg.solve_ivp(
-        compiled(seen) if in_c else f, span, [0.0], breakpoints=points, dense_output=True,
+        compiled(seen, side) if in_c else f, span, [0.0], breakpoints=points, dense_output=True,
         **LINE, **way,
     )  # fmt: skip
     assert np.isin(points, found.t).all()
@@ -60,10 +60,10 @@ def test_steps_end_there_and_see_their_own_side(way, backward, in_c):
     first = [seen.index(p) for p in points]
     last = [max(i for i, t in enumerate(seen) if sign * (t - p) < 0.0) for p in points]
     assert all(a > b for a, b in zip(first, last, strict=True))
-    if not backward:  # the stairs are those of the right at a point
-        np.testing.assert_allclose(found.y[:, 0], height(found.t), rtol=0, atol=1e-13)
-        t = np.linspace(0, 1, 101)
-        np.testing.assert_allclose(found.sol(t)[:, 0], height(t), rtol=0, atol=1e-13)
+    start = height(span[0])
+    np.testing.assert_allclose(found.y[:, 0], height(found.t) - start, rtol=0, atol=1e-13)
+    t = np.linspace(0, 1, 101)
+    np.testing.assert_allclose(found.sol(t)[:, 0], height(t) - start, rtol=0, atol=1e-13)
     assert found.nrejected == 0
 
 
