@@ -27,6 +27,7 @@ NAMES = (
     "ensemble",
     "output",
     "rivals",
+    "estimates",
     "tableaux",
     "parts",
     "workers",
@@ -75,6 +76,8 @@ def main(arguments: list[str] | None = None) -> int:
     ordered = {name: results[name] for name in NAMES if name in results}
     if kept:
         page.write(ordered, environments, file)
+        if "estimates" in modules:
+            modules["estimates"].write_table(results["estimates"], DOCS / "catalogue.md")
         (DOCS / "benchmarks.md").write_text(page.render(ordered, environments), encoding="utf-8")
     return 0
 

@@ -17,7 +17,7 @@ from .cases import Case
 from .lielab_rival import METHODS, LielabRival, expresses
 from .magnus import Magnus
 
-__all__ = ["Kind", "Run", "Solver", "solvers"]
+__all__ = ["Kind", "Run", "Solver", "pairs", "solvers"]
 
 Kind = Literal["pair", "fixed", "rkmk", "rival", "default"]
 """Pairs of the catalogue, methods with fixed steps, Munthe-Kaas methods, other rivals, and what
@@ -63,15 +63,22 @@ class Solver:
     solve: Callable[[float], Run]
 
 
+def pairs(case: Case, tolerances: tuple[float, ...]) -> Iterator[Solver]:
+    """Yield all explicit pairs, those of Munthe-Kaas last."""
+    for name, method in (*packaged.items(), *munthe_kaas.items()):
+        if method.explicit and method.embedded_order is not None and method.embedded_order > 0:
+            kind: Kind = "rkmk" if name in munthe_kaas else "pair"
+            yield Solver(name, kind, method.order, tolerances, _adaptive(case, name))
+
+
 def solvers(case: Case, quick: bool) -> Iterator[Solver]:
     """Yield all solvers that can solve a case."""
     tolerances = tuple(10.0**-k for k in range(3, 9 if quick else 14))
+    yield from pairs(case, tolerances)
     for name, method in (*packaged.items(), *munthe_kaas.items()):
         if not method.explicit:
             continue
         kind: Kind = "rkmk" if name in munthe_kaas else "pair"
-        if method.embedded_order is not None and method.embedded_order > 0:
-            yield Solver(name, kind, method.order, tolerances, _adaptive(case, name))
         if method.order >= _LEAST_ORDER:
             steps = _steps(case.budget // (8 if quick else 1), method.stages)
             label = f"{name}, fixed" if method.embedded_order else name

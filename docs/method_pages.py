@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import re
+import sys
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,8 @@ from cg.certification import CertificationError, certificate_of
 from cg.formats import FORMATS
 from cg.method import Method
 
+ROOT = Path(__file__).parent.parent
+sys.path.append(str(ROOT))  # of the benchmarks
 FOLDER = Path(__file__).parent / "methods"
 KINDS = {
     "CG": "Crouch–Grossman methods",
@@ -86,6 +90,23 @@ def coefficients(method: Method) -> str:
     return "\n".join(lines)
 
 
+@cache
+def measured() -> dict[str, dict[str, float]]:
+    """Return the errors in tolerances of all pairs, as the benchmark stored them."""
+    from benchmarks import estimates, page
+
+    return estimates.stored(page.read(ROOT / "benchmarks" / "results.json")["estimates"])
+
+
+def honesty(method: Method) -> str:
+    """Return how a pair's errors compare with its tolerances; empty where nothing was measured."""
+    found = measured().get(method.name or "")
+    if found is None:
+        return ""
+    numbers = ", ".join(f"{what} {number:.2g}" for what, number in found.items())
+    return f"{numbers}: [ten problems and fifty spins](../benchmarks.md#error-estimates)"
+
+
 def facts(method: Method) -> str:
     """Return a table of a method's properties."""
     pair = f"{method.order}({method.embedded_order})" if method.embedded_order else method.order
@@ -95,11 +116,12 @@ def facts(method: Method) -> str:
         "flows in a step": method.exponentials,
         "principal error": f"{method.principal_error():.3g}",
         "largest residual through its order": f"{method.largest_residual():.1e}",
+        "error at the end in tolerances": honesty(method),
         "proved": certificate_text(method),
         "source": method.source,
     }
     return "\n".join(
-        ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in rows.items())]
+        ["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in rows.items() if value)]
     )
 
 
@@ -123,6 +145,7 @@ def stamp_of(method: Method) -> str:
     parts = [Path(__file__), *(Path(module.__file__) for module in modules)]
     texts = [path.read_bytes() for path in parts]
     texts += [cg.__version__.encode(), cg.export(method, "toml").encode()]
+    texts.append(honesty(method).encode())
     return hashlib.sha256(b"\0".join(texts)).hexdigest()
 
 

@@ -266,6 +266,8 @@ class TestAgainstSciPy:
         theirs = SCIPY[name](field, 0.0, y0, 2.0, rtol=1e-6, atol=1e-8)  # before it grows
         step = Step(field, frame, methods[name])
         norm = ErrorNorm(frame, y0, 1e-6, np.array(1e-8))
+        # that of the points, in tolerances, where these are compared
+        rounding = 1e-12 if methods[name].error_weights else 4 * np.finfo(float).eps / 1e-6
         while theirs.status == "running":
             theirs.step()
             h = theirs.t - theirs.t_old
@@ -273,7 +275,7 @@ class TestAgainstSciPy:
             np.testing.assert_allclose(y, theirs.y, rtol=1e-14, atol=1e-15)
             scale = 1e-8 + 1e-6 * np.maximum(np.abs(theirs.y_old), np.abs(theirs.y))
             expected = theirs._estimate_error_norm(theirs.K, h, scale)
-            assert error == pytest.approx(expected, rel=1e-6)
+            assert error == pytest.approx(expected, rel=1e-6, abs=rounding)
         assert error_exponent(methods[name]) == -theirs.error_exponent
 
     def test_all_conditions_hold(self, name):
@@ -319,7 +321,9 @@ class TestTheTool:
         assert method.exact == kept.exact == flat.exact
         assert method.exact_embedded == kept.exact_embedded == flat.exact_embedded
         assert method.order == 8
-        for point, other in zip(method.points, kept.points, strict=True):
+        first = method.result + 1  # the second result may have flows of its own
+        assert kept.result == method.result
+        for point, other in zip(method.points[:first], kept.points[:first], strict=True):
             assert point.parent == other.parent
             assert point.weights.keys() == other.weights.keys()
             for stage, weight in point.weights.items():

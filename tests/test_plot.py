@@ -106,7 +106,7 @@ class TestMethods:
         assert [text.get_text() for text in ax.get_legend().get_texts()] == ["result", "stages"]
         assert ax.get_xlabel() == "time of the point, in steps"
 
-    @pytest.mark.parametrize("name", ["LieEuler", "CG5a", "CF6a", "DP5(4)", "CG4(3)", "RKMK4"])
+    @pytest.mark.parametrize("name", ["LieEuler", "CG5a", "CF6a", "CF6(5)", "CG4(3)", "RKMK4"])
     def test_every_flow_is_a_line(self, ax, name):
         method = cg.catalogue.resolve_method(name)
         cg.plot.points(method, ax)
@@ -116,7 +116,7 @@ class TestMethods:
         )
         assert len(ax.lines) == flows
         dotted = [line for line in ax.lines if line.get_linestyle() == ":"]
-        assert len(dotted) == (name == "DP5(4)")
+        assert len(dotted) == (name == "CF6(5)")
 
     def test_what_is_refused(self, ax):
         with pytest.raises(ValueError, match="method must be explicit for its points to be drawn"):

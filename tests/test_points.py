@@ -342,34 +342,34 @@ def test_points_are_values():
 
 class TestThirdWeights:
     def make(self, third, **options):
-        pair = methods["DP5(4)"]
+        pair = methods["CF6(5)"]
         parents = [point.parent for point in pair.points]
         given = {"result": pair.result, "embedded_result": pair.embedded_result} | options
         points = zip(parents, pair.point_coefficients, strict=True)
         return CommutatorFree(points, pair.stage_points, third=third, **given)
 
     def test_they_make_an_estimate(self, tmp_path):
-        third = ["1", "0", "0", "0", "0", "0", "0"]
+        third = ["1", *["0"] * 8]
         pair = self.make(third)
         first, second = pair.error_weights
-        assert first == methods["DP5(4)"].error_weights[0]
+        assert first == methods["CF6(5)"].error_weights[0]
         assert second == tuple(b - (k == 0) for k, b in enumerate(pair.exact[1]))
         assert pair.third_order == 1
-        assert pair != methods["DP5(4)"]
+        assert pair != methods["CF6(5)"]
         assert pair.pair_exponentials == pair.exponentials
         again = loads(dumps(pair))
         assert again == pair
         assert hash(again) == hash(pair)
         assert again.third_weights == pair.third_weights
-        assert methods["DP5(4)"].third_order is None
+        assert methods["CF6(5)"].third_order is None
 
     @pytest.mark.parametrize(
         ("third", "options", "message"),
         [
-            (["1"], {}, "third must have 7 entries, got 1"),
+            (["1"], {}, "third must have 9 entries, got 1"),
             ("1234567", {}, "third must be a sequence"),
-            ([1, 0, 0, 0, 0, 0, "x"], {}, "third_7"),
-            ([1] * 7, {"embedded_result": None}, "third must be None unless embedded_result"),
+            ([*[1] * 8, "x"], {}, "third_9"),
+            ([1] * 9, {"embedded_result": None}, "third must be None unless embedded_result"),
         ],
     )
     def test_bad_ones(self, third, options, message):

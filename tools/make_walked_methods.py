@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from make_second_results import RECIPES, flat_estimate
 from threadpoolctl import threadpool_limits
 
 import cg
@@ -91,7 +92,10 @@ def cleaned(candidate: Candidate) -> Candidate:
 
 def walked(walk: Walk) -> Candidate:
     """Return where a walk leads."""
-    candidate = pack_method(cg.methods[walk.start])
+    start = cg.methods[walk.start]
+    assert isinstance(start, cg.CommutatorFree)
+    # an estimate that is one frozen combination leaves a walk more room
+    candidate = pack_method(flat_estimate(start) if walk.start in RECIPES else start)
     if walk.wide:
         candidate = widened(candidate)
     held = _held(candidate)

@@ -96,10 +96,10 @@ def solve_ivp(
     method
         Name of a method of the catalogue, or a method.  Of a pair the weights of higher order
         make the steps.  Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with
-        brackets.  By default, ``"auto"``, the pair that measured best.  For ``rtol`` below 1e-4
-        it is ``"RKMK8(5,3)"`` on frames with brackets and ``"CF6(5)"`` on others; else ``"DP5(4)"``
-        on frames that are compiled, ``"RKMK5(4)"`` on others with brackets and ``"CF5(4)"`` on
-        those without.  ``solution.method`` tells which it was.
+        brackets.  By default, ``"auto"``, the pair that costs least at equal errors, of those
+        whose error estimates tell the errors.  For ``rtol`` below 1e-4 it is ``"RKMK8(5,3)"`` on
+        frames with brackets and ``"CF6(5)"`` on others; else ``"RKMK5(4)"`` on frames in Python
+        with brackets and ``"CF5(4)"`` on all others.  ``solution.method`` tells which it was.
     h
         Size of fixed steps, positive; the last may be shorter.  No error is estimated.
     rtol, atol

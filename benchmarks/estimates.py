@@ -1,0 +1,243 @@
+"""Whether the error estimates of pairs tell the errors, and what an equal error costs with each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+import cg
+from cg.catalogue import munthe_kaas, resolve_method
+from cg.frames import SO3
+
+from .cases import Case, cases
+from .record import Aim, Result, Row
+from .solvers import pairs
+from .work_curves import QUANTITIES, Curve, Point, run_point
+
+__all__ = ["LARGEST", "MEDIAN", "run", "spins", "stored", "write_table"]
+
+BEGIN, END = "<!-- estimates -->\n", "<!-- end of estimates -->\n"
+"""What a table of all pairs is between, in docs/catalogue.md."""
+
+MEDIAN, LARGEST = 5.0, 50.0
+"""What the error may be, in tolerances, with a pair that `cg.solve_ivp` takes by default."""
+
+_TOLERANCES = tuple(10.0**-k for k in range(1, 11))
+_LARGEST_TOLERANCE = 1e-3  # above, runs serve to tell the work for large errors
+_SPINS = 50
+_SEED = 1
+_SLOWEST = 5.0  # seconds, after which smaller tolerances are left out
+_ERRORS = (1e-3, 1e-5, 1e-8)
+_AGAINST = "RKMK8(5,3)"
+
+_DECISIVE = (1e-3, 1e-8)  # at loose and at tight tolerances
+_NO_BRACKETS = "without brackets"
+_COSTS = {
+    "compiled": ("time",),
+    "in Python, with brackets": ("flows",),
+    _NO_BRACKETS: ("evaluations", "flows"),
+}
+_ALIKE = 1.1  # of the least cost, up to which others are no worse
+
+Runs = dict[str, dict[float, Point]]
+"""By pair and tolerance."""
+
+Curves = Sequence[Mapping[str, Curve]]
+"""By equation and pair."""
+
+
+def spins(count: int) -> list[Case]:
+    """Return rotations that are dominated by a spin: 5 to 30 rad/s about any axis."""
+    generator = np.random.default_rng(_SEED)
+    found = []
+    for k in range(count):
+        axis = generator.standard_normal(3)
+        velocity = generator.uniform(5.0, 30.0) * axis / np.linalg.norm(axis)
+        found.append(_spin(f"spin_{k}", velocity.tolist()))
+    return found
+
+
+def _spin(name: str, velocity: list[float]) -> Case:
+    u1, u2, u3 = velocity
+
+    def f(t: float, y: np.ndarray) -> list[float]:
+        a, b, c = y[0].tolist()
+        return [u1 + 0.3 * a, u2 + 0.3 * b, u3 + 0.3 * c]
+
+    frame, y0, end = SO3(), np.eye(3), 3.0
+    exact = cg.integrate(f, (0.0, end), y0, frame=frame, method="RKMK8(5,3)", h=end / 2048).y[-1]
+    return Case(name, name.replace("_", " "), frame, f, y0, end, exact)
+
+
+def run(quick: bool, figures: Path | None) -> Result:
+    """Run all pairs with all tolerances on the spins and on the problems of the rivals."""
+    tolerances = _TOLERANCES[:6] if quick else _TOLERANCES
+    rounds = 1 if quick else 3
+    turning = [_runs(case, tolerances, 1) for case in spins(3 if quick else _SPINS)]
+    problems = [_runs(case, tolerances, rounds) for case in cases(["heavy_top"] if quick else None)]
+    names = list(problems[0])
+    return Result(
+        "Error estimates",
+        f"The error at the end in tolerances, `rtol = atol`, from {_LARGEST_TOLERANCE:g} to "
+        f"{tolerances[-1]:g}, of all explicit pairs, on the ten problems of `rivals` and on "
+        f"{len(turning)} spins: SO(3), f = u + 0.3 times the first row of the rotation, |u| from 5 "
+        "to 30, t from 0 to 3. The largest error of an entry counts. A pair that `cg.solve_ivp` "
+        f"takes by default has a median of at most {MEDIAN:g} and nothing above {LARGEST:g}. "
+        f"Smaller tolerances are left out after a run of {_SLOWEST:g} s.",
+        tuple(row for name in names for row in _rows(name, turning + problems)),
+        (
+            _defaults(turning + problems, problems),
+            _by_tolerance(names, turning, problems),
+            _work(problems, rounds),
+            _work(turning, 0),
+        ),
+    )
+
+
+def _runs(case: Case, tolerances: tuple[float, ...], rounds: int) -> Runs:
+    left = {pair.name: pair for pair in pairs(case, tolerances)}
+    found: Runs = {name: {} for name in left}
+    for tolerance in tolerances:
+        solve = {name: pair.solve for name, pair in left.items()}
+        for name, point in run_point(case, solve, tolerance, rounds).items():
+            found[name][tolerance] = point
+            if point.seconds > _SLOWEST:
+                del left[name]
+    return found
+
+
+def _quotients(name: str, runs: list[Runs]) -> list[float]:
+    """Return errors in tolerances."""
+    return [
+        p.error / tolerance
+        for found in runs
+        for tolerance, p in found[name].items()
+        if tolerance <= _LARGEST_TOLERANCE
+    ]
+
+
+def _rows(name: str, runs: list[Runs]) -> list[Row]:
+    found = _quotients(name, runs)
+    middle, most, largest = np.quantile(found, [0.5, 0.9, 1.0]).tolist()
+    return [
+        Row(f"`{name}`, median", middle, "tolerances", aim=Aim(MEDIAN, False, "value")),
+        Row(f"`{name}`, 90 % below", most, "tolerances"),
+        Row(f"`{name}`, largest", largest, "tolerances", aim=Aim(LARGEST, False, "value")),
+    ]
+
+
+def stored(result: Result) -> dict[str, dict[str, float]]:
+    """Return what a result says of each pair: median, 90 % below, largest."""
+    found: dict[str, dict[str, float]] = {}
+    for row in result.rows:
+        name, what = row.quantity.removeprefix("`").split("`, ")
+        found.setdefault(name, {})[what] = row.value
+    return found
+
+
+def write_table(result: Result, page: Path) -> None:
+    """Write what a result says of each pair between two marks of a page."""
+    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    after = rest.partition(END)[2]
+    lines = ["| pair | median | 90 % below | largest | honest |", "|---|---|---|---|---|"]
+    for name, numbers in stored(result).items():
+        honest = numbers["median"] <= MEDIAN and numbers["largest"] <= LARGEST
+        cells = " | ".join(f"{number:.2g}" for number in numbers.values())
+        lines.append(f"| `{name}` | {cells} | {'yes' if honest else '**no**'} |")
+    shown = "\n".join(lines)
+    page.write_text(f"{before}{BEGIN}{shown}\n{END}{after}", encoding="utf-8")
+
+
+def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -> str:
+    shown = [k for k in turning[0][names[0]] if k <= _LARGEST_TOLERANCE]
+    heads = [f"{kind}, {tolerance:g}" for kind in ("spins", "problems") for tolerance in shown[::2]]
+    lines = [
+        "**Error in tolerances**, median and largest, by tolerance:",
+        "",
+        f"| | {' | '.join(heads)} |",
+        "|---" * (len(heads) + 1) + "|",
+    ]
+    for name in names:
+        cells = []
+        for runs in (turning, problems):
+            for tolerance in shown[::2]:
+                here = [r[name][tolerance].error / tolerance for r in runs if tolerance in r[name]]
+                cells.append(f"{median(here):.2g}, {max(here):.2g}" if here else "")
+        lines.append(f"| `{name}` | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _defaults(runs: list[Runs], problems: list[Runs]) -> str:
+    """Say which pairs the rule of `cg.integration.choice` takes."""
+    names = [name for name in problems[0] if _may_be_default(name, runs)]
+    curves = _curves(problems)
+    lines = [
+        "**By the rule for defaults** (`cg/integration/choice.py`), of "
+        f"{', '.join(f'`{name}`' for name in names)}:",
+        "",
+        f"| frames | least | {' | '.join(f'for errors of {error:g}' for error in _DECISIVE)} |",
+        "|---|---|---|---|",
+    ]
+    for frames, kinds in _COSTS.items():
+        fit = [n for n in names if n not in munthe_kaas or frames != _NO_BRACKETS]
+        cells = [_cheapest(fit, curves, error, kinds) for error in _DECISIVE]
+        lines.append(f"| {frames} | {' + '.join(kinds)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _may_be_default(name: str, runs: list[Runs]) -> bool:
+    """Tell whether a pair is honest, and calls f within the span."""
+    found = _quotients(name, runs)
+    within = all(0.0 <= c <= 1.0 for c in resolve_method(name).c.tolist())
+    return within and median(found) <= MEDIAN and max(found) <= LARGEST
+
+
+def _cheapest(names: list[str], curves: Curves, error: float, kinds: tuple[str, ...]) -> str:
+    """Return the pair with the least counts of those that cost least, empty where none is."""
+    costs = {name: sum(_ratio(name, curves, error, kind) for kind in kinds) for name in names}
+    least = min((cost for cost in costs.values() if not math.isnan(cost)), default=math.nan)
+    alike = [name for name, cost in costs.items() if cost <= _ALIKE * least]
+    found = min(alike, key=lambda name: _counts(name, curves, error), default="")
+    return f"`{found}`" if found else ""
+
+
+def _counts(name: str, curves: Curves, error: float) -> float:
+    return sum(_ratio(name, curves, error, kind) for kind in ("evaluations", "flows"))
+
+
+def _curves(runs: list[Runs]) -> Curves:
+    return [
+        {name: Curve.of(name, "pair", 0, list(found.values())) for name, found in r.items()}
+        for r in runs
+    ]
+
+
+def _work(runs: list[Runs], rounds: int) -> str:
+    """Return a table of work at equal errors, over that of one pair."""
+    kinds = [kind for kind in QUANTITIES if rounds or kind != "time"]
+    heads = [f"{kind}, {error:g}" for error in _ERRORS for kind in kinds]
+    how = f"; times are medians of {rounds} rounds of all in turn" if rounds else ""
+    lines = [
+        f"**Work at equal errors** over that of `{_AGAINST}`, on the "
+        f"{'problems' if rounds else 'spins'}, medians over these{how}:",
+        "",
+        f"| | {' | '.join(heads)} |",
+        "|---" * (len(heads) + 1) + "|",
+    ]
+    curves = _curves(runs)
+    for name in curves[0]:
+        found = [_ratio(name, curves, error, kind) for error in _ERRORS for kind in kinds]
+        cells = ["" if math.isnan(ratio) else f"{ratio:.2f}" for ratio in found]
+        lines.append(f"| `{name}` | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _ratio(name: str, curves: Curves, error: float, kind: str) -> float:
+    """Return the median of the work over that of the other pair, NaN where neither reached."""
+    found = [c[name].at(error, kind) / c[_AGAINST].at(error, kind) for c in curves]
+    found = [ratio for ratio in found if not math.isnan(ratio)]
+    return median(found) if found else math.nan
