@@ -27,10 +27,10 @@ def both(f, span, y0, frame, *, method="CG4(3)", **options):
     return fast, slow
 
 
-def assert_same_steps(fast, slow):
+def assert_same_steps(fast, slow, rounding=TOLERANCE):
     assert (fast.steps, fast.nrejected) == (slow.steps, slow.nrejected)
-    np.testing.assert_allclose(fast.t, slow.t, rtol=TOLERANCE, atol=TOLERANCE)
-    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(fast.t, slow.t, rtol=rounding, atol=rounding)
+    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=10 * rounding)
     assert (fast.nfev, fast.nexp) == (slow.nfev, slow.nexp)
     assert (fast.status, fast.message, fast.success) == (slow.status, slow.message, slow.success)
     assert fast.method is slow.method
@@ -43,7 +43,9 @@ def test_the_steps_are_those_of_a_frame_in_python(name, tolerance, span, affine)
     problem = PROBLEMS[name]
     f, _keep = affine(problem)
     fast, slow = both(f, span, problem.y0, problem.frame, rtol=tolerance, atol=tolerance)
-    assert_same_steps(fast, slow)
+    # error estimates are differences of points: once the last digit of a norm, whose terms the
+    # loops add in different orders, has differed, so much of the step size does
+    assert_same_steps(fast, slow, 0.5 * np.finfo(float).eps / tolerance)
     assert problem.frame.membership_error(fast.y).max() < 2e-15
     options = {"method": "CG4(3)", "rtol": tolerance, "atol": tolerance}
     plain = cg.solve_ivp(problem.f, span, problem.y0, frame=problem.frame, **options)

@@ -136,7 +136,7 @@ class TestDatasets:
         assert_array_equal(data.y, run.y)
         assert_array_equal(data.t, run.t)
         assert data.attrs == {
-            "method": "CG3", "frame": "SO3()", "nfev": 12, "nexp": 24, "h": 0.25
+            "method": "CG3", "frame": "SO3()", "nfev": 12, "nexp": 24, "steps": 4, "h": 0.25
         }  # fmt: skip
         assert_array_equal(data.y.sel(t=0.5), run.y[2])
 
