@@ -351,7 +351,7 @@ def test_functions_that_read_numbers_need_them(kind, library):
     with pytest.raises(ValueError, match=message):
         integrate(f, (0, 1), [1.0], **OPTIONS)
     with pytest.raises(ValueError, match=message):
-        cg.solve_ivp(f, (0, 1), [[1.0], [2.0]], frame=Euclidean(1))
+        cg.solve_ensemble(f, (0, 1), [[1.0], [2.0]], frame=Euclidean(1))
     options = OPTIONS | {"parameters": [-1.0, 2.0], "h": 0.125}
     found = integrate(f, (0, 1), [1.0], **options)
     assert found.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
