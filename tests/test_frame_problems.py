@@ -174,7 +174,7 @@ def test_the_end_of_a_run_is_a_point_whatever_the_unit(scale):
         with pytest.raises(ValueError, match=r"y0 must be a point of .* distance from"):
             cg.solve_ivp(f, (0, 3), wrong, **options)
         with pytest.raises(ValueError, match=r"y0\[1\] must be a point of"):
-            cg.solve_ivp(f, (0, 3), np.stack([y0, wrong]), **options)
+            cg.solve_ensemble(f, (0, 3), np.stack([y0, wrong]), **options)
 
 
 def test_matrices_through_which_there_is_no_orbit():
