@@ -168,10 +168,10 @@ _INTEGRATIONS = """
 y0 = np.zeros((200000, 3))
 frame = cg.frames.Euclidean(3)
 f = lambda t, y: -y
-cg.integrate(f, (0, 1), y0[:2], frame=frame, method="CG4a", h=0.5)
+cg.solve_ensemble(f, (0, 1), y0[:2], frame=frame, method="CG4a", h=0.5, vectorized=True)
 for case in (
-    "cg.integrate(f, (0, 1), y0, frame=frame, method='CG4a', h=0.5)",
-    "cg.solve_ivp(f, (0, 1), y0, frame=frame, rtol=1e-3, dense_output=True)",
+    "cg.solve_ensemble(f, (0, 1), y0, frame=frame, method='CG4a', h=0.5, vectorized=True)",
+    "cg.solve_ensemble(f, (0, 1), y0, frame=frame, rtol=1e-3, dense_output=True, vectorized=True)",
 ):
     for k in range(30):
         print(outcome(case, in_use() + (k * 6 << 20)))
