@@ -40,7 +40,7 @@ def test_the_numbers_of_fortran_and_c_are_made_of_the_enumerations():
         assert f"integer, parameter :: {kind.name.lower()}_block = {kind.value}\n" in text
     for member in (*Stop, *Status, *MinimumNormStatus, *ConditionOwner, *FieldFlag):
         assert f"integer, parameter :: {member.name.lower()} = {member.value}\n" in text
-    names = re.findall(r":: (\w+) =", text)
+    names = re.findall(r"parameter :: (\w+) =", text)
     assert len(names) == len(set(names))
     assert f"RAISED_IN_PYTHON = {FieldFlag.RAISED_IN_PYTHON.value} " in c_header()
 
