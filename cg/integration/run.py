@@ -172,24 +172,7 @@ class Run:
         self._dense: list[tuple[Array, ...]] = []
         self._steps: list[tuple[Array, ...]] = []
         self._events: list[tuple[Array, ...]] = []
-        doubles = plan.doubles(points)
-        size = doubles.size
-        numbers = self._give("reached", np.empty(2 * members + 2 * size))
-        self.reached, self.failed_at = numbers[:members], numbers[members : 2 * members]
-        self.start = numbers[2 * members : 2 * members + size].reshape(doubles.shape)
-        self.end = numbers[2 * members + size :].reshape(doubles.shape)
-        numbers[: 2 * members] = t0
-        self.start[...] = self.end[...] = doubles
-        integers = self._give("status", np.zeros(8 * members, dtype=np.int64))
-        self.status, self.flag = integers[:members], integers[members : 2 * members]
-        self.status[...] = int(Stop.PAUSED)
-        self.counts = integers[2 * members :].reshape(members, len(COUNTS))
-        record = self.record
-        record.failed_at = record.reached + 8 * members
-        record.start = record.failed_at + 8 * members
-        record.end = record.start + 8 * size
-        record.flag = record.status + 8 * members
-        record.counts = record.flag + 8 * members
+        self._give_members(plan.doubles(points), t0)
         self.t0 = t0
         self.span = abs(float(stops[-1]) - t0)
         if output.times is not None and output.y is not None and len(output.times):
@@ -223,6 +206,26 @@ class Run:
                 functions, direction, most, jumps,
             )  # fmt: skip
         self.close = weakref.finalize(self, core.loop_close, self.address)
+
+    def _give_members(self, doubles: Array, t0: float) -> None:
+        """Give compiled code memory for what it tells of each member."""
+        members, size = self.members, doubles.size
+        numbers = self._give("reached", np.empty(2 * members + 2 * size))
+        self.reached, self.failed_at = numbers[:members], numbers[members : 2 * members]
+        self.start = numbers[2 * members : 2 * members + size].reshape(doubles.shape)
+        self.end = numbers[2 * members + size :].reshape(doubles.shape)
+        numbers[: 2 * members] = t0
+        self.start[...] = self.end[...] = doubles
+        integers = self._give("status", np.zeros(8 * members, dtype=np.int64))
+        self.status, self.flag = integers[:members], integers[members : 2 * members]
+        self.status[...] = int(Stop.PAUSED)
+        self.counts = integers[2 * members :].reshape(members, len(COUNTS))
+        record = self.record
+        record.failed_at = record.reached + 8 * members
+        record.start = record.failed_at + 8 * members
+        record.end = record.start + 8 * size
+        record.flag = record.status + 8 * members
+        record.counts = record.flag + 8 * members
 
     def _give(self, name: str, array: Any) -> Any:
         """Tell compiled code where an array is, which is kept alive."""
