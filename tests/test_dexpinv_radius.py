@@ -1,12 +1,12 @@
 """Coordinates beyond the radius of dexp⁻¹: no step is taken there, and no number returned."""
 
 from dataclasses import replace
-from unittest.mock import patch
 
 import numpy as np
 import pytest
 from compiled_examples import PROBLEMS
 from frame_examples import name
+from python_steps import uncompiled
 from test_brackets import CLOSED, CLOSED_FORMS, HEISENBERG_GROUP, vectors
 from test_munthe_kaas import generic
 
@@ -29,9 +29,9 @@ from cg.frames import (
     UnitQuaternion,
 )
 from cg.integration.blocks import is_compiled
-from cg.integration.flows import _Dexpinv, _Flows, dexpinv_of
-from cg.integration.interpolant import Interpolant, nodes_of, result_flows
-from cg.integration.problem import Problem
+from cg.integration.dense import Steps
+from cg.integration.flows import _Dexpinv, dexpinv_of
+from cg.integration.plan import plan_of
 
 TURN = 2 * np.pi
 WITH_SERIES = [
@@ -130,14 +130,6 @@ def fast(frame):
     return (lambda t, y: FAST * f(t, y)), y0
 
 
-def in_python():
-    return (
-        patch.object(Problem, "in_compiled_code", property(lambda self: False)),
-        patch("cg.integration.step.flows_of", _Flows),
-        patch("cg.integration.step.dexpinv_of", _Dexpinv),
-    )
-
-
 @pytest.mark.parametrize("key", ["RKMK4", "RKMK8(5,3)"])
 @pytest.mark.parametrize("frame", STEPPED, ids=name)
 def test_an_equal_step_that_is_too_long_is_named(frame, key):
@@ -147,33 +139,23 @@ def test_an_equal_step_that_is_too_long_is_named(frame, key):
     def late(t, y):
         return f(t, y) if t > 0.5 else 0.001 * f(t, y)
 
-    def run():
-        cg.integrate(late, (0, 4), y0, frame=frame, method=key, h=0.5)
-
-    with pytest.raises(cg.StepTooLongError, match=message):
-        run()
-    first, second, third = in_python()
-    with first, second, third, pytest.raises(cg.StepTooLongError, match=message):
-        run()
+    for same in (frame, uncompiled(frame)):
+        with pytest.raises(cg.StepTooLongError, match=message):
+            cg.integrate(late, (0, 4), y0, frame=same, method=key, h=0.5)
 
 
 @pytest.mark.parametrize("frame", STEPPED, ids=name)
 def test_a_chosen_step_that_is_too_long_is_rejected(frame):
     f, y0 = fast(frame)
     # tolerances that anything meets
-    options = {"frame": frame, "method": "RKMK5(4)", "rtol": 0.5, "atol": 1e6}
-
-    def run():
-        return cg.solve_ivp(f, (0, 0.25), y0, first_step=0.25, **options)
-
-    found = run()
+    options = {"method": "RKMK5(4)", "rtol": 0.5, "atol": 1e6, "first_step": 0.25}
+    found, again = (
+        cg.solve_ivp(f, (0, 0.25), y0, frame=same, **options) for same in (frame, uncompiled(frame))
+    )
     assert found.success
     assert found.nrejected >= 1
     assert found.steps >= 2
     assert frame.membership_error(found.y).max() < 1e-9
-    first, second, third = in_python()
-    with first, second, third:
-        again = run()
     assert (found.steps, found.nrejected, found.nfev) == (
         again.steps,
         again.nrejected,
@@ -188,29 +170,28 @@ def test_functions_in_c(affine):
     options = {"frame": problem.frame, "method": "RKMK5(4)"}
     with pytest.raises(cg.StepTooLongError, match=r"step from t = 0 .*too long"):
         cg.integrate(f, (0, 60), problem.y0, h=30.0, **options)
-    with pytest.warns(UserWarning, match="too long"):
-        run = cg.integrate(f, (0, 60), points, h=30.0, **options)
-    assert len(run.failures) == 3
-    chosen = cg.solve_ivp(f, (0, 60), points, first_step=30.0, rtol=1e-3, atol=1e-3, **options)
+    run = cg.solve_ensemble(f, (0, 60), points, h=30.0, **options)
+    assert list(run.messages) == [0, 1, 2]
+    assert all("too long" in message for message in run.messages.values())
+    options |= {"rtol": 1e-3, "atol": 1e-3, "first_step": 30.0}
+    chosen = cg.solve_ensemble(f, (0, 60), points, **options)
     assert chosen.success
-    assert chosen.nrejected >= 1
+    assert (chosen.nrejected >= 1).all()
 
 
 def test_output_between_steps_beyond_it_is_refused():
     """Coefficients at nodes make coordinates of their own, none of which the step has met."""
-    frame, flows = SO3(), result_flows(munthe_kaas["RKMK5(4)"])
-    identity = np.eye(3)[None]
+    plan = plan_of(SO3(), munthe_kaas["RKMK5(4)"])
+    ends, times = np.tile(np.eye(3).ravel(), (1, 2, 1)), np.array([[0.25, 1.0, 1.25]])
     for size in (1.0, 20.0):
-        fields = size * np.array([[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]])
-        interpolant = Interpolant(
-            frame, flows, nodes_of(3), np.array([0.25]), np.ones(1), identity, identity, fields,
-            np.zeros((1, 3)),
-        )  # fmt: skip
+        fields = np.zeros((1, plan.nodes + 1, 3))
+        fields[0, :3] = size * np.eye(3)
+        steps = Steps(plan, np.zeros(1, dtype=int), times, ends, fields.reshape(1, -1))
         where = np.zeros(2, dtype=int), np.array([0.25, 1.0])
         if size == 1.0:
-            assert np.isfinite(interpolant(*where)).all()
+            assert np.isfinite(steps.at(*where)).all()
         else:
             with pytest.raises(cg.StepTooLongError, match=r"from t = 0\.25 "):
-                interpolant(*where)
-    absent = replace(interpolant, fields=np.full((1, 3, 3), np.nan))
-    assert np.isnan(absent(np.zeros(1, dtype=int), np.array([0.5]))).all()
+                steps.at(*where)
+    absent = replace(steps, field=np.full_like(steps.field, np.nan))
+    assert np.isnan(absent.at(np.zeros(1, dtype=int), np.array([0.5]))).all()
