@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from frame_examples import HEISENBERG, LARGEST_SCALE, name
+from python_steps import Step
 from test_brackets import HEISENBERG_GROUP, WITH
 
 import cg
@@ -23,9 +24,7 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integration.error_norm import ErrorNorm
-from cg.integration.step import Step
-from cg.integration.stepper import error_exponent
+from cg.integration.plan import error_exponent
 
 METHODS = dict(munthe_kaas)
 
@@ -38,7 +37,7 @@ def generic(frame, seed=11):
     def f(t, y):
         flat = y.reshape(*y.shape[: y.ndim - y0.ndim], -1)
         both = np.concatenate([flat.real, flat.imag], axis=-1)
-        return np.sin(both @ weights.T + np.arange(frame.dim) + t)
+        return np.sin(both @ weights.T + np.arange(frame.dim) + np.asarray(t)[..., None])
 
     return f, y0
 
@@ -90,18 +89,37 @@ class TestEuclideanSpaceIsScipy:
     def test_steps_and_estimates(self, key, solver):
         method = METHODS[key]
         theirs = solver(self.f, 0.0, self.y0, 5.0, rtol=1e-6, atol=1e-8)
-        frame = Euclidean(3)
-        step = Step(self.f, frame, method)
-        norm = ErrorNorm(frame, self.y0, 1e-6, np.array(1e-8))
+        assert error_exponent(method) == -theirs.error_exponent
+        step, compared = Step(self.f, Euclidean(3), method), 0
         while theirs.status == "running":
             theirs.step()
-            h = theirs.t - theirs.t_old
-            y, error = step.trial(theirs.t_old, theirs.y_old, h, norm)
-            np.testing.assert_allclose(y, theirs.y, rtol=1e-14, atol=1e-15)
+            t, h = theirs.t_old, theirs.t - theirs.t_old
             scale = 1e-8 + 1e-6 * np.maximum(np.abs(theirs.y_old), np.abs(theirs.y))
             expected = theirs._estimate_error_norm(theirs.K, h, scale)
+            y, error = step.trial(t, theirs.y_old, h, 1e-6, 1e-8)
+            np.testing.assert_allclose(y, theirs.y, rtol=1e-14, atol=1e-15)
             assert error == pytest.approx(expected, rel=1e-6)
-        assert error_exponent(method) == -theirs.error_exponent
+            y, factor = self.first_step(method, t, theirs.y_old, h)
+            np.testing.assert_allclose(y, theirs.y, rtol=1e-14, atol=1e-15)
+            if factor < 5.0 - 1e-9:
+                error = (factor / 0.9) ** (-1.0 / (0.7 * error_exponent(method)))
+                assert error == pytest.approx(expected, rel=1e-6)
+                compared += 1
+        assert compared > 3
+
+    def first_step(self, method, t, y, h):
+        """Return the end of a step, and how much longer the next one is by its estimate."""
+        times = []
+
+        def f(t, y):
+            times.append(t)
+            return self.f(t, y)
+
+        options = {"frame": Euclidean(3), "method": method, "rtol": 1e-6, "atol": 1e-8}
+        run = cg.solve_ivp(f, (t, t + 100.0), y, first_step=h, max_steps=2, **options)
+        # the first time after the first step is that of the second stage of the second one
+        after = next(time for time in times if time > run.t[1] + 1e-12)
+        return run.y[1], (after - run.t[1]) / float(method.c[1]) / (run.t[1] - t)
 
     def test_the_loop_in_compiled_code_estimates_the_same(self):
         for key in ("RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)"):
@@ -241,16 +259,26 @@ def test_members_of_ensembles(frame):
     f, _ = generic(frame)
     points = frame.random_point(np.random.default_rng(0), 4)
     fixed = {"frame": frame, "method": "RKMK5(4)", "h": 0.125}
-    whole = cg.integrate(f, (0, 1), points, **fixed)
+    times = np.arange(9) / 8
+    whole = cg.solve_ensemble(f, (0, 1), points, t_eval=times, vectorized=True, **fixed)
+    own = cg.solve_ensemble(f, (0, 1), points, t_eval=times, **fixed)
     for i, point in enumerate(points):
         alone = cg.integrate(f, (0, 1), point, **fixed)
         np.testing.assert_allclose(whole.y[:, i], alone.y, rtol=0, atol=1e-13)
+        np.testing.assert_array_equal(own.y[:, i], alone.y)
     for key in ("RKMK5(4)", "RKMK8(5,3)"):
         options = {"frame": frame, "method": key, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
-        together = cg.solve_ivp(f, (0, 1), points, **options)
+        together = cg.solve_ensemble(
+            f, (0, 1), points, vectorized=True, common_steps=True, **options
+        )
         assert together.success
-        steps = [cg.solve_ivp(f, (0, 1), point, **options).steps for point in points]
-        assert max(steps) <= together.steps <= 2 * max(steps)
+        alone = [cg.solve_ivp(f, (0, 1), point, **options) for point in points]
+        steps = [run.steps for run in alone]
+        assert (together.steps == together.steps[0]).all()
+        assert max(steps) <= together.steps[0] <= 2 * max(steps)
+        own = cg.solve_ensemble(f, (0, 1), points, **options)
+        np.testing.assert_array_equal(own.steps, steps)
+        np.testing.assert_array_equal(own.y[-1], [run.y[-1] for run in alone])
 
 
 class TestBadInput:
@@ -321,9 +349,8 @@ def test_third_weights_make_the_estimate_smaller():
     method = cg.MuntheKaas(third, third=[0, 0])
     assert (method.third_order, error_exponent(method)) == (0, 1 / 3)
     f, y0 = generic(SO3())
-    norm = ErrorNorm(SO3(), y0, 1e-3, np.array(1e-3))
     first, second = (
-        Step(f, SO3(), m).trial(0.0, y0, 0.1, norm)[1] for m in (cg.MuntheKaas(third), method)
+        Step(f, SO3(), m).trial(0.0, y0, 0.1, 1e-3, 1e-3)[1] for m in (cg.MuntheKaas(third), method)
     )
     assert second < first
 
