@@ -157,20 +157,25 @@ def test_midpoint_is_its_own_adjoint():
     np.testing.assert_allclose(back, problem.y0, rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("vectorized", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
-def test_ensembles_equal_loops(kind):
+def test_ensembles_equal_loops(kind, vectorized):
     problem = StateDependentRotation()
     y0 = SO3().random_point(np.random.default_rng(6), (4,))
 
-    def f(t, y):
-        return np.array([problem.f(t, x) for x in y])
+    def all_members(t, y):
+        return np.array([problem.f(*member) for member in zip(t, y, strict=True)])
 
-    options = {"frame": SO3(), "h": 0.2, "stage_solver": kind}
+    f = all_members if vectorized else problem.f
+    options = {"frame": SO3(), "h": 0.2, "stage_solver": kind, "dense_output": True}
     for method in (MIDPOINT, GAUSS):
-        together = cg.solve_ivp(f, (0, 1), y0, method=method, dense_output=True, **options)
+        together = cg.solve_ensemble(
+            f, (0, 1), y0, method=method, vectorized=vectorized,
+            t_eval=np.linspace(0, 1, 6), **options,
+        )  # fmt: skip
         for k in range(4):
             alone = cg.solve_ivp(
-                problem.f, (0, 1), y0[k], method=method, dense_output=True, **options
+                problem.f, (0, 1), y0[k], method=method, t_eval=together.t, **options
             )
             np.testing.assert_allclose(together.y[:, k], alone.y, rtol=0, atol=1e-13)
             np.testing.assert_allclose(together.sol(0.7)[k], alone.sol(0.7), rtol=0, atol=1e-13)

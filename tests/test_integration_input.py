@@ -164,10 +164,17 @@ def test_continuous_solutions_can_be_pickled_whatever_f_is(options, compiled_fra
 )
 def test_the_derivative_of_the_point_is_recognised(frame, y0, batch):
     start = np.broadcast_to(y0, (*batch, len(y0)))
+
+    def solve(f):
+        if batch:
+            cg.solve_ensemble(f, (0, 1), start, frame=frame, vectorized=True)
+        else:
+            cg.solve_ivp(f, (0, 1), start, frame=frame)
+
     with pytest.raises(ValueError, match="coefficients of the frame's fields, not the deriv"):
-        cg.solve_ivp(lambda t, y: np.zeros_like(y), (0, 1), start, frame=frame)
+        solve(lambda t, y: np.zeros_like(y))
     with pytest.raises(ValueError, match=rf"got shape \({'2, ' if batch else ''}2,?\) at t = 0$"):
-        cg.solve_ivp(lambda t, y: np.zeros((*batch, 2)), (0, 1), start, frame=frame)
+        solve(lambda t, y: np.zeros((*batch, 2)))
 
 
 def test_rotations_among_points_of_factors_are_to_be_joined():
