@@ -166,6 +166,8 @@ class Stepper:
         )  # fmt: skip
         self._core = run._core
         self._target = np.empty(1)
+        first = self._first_step or 0.0
+        self._core.loop_restart(run.address, t, run.start.T, first, self._rhs.data_address)
         self._on_way = True  # whether compiled code has the ends of `_stops`
         self.t = t
         return run

@@ -1,0 +1,241 @@
+"""Steps taken one at a time, and what goes on from the middle of them."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import cg
+from cg.frames import GL, SO3, Euclidean, Product, UnitQuaternion
+
+OPTIONS = {"rtol": 1e-6, "atol": 1e-7}
+METHODS = ["auto", "CF5(4)", "RKMK5(4)", "DP5(4)", "DICG3(2)"]
+
+
+def turning(t, y):
+    return [0.1 + y[0, 0], np.cos(t), np.sin(t) * y[1, 2]]
+
+
+def shearing(t, y):
+    return [0.1, 0.3 * np.sin(t), 0.2 * y[0, 0], -0.1]
+
+
+def taken(stepper):
+    """Return times and points of all steps."""
+    t, y = [stepper.t], [stepper.y]
+    while stepper.status == "running":
+        assert stepper.step() is None
+        t.append(stepper.t)
+        y.append(stepper.y)
+    return np.array(t), np.array(y)
+
+
+@pytest.mark.parametrize("span", [(0.0, 2.0), (2.0, -0.5)])
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_are_those_of_solve_ivp(method, span):
+    whole = cg.solve_ivp(turning, span, np.eye(3), frame=SO3(), method=method, **OPTIONS)
+    stepper = cg.Stepper(
+        turning, span[0], np.eye(3), span[1], frame=SO3(), method=method, **OPTIONS
+    )
+    t, y = taken(stepper)
+    assert_array_equal(t, whole.t)
+    assert_array_equal(y, whole.y)
+    counts = ("nfev", "njev", "nlu", "nexp", "nrejected")
+    assert [getattr(stepper, n) for n in counts] == [getattr(whole, n) for n in counts]
+    assert (stepper.t_old, stepper.direction, stepper.n) == (t[-2], np.sign(span[1] - span[0]), 3)
+    assert stepper.step_size == abs(t[-1] - t[-2])
+
+
+@pytest.mark.parametrize("frame", [SO3(), GL(2)], ids=["compiled", "in Python"])
+@pytest.mark.parametrize("method", ["CF4", "ImplicitMidpoint"])
+def test_fixed_steps_have_no_end_unless_one_is_given(frame, method):
+    f, y0 = (turning, np.eye(3)) if frame.dim == 3 else (shearing, np.eye(2))
+    whole = cg.integrate(f, (0, 1), y0, frame=frame, method=method, h=0.1)
+    stepper = cg.Stepper(f, 0, y0, frame=frame, method=method, h=0.1)
+    for k in range(1, 11):
+        assert stepper.step() is None
+        assert_array_equal(stepper.y, whole.y[k])
+    assert stepper.status == "running"
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))]
+)
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_resumed_goes_on_bit_for_bit(method, copied):
+    stepper = cg.Stepper(turning, 0, np.eye(3), 3.0, frame=SO3(), method=method, **OPTIONS)
+    for _ in range(4):
+        stepper.step()
+    other = copied(stepper)
+    assert (other.t, other.t_old, other.nfev) == (stepper.t, stepper.t_old, stepper.nfev)
+    for one, two in zip(taken(stepper), taken(other), strict=True):
+        assert_array_equal(one, two)
+    assert (other.nfev, other.nexp) == (stepper.nfev, stepper.nexp)
+
+
+def test_a_function_that_cannot_be_pickled_is_named():
+    stepper = cg.Stepper(lambda t, y: [1.0], 0, [0.0], 1.0, frame=Euclidean(1), method="CF4", h=0.1)
+    with pytest.raises(TypeError, match=r"f must be such that it can be pickled.*CompiledFunction"):
+        pickle.dumps(stepper)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_solution_within_a_step(method):
+    stepper = cg.Stepper(turning, 0, np.eye(3), 2.0, frame=SO3(), method=method, **OPTIONS)
+    other = copy.copy(stepper)
+    for _ in range(3):
+        stepper.step()
+        other.step()
+        within = stepper.dense_output()
+        assert_array_equal(within(stepper.t), stepper.y)
+        middle = 0.5 * (stepper.t_old + stepper.t)
+        exact = cg.solve_ivp(
+            turning,
+            (0, middle),
+            np.eye(3),
+            frame=SO3(),
+            method="RKMK8(5,3)",
+            rtol=1e-12,
+            atol=1e-12,
+        ).y[-1]
+        assert np.abs(within(middle) - exact).max() < 1e-5
+        assert_array_equal(stepper.y, other.y)  # it changes nothing of the steps
+    with pytest.raises(RuntimeError, match="after a step"):
+        cg.Stepper(turning, 0, np.eye(3), frame=SO3()).dense_output()
+
+
+def test_advance_lands_on_the_time_and_does_not_shrink_the_next_step():
+    plain = cg.Stepper(turning, 0, np.eye(3), 9.0, frame=SO3(), method="CF5(4)", **OPTIONS)
+    for _ in range(6):
+        plain.step()
+    stepper = copy.copy(plain)
+    size = plain.step_size
+    assert stepper.advance(stepper.t + 1e-3 * size) is None
+    assert stepper.step_size == pytest.approx(1e-3 * size)
+    stepper.step()
+    assert stepper.step_size > 0.5 * size
+    with pytest.raises(ValueError, match="t must lie between"):
+        stepper.advance(0.0)
+    with pytest.raises(ValueError, match="t must lie between"):
+        stepper.advance(9.5)
+    assert stepper.advance(9.0) is None
+    assert (stepper.t, stepper.status) == (9.0, "finished")
+    with pytest.raises(RuntimeError, match="has finished"):
+        stepper.step()
+
+
+def spun(t, y, torque):
+    return np.concatenate([y[4:], torque])
+
+
+def test_a_sampled_control_law_is_a_sequence_of_integrations():
+    frame = Product(UnitQuaternion(), Euclidean(3))
+    y0 = np.array([0, 0, 0, 1, 0.3, 0, 0.1])
+    stepper = cg.Stepper(spun, 0.0, y0, frame=frame, method="CF4", h=0.05, args=(np.zeros(3),))
+    y = y0
+    for k in range(1, 30):
+        torque = -0.5 * y[:3] - y[4:]
+        stepper.restart(args=(torque,))
+        assert stepper.advance(0.1 * k) is None
+        span = (0.1 * (k - 1), 0.1 * k)
+        y = cg.integrate(spun, span, y, frame=frame, method="CF4", h=0.05, args=(torque,)).y[-1]
+        assert_array_equal(stepper.y, y)
+
+
+def test_restart_takes_points_times_and_parameters():
+    def f(t, y, rate):
+        return [rate[0], 0.0, t]
+
+    stepper = cg.Stepper(f, 0.0, np.eye(3), frame=SO3(), parameters=[1.0], **OPTIONS)
+    stepper.advance(1.0)
+    y = stepper.y
+    stepper.restart(t=5.0, y=np.eye(3), parameters=[2.0])
+    assert (stepper.t, stepper.status) == (5.0, "running")
+    stepper.advance(6.0)
+    alone = cg.solve_ivp(f, (5, 6), np.eye(3), frame=SO3(), parameters=[2.0], **OPTIONS)
+    assert_array_equal(stepper.y, alone.y[-1])
+    assert not np.array_equal(y, stepper.y)
+    with pytest.raises(ValueError, match="y must have shape"):
+        stepper.restart(y=[1.0])
+    with pytest.raises(ValueError, match="y must be a point"):
+        stepper.restart(y=2 * np.eye(3))
+
+
+def test_failures_are_messages_and_exceptions_come_out():
+    stepper = cg.Stepper(lambda t, y: y**2, 0.0, [1.0], 2.0, frame=Euclidean(1))
+    message = None
+    while message is None:
+        message = stepper.step()
+    assert "step size fell below" in message
+    assert stepper.status == "failed"
+    with pytest.raises(RuntimeError, match="has failed"):
+        stepper.step()
+
+    def broken(t, y):
+        if t > 0.5:
+            raise KeyError("broken")
+        return [1.0]
+
+    stepper = cg.Stepper(broken, 0.0, [0.0], 2.0, frame=Euclidean(1))
+    with pytest.raises(KeyError, match="broken"):
+        stepper.advance(2.0)
+
+
+def turning_together(t, y):
+    return np.stack([0.1 + y[:, 0, 0], np.cos(t), np.sin(t) * y[:, 1, 2]], axis=1)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_ensembles_advance(together):
+    y0 = SO3().random_point(np.random.default_rng(3), 4)
+    f = turning_together if together else turning
+    stepper = cg.Stepper(f, 0.0, y0, frame=SO3(), vectorized=together, **OPTIONS)
+    stepper.advance(0.7)
+    stepper = copy.copy(stepper)
+    stepper.advance(1.5)
+    for k, point in enumerate(y0):
+        alone = cg.Stepper(turning, 0.0, point, frame=SO3(), **OPTIONS)
+        alone.advance(0.7)
+        alone.advance(1.5)
+        np.testing.assert_allclose(stepper.y[k], alone.y, atol=1e-9 if together else 0, rtol=0)
+    with pytest.raises(RuntimeError, match="common_steps"):
+        stepper.step()
+
+
+def test_members_with_common_steps_take_them_together():
+    y0 = SO3().random_point(np.random.default_rng(3), 4)
+    stepper = cg.Stepper(
+        turning_together, 0.0, y0, 1.0, frame=SO3(), vectorized=True, common_steps=True, **OPTIONS
+    )
+    whole = cg.solve_ensemble(
+        turning_together, (0, 1), y0, frame=SO3(), vectorized=True, common_steps=True, **OPTIONS
+    )
+    steps = 0
+    while stepper.status == "running":
+        assert stepper.step() is None
+        steps += 1
+        assert stepper.dense_output()(stepper.t).shape == y0.shape
+    assert steps == whole.steps[0]
+    np.testing.assert_allclose(stepper.y, whole.y[-1], atol=1e-13, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"t0": "0"}, "t0 must be a real number"),
+        ({"t0": np.inf}, "t0 must be a finite number"),
+        ({"t_bound": np.nan}, "t_bound must be"),
+        ({"y0": 2 * np.eye(3)}, "y0 must be a point"),
+        ({"frame": None}, "frame must be a Frame"),
+        ({"vectorized": True}, "must be False for a single point"),
+        ({"args": 1.0}, "args must be a tuple"),
+        ({"first_step": -1.0}, "first_step must be positive"),
+    ],
+)
+def test_bad_arguments_are_named(changes, message):
+    arguments = {"t0": 0.0, "y0": np.eye(3), "t_bound": 1.0, "frame": SO3(), **changes}
+    positional = [arguments.pop(name) for name in ("t0", "y0", "t_bound")]
+    with pytest.raises((TypeError, ValueError), match=message):
+        cg.Stepper(turning, *positional, **arguments)
