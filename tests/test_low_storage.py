@@ -20,7 +20,7 @@ import cg
 from cg import MethodError, conditions
 from cg.catalogue import dumps, loads, methods
 from cg.conditions import exact_weights
-from cg.integration import built_in, compiled_run, integrate, solve_ivp
+from cg.integration import built_in, integrate, plan, solve_ivp
 from cg.integration.built_in import integrate_affine
 from cg.integration.paths import paths_of
 from cg.low_storage import flat_residuals, from_two_registers, rooted_trees, two_registers
@@ -293,7 +293,8 @@ class TestSteps:
 
     @staticmethod
     def general(monkeypatch):
-        for module in (compiled_run, built_in):
+        monkeypatch.setattr(plan, "_plans", lambda method: {})  # none is prepared yet
+        for module in (plan, built_in):
             monkeypatch.setattr(
                 module, "paths_of", lambda method: replace(paths_of(method), registers=None)
             )
@@ -368,16 +369,15 @@ class TestMemory:
 import re, sys
 import numpy as np
 import cg
-from cg.integration import compiled_run, paths
+from cg.integration import paths, plan
 from dataclasses import replace
 if sys.argv[1] == "general":
-    compiled_run.paths_of = lambda m: replace(paths.paths_of(m), registers=None)
+    plan.paths_of = lambda m: replace(paths.paths_of(m), registers=None)
 n = 200_000
-y = np.broadcast_to(np.eye(3), (n, 3, 3)).copy()
-f = np.ones((n, 3))
-cg.integrate(
-    lambda t, y: f, (0.0, 1.0), y, frame=cg.frames.SO3(), method="CF4b", h=0.5, save_every=2
-)
+frame = cg.frames.Power(cg.frames.SO3(), n)
+y = np.broadcast_to(np.eye(3), (n, 3, 3)).reshape(frame.point_shape)
+f = np.ones(frame.dim)
+cg.integrate(lambda t, y: f, (0.0, 1.0), y, frame=frame, method="CF4b", h=0.5, save_every=2)
 # unlike ru_maxrss, nothing of what the parent had
 status = open("/proc/self/status").read()
 print(int(re.search(r"VmHWM:\\s+(\\d+) kB", status)[1]) * 1024 / (8 * n))

@@ -64,11 +64,24 @@ def test_other_results_are_refused(value, message):
 
 def test_an_ensemble_needs_the_shape_of_its_coefficients():
     y0 = np.stack([Y0, Y0])
-    fine = run(lambda t, y: np.ones((2, 6)), y0)
-    np.testing.assert_array_equal(run(lambda t, y: [[1.0] * 6] * 2, y0), fine)
-    for flat in (np.ones(12), [1.0] * 12):
-        with pytest.raises(ValueError, match=r"f must return an array of shape \(2, 6\)"):
-            run(lambda t, y, flat=flat: flat, y0)
+
+    def together(value):
+        shapes.clear()
+
+        def f(t, y):
+            shapes.append((len(y), 6))
+            return value(len(y))
+
+        return cg.solve_ensemble(f, (0.0, 1.0), y0, vectorized=True, **OPTIONS).y
+
+    shapes = []
+    nested = together(lambda k: [[1.0] * 6] * k)
+    np.testing.assert_array_equal(nested, together(lambda k: np.ones((k, 6))))
+    assert (2, 6) in shapes
+    for flat in (lambda k: np.ones(6 * k), lambda k: [1.0] * (6 * k)):
+        with pytest.raises(ValueError, match="f must return an array of shape") as caught:
+            together(flat)
+        assert f"shape {shapes[-1]}, got shape ({6 * shapes[-1][0]},)" in str(caught.value)
 
 
 def points_seen(keep, frame=FRAME, y0=Y0):
