@@ -25,12 +25,9 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integration import interpolant
-from cg.integration.interpolant import Interpolant, nodes_of
-from cg.integration.interpolation import extra_evaluations, interpolate
-from cg.integration.problem import make_problem
-from cg.integration.stepper import Block
-from cg.integration.time_grid import make_grid
+from cg.integration import run
+from cg.integration.interpolant import extra_evaluations, nodes_of
+from cg.integration.step_budget import StepBudget
 
 FRAMES = [
     Euclidean(3),
@@ -68,16 +65,12 @@ def generic(frame, seed=11):
 def one_step(frame, h, method):
     """Return the solution within one step, and accurate points between its ends."""
     f, y0 = generic(frame)
-    problem = make_problem(f, frame, method, y0, stage_solver="newton")
-    stepper = problem.stepper(make_grid((T0, T0 + h), abs(h)), slopes=True)
-    (block,) = stepper.blocks()
-    made = interpolate(stepper, block, np.array([0]))
+    made = cg.solve_ivp(
+        f, (T0, T0 + h), y0, frame=frame, method=method, h=abs(h), dense_output=True
+    )
+    assert made.steps == 1
     fine = cg.integrate(f, (T0, T0 + h), y0, frame=frame, method="CG6g", h=abs(h) / 6)
     return made, fine
-
-
-def within(made, t):
-    return made.at(np.zeros(len(t), dtype=np.intp), t)
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
@@ -87,7 +80,7 @@ def test_local_order_is_that_of_the_steps(frame, method, sign):
     errors = []
     for h in sizes:
         made, fine = one_step(frame, sign * h, method)
-        errors.append(frame.distance(within(made, fine.t), fine.y).max())
+        errors.append(frame.distance(made.sol(fine.t), fine.y).max())
     order = observed_order(sizes, errors, floor=2e-15).order
     assert order > cg.methods[method].order + 0.6
 
@@ -100,7 +93,7 @@ def test_implicit_methods_have_it_too(method):
     errors = []
     for h in sizes:
         made, fine = one_step(SO3(), h, method)
-        errors.append(SO3().distance(within(made, fine.t), fine.y).max())
+        errors.append(SO3().distance(made.sol(fine.t), fine.y).max())
     order = observed_order(sizes, errors, floor=2e-15).order
     assert order > cg.methods[method].order + 0.6
 
@@ -118,40 +111,32 @@ def test_the_ends_are_exact_and_all_is_on_the_manifold(frame):
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
 def test_it_is_continuous_at_the_ends_without_their_being_set(frame):
     made, _ = one_step(frame, 0.3, "CG5a")
-    ends = made.between(np.array([0, 0]), np.array([0.0, 1.0]), made.rest[[0, 0]])
-    np.testing.assert_allclose(ends[0], made.y0[0], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(ends[1], made.y1[0], rtol=0, atol=1e-14)
+    ends = made.sol(np.nextafter(made.t, made.t[::-1]))
+    np.testing.assert_allclose(ends[0], made.y[0], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(ends[1], made.y[-1], rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("method", ["CG3", "CF6(5)", "DOP853", "RKMK5(4)", "RKMK8(5,3)"])
 @pytest.mark.parametrize(
     "frame", [Euclidean(1), SO3(), UnitQuaternion(), Sphere(2), Stiefel(3, 1)], ids=repr
 )
-def test_bits_are_the_same_however_many_steps_are_made_at_once(frame, method):
-    """Blocks have as many steps as time allows, on which nothing may depend."""
+def test_bits_are_the_same_however_many_steps_are_made_at_once(frame, method, monkeypatch):
+    """Calls make as many steps as time and buffers allow, on which nothing may depend."""
     f, y0 = generic(frame)
-    problem = make_problem(f, frame, method, y0, stage_solver="newton")
-    stepper = problem.stepper(make_grid((0.0, 2.1), 0.1), slopes=True)
-    blocks, made, points = list(stepper.blocks()), {}, {}
-    block = Block(
-        np.concatenate([blocks[0].t, *[part.t[1:] for part in blocks[1:]]]),
-        np.concatenate([blocks[0].y, *[part.y[1:] for part in blocks[1:]]]),
-        np.concatenate([part.slopes for part in blocks]),
-    )
-    theta = np.linspace(0.05, 0.95, 7)
+    options = {"frame": frame, "method": method, "h": 0.1, "dense_output": True}
+    whole = cg.solve_ivp(f, (0.0, 2.1), y0, **options)
+    times = np.add.outer(whole.t[:-1], 0.1 * np.linspace(0.05, 0.95, 7))
+    points = whole.sol(times)
+    monkeypatch.setattr(StepBudget, "stop", lambda self, count: None)
     for size in (1, 2, 5, 20):
-        parts = [
-            interpolate(stepper, block, np.arange(k, min(k + size, 20))) for k in range(0, 20, size)
-        ]
-        made[size] = Interpolant.join(parts)
-        which = np.repeat(np.arange(20), len(theta))
-        points[size] = made[size](which, np.tile(theta, 20))
-        np.testing.assert_array_equal(made[size].fields, made[1].fields)
-        np.testing.assert_array_equal(made[size].rest, made[1].rest)
-        np.testing.assert_array_equal(points[size], points[1])
-    for k in range(20):
-        there = [made[1](np.array([k]), np.array([s]))[0] for s in theta]
-        np.testing.assert_array_equal(there, points[20].reshape(20, len(theta), *y0.shape)[k])
+        monkeypatch.setattr(run, "_FEW", size)
+        monkeypatch.setattr(run, "_MANY", size)
+        monkeypatch.setattr(StepBudget, "start", lambda self, size=size: size)
+        made = cg.solve_ivp(f, (0.0, 2.1), y0, **options)
+        np.testing.assert_array_equal(made.y, whole.y)
+        np.testing.assert_array_equal(made.sol(times), points)
+    for index in np.ndindex(times.shape):
+        np.testing.assert_array_equal(whole.sol(times[index]), points[index])
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
@@ -159,8 +144,8 @@ def test_derivatives_at_the_ends_are_the_field(frame):
     f, _ = generic(frame)
     made, _ = one_step(frame, 0.05, "CG5a")
     d = 1e-5
-    for t, y, inside in ((T0, made.y0[0], d), (T0 + 0.05, made.y1[0], -d)):
-        near = within(made, np.array([t + inside, t + 2 * inside]))
+    for t, y, inside in ((T0, made.y[0], d), (T0 + 0.05, made.y[-1], -d)):
+        near = made.sol(np.array([t + inside, t + 2 * inside]))
         slope = (4 * near[0] - near[1] - 3 * y) / (2 * inside)
         np.testing.assert_allclose(slope, frame.field(f(t, y), y), rtol=0, atol=2e-6)
 
@@ -168,10 +153,10 @@ def test_derivatives_at_the_ends_are_the_field(frame):
 def test_on_flat_space_it_is_the_cubic_of_hermite_for_order_three():
     f, _ = generic(Euclidean(3))
     made, _ = one_step(Euclidean(3), 0.5, "CG3")
-    ends = [(T0, made.y0[0]), (T0 + 0.5, made.y1[0])]
+    ends = [(T0, made.y[0]), (T0 + 0.5, made.y[-1])]
     cubic = CubicHermiteSpline(*zip(*ends, strict=True), [f(t, y) for t, y in ends])
     t = np.linspace(T0, T0 + 0.5, 20)
-    np.testing.assert_allclose(within(made, t), cubic(t), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(made.sol(t), cubic(t), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("count", range(2, 9))
@@ -186,7 +171,6 @@ def test_the_last_flow_takes_away_the_leading_error(count):
     values = field(nodes.nodes)
     s = np.linspace(0, 1, 11)
     interpolated = Polynomial.fit(nodes.nodes, values, count - 1, domain=[0, 1], window=[0, 1])
-    np.testing.assert_allclose(nodes.basis(s) @ values, interpolated(s), rtol=0, atol=1e-11)
     integral = interpolated.integ()
     rest = solution(1.0) - (integral(1.0) - integral(0.0))
     made = integral(s) - integral(0.0) + rest * nodes.blend(s)
@@ -347,16 +331,3 @@ def test_many_times_take_little_memory_beside_the_result(method):
     np.testing.assert_array_equal(found, between)
     assert asked < 3 * between.nbytes + 30e6
     assert solved < 4 * found.nbytes + 30e6
-
-
-def test_times_are_evaluated_in_pieces(monkeypatch):
-    f, y0 = generic(SO3())
-    run = cg.solve_ivp(
-        lambda t, y: np.stack([f(t, y[0]), f(t, y[1])]), (0, 1), np.stack([y0, y0]), frame=SO3(),
-        dense_output=True,
-    )  # fmt: skip
-    times = np.linspace(0, 1, 57)
-    whole = run.sol(times)
-    for size in (1, 10, 56, 57):
-        monkeypatch.setattr(interpolant, "_AT_A_TIME", size)
-        np.testing.assert_array_equal(run.sol(times), whole)
