@@ -98,11 +98,11 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
   integer(c_intptr_t), intent(in) :: event_functions(2, events)        ! addresses, and of data
   integer, intent(in) :: direction(events), jumps(events)
   integer(int64), intent(in) :: most(events)
-  integer(c_intptr_t), intent(out) :: address
+  integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
   type(plan_t), pointer :: plan
   type(run_t), pointer :: run
   type(c_funptr) :: pointer
-  integer :: count
+  integer :: count, memory
 
   allocate (run)
   plan => plan_at(plan_address)
@@ -144,8 +144,13 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
       problem%events => run%events
     end if
   end associate
-  call begin_run(run, lanes, keep_last)
-  address = at_address(c_loc(run))
+  call begin_run(run, lanes, keep_last, memory)
+  address = 0
+  if (memory == 0) then
+    address = at_address(c_loc(run))
+  else
+    deallocate (run)
+  end if
 end subroutine loop_open
 
 subroutine loop_close(address)
@@ -241,7 +246,7 @@ subroutine loop_interpolate(address)
 
   run => run_at(address)
   do i = 1, size(run%lanes)
-    call request_interpolant(run%problem, run%lanes(i))
+    call request_interpolant(run%lanes(i))
   end do
   run%busy = .true.
 end subroutine loop_interpolate

@@ -73,11 +73,13 @@ contains
   end function run_at
 
   ! Finds the caller's memory, and makes as many lanes as there may be.
-  subroutine begin_run(run, lanes, keep_last)
+  subroutine begin_run(run, lanes, keep_last, memory)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: lanes
     logical, intent(in) :: keep_last
-    integer :: i, memory, members
+    integer, intent(out) :: memory           ! nonzero if there isn't enough
+    logical :: within
+    integer :: i, members
 
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
@@ -88,13 +90,16 @@ contains
       call c_f_pointer(transfer(record%status, c_null_ptr), run%status, [members])
       call c_f_pointer(transfer(record%flag, c_null_ptr), run%flag, [members])
       call c_f_pointer(transfer(record%counts, c_null_ptr), run%counts, [6, members])
-      allocate (run%lanes(min(lanes, members)), run%busy(min(lanes, members)))
+      within = keep_last .or. record%dense /= 0 .or. record%wanted > 0 &
+               .or. associated(run%problem%events)
+      allocate (run%lanes(min(lanes, members)), run%busy(min(lanes, members)), stat=memory)
+      if (memory /= 0) return
       run%busy = .false.
       do i = 1, size(run%lanes)
-        call start(run%problem, run%lanes(i), memory)
+        call start(run%problem, within, run%lanes(i), memory)
+        if (memory /= 0) return
         run%lanes(i)%keep_last = keep_last
         run%lanes(i)%member = i
-        if (memory /= 0) run%lanes(i)%status = out_of_memory
       end do
     end associate
     call set_output(run)
@@ -163,7 +168,9 @@ contains
               waits = .true.
               exit
             end if
-            call resume(run%problem, lane, run%output, budget)
+            if (lane%status /= out_of_memory) then
+              call resume(run%problem, lane, run%output, budget)
+            end if
             if (run%record%raised /= 0) lane%status = raised
             select case (lane%status)
             case (needs_field)
@@ -313,10 +320,16 @@ contains
     type(run_t), intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
     real(wp), allocatable :: where(:, :), points(:), slopes(:)
-    integer :: i
+    integer :: i, memory
 
     associate (n => run%frame%point_size, m => run%frame%dimension, k => size(requests))
-      allocate (where(k, 2), points(n * k), slopes(m * k))
+      allocate (where(k, 2), points(n * k), slopes(m * k), stat=memory)
+      if (memory /= 0) then
+        do i = 1, k
+          run%lanes(requests(i))%status = out_of_memory
+        end do
+        return
+      end if
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
           where(i, :) = [lane%want_t, real(lane%member - 1, wp)]

@@ -120,7 +120,7 @@ class _CompiledFlows:
         return moved
 
     def restore(self, y: Points) -> Points:
-        return self(np.empty((0, self.frame.dim)), y)
+        return self(np.zeros((1, self.frame.dim)), y)
 
 
 class _GroupFlows:

@@ -196,7 +196,7 @@ class Run:
         in_entries = control.h is None and not plan.in_algebra
         parts = plan.parts if in_entries else 1
         needed = 1 << 16 if lanes == 1 else 0
-        needed += lanes * 8 * plan.method.stages * (plan.width + 2 * plan.frame.dim)
+        needed += lanes * 8 * (plan.method.stages + plan.nodes) * (plan.width + 2 * plan.frame.dim)
         with reserved(needed, f"{members} trajectories of {plan.width} numbers"):
             self.address: int = core.loop_open(
                 plan.address, ctypes.addressof(self.record), id(self.callbacks), *rhs.addresses(),
@@ -205,6 +205,8 @@ class Run:
                 plan.exponent, control.max_step, control.first_step or 0.0, control.max_steps,
                 functions, direction, most, jumps,
             )  # fmt: skip
+        if not self.address:
+            raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
         self.close = weakref.finalize(self, core.loop_close, self.address)
 
     def _give_members(self, doubles: Array, t0: float) -> None:
