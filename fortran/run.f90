@@ -133,6 +133,7 @@ contains
       call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
                        [m, nodes + 1, dense])
       output%event_capacity = record%event_capacity
+      output%lanes = size(run%lanes, kind=int64)
       output%functions = 0
       if (associated(run%problem%events)) output%functions = int(run%problem%events%count, int64)
       call c_f_pointer(transfer(record%event_of, c_null_ptr), output%event_of, [2, events])
@@ -319,11 +320,11 @@ contains
   subroutine evaluate_together(run, requests)
     type(run_t), intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
-    real(wp), allocatable :: where(:, :), points(:), slopes(:)
+    real(wp), allocatable :: where(:), points(:), slopes(:)  ! times, then members
     integer :: i, memory
 
     associate (n => run%frame%point_size, m => run%frame%dimension, k => size(requests))
-      allocate (where(k, 2), points(n * k), slopes(m * k), stat=memory)
+      allocate (where(2 * k), points(n * k), slopes(m * k), stat=memory)
       if (memory /= 0) then
         do i = 1, k
           run%lanes(requests(i))%status = out_of_memory
@@ -332,11 +333,12 @@ contains
       end if
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          where(i, :) = [lane%want_t, real(lane%member - 1, wp)]
+          where(i) = lane%want_t
+          where(k + i) = real(lane%member - 1, wp)
           points((i - 1) * n + 1:i * n) = lane%want
         end associate
       end do
-      call run%python%apply(fields_operation, reshape(where, [2 * k]), points, slopes)
+      call run%python%apply(fields_operation, where, points, slopes)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
           lane%got = slopes((i - 1) * m + 1:i * m)

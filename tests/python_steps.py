@@ -36,15 +36,20 @@ class Step:
             y1, other = self.pair(t, y, h)
             return y1, error(self.frame, other, y1, y, rtol, atol)
         y1 = self(t, y, h)
+        errors = self.estimates(y, h, y1, rtol, atol)
+        if len(errors) == 1 or errors[0] == 0.0:
+            return y1, errors[0]
+        return y1, errors[0] ** 2 / np.hypot(errors[0], 0.1 * errors[1])
+
+    def estimates(self, y, h, y1, rtol, atol):
+        """Return the errors in tolerances that combinations of stages of the last step tell."""
         errors = []
         for combination in self._differences(h):
             v = self.frame.shortest(combination, y1)
             known = self.frame.exp_coordinates(y1, y1) is not None
             difference = v if known else self.frame.field(v, y1)
             errors.append(_rms(difference / _scale(self.frame, [y, y1], rtol, atol)))
-        if len(errors) == 1 or errors[0] == 0.0:
-            return y1, errors[0]
-        return y1, errors[0] ** 2 / np.hypot(errors[0], 0.1 * errors[1])
+        return errors
 
     def _differences(self, h):
         weights = np.array(self.paths.errors, dtype=float)

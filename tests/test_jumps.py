@@ -195,7 +195,13 @@ def test_other_events_in_the_step_of_a_jump():
         cg.Event(lambda t, y: y[0] - 0.6),
     ]
     found = cg.solve_ivp(
-        lambda t, y: [1.0], (0, 2), [0.0], frame=Euclidean(1), method="CG4a", h=2.0, events=events
+        lambda t, y: [1.0],
+        (0, 1.95),
+        [0.0],
+        frame=Euclidean(1),
+        method="CG4a",
+        h=2.0,
+        events=events,
     )
     np.testing.assert_allclose(found.t_events[0], [0.4, 0.9, 1.4, 1.9], rtol=0, atol=1e-14)
     np.testing.assert_allclose(found.t_events[1], [0.5, 1.0, 1.5], rtol=0, atol=1e-14)
@@ -216,9 +222,9 @@ def test_members_jump_on_their_own(frame):
         return own[0] * np.array([0.3, np.cos(t), 2.0])
 
     together = cg.solve_ensemble(f, (0, 4), y0, parameters=rates, t_eval=[1, 4], **options)
+    assert sum(map(len, together.t_events[0])) >= 4
     for i in range(4):
         alone = cg.solve_ivp(f, (0, 4), y0[i], parameters=rates[i], t_eval=[1, 4], **options)
-        assert len(alone.t_events[0]) >= 1
         np.testing.assert_array_equal(together.y[:, i], alone.y)
         np.testing.assert_array_equal(together.t_events[0][i], alone.t_events[0])
         np.testing.assert_array_equal(together.y_after[0][i], alone.y_after[0])

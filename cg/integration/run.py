@@ -29,6 +29,7 @@ from cg.integration.plan import Plan
 from cg.integration.python_rhs import PythonRhs, StageOverflowError
 from cg.integration.step_budget import StepBudget
 from cg.memory import reserved
+from cg.parallel import raise_if_stopped
 from cg.shared_numbers import RECORD, Stop
 from cg.tableau import Tableau
 
@@ -179,12 +180,12 @@ class Run:
             self.record.wanted = len(output.times)
             self._give("times", np.ascontiguousarray(output.times))
             self._give("y", output.y)
-        self._has_events = events is not None and len(events) > 0
-        self._capacity = output.capacity or _FEW
-        self._make_buffers(self._capacity)
         if lanes is None:
             lanes = members if common else _LANES if rhs.together else 1
-        lanes = min(lanes, members)
+        self._lanes = lanes = min(lanes, members)
+        self._functions = 0 if events is None else len(events)
+        self._capacity = output.capacity or _FEW
+        self._make_buffers(self._capacity)
         self.callbacks = self._callbacks(events, stage_solver, lanes)
         functions, direction, most, jumps = _NO_EVENTS
         if events is not None and len(events):
@@ -253,11 +254,12 @@ class Run:
             self.record.step_capacity = capacity
             self._give("step_t", np.empty(capacity))
             self._give("step_y", np.empty((capacity, width)))
-        if self._has_events:
-            self.record.event_capacity = min(capacity, _MANY)
+        more = min(capacity, _MANY)
+        if self._functions:
+            self.record.event_capacity = self._functions * self._lanes + more
             self._give_events(self.record.event_capacity)
         if output.dense:
-            self.give_dense(min(capacity, _MANY))
+            self.give_dense(self._lanes + more)
 
     def _give_events(self, capacity: int) -> None:
         width = self.plan.width
@@ -287,13 +289,19 @@ class Run:
             given = budget.start()
             self.record.budget = given
             self.call()
+            raise_if_stopped()
             budget.stop(max(given - self.record.budget, 1))
             if watch is not None:
                 watch(float(np.abs(self.reached - self.t0).sum()))
 
     def call(self) -> None:
         """Go on in compiled code until something has to be done here, and take its output."""
-        self._core.loop_drive(self.address)
+        if self._lanes == 1:
+            self._core.loop_drive(self.address)
+        else:
+            needed = 32 * self._lanes * (self.plan.width + self.plan.frame.dim + 2)
+            with reserved(needed, f"a step of {self._lanes} members"):
+                self._core.loop_drive(self.address)
         record = self.record
         if record.raised:
             raise ValueError(
@@ -304,11 +312,12 @@ class Run:
         if record.steps:
             self._steps.append(self._taken(record.steps, full, "step_t", "step_y"))
         if record.interpolants:
-            full = full or record.interpolants == record.dense_capacity
+            full = full or record.interpolants + self._lanes > record.dense_capacity
             parts = ("dense_member", "dense_t", "dense_y", "dense_field")
             self._dense.append(self._taken(record.interpolants, full, *parts))
         if record.events:
-            full = full or 2 * record.events > record.event_capacity
+            most = self._functions * self._lanes
+            full = full or record.events + most > record.event_capacity
             names = ("event_of", "event_t", "event_y")
             self._events.append(self._taken(record.events, full, *names))
         if full and record.ended < self.members:
