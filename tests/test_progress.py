@@ -136,7 +136,8 @@ class TestDatasets:
         assert_array_equal(data.y, run.y)
         assert_array_equal(data.t, run.t)
         assert data.attrs == {
-            "method": "CG3", "frame": "SO3()", "nfev": 12, "nexp": 24, "steps": 4, "h": 0.25
+            "method": "CG3", "frame": "SO3()", "nfev": 12, "njev": 0, "nlu": 0, "nexp": 24,
+            "steps": 4, "nrejected": 0, "status": 0, "message": run.message, "h": 0.25,
         }  # fmt: skip
         assert_array_equal(data.y.sel(t=0.5), run.y[2])
 
