@@ -239,3 +239,20 @@ def test_bad_arguments_are_named(changes, message):
     positional = [arguments.pop(name) for name in ("t0", "y0", "t_bound")]
     with pytest.raises((TypeError, ValueError), match=message):
         cg.Stepper(turning, *positional, **arguments)
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+def test_a_breakpoint_that_is_advanced_to_is_seen_from_before(fixed):
+    seen = []
+
+    def f(t, y):
+        seen.append(t)
+        return [0.0 if t < 1.0 else 5.0]
+
+    control = {"method": "CF4", "h": 0.25} if fixed else {"method": "DP5(4)", **OPTIONS}
+    stepper = cg.Stepper(f, 0.0, [2.0], 2.0, frame=Euclidean(1), breakpoints=[1.0], **control)
+    stepper.advance(1.0)
+    assert max(seen) == np.nextafter(1.0, 0.0)
+    assert stepper.y == 2.0
+    stepper.advance(2.0)
+    assert stepper.y == pytest.approx(7.0, abs=1e-12)

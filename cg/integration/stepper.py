@@ -268,7 +268,9 @@ class Stepper:
             self._target[0] = target
             stops = self._target
         else:
-            stops = np.append(self._stops[self.direction * (self._stops - target) < 0.0], target)
+            # a breakpoint at the target stands twice: the step up to it must not see what follows
+            reached = self._stops[self.direction * (self._stops - target) <= 0.0]
+            stops = np.append(reached, target)
             stops = stops[self.direction * (stops - self.t) > 0.0]
         self._continue(stops)
         self._on_way = False
