@@ -2,8 +2,9 @@
 
 ! One call of a function in C for each of some points, which it may write into
 subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, flag)
-  use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use external_field, only: external_field_t, make_external_field
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
+  use external_field, only: field_at, rhs_i
   use kinds_r64, only: wp
   implicit none
   integer(c_intptr_t), intent(in) :: function_address
@@ -14,13 +15,15 @@ subroutine call_field(function_address, data_address, data_stride, t, members, n
   real(wp), intent(inout) :: y(n, members), f(m, members)
   integer, intent(out) :: done                       ! how many were evaluated before one failed
   integer, intent(out) :: flag                       ! what the function returned then
-  type(external_field_t) :: field
+  procedure(rhs_i), pointer :: rhs
+  integer(c_intptr_t) :: address
 
+  rhs => field_at(function_address)
   flag = 0
   do done = 0, members - 1
-    call make_external_field(function_address, data_address + int(done, c_intptr_t) * data_stride, &
-                             field)
-    call field%coefficients(n, m, t, y(:, done + 1), f(:, done + 1), flag)
+    address = data_address + int(done, c_intptr_t) * data_stride
+    f(:, done + 1) = ieee_value(t, ieee_quiet_nan)   ! what the function leaves out stays NaN
+    flag = rhs(t, y(:, done + 1), f(:, done + 1), transfer(address, c_null_ptr))
     if (flag /= 0) exit
   end do
 end subroutine call_field

@@ -77,10 +77,10 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
                     atol, rtol, in_entries, parts, exponent, max_step, first_step, max_steps, &
                     events, event_functions, direction, most, jumps, address)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_f_procpointer, c_funptr, c_intptr_t, c_loc, &
-                                         c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use error_norm_r64, only: tolerances_t
+  use external_field, only: field_at
   use kinds_r64, only: wp
   use run, only: at_address, begin_run, plan_at, plan_t, run_t
   implicit none
@@ -101,7 +101,6 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
   type(plan_t), pointer :: plan
   type(run_t), pointer :: run
-  type(c_funptr) :: pointer
   integer :: count, memory
 
   allocate (run)
@@ -111,8 +110,7 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
   run%python%context = transfer(context, c_null_ptr)
   if (context /= 0) run%frame%callback => run%python
   run%batch = batch
-  pointer = transfer(function_address, pointer)
-  call c_f_procpointer(pointer, run%rhs)
+  run%rhs => field_at(function_address)
   run%nan = ieee_value(run%nan, ieee_quiet_nan)
   run%data_address = data_address
   run%data_stride = data_stride
