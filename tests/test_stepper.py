@@ -181,6 +181,9 @@ def test_failures_are_messages_and_exceptions_come_out():
     stepper = cg.Stepper(broken, 0.0, [0.0], 2.0, frame=Euclidean(1))
     with pytest.raises(KeyError, match="broken"):
         stepper.advance(2.0)
+    stepper.restart(t=0.0, y=[3.0])
+    assert stepper.advance(0.4) is None
+    assert stepper.y == pytest.approx(3.4, abs=1e-12)
 
 
 def turning_together(t, y):

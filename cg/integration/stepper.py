@@ -6,6 +6,7 @@ import copy
 import math
 import pickle
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -156,8 +157,6 @@ class Stepper:
         self._run = self._make_run(start, problem.points)
 
     def _make_run(self, t: float, points: Points) -> Run:
-        from dataclasses import replace
-
         control = replace(self._control, first_step=self._first_step, max_steps=_NO_LIMIT)
         run = Run(
             plan_of(self.frame, self.method), self._rhs, points, t, self._stops, control,
@@ -342,7 +341,7 @@ class Stepper:
         if rows is not run.end:
             run.end[...] = rows
         run.reached[...] = self.t
-        run.record.ended = run.record.failed = 0
+        run.record.ended = run.record.failed = run.record.raised = 0
         self._on_way = False
         self.status = "running" if self.t != self.t_bound else "finished"
 
