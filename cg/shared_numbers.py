@@ -190,6 +190,7 @@ _SUFFIXES = {
 RECORD = {
     # a run: what the driver is given at each call
     "members": "integer",
+    "free": "integer",  # whether flows of different small coefficients lead to different points
     "budget": "integer",  # trial steps of all trajectories until it pauses
     # what it answers
     "ended": "integer",  # trajectories that have come to an end

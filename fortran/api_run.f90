@@ -1,24 +1,19 @@
 ! Faces for f2py of plans and runs, which stay here between calls and are known by their addresses.
 
 subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, stages, &
-                     c, implicit_stages, nodes, node, blend, flows, used, used_c, result_weight, &
-                     flat, series, address)
+                     c, implicit_stages, address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
   use frames_r64, only: make_frame
   use kinds_r64, only: wp
   use method_r64, only: make_method
   use run, only: at_address, plan_t
   implicit none
-  integer, intent(in) :: blocks, numbers, integers, terms, stages, nodes, flows, used
+  integer, intent(in) :: blocks, numbers, integers, terms, stages
   integer, intent(in) :: description(3, blocks)
   real(wp), intent(in) :: constants(numbers)
   integer, intent(in) :: list(integers)
   real(wp), intent(in) :: weight(terms), c(stages)
   logical, intent(in) :: implicit_stages
-  real(wp), intent(in) :: node(nodes, nodes - 1)       ! see scheme_t
-  real(wp), intent(in) :: blend(nodes + 2, nodes - 1)
-  real(wp), intent(in) :: used_c(used), result_weight(used, flows), flat(used, used)
-  integer, intent(in) :: series
   integer(c_intptr_t), intent(out) :: address
   type(plan_t), pointer :: plan
 
@@ -26,18 +21,42 @@ subroutine plan_open(blocks, description, numbers, constants, integers, list, te
   call make_frame(description, constants, 1, plan%frame)
   call make_method(list, weight, c, plan%method)
   plan%method%implicit = implicit_stages
+  address = at_address(c_loc(plan))
+end subroutine plan_open
+
+! How the solution within steps is made; see scheme_t.
+subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
+                           degree, basis, nodes, node, blend, used, used_c, flows, result_weight)
+  use, intrinsic :: iso_c_binding, only: c_intptr_t
+  use kinds_r64, only: wp
+  use run, only: plan_at, plan_t
+  implicit none
+  integer(c_intptr_t), intent(in) :: address
+  integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
+  logical, intent(in) :: flat
+  real(wp), intent(in) :: theta(extra)                 ! a last one is left out: none may be empty
+  real(wp), intent(in) :: row(derivatives, extra), basis(derivatives, degree)
+  real(wp), intent(in) :: node(nodes, nodes - 1), blend(nodes + 2, nodes - 1)
+  real(wp), intent(in) :: used_c(used), result_weight(used, flows)
+  type(plan_t), pointer :: plan
+
+  plan => plan_at(address)
   associate (scheme => plan%scheme)
+    scheme%flat = flat
+    scheme%final = final
+    scheme%series = series
+    scheme%theta = theta(:extra - 1)
+    scheme%row = row
+    scheme%basis = basis
     scheme%nodes = nodes
     allocate (scheme%node(nodes, 2:nodes), scheme%blend(0:nodes + 1, 2:nodes))
     scheme%node(:, :) = node
     scheme%blend(:, :) = blend
     scheme%c = used_c
     scheme%weight = result_weight
-    scheme%a = flat
-    scheme%series = series
+    scheme%columns = columns
   end associate
-  address = at_address(c_loc(plan))
-end subroutine plan_open
+end subroutine plan_set_scheme
 
 ! No less than the distances of points from the manifold; see distance_bound.
 subroutine plan_distance_bound(address, n, members, y, bound)
@@ -244,13 +263,13 @@ subroutine loop_interpolate(address)
 
   run => run_at(address)
   do i = 1, size(run%lanes)
-    call request_interpolant(run%lanes(i))
+    call request_interpolant(run%problem, run%lanes(i))
   end do
   run%busy = .true.
 end subroutine loop_interpolate
 
 ! All that trajectories need to go on bit for bit: read, or written
-subroutine loop_state(address, write, n, m, members, reals, integers, points, slopes)
+subroutine loop_state(address, write, n, m, columns, members, reals, integers, points, slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
   use kinds_r64, only: wp
   use run, only: run_at, run_t
@@ -258,10 +277,10 @@ subroutine loop_state(address, write, n, m, members, reals, integers, points, sl
   implicit none
   integer(c_intptr_t), intent(in) :: address
   logical, intent(in) :: write
-  integer, intent(in) :: n, m, members
+  integer, intent(in) :: n, m, columns, members
   real(wp), intent(inout) :: reals(6, members)
   integer(c_int64_t), intent(inout) :: integers(9, members)
-  real(wp), intent(inout) :: points(n, 2, members), slopes(m, 2, members)
+  real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
   type(run_t), pointer :: run
   integer :: i
 
@@ -279,7 +298,7 @@ subroutine loop_state(address, write, n, m, members, reals, integers, points, sl
 end subroutine loop_state
 
 ! Points of the solution within steps whose interpolants were kept
-subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, fields, y, missing)
+subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, fields, y)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use callback, only: python_t
   use frames_r64, only: frame_t
@@ -291,31 +310,28 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   integer, intent(in) :: count, steps, n, m
   integer, intent(in) :: which(count)                  ! steps, from 0
   real(wp), intent(in) :: theta(count)
-  real(wp), intent(in) :: t(3, steps), y_ends(n, 2, steps)
-  real(wp), intent(in) :: fields(m, steps)             ! (dimension * (nodes + 1), steps)
+  real(wp), intent(in) :: t(4, steps), y_ends(n, 2, steps)
+  real(wp), intent(in) :: fields(m, steps)             ! (dimension * columns, steps)
   real(wp), intent(inout) :: y(n, count)
-  integer, intent(out) :: missing                      ! 1 + a place where there is no point
   type(plan_t), pointer :: plan
   type(frame_t) :: frame
   type(python_t), target :: python
   type(interpolant_t) :: interpolant
   integer :: i, k, last
-  logical :: exists
 
   plan => plan_at(address)
   frame = plan%frame
   python%context = transfer(context, c_null_ptr)
   if (context /= 0) frame%callback => python
-  missing = 0
   last = -1
   do i = 1, count
     k = which(i) + 1
     if (k /= last) then
-      interpolant%nodes = plan%scheme%nodes
-      interpolant%t0 = t(1, k)
+      interpolant%known = plan%scheme%nodes
       interpolant%h = t(2, k)
+      interpolant%on_algebra = t(4, k) > 0
       interpolant%y0 = y_ends(:, 1, k)
-      interpolant%field = reshape(fields(:, k), [frame%dimension, plan%scheme%nodes + 1])
+      interpolant%field = reshape(fields(:, k), [frame%dimension, plan%scheme%columns])
       last = k
     end if
     if (.not. theta(i) > 0) then
@@ -323,9 +339,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
     else if (.not. theta(i) < 1) then
       y(:, i) = y_ends(:, 2, k)
     else
-      call evaluate_interpolant(frame, plan%scheme, interpolant, theta(i), .true., y(:, i), exists)
-      if (.not. exists) missing = i
-      if (.not. exists) return
+      call evaluate_interpolant(frame, plan%scheme, interpolant, theta(i), y(:, i))
     end if
   end do
 end subroutine plan_interpolate

@@ -83,6 +83,7 @@ contains
 
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
+      run%problem%free = record%free /= 0
       call c_f_pointer(transfer(record%start, c_null_ptr), run%start, [n, members])
       call c_f_pointer(transfer(record%end, c_null_ptr), run%end, [n, members])
       call c_f_pointer(transfer(record%reached, c_null_ptr), run%reached, [members])
@@ -90,15 +91,14 @@ contains
       call c_f_pointer(transfer(record%status, c_null_ptr), run%status, [members])
       call c_f_pointer(transfer(record%flag, c_null_ptr), run%flag, [members])
       call c_f_pointer(transfer(record%counts, c_null_ptr), run%counts, [6, members])
-      within = keep_last .or. record%dense /= 0 .or. record%wanted > 0 &
-               .or. associated(run%problem%events)
+      within = run%problem%scheme%columns > 0 &
+               .and. (record%dense /= 0 .or. record%wanted > 0 .or. associated(run%problem%events))
       allocate (run%lanes(min(lanes, members)), run%busy(min(lanes, members)), stat=memory)
       if (memory /= 0) return
       run%busy = .false.
       do i = 1, size(run%lanes)
-        call start(run%problem, within, run%lanes(i), memory)
+        call start(run%problem, within, keep_last, run%lanes(i), memory)
         if (memory /= 0) return
-        run%lanes(i)%keep_last = keep_last
         run%lanes(i)%member = i
       end do
     end associate
@@ -108,7 +108,7 @@ contains
   ! Looks up the caller's buffers, which may have changed.
   subroutine set_output(run)
     type(run_t), target, intent(inout) :: run
-    integer :: dense, events, steps, wanted, members, nodes
+    integer :: dense, events, steps, wanted, members
 
     associate (record => run%record, output => run%output, n => run%frame%point_size, &
                m => run%frame%dimension)
@@ -117,7 +117,6 @@ contains
       steps = int(record%step_capacity)
       dense = int(record%dense_capacity)
       events = int(record%event_capacity)
-      nodes = run%problem%scheme%nodes
       output%wanted = wanted
       call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [wanted])
       call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, wanted])
@@ -128,10 +127,10 @@ contains
       output%dense = record%dense /= 0
       output%dense_capacity = record%dense_capacity
       call c_f_pointer(transfer(record%dense_member, c_null_ptr), output%dense_member, [dense])
-      call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [3, dense])
+      call c_f_pointer(transfer(record%dense_t, c_null_ptr), output%dense_t, [4, dense])
       call c_f_pointer(transfer(record%dense_y, c_null_ptr), output%dense_y, [n, 2, dense])
       call c_f_pointer(transfer(record%dense_field, c_null_ptr), output%dense_field, &
-                       [m, nodes + 1, dense])
+                       [m, run%problem%scheme%columns, dense])
       output%event_capacity = record%event_capacity
       output%lanes = size(run%lanes, kind=int64)
       output%functions = 0

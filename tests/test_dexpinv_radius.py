@@ -1,7 +1,5 @@
 """Coordinates beyond the radius of dexp⁻¹: no step is taken there, and no number returned."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from compiled_examples import PROBLEMS
@@ -11,7 +9,6 @@ from test_brackets import CLOSED, CLOSED_FORMS, HEISENBERG_GROUP, vectors
 from test_munthe_kaas import generic
 
 import cg
-from cg.catalogue import munthe_kaas
 from cg.frames import (
     SE3,
     SL,
@@ -29,11 +26,10 @@ from cg.frames import (
     UnitQuaternion,
 )
 from cg.integration.blocks import is_compiled
-from cg.integration.dense import Steps
 from cg.integration.flows import _Dexpinv, dexpinv_of
-from cg.integration.plan import plan_of
 
 TURN = 2 * np.pi
+TIMES = np.linspace(0.1, 0.9, 9)
 WITH_SERIES = [
     SO(4),
     SO(5, "space"),
@@ -179,19 +175,18 @@ def test_functions_in_c(affine):
     assert (chosen.nrejected >= 1).all()
 
 
-def test_output_between_steps_beyond_it_is_refused():
-    """Coefficients at nodes make coordinates of their own, none of which the step has met."""
-    plan = plan_of(SO3(), munthe_kaas["RKMK5(4)"])
-    ends, times = np.tile(np.eye(3).ravel(), (1, 2, 1)), np.array([[0.25, 1.0, 1.25]])
-    for size in (1.0, 20.0):
-        fields = np.zeros((1, plan.nodes + 1, 3))
-        fields[0, :3] = size * np.eye(3)
-        steps = Steps(plan, np.zeros(1, dtype=int), times, ends, fields.reshape(1, -1))
-        where = np.zeros(2, dtype=int), np.array([0.25, 1.0])
-        if size == 1.0:
-            assert np.isfinite(steps.at(*where)).all()
-        else:
-            with pytest.raises(cg.StepTooLongError, match=r"from t = 0\.25 "):
-                steps.at(*where)
-    absent = replace(steps, field=np.full_like(steps.field, np.nan))
-    assert np.isnan(absent.at(np.zeros(1, dtype=int), np.array([0.5]))).all()
+@pytest.mark.parametrize(("turns", "coordinates"), [(1.0, True), (8.0, False)])
+def test_steps_beyond_it_of_methods_with_flows_have_output_too(turns, coordinates):
+    """Coordinates of a step of many turns may not exist where the axis moves."""
+
+    def f(t, y):
+        return [0.1 * np.sin(t), 0.1 * np.cos(t), turns]
+
+    solution = cg.integrate(f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0)
+    made = cg.solve_ivp(
+        f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0, dense_output=True
+    ).sol
+    assert bool(made._steps.t[0, 3]) == coordinates
+    np.testing.assert_array_equal(made(1.0), solution.y[-1])
+    exact = cg.solve_ivp(f, (0, 1), np.eye(3), frame=SO3(), rtol=1e-11, atol=1e-11, t_eval=TIMES)
+    assert SO3().distance(made(TIMES), exact.y).max() < 3e-2

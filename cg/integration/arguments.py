@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence, Set
-from functools import lru_cache
 from itertools import pairwise
 from numbers import Real
 from typing import Any
@@ -164,7 +163,7 @@ def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> 
     """
     needed = (steps // every + 2) * (8 * plan.width + 8) if every else 0
     if between:
-        needed += steps * 8 * (2 * plan.width + (plan.nodes + 1) * plan.frame.dim + 4)
+        needed += steps * 8 * (2 * plan.width + plan.columns * plan.frame.dim + 5)
     if needed > memory():
         raise ValueError(
             f"h is too small for t_span: {steps} steps need {needed / 2**30:.3g} GiB of memory, "
@@ -193,23 +192,6 @@ def equal_steps(h: float, ends: list[float]) -> int:
 def check_method(method: Any) -> Method:
     """Return the method; TypeError or ValueError if it is none, or has no such name."""
     return resolve_method(method)
-
-
-def has_brackets(frame: Frame) -> bool:
-    """Tell whether the fields of a frame make a Lie algebra that it knows."""
-    try:
-        return _has_brackets(frame)
-    except TypeError:  # a frame of the user that can't be hashed
-        return _has_brackets.__wrapped__(frame)
-
-
-@lru_cache(maxsize=256)
-def _has_brackets(frame: Frame) -> bool:
-    try:
-        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
-    except NotImplementedError:
-        return False
-    return True
 
 
 def check_algebra(frame: Frame, method: Method) -> None:

@@ -20,7 +20,6 @@ from cg.integration.flows import (
 )
 from cg.integration.implicit import ConvergenceError, ImplicitStages
 from cg.integration.plan import Plan
-from cg.munthe_kaas import MuntheKaas
 from cg.shared_numbers import Operation
 
 __all__ = ["Callbacks"]
@@ -78,9 +77,7 @@ class Callbacks:
 
     @cached_property
     def _dexpinv(self) -> Dexpinv:
-        method = self.plan.method
-        assert isinstance(method, MuntheKaas)
-        return dexpinv_of(self.frame, max(method.advancing.order, 1))
+        return dexpinv_of(self.frame, self.plan.series)
 
     def __call__(self, operation: int, a: Array, b: Array) -> Array:
         """Return the result of an operation on two vectors, as a vector of doubles."""

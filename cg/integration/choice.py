@@ -17,8 +17,8 @@ The benchmark's page tells which pairs the rule takes, and a test that the defau
 from __future__ import annotations
 
 from cg.frames import Frame
-from cg.integration.arguments import has_brackets
 from cg.integration.blocks import is_compiled
+from cg.integration.plan import has_brackets
 
 __all__ = ["AUTO", "choose_method"]
 

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from cg.frames.arrays import Array, Points, real_array
 from cg.integration.callbacks import Callbacks
 from cg.integration.plan import Plan
-from cg.integration.python_rhs import StepTooLongError
 
 __all__ = ["DenseOutput", "EnsembleOutput", "Steps"]
 
@@ -28,12 +27,12 @@ class Steps:
     member
         Whose steps they are, increasing, shape ``(n,)``.
     t
-        Where they start, their signed sizes, and where they end, shape ``(n, 3)``: an event may
-        end a step before its full size.
+        Where they start, their signed sizes, where they end (an event may end a step before its
+        full size), and 1 where the interpolant is in coordinates, shape ``(n, 4)``.
     y
         Points at both ends of the full step, as doubles, shape ``(n, 2, width)``.
     field
-        Coefficients at the nodes and of the last flow, shape ``(n, (nodes + 1) dim)``.
+        The interpolants' vectors, shape ``(n, columns dim)``.
     """
 
     plan: Plan
@@ -56,13 +55,11 @@ class Steps:
         theta = np.clip((t - start) / size, 0.0, 1.0)
         rows = np.empty((len(t), self.plan.width))
         callbacks = None if self.plan.compiled else Callbacks(self.plan)
-        if len(t):
-            missing = core.plan_interpolate(
+        if len(t) and self.plan.columns:
+            core.plan_interpolate(
                 self.plan.address, 0 if callbacks is None else id(callbacks), which, theta,
                 self.t.T, self.y.T, self.field.T, rows.T,
             )  # fmt: skip
-            if missing:
-                raise StepTooLongError(float(start[missing - 1]))
         return self.plan.points(rows, (len(t),))
 
 

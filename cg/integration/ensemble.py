@@ -380,10 +380,10 @@ class _Result:
     def _nothing(self, member: int) -> DenseOutput:
         """Return the solution of a member whose worker died."""
         plan = self._problem.plan
-        width = (plan.nodes + 1) * plan.frame.dim
+        width = plan.columns * plan.frame.dim
         none = np.empty(0, dtype=np.int64)
         steps = Steps(
-            plan, none, np.empty((0, 3)), np.empty((0, 2, plan.width)), np.empty((0, width))
+            plan, none, np.empty((0, 4)), np.empty((0, 2, plan.width)), np.empty((0, width))
         )
         return DenseOutput(steps, self._problem.t0, self._problem.points[member])
 

@@ -1,10 +1,34 @@
 r"""The solution between steps, on the manifold and as accurate as the steps.
 
-Within a step from :math:`y_0` to :math:`y_1` the coefficients :math:`F(\theta) = f(t_0 + \theta h,
-y(\theta))` are interpolated at nodes :math:`0 = \theta_1 < \dots < \theta_n = 1` by a polynomial
-:math:`P`.  The solution of :math:`y' = h \sum_i P_i(\theta) E_i(y)` is then a problem whose right
-side depends on time alone: the method itself solves it, to its own order, by the few flows that
-lead to its result, without any evaluation of ``f``,
+On a frame with brackets the coordinates of a step from :math:`y_0` to :math:`y_1`, :math:`y(\theta)
+= \exp(u(\theta))\, y_0`, are a polynomial in derivatives :math:`k_j` of coordinates,
+
+.. math::
+
+    u(\theta) = h \sum_d \varphi_d(\theta) \sum_j B_{jd} k_j, \qquad
+    \varphi_d = \theta,\ \theta (1 - \theta),\ \theta^2 (1 - \theta),\ \theta^2 (1 - \theta)^2,
+    \dots
+
+whose first three terms are the cubic of Hermite.  One flow leads to a point.  Further derivatives
+:math:`k_j = \operatorname{dexp}^{-1}_{u(\theta_j)} f(t_0 + \theta_j h, y(\theta_j))` are evaluated
+at nodes where an interpolant of lower order leads, until the one wanted exists (W. H. Enright,
+K. R. Jackson, S. P. Nørsett, P. G. Thomsen, "Interpolants for Runge–Kutta formulas", ACM TOMS 12
+(1986), call it bootstrapping).  There are two kinds, both linear in the unknown :math:`B`:
+
+- Those of a Munthe-Kaas method use its stages.  The conditions are those of rooted trees t,
+  :math:`\sum_j b_j(\theta) \Phi_j(t) = \theta^{|t|} / \gamma(t)`, through the order of the method;
+  of all solutions the one of least norm is taken.  Of the pairs with orders 5 and 8 this takes 2
+  and 8 evaluations, and the largest coefficient of the error within a step is at most twice that
+  at its end.
+- Those of other methods use the ends alone: :math:`u(1)` is found by Newton's method.  Their
+  conditions are those of quadrature, :math:`\sum_j b_j(\theta) \theta_j^{k-1} = \theta^k / k`.
+
+On a frame without brackets, and where a step of the second kind is too long for coordinates, the
+coefficients :math:`F(\theta) = f(t_0 + \theta h, y(\theta))` are interpolated at nodes :math:`0 =
+\theta_1 < \dots < \theta_n = 1` by a polynomial :math:`P`.  The solution of :math:`y' = h \sum_i
+P_i(\theta) E_i(y)` is then a problem whose right side depends on time alone: the method itself
+solves it, to its own order, by the few flows that lead to its result, without any evaluation of
+``f``,
 
 .. math::
 
@@ -18,54 +42,58 @@ and what is left to :math:`y_1` at the end is made up by one flow more,
     w(\theta) = \int_0^\theta \omega \Big/ \int_0^1 \omega, \qquad
     \omega(\theta) = \prod_j (\theta - \theta_j) .
 
-This is Hermite-Birkhoff interpolation without coordinates.  The polynomial is off by
-:math:`\omega` times a constant up to higher order, and so is its integral by that of
-:math:`\omega`; the last flow takes this away and leaves derivatives at nodes as they are.  The
-error is :math:`O(h^{n+2})`.  Only flows are needed, and the coefficients between two points that
-are close to each other, so that it works on every frame.
+The polynomial is off by :math:`\omega` times a constant up to higher order, and so is its integral
+by that of :math:`\omega`; the last flow takes this away and leaves derivatives at nodes as they
+are.  The error is :math:`O(h^{n+2})`.  Only flows are needed, and the coefficients between two
+points that are close to each other, so that it works on every frame.
 
-The coefficients at interior nodes are evaluated where the interpolant with one node less leads
-(W. H. Enright, K. R. Jackson, S. P. Nørsett, P. G. Thomsen, "Interpolants for Runge–Kutta
-formulas", ACM TOMS 12 (1986), call it bootstrapping), which takes :math:`n - 2` evaluations for n
-nodes.  With :math:`p - 1` nodes the error is :math:`O(h^{p+1})`, that of a step of order p.  From
-order four on there is one node more where a method has as many stages as this takes evaluations:
-measured on the pairs of the catalogue, the largest error within a step was then at most 1.5 times
-that at its ends; with :math:`p - 1` nodes it was at most 2.6 times for Crouch-Grossman pairs, but 4
-to 12 times for commutator-free ones, whose own errors are smaller.  All in all 0, 3, 6, 10, 15
-evaluations go into a step of order p = 3, 4, 5, 6, 7 that has output in it, or else 6 for p = 6 and
-10 for p = 7; and 15 for p = 8, with p - 1 nodes.
+With n nodes interpolants of the last two kinds have order n + 1, after n - 2 nodes for each order
+from four on.  They have n = p - 1 nodes for a method of order p, and from order four on one more
+where a method has as many stages as this takes evaluations: measured on the pairs of the
+catalogue, the largest error within a step was then at most 1.5 times that at its ends; with p - 1
+nodes it was at most 2.6 times for Crouch-Grossman pairs, but 4 to 12 times for commutator-free
+ones, whose own errors are smaller.  All in all 0, 3, 6, 10, 15 evaluations go into a step of order
+p = 3, 4, 5, 6, 7 that has output in it, or else 6 for p = 6 and 10 for p = 7; and 15 for p = 8,
+with p - 1 nodes.
 
-A method on a Lie algebra solves that problem in coordinates: its stages are derivatives of them,
-and one flow leads to :math:`z`.  For pairs of this kind the largest error within a step was at most
-2.3 times that at its ends.
-
-The nodes are those of Lobatto's formula with one node more, without the one in the middle: that is
-the node at which the integral condition interpolates the derivative implicitly, so that the error
-between the nodes is that of Lobatto's points.
+Their nodes are those of Lobatto's formula with one node more, without the one in the middle: that
+is the node at which the integral condition interpolates the derivative implicitly, so that the
+error between the nodes is that of Lobatto's points.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import count
 
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
 from cg.frames.arrays import Array
 from cg.integration.paths import paths_of
+from cg.low_storage import rooted_trees
 from cg.method import Method, remembered
 from cg.munthe_kaas import MuntheKaas
 
 __all__ = [
-    "AlgebraFlow",
+    "Extension",
     "NodeSet",
     "ResultFlows",
+    "extension_of",
     "extra_evaluations",
     "node_count",
     "nodes_of",
     "result_flows",
 ]
+
+# Nodes of interpolants that use the stages of a method, in this order: a search over grids found
+# them, which made the errors and the weights of those of orders 4 to 8 small.
+_NODES = (0.85, 0.15, 0.25, 0.6, 0.05, 0.7, 0.2, 0.35, 0.45, 0.4)
+_MOST_NODES = 60
+_SOLVED = 1e-10  # residuals below are rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +129,7 @@ def advances_by_embedded(method: Method) -> bool:
 
 
 def node_count(method: Method) -> int:
-    """Return how many nodes make the interpolant as accurate as the steps of a method."""
+    """Return with how many nodes interpolants that use no stages are as accurate as the steps."""
     order = method.embedded_order if advances_by_embedded(method) else method.order
     enough = max(2, (order or 0) - 1)
     return enough + (enough > 2 and _evaluations(enough + 1) <= method.stages)
@@ -109,11 +137,176 @@ def node_count(method: Method) -> int:
 
 def extra_evaluations(method: Method) -> int:
     """Return how many evaluations of ``f`` an interpolant takes, besides those at both ends."""
+    if isinstance(method, MuntheKaas):
+        return len(extension_of(method).theta)
     return _evaluations(node_count(method))
 
 
 def _evaluations(nodes: int) -> int:
     return sum(range(1, nodes - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """The coordinates within a step as combinations of their derivatives.
+
+    Attributes
+    ----------
+    final
+        The place, from 0, of the derivative at the end.
+    theta
+        Further nodes, in the order in which derivatives are evaluated there, shape ``(n,)``.
+    rows
+        The weights of the derivatives that are known before, and lead there, shape ``(n, k)``.
+    basis
+        The coefficients B, shape ``(degree, k)``.
+    """
+
+    final: int
+    theta: Array
+    rows: Array
+    basis: Array
+
+
+@remembered
+def extension_of(method: Method) -> Extension:
+    """Return the interpolant in coordinates for steps of a method."""
+    if isinstance(method, MuntheKaas):
+        return _with_stages(method.advancing)
+    return _between_ends(node_count(method))
+
+
+def _with_stages(method: MuntheKaas) -> Extension:
+    """Return the interpolant that uses the stages of a Munthe-Kaas method."""
+    order = max(method.order, 3)
+    trees = _Trees(order)
+    a, b, c = method.a, method.b, method.c
+    rows = list(a)
+    final = len(rows) - 1
+    if not (c[-1] == 1.0 and np.array_equal(a[-1], b)):
+        rows.append(b)
+        final += 1
+    known: Array = np.zeros((len(trees.size), 0))
+    for row in rows:
+        known = trees.with_stage(known, row)
+    result = np.pad(b, (0, len(rows) - len(b)))
+    # the rounding of the tableau itself
+    solved = _SOLVED + 10.0 * np.abs(known @ result - 1.0 / trees.density)[
+        trees.size <= method.order
+    ].max(initial=0.0)
+    theta: list[float] = []
+    reached, nodes = 3, _further_nodes()
+    basis = _hermite(result, final)
+    while True:
+        while reached < order:
+            higher = trees.size <= reached + 1
+            targets = _powers(reached + 1)[trees.size[higher] - 1] / trees.density[higher, None]
+            found, residual = _solve(known[higher], targets, np.pad(result, (0, len(theta))), final)
+            if residual > solved:
+                break
+            reached, basis = reached + 1, found
+        if reached == order or len(theta) == _MOST_NODES:
+            break
+        theta.append(next(nodes))
+        row = _values(len(basis), theta[-1]) @ basis
+        rows.append(row)
+        known = trees.with_stage(known, row)
+    return _extension(final, theta, rows[len(rows) - len(theta) :], basis)
+
+
+def _between_ends(nodes: int) -> Extension:
+    """Return the interpolant that uses the ends of a step and their difference."""
+    mean, final = 1, 2
+    weights = np.eye(3)[mean]
+    basis = _hermite(weights, final)
+    theta: list[float] = []
+    rows: list[Array] = []
+    for level in range(3, nodes + 1):
+        inner = nodes_of(level).nodes[1:-1]
+        for node in inner.tolist():
+            theta.append(node)
+            rows.append(_values(len(basis), node) @ basis)
+        k = np.arange(1, level + 2)[:, None]
+        derivatives = np.zeros((level + 1, 3 + len(theta)))
+        derivatives[0, 0] = 1.0
+        derivatives[:, mean : mean + 1] = 1.0 / k
+        derivatives[:, final] = 1.0
+        derivatives[:, -len(inner) :] = inner ** (k - 1)
+        weights = np.pad(weights, (0, len(inner)))
+        basis, _ = _solve(derivatives, _powers(level + 1) / k, weights, final)
+    return _extension(final, theta, rows, basis)
+
+
+def _extension(final: int, theta: list[float], rows: list[Array], basis: Array) -> Extension:
+    width = basis.shape[1] if not rows else max(basis.shape[1], len(rows[-1]) + 1)
+    padded = [np.pad(row, (0, width - len(row))) for row in rows]
+    basis = np.pad(basis, ((0, 0), (0, width - basis.shape[1])))
+    return Extension(final, np.array(theta), np.array(padded).reshape(-1, width), basis)
+
+
+class _Trees:
+    """The conditions of rooted trees on derivatives k, for interpolants through an order."""
+
+    def __init__(self, order: int) -> None:
+        trees = rooted_trees(order)
+        place = {tree: i for i, tree in enumerate(trees)}
+        self.children = [[place[child] for child in tree] for tree in trees]
+        size, density = [0] * len(trees), [0] * len(trees)
+        for i, children in enumerate(self.children):
+            size[i] = 1 + sum(size[child] for child in children)
+            density[i] = size[i] * math.prod(density[child] for child in children)
+        self.size = np.array(size)
+        self.density = np.array(density, dtype=np.float64)
+
+    def with_stage(self, known: Array, row: Array) -> Array:
+        """Return the weights of trees at derivatives, shape ``(trees, n + 1)``, with one more.
+
+        The new one is evaluated where a row of weights on the others leads.
+        """
+        k = min(known.shape[1], len(row))
+        ends = known[:, :k] @ row[:k]
+        new = [math.prod(ends[children].tolist()) for children in self.children]
+        return np.column_stack([known, new])
+
+
+def _further_nodes() -> Iterator[float]:
+    yield from _NODES
+    for k in count(1):
+        yield 0.05 + 0.9 * math.modf(k * (math.sqrt(5.0) - 1.0) / 2.0)[0]
+
+
+def _basis(degree: int) -> list[Polynomial]:
+    x, rest = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
+    return [x ** ((d + 1) // 2) * rest ** (d // 2) for d in range(1, degree + 1)]
+
+
+def _values(degree: int, theta: float) -> Array:
+    return np.array([p(theta) for p in _basis(degree)])
+
+
+@cache
+def _powers(degree: int) -> Array:
+    """Return the coefficients of θ, θ², … in terms of φ: integers, shape ``(degree, degree)``."""
+    matrix = np.zeros((degree, degree))
+    for d, p in enumerate(_basis(degree)):
+        matrix[d, : d + 1] = p.coef[1 : d + 2]
+    return np.round(np.linalg.inv(matrix))
+
+
+def _hermite(result: Array, final: int) -> Array:
+    """Return the cubic by the mean of a step and the derivatives at its ends, shape ``(3, n)``."""
+    first, last = np.eye(len(result))[[0, final]]
+    return np.stack([result, first - result, 2.0 * result - first - last])
+
+
+def _solve(known: Array, targets: Array, result: Array, final: int) -> tuple[Array, float]:
+    """Return the coefficients of least norm beyond the cubic of Hermite, and the residual."""
+    basis = _hermite(result, final)
+    if len(targets.T) > 3:
+        further, *_ = np.linalg.lstsq(known, targets[:, 3:], rcond=1e-11)
+        further += np.linalg.lstsq(known, targets[:, 3:] - known @ further, rcond=1e-11)[0]
+        basis = np.concatenate([basis, further.T])
+    return basis, float(np.abs(known @ basis.T - targets).max())
 
 
 class ResultFlows:
@@ -143,28 +336,7 @@ class ResultFlows:
         return len(self.weights)
 
 
-class AlgebraFlow(ResultFlows):
-    """The flow that leads to the result of a method on a Lie algebra, likewise.
-
-    Parameters
-    ----------
-    method
-        Its stages are solved in coordinates, without a flow.
-    """
-
-    def __init__(self, method: MuntheKaas) -> None:
-        method = method.advancing
-        self.order = max(method.order, 1)
-        used = np.flatnonzero(method.b).tolist()
-        for stage in range(method.stages - 1, -1, -1):
-            if stage in used:
-                used = sorted({*used, *np.flatnonzero(method.a[stage]).tolist()})
-        self.c = method.c[used]
-        self.weights = method.b[None, used]
-        self.a = method.a[np.ix_(used, used)]
-
-
 @remembered
 def result_flows(method: Method) -> ResultFlows:
     """Return the flows that lead to the result of a method."""
-    return AlgebraFlow(method) if isinstance(method, MuntheKaas) else ResultFlows(method)
+    return ResultFlows(method)

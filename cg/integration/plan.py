@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import weakref
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,13 +12,13 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.integration.blocks import block_constants, describe_blocks, is_compiled
-from cg.integration.interpolant import AlgebraFlow, node_count, nodes_of, result_flows
+from cg.integration.interpolant import extension_of, node_count, nodes_of, result_flows
 from cg.integration.paths import paths_of
 from cg.method import Method, remembered
 from cg.munthe_kaas import MuntheKaas
 from cg.shared_numbers import BlockKind
 
-__all__ = ["Plan", "error_exponent", "plan_of"]
+__all__ = ["Plan", "error_exponent", "has_brackets", "plan_of"]
 
 
 class Plan:
@@ -35,8 +37,10 @@ class Plan:
         Where compiled code has it.
     width
         Number of doubles of a point.
-    nodes
-        Number of nodes of the interpolant within a step.
+    kept
+        Number of vectors of coefficients that a step leaves: those at its stages, if not less.
+    series
+        Order up to which dexp⁻¹ is needed where it is a series.
     exponent
         Power of an error that a step is proportional to.
     """
@@ -52,31 +56,71 @@ class Plan:
         self.width = entries * self.parts
         self._in_algebra: bool | None = None
         self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
-        self.nodes = node_count(method)
+        self._columns = 0
+        self._free: bool | None = None
+        if isinstance(method, MuntheKaas):
+            self.series = max(method.advancing.order, 1)
+        else:
+            self.series = node_count(method) + 1
         if self.compiled:
             blocks = describe_blocks(frame)
         else:
             blocks = np.array([[BlockKind.CALLBACK], [frame.dim], [self.width]], dtype=np.intc)
         paths = paths_of(method)
-        flows = result_flows(method)
-        algebra = flows if isinstance(flows, AlgebraFlow) else None
-        used = len(flows.c)
-        self.result_flows = len(flows)
+        self.kept = method.stages if paths.registers is None else 1
         self.address: int = core.plan_open(
-            blocks, block_constants(frame), paths.integers, *paths.doubles, not method.explicit,
-            *_node_tables(self.nodes), flows.c, flows.weights.T,
-            np.zeros((used, used)) if algebra is None else algebra.a.T,
-            0 if algebra is None else algebra.order,
-        )  # fmt: skip
+            blocks, block_constants(frame), paths.integers, *paths.doubles, not method.explicit
+        )
         weakref.finalize(self, core.plan_close, self.address)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return plan_of, (self.frame, self.method)
 
+    @property
+    def columns(self) -> int:
+        """How many vectors make an interpolant, for which compiled code is made ready."""
+        with _MAKING:
+            if not self._columns:
+                self._columns = self._make_interpolants()
+        return self._columns
+
+    def _make_interpolants(self) -> int:
+        import cg._external as core
+
+        method, nodes = self.method, node_count(self.method)
+        extension, flows = extension_of(method), result_flows(method)
+        flat = isinstance(method, MuntheKaas)
+        columns = max(len(extension.basis), nodes + 1)
+        padded = np.pad(extension.rows, ((0, 1), (0, 0)))  # arrays can't be empty
+        core.plan_set_scheme(
+            self.address, columns, flat, extension.final + 1, self.series,
+            np.append(extension.theta, 0.0), padded.T, extension.basis.T, *_node_tables(nodes),
+            flows.c, flows.weights.T,
+        )  # fmt: skip
+        return columns
+
     def look_at(self, point: Points) -> None:
         """Find out, at any point, in what differences of points are measured."""
         if self._in_algebra is None:
             self._in_algebra = self.frame.exp_coordinates(point, point) is not None
+
+    def is_free(self, point: Points) -> bool:
+        """Tell, from any point, whether different small coefficients lead to different points.
+
+        Then the coordinates of a step are known from its ends.
+        """
+        if self._free is None:
+            frame = self.frame
+            if self.compiled:
+                kinds = {block[0] for block in frame.compiled_blocks() or ()}
+                self._free = kinds.isdisjoint((BlockKind.SPHERE, BlockKind.ISOSPECTRAL))
+            elif frame.dim > _MOST_FIELDS or not has_brackets(frame):
+                self._free = False
+            else:
+                fields = np.asarray(frame.field(np.eye(frame.dim), point), dtype=frame.dtype)
+                rank = np.linalg.matrix_rank(fields.reshape(frame.dim, -1).view(np.float64))
+                self._free = bool(rank == frame.dim)
+        return self._free
 
     @property
     def in_algebra(self) -> bool:
@@ -105,6 +149,10 @@ class Plan:
     def points(self, rows: Array, lead: tuple[int, ...]) -> Points:
         """Return points of shape ``(*lead, *point_shape)`` that share memory with doubles."""
         return rows.reshape(-1).view(self.frame.dtype).reshape(*lead, *self.frame.point_shape)
+
+
+_MAKING = threading.Lock()
+_MOST_FIELDS = 64  # of a frame in Python whose rank is looked at
 
 
 def plan_of(frame: Frame, method: Method) -> Plan:
@@ -142,3 +190,20 @@ def error_exponent(method: Method) -> float:
         return 1.0 / max(2 * (second + 1) - (third + 1), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)
+
+
+def has_brackets(frame: Frame) -> bool:
+    """Tell whether the fields of a frame make a Lie algebra that it knows."""
+    try:
+        return _has_brackets(frame)
+    except TypeError:  # a frame of the user that can't be hashed
+        return _has_brackets.__wrapped__(frame)
+
+
+@lru_cache(maxsize=256)
+def _has_brackets(frame: Frame) -> bool:
+    try:
+        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
+    except NotImplementedError:
+        return False
+    return True

@@ -24,13 +24,12 @@ from cg.integration.arguments import (
     check_stops,
     check_t_eval,
     check_unused,
-    has_brackets,
 )
 from cg.integration.choice import AUTO, choose_method
 from cg.integration.compiled_rhs import CompiledRhs, compiled_rhs
 from cg.integration.events import EventTable
 from cg.integration.implicit import check_stage_solver
-from cg.integration.plan import Plan, plan_of
+from cg.integration.plan import Plan, has_brackets, plan_of
 from cg.integration.python_rhs import Coefficients, PythonRhs
 from cg.integration.run import Control, Output, Run
 from cg.method import Method

@@ -197,7 +197,10 @@ class Run:
         in_entries = control.h is None and not plan.in_algebra
         parts = plan.parts if in_entries else 1
         needed = 1 << 16 if lanes == 1 else 0
-        needed += lanes * 8 * (plan.method.stages + plan.nodes) * (plan.width + 2 * plan.frame.dim)
+        within = output.dense or self.record.wanted or self._functions
+        rows = plan.method.stages + 2 * (plan.columns if within else 0)
+        self.record.free = bool(within or keep_last) and plan.is_free(points[0])
+        needed += lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
         with reserved(needed, f"{members} trajectories of {plan.width} numbers"):
             self.address: int = core.loop_open(
                 plan.address, ctypes.addressof(self.record), id(self.callbacks), *rhs.addresses(),
@@ -272,9 +275,9 @@ class Run:
         plan = self.plan
         self.record.dense_capacity = capacity
         self._give("dense_member", np.empty(capacity, dtype=np.int64))
-        self._give("dense_t", np.empty((capacity, 3)))
+        self._give("dense_t", np.empty((capacity, 4)))
         self._give("dense_y", np.empty((capacity, 2, plan.width)))
-        self._give("dense_field", np.empty((capacity, (plan.nodes + 1) * plan.frame.dim)))
+        self._give("dense_field", np.empty((capacity, plan.columns * plan.frame.dim)))
 
     def drive(self, watch: Callable[[float], None] | None = None) -> None:
         """Take all members to their ends.
@@ -347,7 +350,7 @@ class Run:
             if (np.diff(order) != 1).any():
                 member, arrays = member[order], [array[order] for array in arrays]
         else:
-            shapes = (3,), (2, plan.width), ((plan.nodes + 1) * plan.frame.dim,)
+            shapes = (4,), (2, plan.width), (plan.columns * plan.frame.dim,)
             member, arrays = np.empty(0, dtype=np.int64), [np.empty((0, *s)) for s in shapes]
         return Steps(plan, member - 1, *arrays)
 

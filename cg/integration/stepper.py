@@ -413,7 +413,8 @@ class Stepper:
         run = self._run
         members, dim = run.members, self.frame.dim
         reals, integers = np.empty((members, 6)), np.empty((members, 9), dtype=np.int64)
-        points, slopes = np.empty((members, 2, run.plan.width)), np.empty((members, 2, dim))
+        points = np.empty((members, 2, run.plan.width))
+        slopes = np.empty((members, 2 + run.plan.kept, dim))
         self._core.loop_state(
             run.address, False, reals.T, integers.T, points.transpose(2, 1, 0),
             slopes.transpose(2, 1, 0),
