@@ -128,16 +128,16 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
   run%frame = plan%frame
   run%python%context = transfer(context, c_null_ptr)
   if (context /= 0) run%frame%callback => run%python
-  run%batch = batch
-  run%rhs => field_at(function_address)
-  run%nan = ieee_value(run%nan, ieee_quiet_nan)
-  run%data_address = data_address
-  run%data_stride = data_stride
+  run%field%rhs => field_at(function_address)
+  run%field%nan = ieee_value(run%field%nan, ieee_quiet_nan)
+  run%field%data_address = data_address
+  run%field%data_stride = data_stride
   run%t0 = t0
   count = 0
   if (events > 0) count = merge(0, events, direction(1) > 1)           ! arrays can't be empty
   associate (problem => run%problem)
     problem%frame => run%frame
+    if (.not. batch) problem%field => run%field
     problem%method => plan%method
     problem%scheme => plan%scheme
     problem%common = common
@@ -243,7 +243,7 @@ subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   integer :: i
 
   run => run_at(address)
-  run%data_address = data_address
+  run%field%data_address = data_address
   do i = 1, members
     call set_start(t, y(:, i), first_step, run%lanes(i))
   end do
@@ -302,7 +302,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use callback, only: python_t
   use frames_r64, only: frame_t
-  use interpolant_r64, only: evaluate_interpolant, interpolant_t
+  use interpolant_r64, only: evaluate_interpolant, interpolant_t, reserve_interpolant
   use kinds_r64, only: wp
   use run, only: plan_at, plan_t
   implicit none
@@ -317,12 +317,14 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   type(frame_t) :: frame
   type(python_t), target :: python
   type(interpolant_t) :: interpolant
-  integer :: i, k, last
+  integer :: i, k, last, memory
 
   plan => plan_at(address)
   frame = plan%frame
   python%context = transfer(context, c_null_ptr)
   if (context /= 0) frame%callback => python
+  call reserve_interpolant(frame, plan%scheme, interpolant, memory)
+  if (memory /= 0) return
   last = -1
   do i = 1, count
     k = which(i) + 1
@@ -330,8 +332,8 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
       interpolant%known = plan%scheme%nodes
       interpolant%h = t(2, k)
       interpolant%on_algebra = t(4, k) > 0
-      interpolant%y0 = y_ends(:, 1, k)
-      interpolant%field = reshape(fields(:, k), [frame%dimension, plan%scheme%columns])
+      interpolant%y0(:) = y_ends(:, 1, k)
+      interpolant%field(:, :) = reshape(fields(:, k), [frame%dimension, plan%scheme%columns])
       last = k
     end if
     if (.not. theta(i) > 0) then

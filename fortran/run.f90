@@ -16,6 +16,7 @@ module run
                             needs_minimum, out_of_memory, paused, raised, raised_in_python, &
                             record_t, terminal_event
   use trajectory_r64, only: problem_t, resume, set_start, start, trajectory_t
+  use vector_field_r64, only: vector_field_t
   implicit none
   private
   public :: plan_t, run_t, begin_run, drive, file_lane, set_output, at_address, plan_at, run_at
@@ -27,16 +28,22 @@ module run
     type(scheme_t) :: scheme
   end type plan_t
 
+  ! A function in C of one point
+  type, extends(vector_field_t) :: function_t
+    procedure(rhs_i), pointer, nopass :: rhs => null()
+    real(wp) :: nan = 0.0_wp
+    integer(c_intptr_t) :: data_address = 0  ! 0 for none
+    integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
+  contains
+    procedure :: coefficients
+  end type function_t
+
   type :: run_t
     type(problem_t) :: problem
     type(frame_t) :: frame                   ! that of the plan with this run's callback
     type(python_t) :: python
     type(external_events_t) :: events
-    logical :: batch = .false.               ! whether the field takes many points at a time
-    procedure(rhs_i), pointer, nopass :: rhs => null()
-    real(wp) :: nan = 0.0_wp
-    integer(c_intptr_t) :: data_address = 0  ! 0 for none
-    integer(c_intptr_t) :: data_stride = 0   ! bytes from one member's data to the next
+    type(function_t) :: field
     real(wp) :: t0 = 0.0_wp
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
@@ -296,27 +303,22 @@ contains
     end do
   end subroutine share
 
-  ! The coefficients that lanes need. What the function leaves out stays NaN.
+  ! What the function leaves out stays NaN.
+  subroutine coefficients(self, n, m, t, y, f, flag)
+    class(function_t), intent(inout) :: self
+    integer, intent(in) :: n, m
+    real(wp), intent(in) :: t
+    real(wp), intent(in) :: y(n)
+    real(wp), intent(out) :: f(m)
+    integer, intent(out) :: flag
+
+    f = self%nan
+    flag = self%rhs(t, y, f, transfer(self%data_address + int(self%member - 1, c_intptr_t) &
+                                      * self%data_stride, c_null_ptr))
+  end subroutine coefficients
+
+  ! The coefficients that lanes need, by a function of many points
   subroutine evaluate(run, requests)
-    type(run_t), target, intent(inout) :: run
-    integer, contiguous, intent(in) :: requests(:)
-    integer(c_intptr_t) :: address
-    integer :: i
-
-    if (run%batch) then
-      call evaluate_together(run, requests)
-      return
-    end if
-    do i = 1, size(requests)
-      associate (lane => run%lanes(requests(i)))
-        address = run%data_address + int(lane%member - 1, c_intptr_t) * run%data_stride
-        lane%got = run%nan
-        lane%flag = run%rhs(lane%want_t, lane%want, lane%got, transfer(address, c_null_ptr))
-      end associate
-    end do
-  end subroutine evaluate
-
-  subroutine evaluate_together(run, requests)
     type(run_t), intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
     real(wp), allocatable :: where(:), points(:), slopes(:)  ! times, then members
@@ -345,6 +347,6 @@ contains
         end associate
       end do
     end associate
-  end subroutine evaluate_together
+  end subroutine evaluate
 
 end module run

@@ -53,7 +53,7 @@ class Steps:
 
         start, size = self.t[which, 0], self.t[which, 1]
         theta = np.clip((t - start) / size, 0.0, 1.0)
-        rows = np.empty((len(t), self.plan.width))
+        rows = np.full((len(t), self.plan.width), math.nan)
         callbacks = None if self.plan.compiled else Callbacks(self.plan)
         if len(t) and self.plan.columns:
             core.plan_interpolate(
