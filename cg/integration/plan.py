@@ -33,8 +33,8 @@ class Plan:
 
     Attributes
     ----------
-    address
-        Where compiled code has it.
+    core, address
+        Compiled code, and where it has the plan.
     width
         Number of doubles of a point.
     kept
@@ -48,6 +48,7 @@ class Plan:
     def __init__(self, frame: Frame, method: Method) -> None:
         import cg._external as core
 
+        self.core = core
         self.frame = frame
         self.method = method
         self.compiled = is_compiled(frame)
@@ -135,11 +136,10 @@ class Plan:
 
     def certainly_on(self, points: Points) -> bool:
         """Tell whether points are on the manifold; if not, it takes a closer look."""
-        import cg._external as core
-
-        return self.compiled and core.plan_distance_bound(self.address, self.doubles(points).T) <= (
-            0.1 * MEMBERSHIP_TOLERANCE
-        )
+        if not self.compiled:
+            return False
+        bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
+        return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
 
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
