@@ -47,7 +47,7 @@ def check_t_eval(t_eval: ArrayLike, start: float, stop: float) -> Array:
     # Written so that a NaN is refused.
     if not ((times >= low) & (times <= high)).all():
         raise ValueError(f"t_eval must lie within t_span, {low:g} to {high:g}, got {t_eval!r}")
-    if not (np.sign(stop - start) * np.diff(times) > 0.0).all():
+    if not (math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0).all():
         raise ValueError(
             f"t_eval must be strictly sorted in the direction of integration, got {t_eval!r}"
         )

@@ -292,7 +292,7 @@ def _solve(problem: Problem, every: int, watch: Progress) -> Solution:
     plan = problem.plan
     times, y, capacity = problem.t_eval, None, 0
     if times is not None:
-        y = np.full((len(times), 1, plan.width), math.nan)
+        y = np.empty((len(times), 1, plan.width))
     elif problem.control.h is not None and problem.events is None:
         capacity = _grid_steps(problem) // every + len(problem.stops) + 2
     table = problem.event_table() if problem.events is not None else None

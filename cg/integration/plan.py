@@ -53,7 +53,8 @@ class Plan:
         self.method = method
         self.compiled = is_compiled(frame)
         entries = int(np.prod(frame.point_shape, dtype=np.int64))
-        self.parts = 2 if frame.dtype == np.complex128 else 1
+        self.dtype = frame.dtype
+        self.parts = 2 if self.dtype == np.complex128 else 1
         self.width = entries * self.parts
         self._in_algebra: bool | None = None
         self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
@@ -143,12 +144,12 @@ class Plan:
 
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
-        rows = np.ascontiguousarray(points, dtype=self.frame.dtype)
+        rows = np.ascontiguousarray(points, dtype=self.dtype)
         return rows.reshape(-1).view(np.float64).reshape(-1, self.width)
 
     def points(self, rows: Array, lead: tuple[int, ...]) -> Points:
         """Return points of shape ``(*lead, *point_shape)`` that share memory with doubles."""
-        return rows.reshape(-1).view(self.frame.dtype).reshape(*lead, *self.frame.point_shape)
+        return rows.reshape(-1).view(self.dtype).reshape(*lead, *self.frame.point_shape)
 
 
 _MAKING = threading.Lock()

@@ -323,7 +323,7 @@ class Run:
 
     def steps(self) -> tuple[Array, Points]:
         """Return the initial time and point and those of all steps that were kept."""
-        t, rows = (np.concatenate(parts) for parts in zip(*self._steps, strict=True))
+        t, rows = map(np.concatenate, zip(*self._steps, strict=True))
         return t, self.plan.points(rows, (len(t),))
 
     def interpolants(self) -> Steps:
