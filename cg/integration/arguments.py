@@ -132,7 +132,7 @@ def check_atol(atol: ArrayLike | None) -> Array:
     if atol is None:
         return _ATOL
     value = real_array(atol, "atol")
-    if not (np.isfinite(value).all() and (value >= 0.0).all()):
+    if not ((value >= 0.0) & (value < math.inf)).all():
         raise ValueError(f"atol must be finite and not negative, got {atol!r}")
     return value
 
