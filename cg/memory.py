@@ -7,8 +7,6 @@ going to allocate follows from its arguments, so that it is compared here with w
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 
@@ -31,8 +29,7 @@ def _forget_promises() -> None:
 at_forks(_changed, _forget_promises)
 
 
-@contextmanager
-def reserved(needed: int, what: str) -> Iterator[None]:
+class reserved:
     """Run a compiled call only if the memory that it allocates can be had.
 
     Calls in other threads that leave too little are waited for.
@@ -49,18 +46,26 @@ def reserved(needed: int, what: str) -> Iterator[None]:
     MemoryError
         If there is less: of physical memory, or below the limits of the process.
     """
-    promised = _promised  # a child of a fork has another
-    with _changed:
-        while not _available(needed + promised["bytes"] + _SLACK):
-            if not promised["bytes"]:
-                raise MemoryError(f"{what} needs {_in_words(needed)} of memory, which isn't there")
-            _changed.wait()
-        promised["bytes"] += needed
-    try:
-        yield
-    finally:
+
+    def __init__(self, needed: int, what: str) -> None:
+        self._needed = needed
+        self._what = what
+
+    def __enter__(self) -> None:
+        needed = self._needed
+        self._promised = promised = _promised  # a child of a fork has another
         with _changed:
-            promised["bytes"] -= needed
+            while not _available(needed + promised["bytes"] + _SLACK):
+                if not promised["bytes"]:
+                    raise MemoryError(
+                        f"{self._what} needs {_in_words(needed)} of memory, which isn't there"
+                    )
+                _changed.wait()
+            promised["bytes"] += needed
+
+    def __exit__(self, *_: object) -> None:
+        with _changed:
+            self._promised["bytes"] -= self._needed
             _changed.notify_all()
 
 

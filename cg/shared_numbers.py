@@ -196,16 +196,11 @@ RECORD = {
     "ended": "integer",  # trajectories that have come to an end
     "failed": "integer",  # those of them that didn't come to the end of time or a terminal event
     "raised": "integer",  # whether Python raised an exception
-    "covered": "real",  # time that trajectories on their way have covered
     "step_size": "real",  # signed, of the last step of a single trajectory
     # of each member
-    "start": "address",  # initial points
-    "end": "address",  # the last points
-    "reached": "address",  # the last times
-    "status": "address",
-    "flag": "address",
-    "failed_at": "address",
-    "counts": "address",  # evaluations, flows, Jacobians, factorisations, steps, rejected steps
+    "places": "address",  # the initial point, then the last one; its time; when it failed
+    "tallies": "address",  # its status, flag, evaluations, flows, Jacobians, factorisations, steps,
+    # rejected steps
     # points at wanted times
     "wanted": "integer",
     "times": "address",

@@ -111,7 +111,8 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
   integer, intent(in) :: segments, widths, parts, events
   real(wp), intent(in) :: t0, stops(segments)
   real(wp), intent(in) :: h                            ! zero if steps are chosen
-  real(wp), intent(in) :: atol(widths), rtol, exponent, max_step, first_step
+  real(wp), intent(in) :: atol(widths)                 ! one, or one for each number or entry
+  real(wp), intent(in) :: rtol, exponent, max_step, first_step
   logical, intent(in) :: in_entries
   integer(int64), intent(in) :: max_steps
   integer(c_intptr_t), intent(in) :: event_functions(2, events)        ! addresses, and of data
@@ -120,7 +121,7 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
   type(plan_t), pointer :: plan
   type(run_t), pointer :: run
-  integer :: count, memory
+  integer :: count, i, memory, n
 
   allocate (run)
   plan => plan_at(plan_address)
@@ -146,8 +147,10 @@ subroutine loop_open(plan_address, record_address, context, function_address, da
     problem%h = h
     problem%first_step = first_step
     problem%max_steps = max_steps
-    problem%tolerances = tolerances_t(atol=atol, rtol=rtol, in_entries=in_entries, parts=parts, &
-                                      exponent=exponent, max_step=max_step)
+    n = merge(run%frame%point_size, run%frame%dimension, in_entries)
+    problem%tolerances = tolerances_t(atol=[(atol(1 + (i - 1) / (n / widths)), i = 1, n)], rtol=rtol, &
+                                      in_entries=in_entries, parts=parts, exponent=exponent, &
+                                      max_step=max_step)
     if (count > 0) then
       run%events%count = count
       run%events%direction = direction

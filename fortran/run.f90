@@ -2,7 +2,7 @@
 ! there are lanes: one for a function of one point, many for a function of many points, which is
 ! called once for all of them that need it. A lane whose member has ended takes the next one.
 module run
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
                                          c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
   use callback, only: external_events_t, python_t
@@ -11,7 +11,7 @@ module run
   use interpolant_r64, only: scheme_t
   use kinds_r64, only: wp
   use method_r64, only: method_t
-  use output_r64, only: output_t
+  use output_r64, only: keep_step, output_t
   use shared_numbers, only: buffer_full, fields_operation, finished, needs_field, needs_maximum, &
                             needs_minimum, out_of_memory, paused, raised, raised_in_python, &
                             record_t, terminal_event
@@ -51,10 +51,8 @@ module run
     integer :: next = 1                      ! the member that takes the next free lane
     ! views of the caller's memory
     type(output_t) :: output
-    real(wp), pointer, contiguous :: start(:, :) => null(), end(:, :) => null()   ! (point_size, members)
-    real(wp), pointer, contiguous :: reached(:) => null(), failed_at(:) => null()
-    integer(c_int64_t), pointer, contiguous :: status(:) => null(), flag(:) => null()
-    integer(c_int64_t), pointer, contiguous :: counts(:, :) => null()             ! (6, members)
+    real(wp), pointer, contiguous :: places(:, :) => null()            ! (point_size + 2, members)
+    integer(c_int64_t), pointer, contiguous :: tallies(:, :) => null() ! (8, members)
   end type run_t
 
 contains
@@ -91,13 +89,11 @@ contains
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
       run%problem%free = record%free /= 0
-      call c_f_pointer(transfer(record%start, c_null_ptr), run%start, [n, members])
-      call c_f_pointer(transfer(record%end, c_null_ptr), run%end, [n, members])
-      call c_f_pointer(transfer(record%reached, c_null_ptr), run%reached, [members])
-      call c_f_pointer(transfer(record%failed_at, c_null_ptr), run%failed_at, [members])
-      call c_f_pointer(transfer(record%status, c_null_ptr), run%status, [members])
-      call c_f_pointer(transfer(record%flag, c_null_ptr), run%flag, [members])
-      call c_f_pointer(transfer(record%counts, c_null_ptr), run%counts, [6, members])
+      call c_f_pointer(transfer(record%places, c_null_ptr), run%places, [n + 2, members])
+      call c_f_pointer(transfer(record%tallies, c_null_ptr), run%tallies, [8, members])
+      run%places(n + 1:, :) = run%t0
+      run%tallies(:, :) = 0
+      run%tallies(1, :) = paused
       within = run%problem%scheme%columns > 0 &
                .and. (record%dense /= 0 .or. record%wanted > 0 .or. associated(run%problem%events))
       allocate (run%lanes(min(lanes, members)), run%busy(min(lanes, members)), stat=memory)
@@ -221,8 +217,8 @@ contains
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
 
-    if (run%next > size(run%start, 2)) return
-    associate (lane => run%lanes(i), member => run%next)
+    if (run%next > size(run%places, 2)) return
+    associate (lane => run%lanes(i), member => run%next, n => run%frame%point_size)
       lane%member = member
       lane%nfev = 0
       lane%nexp = 0
@@ -232,7 +228,8 @@ contains
       lane%rejected = 0
       lane%attempts = 0
       lane%used = 0
-      call set_start(run%t0, run%start(:, member), run%problem%first_step, lane)
+      call set_start(run%t0, run%places(:n, member), run%problem%first_step, lane)
+      call keep_step(run%output, 0_int64, run%t0, lane%y(:, 0), .true.)
       if (run%output%wanted > 0) then
         if (.not. abs(run%output%times(1) - run%t0) > 0) then
           run%output%y(:, member, 1) = lane%y(:, 0)
@@ -249,14 +246,11 @@ contains
     type(run_t), intent(inout) :: run
     integer, intent(in) :: i
 
-    associate (lane => run%lanes(i))
-      run%end(:, lane%member) = lane%y(:, 0)
-      run%reached(lane%member) = lane%t
-      run%status(lane%member) = int(lane%status, c_int64_t)
-      run%flag(lane%member) = int(lane%flag, c_int64_t)
-      run%failed_at(lane%member) = lane%failed_at
-      run%counts(:, lane%member) = [lane%nfev, lane%nexp, lane%njev, lane%nlu, lane%steps, &
-                                    lane%rejected]
+    associate (lane => run%lanes(i), n => run%frame%point_size)
+      run%places(:n, lane%member) = lane%y(:, 0)
+      run%places(n + 1:, lane%member) = [lane%t, lane%failed_at]
+      run%tallies(:, lane%member) = [int([lane%status, lane%flag], int64), lane%nfev, lane%nexp, &
+                                     lane%njev, lane%nlu, lane%steps, lane%rejected]
     end associate
   end subroutine file_lane
 
@@ -265,11 +259,8 @@ contains
     integer(int64), intent(in) :: budget               ! what is left of it
     integer :: i
 
-    run%record%covered = 0.0_c_double
     do i = 1, size(run%lanes)
-      if (.not. run%busy(i)) cycle
-      run%record%covered = run%record%covered + abs(run%lanes(i)%t - run%t0)
-      call file_lane(run, i)
+      if (run%busy(i)) call file_lane(run, i)
     end do
     run%record%budget = max(budget, 0_int64)
     run%record%step_size = run%lanes(1)%h

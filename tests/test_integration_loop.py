@@ -10,6 +10,7 @@ from equal_grids import make_grid
 import cg
 from cg.frames import SO3, Euclidean, Stiefel
 from cg.integration.interpolant import extra_evaluations, node_count, result_flows
+from cg.integration.run import Run
 
 EXTRA = {
     **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},
@@ -171,3 +172,20 @@ def test_a_member_that_an_event_ended_takes_no_more_steps(function):
         assert found.success
         assert [len(t) for t in found.t_events[0]] == [1, 1]
         assert found.status.tolist() == [1, 1]
+
+
+def test_memory_for_steps_grows(monkeypatch):
+    sizes = []
+    make_buffers = Run._make_buffers
+
+    def note(self, capacity):
+        sizes.append(capacity)
+        make_buffers(self, capacity)
+
+    monkeypatch.setattr(Run, "_make_buffers", note)
+    run = cg.solve_ivp(
+        lambda t, y: [1.0], (0, 10), [0.0], frame=Euclidean(1), method="BS3(2)", max_step=0.002
+    )
+    assert sizes == [64, 256, 1024, 2048, 2048]
+    np.testing.assert_allclose(run.y[:, 0], run.t, rtol=0, atol=run.steps * np.spacing(10.0))
+    assert len(run.t) == run.steps + 1

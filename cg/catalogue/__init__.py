@@ -186,11 +186,10 @@ def resolve_method(method: str | Method) -> Method:
         return method
     if not isinstance(method, str):
         raise TypeError(f"method must be a name or a Method, got {method!r}")
-    if method in munthe_kaas:
-        return munthe_kaas[method]
-    if method not in methods:
-        if problem := methods.own.problem(method):
-            raise ValueError(f"method {method!r} can't be used: {problem}")
-        known = ", ".join([*methods, *munthe_kaas])
-        raise ValueError(f"method must be one of {known}, got {method!r}{near(method)}")
-    return methods[method]
+    for catalogue in (packaged, munthe_kaas, methods.own):
+        if method in catalogue:
+            return catalogue[method]
+    if problem := methods.own.problem(method):
+        raise ValueError(f"method {method!r} can't be used: {problem}")
+    known = ", ".join([*methods, *munthe_kaas])
+    raise ValueError(f"method must be one of {known}, got {method!r}{near(method)}")

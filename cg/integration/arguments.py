@@ -26,7 +26,8 @@ DEFAULT_MAX_STEPS = 10**6
 _POINTS_AT_A_TIME = 4096
 _MAX_STEPS = 2**53  # a step number must be an exact float, or times would not be distinct
 
-_RTOL, _ATOL = 1e-3, 1e-6
+_RTOL, _ATOL = 1e-3, np.array(1e-6)
+_BOOLS = {bool, np.bool_}
 _SMALLEST_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 
 
@@ -46,7 +47,7 @@ def check_t_eval(t_eval: ArrayLike, start: float, stop: float) -> Array:
     # Written so that a NaN is refused.
     if not ((times >= low) & (times <= high)).all():
         raise ValueError(f"t_eval must lie within t_span, {low:g} to {high:g}, got {t_eval!r}")
-    if not (np.sign(stop - start) * np.diff(times) > 0.0).all():
+    if not (math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0).all():
         raise ValueError(
             f"t_eval must be strictly sorted in the direction of integration, got {t_eval!r}"
         )
@@ -88,14 +89,19 @@ def check_joined(frame: Product, y0: Any) -> None:
 
 def check_step(value: Any, name: str, *, infinite: bool = False) -> float:
     """Return a step size; TypeError or ValueError unless it is positive."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a real number, got {value!r}")
-    size = as_float(value)
+    size = as_float(check_number(value, name))
     if not size > 0.0 or (math.isinf(size) and not infinite):
         raise ValueError(
             f"{name} must be positive{'' if infinite else ' and finite'}, got {value!r}"
         )
     return size
+
+
+def check_number(value: Any, name: str) -> Any:
+    """Return ``value``; TypeError unless it is a real number."""
+    if type(value) is not float and (isinstance(value, bool) or not isinstance(value, Real)):
+        raise TypeError(f"{name} must be a real number, got {value!r}")
+    return value
 
 
 def as_float(number: Any) -> float:
@@ -106,27 +112,27 @@ def as_float(number: Any) -> float:
         return math.inf if number > 0 else -math.inf
 
 
-def check_rtol(rtol: Any, *, warn: bool = True) -> float:
+def check_rtol(rtol: Any) -> float:
     """Return the relative tolerance or the default; a tiny one is raised with a warning."""
     if rtol is None:
         return _RTOL
-    if isinstance(rtol, bool) or not isinstance(rtol, Real):
-        raise TypeError(f"rtol must be a real number, got {rtol!r}")
-    value = as_float(rtol)
+    value = as_float(check_number(rtol, "rtol"))
     if not (math.isfinite(value) and value >= 0.0):
         raise ValueError(f"rtol must be finite and not negative, got {rtol!r}")
-    if value < _SMALLEST_RTOL and warn:
+    if value < _SMALLEST_RTOL:
         warnings.warn(
             f"rtol = {value:g} is too small to be attained and is raised to {_SMALLEST_RTOL:.3g}",
-            stacklevel=5,
+            stacklevel=4,
         )
     return max(value, _SMALLEST_RTOL)
 
 
 def check_atol(atol: ArrayLike | None) -> Array:
     """Return the absolute tolerances or the default; ValueError if one is negative."""
-    value = np.array(_ATOL) if atol is None else real_array(atol, "atol")
-    if not (np.isfinite(value).all() and (value >= 0.0).all()):
+    if atol is None:
+        return _ATOL
+    value = real_array(atol, "atol")
+    if not ((value >= 0.0) & (value < math.inf)).all():
         raise ValueError(f"atol must be finite and not negative, got {atol!r}")
     return value
 
@@ -293,7 +299,7 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
             raise ValueError("not a sequence")
         times = real_array(t_span, "t_span")
         # in an array of numbers, a bool among others is one
-        if times.shape != (2,) or any(isinstance(t, bool | np.bool_) for t in t_span):
+        if times.shape != (2,) or not _BOOLS.isdisjoint(map(type, t_span)):
             raise ValueError("not two numbers")
         start, stop = times.tolist()
     except ValueError as error:
@@ -324,11 +330,7 @@ def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
 
 def check_real_time(value: Any, name: str, *, infinite: bool = True) -> float:
     """Return a time; TypeError or ValueError if it is none, or infinite where it must not be."""
-    if type(value) is not float and (
-        isinstance(value, bool | np.bool_) or not isinstance(value, Real)
-    ):
-        raise TypeError(f"{name} must be a real number, got {value!r}")
-    time = as_float(value)
+    time = as_float(check_number(value, name))
     if math.isnan(time) or (math.isinf(time) and not infinite):
         raise ValueError(f"{name} must be a{'' if infinite else ' finite'} number, got {value!r}")
     return time

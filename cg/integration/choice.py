@@ -16,6 +16,8 @@ The benchmark's page tells which pairs the rule takes, and a test that the defau
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from cg.frames import Frame
 from cg.integration.blocks import is_compiled
 from cg.integration.plan import has_brackets
@@ -33,7 +35,7 @@ _WITH_BRACKETS = ("RKMK5(4)", "RKMK8(5,3)")
 _WITHOUT = ("CF5(4)", "CF6(5)")
 
 
-def choose_method(frame: object, rtol: float | None) -> str:
+def choose_method(frame: Frame, rtol: float | None) -> str:
     """Return the name of the pair that takes the steps.
 
     Parameters
@@ -45,8 +47,15 @@ def choose_method(frame: object, rtol: float | None) -> str:
         eight where there are brackets and six where there are none. None for fixed steps, which
         are taken as loose.
     """
-    if not isinstance(frame, Frame) or not has_brackets(frame):
-        pairs = _WITHOUT
-    else:
-        pairs = _COMPILED if is_compiled(frame) else _WITH_BRACKETS
+    try:
+        pairs = _pairs(frame)
+    except TypeError:  # a frame of the user that can't be hashed
+        pairs = _pairs.__wrapped__(frame)
     return pairs[0 if rtol is None or rtol >= _LOOSE else 1]
+
+
+@lru_cache(maxsize=256)
+def _pairs(frame: Frame) -> tuple[str, str]:
+    if not has_brackets(frame):
+        return _WITHOUT
+    return _COMPILED if is_compiled(frame) else _WITH_BRACKETS

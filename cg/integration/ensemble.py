@@ -6,7 +6,7 @@ import math
 import pickle
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -142,7 +142,7 @@ def solve_ensemble(
         raise ValueError("events must have no jumps with common_steps, which all members share")
     if problem.t_eval is None:
         ends = [problem.t0, problem.t1][: 1 + (problem.t0 != problem.t1)]
-        problem = replace(problem, t_eval=np.array(ends))
+        problem = problem._replace(t_eval=np.array(ends))
     if problem.control.h is not None:
         steps = equal_steps(problem.control.h, [problem.t0, *problem.stops.tolist()])
         check_grid(problem.plan, h, steps * len(problem.points), 0, problem.dense)
@@ -180,7 +180,7 @@ class _Part:
 def _part(problem: Problem, members: slice) -> Problem:
     if members == slice(0, len(problem.points)):
         return problem
-    return replace(problem, points=problem.points[members], rhs=problem.rhs.part(members))
+    return problem._replace(points=problem.points[members], rhs=problem.rhs.part(members))
 
 
 def _integrate(problem: Problem, watch: Progress | None) -> _Part:
@@ -221,14 +221,14 @@ class _Work:
             self.f, problem.plan.frame, problem.args or None, numbers, problem.rhs.together,
             len(points),
         )  # fmt: skip
-        return _integrate(replace(problem, points=points, rhs=rhs), None)
+        return _integrate(problem._replace(points=points, rhs=rhs), None)
 
     def __getstate__(self) -> dict[str, Any]:
         # by its name each process knows a method once, with what was found out about it
         problem, method = self.problem, self.problem.plan.method
         known = any(own.get(method.name) is method for own in (packaged, munthe_kaas))
         plan = problem.plan.frame, method.name if known else method
-        parts = {name: value for name, value in vars(problem).items() if name != "plan"}
+        parts = {name: value for name, value in problem._asdict().items() if name != "plan"}
         together = problem.rhs.together
         return {"f": self.f, "plan": plan, "parts": {**parts, "rhs": together, "points": None}}
 

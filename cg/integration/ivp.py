@@ -292,9 +292,9 @@ def _solve(problem: Problem, every: int, watch: Progress) -> Solution:
     plan = problem.plan
     times, y, capacity = problem.t_eval, None, 0
     if times is not None:
-        y = np.full((len(times), 1, plan.width), math.nan)
+        y = np.empty((len(times), 1, plan.width))
     elif problem.control.h is not None and problem.events is None:
-        capacity = _grid_steps(problem) // every + len(problem.stops) + 1
+        capacity = _grid_steps(problem) // every + len(problem.stops) + 2
     table = problem.event_table() if problem.events is not None else None
     run = problem.run(
         Output(times, every if times is None else 0, problem.dense, y, capacity), table
@@ -329,12 +329,12 @@ def _solve(problem: Problem, every: int, watch: Progress) -> Solution:
 
 def _status(run: Run) -> tuple[int, str]:
     """Return the status of a single point in SciPy's sense; raise what isn't a matter of steps."""
-    trouble = run.trouble(0)
+    trouble = run.trouble(0) if run.record.failed else None
     if isinstance(trouble, Exception):
         raise trouble
     if trouble is not None:
         return -1, f"Failure: {trouble}."
-    if run.status[0] == Stop.TERMINAL_EVENT:
+    if int(run.status[0]) == Stop.TERMINAL_EVENT:
         return 1, TERMINAL_EVENT
     return 0, FINISHED
 

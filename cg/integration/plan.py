@@ -33,8 +33,8 @@ class Plan:
 
     Attributes
     ----------
-    address
-        Where compiled code has it.
+    core, address
+        Compiled code, and where it has the plan.
     width
         Number of doubles of a point.
     kept
@@ -48,11 +48,13 @@ class Plan:
     def __init__(self, frame: Frame, method: Method) -> None:
         import cg._external as core
 
+        self.core = core
         self.frame = frame
         self.method = method
         self.compiled = is_compiled(frame)
         entries = int(np.prod(frame.point_shape, dtype=np.int64))
-        self.parts = 2 if frame.dtype == np.complex128 else 1
+        self.dtype = frame.dtype
+        self.parts = 2 if self.dtype == np.complex128 else 1
         self.width = entries * self.parts
         self._in_algebra: bool | None = None
         self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
@@ -135,20 +137,19 @@ class Plan:
 
     def certainly_on(self, points: Points) -> bool:
         """Tell whether points are on the manifold; if not, it takes a closer look."""
-        import cg._external as core
-
-        return self.compiled and core.plan_distance_bound(self.address, self.doubles(points).T) <= (
-            0.1 * MEMBERSHIP_TOLERANCE
-        )
+        if not self.compiled:
+            return False
+        bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
+        return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
 
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
-        rows = np.ascontiguousarray(points, dtype=self.frame.dtype)
+        rows = np.ascontiguousarray(points, dtype=self.dtype)
         return rows.reshape(-1).view(np.float64).reshape(-1, self.width)
 
     def points(self, rows: Array, lead: tuple[int, ...]) -> Points:
         """Return points of shape ``(*lead, *point_shape)`` that share memory with doubles."""
-        return rows.reshape(-1).view(self.frame.dtype).reshape(*lead, *self.frame.point_shape)
+        return rows.reshape(-1).view(self.dtype).reshape(*lead, *self.frame.point_shape)
 
 
 _MAKING = threading.Lock()

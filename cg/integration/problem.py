@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from numpy.typing import ArrayLike
 
@@ -39,8 +38,7 @@ from cg.pairs import check_order, check_pair
 __all__ = ["Problem", "make_control", "make_problem", "make_rhs"]
 
 
-@dataclass(frozen=True)
-class Problem:
+class Problem(NamedTuple):
     """An integration of one point or of the members of an ensemble.
 
     Attributes
@@ -146,7 +144,10 @@ def make_control(
     span: float,
     given: object,
 ) -> Control:
-    """Return how steps are chosen, after checking it; ``given`` is what names the method."""
+    """Return how steps are chosen, after checking it; ``given`` is what names the method.
+
+    ``rtol`` has been checked unless ``h`` is given.
+    """
     method = plan.method
     largest = check_step(max_step, "max_step", infinite=True)
     if h is not None:
@@ -170,7 +171,7 @@ def make_control(
     first = None if first_step is None else check_step(first_step, "first_step")
     if first is not None and first > span:
         raise ValueError(f"first_step must not exceed the length of t_span, got {first_step!r}")
-    return Control(None, check_rtol(rtol), tolerances, largest, first, check_max_steps(max_steps))
+    return Control(None, rtol, tolerances, largest, first, check_max_steps(max_steps))
 
 
 def make_problem(
@@ -201,8 +202,10 @@ def make_problem(
     if not isinstance(frame, Frame):
         raise TypeError(f"frame must be a Frame such as SO3(), got {frame!r}")
     check_stage_solver(stage_solver)
+    if h is None:
+        rtol = check_rtol(rtol)
     if isinstance(method, str) and method == AUTO:
-        method = choose_method(frame, None if h is not None else check_rtol(rtol, warn=False))
+        method = choose_method(frame, rtol if h is None else None)
     chosen = check_method(method)
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import math
-import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +53,7 @@ class _Record(ctypes.Structure):
     _fields_ = [(name, _KINDS[kind]) for name, kind in RECORD.items()]
 
 
-@dataclass(frozen=True)
-class Control:
+class Control(NamedTuple):
     """How the sizes of steps are found.
 
     Attributes
@@ -73,14 +70,13 @@ class Control:
 
     h: float | None = None
     rtol: float = 1e-3
-    atol: Array | None = None
+    atol: Array = np.array([1e-6])
     max_step: float = math.inf
     first_step: float | None = None
     max_steps: int = 10**6
 
 
-@dataclass(frozen=True)
-class Output:
+class Output(NamedTuple):
     """What is kept of trajectories.
 
     Attributes
@@ -144,6 +140,8 @@ class Run:
         Of each member, shape ``(members, 6)``; see `COUNTS`.
     """
 
+    address = 0  # of what compiled code has of it
+
     def __init__(
         self,
         plan: Plan,
@@ -160,9 +158,7 @@ class Run:
         keep_last: bool = False,
         lanes: int | None = None,
     ) -> None:
-        import cg._external as core
-
-        self._core = core
+        self._core = plan.core
         self.plan = plan
         self.rhs = rhs
         self.control = control
@@ -173,12 +169,11 @@ class Run:
         self._dense: list[tuple[Array, ...]] = []
         self._steps: list[tuple[Array, ...]] = []
         self._events: list[tuple[Array, ...]] = []
-        self._give_members(plan.doubles(points), t0)
+        self._give_members(plan.doubles(points))
         self.t0 = t0
-        self.span = abs(float(stops[-1]) - t0)
         if output.times is not None and output.y is not None and len(output.times):
             self.record.wanted = len(output.times)
-            self._give("times", np.ascontiguousarray(output.times))
+            self._give("times", np.array(output.times))
             self._give("y", output.y)
         if lanes is None:
             lanes = members if common else _LANES if rhs.together else 1
@@ -192,8 +187,6 @@ class Run:
             functions, direction = events.functions.T, events.direction
             most, jumps = events.most, events.jumps
         plan.look_at(points[0])
-        shape = plan.tolerance_shape if control.h is None else ()
-        atol = np.broadcast_to(1.0 if control.atol is None else control.atol, shape).ravel()
         in_entries = control.h is None and not plan.in_algebra
         parts = plan.parts if in_entries else 1
         needed = 1 << 16 if lanes == 1 else 0
@@ -202,41 +195,34 @@ class Run:
         self.record.free = bool(within or keep_last) and plan.is_free(points[0])
         needed += lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
         with reserved(needed, f"{members} trajectories of {plan.width} numbers"):
-            self.address: int = core.loop_open(
+            self.address = self._core.loop_open(
                 plan.address, ctypes.addressof(self.record), id(self.callbacks), *rhs.addresses(),
                 lanes, rhs.together, common, keep_last, t0, stops,
-                control.h or 0.0, np.repeat(atol, parts), control.rtol, in_entries, parts,
+                control.h or 0.0, control.atol.ravel(), control.rtol, in_entries, parts,
                 plan.exponent, control.max_step, control.first_step or 0.0, control.max_steps,
                 functions, direction, most, jumps,
             )  # fmt: skip
         if not self.address:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
-        self.close = weakref.finalize(self, core.loop_close, self.address)
 
-    def _give_members(self, doubles: Array, t0: float) -> None:
+    def __del__(self) -> None:
+        if self.address:
+            self._core.loop_close(self.address)
+
+    def _give_members(self, doubles: Array) -> None:
         """Give compiled code memory for what it tells of each member."""
-        members, size = self.members, doubles.size
-        numbers = self._give("reached", np.empty(2 * members + 2 * size))
-        self.reached, self.failed_at = numbers[:members], numbers[members : 2 * members]
-        self.start = numbers[2 * members : 2 * members + size].reshape(doubles.shape)
-        self.end = numbers[2 * members + size :].reshape(doubles.shape)
-        numbers[: 2 * members] = t0
-        self.start[...] = self.end[...] = doubles
-        integers = self._give("status", np.zeros(8 * members, dtype=np.int64))
-        self.status, self.flag = integers[:members], integers[members : 2 * members]
-        self.status[...] = int(Stop.PAUSED)
-        self.counts = integers[2 * members :].reshape(members, len(COUNTS))
-        record = self.record
-        record.failed_at = record.reached + 8 * members
-        record.start = record.failed_at + 8 * members
-        record.end = record.start + 8 * size
-        record.flag = record.status + 8 * members
-        record.counts = record.flag + 8 * members
+        members, width = doubles.shape
+        places = self._give("places", np.empty((members, width + 2)))
+        tallies = self._give("tallies", np.empty((members, 2 + len(COUNTS)), dtype=np.int64))
+        self.end, self.reached, self.failed_at = places[:, :width], places[:, -2], places[:, -1]
+        self.status, self.flag, self.counts = tallies[:, 0], tallies[:, 1], tallies[:, 2:]
+        self.end[...] = doubles
 
     def _give(self, name: str, array: Any) -> Any:
         """Tell compiled code where an array is, which is kept alive."""
         self._buffers[name] = array
-        setattr(self.record, name, array.ctypes.data if array.size else None)
+        if array.size:  # much faster than array.ctypes
+            setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
         return array
 
     def _callbacks(self, events: EventTable | None, stage_solver: str, lanes: int) -> Callbacks:
@@ -255,8 +241,9 @@ class Run:
         output, width = self.output, self.plan.width
         if output.every:
             self.record.step_capacity = capacity
-            self._give("step_t", np.empty(capacity))
-            self._give("step_y", np.empty((capacity, width)))
+            block = self._give("step_t", np.empty(capacity * (1 + width)))
+            self._buffers["step_y"] = block[capacity:].reshape(capacity, width)
+            self.record.step_y = self.record.step_t + 8 * capacity
         more = min(capacity, _MANY)
         if self._functions:
             self.record.event_capacity = self._functions * self._lanes + more
@@ -311,34 +298,32 @@ class Run:
                 "events must return finite numbers, got another one at "
                 f"t = {float(self.failed_at.max()):.17g}"
             )
-        full = record.steps == record.step_capacity > 0
         if record.steps:
-            self._steps.append(self._taken(record.steps, full, "step_t", "step_y"))
+            self._take(self._steps, record.steps, "step_t", "step_y")
         if record.interpolants:
-            full = full or record.interpolants + self._lanes > record.dense_capacity
             parts = ("dense_member", "dense_t", "dense_y", "dense_field")
-            self._dense.append(self._taken(record.interpolants, full, *parts))
+            self._take(self._dense, record.interpolants, *parts)
         if record.events:
-            most = self._functions * self._lanes
-            full = full or record.events + most > record.event_capacity
-            names = ("event_of", "event_t", "event_y")
-            self._events.append(self._taken(record.events, full, *names))
-        if full and record.ended < self.members:
-            self._make_buffers(min(4 * self._capacity, _MANY))
+            self._take(self._events, record.events, "event_of", "event_t", "event_y")
+        if record.ended < self.members and (
+            record.steps == record.step_capacity > 0
+            or (record.dense and record.interpolants + self._lanes > record.dense_capacity)
+            or record.events + self._functions * self._lanes > record.event_capacity
+        ):
+            self._capacity = min(4 * self._capacity, _MANY)
+            self._make_buffers(self._capacity)
             self._core.loop_set_output(self.address)
 
-    def _taken(self, count: int, full: bool, *names: str) -> tuple[Array, ...]:
-        """Return what buffers hold, which get other memory if they are full."""
-        parts = tuple(self._buffers[name][:count] for name in names)
-        return parts if full else tuple(part.copy() for part in parts)
+    def _take(self, taken: list[tuple[Array, ...]], count: int, *names: str) -> None:
+        """Keep what buffers hold, as copies where more is to come."""
+        parts = [self._buffers[name][:count] for name in names]
+        if self.record.ended < self.members:
+            parts = [part.copy() for part in parts]
+        taken.append(tuple(parts))
 
     def steps(self) -> tuple[Array, Points]:
         """Return the initial time and point and those of all steps that were kept."""
-        t = np.concatenate([[self.t0], *(t for t, _ in self._steps)])
-        if not self._steps:
-            rows = self.start
-        else:
-            rows = np.concatenate([self.start, *(y for _, y in self._steps)])
+        t, rows = map(np.concatenate, zip(*self._steps, strict=True))
         return t, self.plan.points(rows, (len(t),))
 
     def interpolants(self) -> Steps:

@@ -6,7 +6,6 @@ import copy
 import math
 import pickle
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -157,7 +156,7 @@ class Stepper:
         self._run = self._make_run(start, problem.points)
 
     def _make_run(self, t: float, points: Points) -> Run:
-        control = replace(self._control, first_step=self._first_step, max_steps=_NO_LIMIT)
+        control = self._control._replace(first_step=self._first_step, max_steps=_NO_LIMIT)
         run = Run(
             plan_of(self.frame, self.method), self._rhs, points, t, self._stops, control,
             Output(), common=self._common, stage_solver=self._stage_solver, keep_last=True,
@@ -166,7 +165,7 @@ class Stepper:
         self._core = run._core
         self._target = np.empty(1)
         first = self._first_step or 0.0
-        self._core.loop_restart(run.address, t, run.start.T, first, self._rhs.data_address)
+        self._core.loop_restart(run.address, t, run.end.T, first, self._rhs.data_address)
         self._on_way = True  # whether compiled code has the ends of `_stops`
         self.t = t
         return run
