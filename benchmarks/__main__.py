@@ -21,7 +21,7 @@ NAMES = (
     "kernels",
     "search",
     "order_six",
-    "loop",
+    "calls",
     "ensemble",
     "steps",
     "output",

@@ -151,6 +151,18 @@ def test_functions_of_an_ensemble_are_the_same_in_c_and_in_python(tmp_path):
     np.testing.assert_allclose(at_once.y, in_c.y, rtol=0, atol=1e-10)
 
 
+def test_lines_are_those_of_the_files(tmp_path):
+    from benchmarks.calls import count_lines
+
+    for folder in ("cg/integration/__pycache__", "fortran", "cg/other"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "cg/integration/a.py").write_text("one\n\nthree\n")
+    (tmp_path / "fortran/a.f90.in").write_text("one\n")
+    (tmp_path / "cg/other/a.py").write_text("none\n")
+    (tmp_path / "cg/integration/__pycache__/a.pyc").write_text("none\n")
+    assert count_lines(tmp_path) == 4
+
+
 def test_pairs_of_methods_on_one_tableau_are_compared():
     from benchmarks.tableaux import _line
     from benchmarks.work_curves import Curve, Point
