@@ -22,6 +22,7 @@ NAMES = (
     "search",
     "order_six",
     "calls",
+    "bodies",
     "ensemble",
     "steps",
     "output",

@@ -11,7 +11,7 @@ import pytest
 import cg
 from cg import conditions
 from cg.convergence import observed_order
-from cg.problems import HeavyTop
+from cg.problems import FreeRigidBody, HeavyTop
 
 ROOT = Path(__file__).parent.parent
 
@@ -149,6 +149,45 @@ def test_functions_of_an_ensemble_are_the_same_in_c_and_in_python(tmp_path):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-10)
     at_once = cg.solve_ensemble(fields, (0, 10), points, vectorized=True, **options)
     np.testing.assert_allclose(at_once.y, in_c.y, rtol=0, atol=1e-10)
+
+
+@needs_gcc
+def test_solvers_of_the_tumbling_body_solve_it(tmp_path):
+    from benchmarks import bodies
+
+    case = bodies.tumbling(tmp_path)
+    assert np.divide(bodies._MOMENTUM, bodies._INERTIA).tolist() == [1.0, 2.0, -0.5]
+    exact = FreeRigidBody(bodies._INERTIA, bodies._MOMENTUM).exact_momentum(case.end)
+    np.testing.assert_allclose(case.exact[4:], exact, rtol=0, atol=1e-12)
+    solvers = {"own": bodies._solve(case)}
+    if importlib.util.find_spec("diffrax") is not None:
+        solvers |= bodies.diffrax_solvers(case)
+        assert len(solvers) == 3
+    for name, solve in solvers.items():
+        points = solve(1e-11).points
+        assert points.shape == (1, 7), name
+        assert case.error(points[-1]) < 1e-8, name
+
+
+def test_rows_of_bodies_are_of_the_fastest_rival(monkeypatch):
+    from benchmarks import bodies
+    from benchmarks.work_curves import Point
+
+    seconds = {bodies._OWN: 1.0, "coarse": 0.1, "slow": 4.0, "fast": 3.0}
+
+    def run_point(case, solve, tolerance, rounds):
+        return {
+            name: Point(max(tolerance, 1e-5) if name == "coarse" else tolerance, s, 1, 1, 1e-16)
+            for name, s in seconds.items()
+        }
+
+    monkeypatch.setattr(bodies, "run_point", run_point)
+    (case,) = _cases("two_levels")
+    solve = dict.fromkeys(seconds)
+    (row,) = bodies._rows(case, solve, {1e-8: 1.5}, 1)
+    assert (row.against, row.value, row.other) == ("fast", pytest.approx(1e3), pytest.approx(3e3))
+    assert row.ratio == pytest.approx(3.0)
+    assert row.met
 
 
 def test_lines_are_those_of_the_files(tmp_path):
