@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,9 @@ from cg.problems import (
     TwoLevelSystem,
 )
 
-__all__ = ["NAMES", "Case", "cases"]
+from .compiled import top_field
+
+__all__ = ["NAMES", "Case", "cases", "top_in_c"]
 
 Array = NDArray[np.float64]
 Field = Callable[[float, Any], Any]
@@ -69,6 +72,12 @@ def cases(names: Iterable[str] | None = None) -> list[Case]:
     """Return all cases, or those of the given names."""
     wanted = _CASES if names is None else {name: _CASES[name] for name in names}
     return [make(name) for name, make in wanted.items()]
+
+
+def top_in_c(case: Case, folder: Path) -> Case:
+    """Return the case of the heavy top with f in C, in a library in the folder."""
+    f: Any = top_field(HeavyTop(), folder)
+    return replace(case, name="heavy_top_c", title="heavy top, f in C", f=f)
 
 
 def _top(name: str) -> Case:

@@ -1,8 +1,9 @@
-"""Many tops at once: time of one of them against a top alone."""
+"""Ensembles of rigid bodies: what output, events and functions in Python cost a member."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,119 +12,89 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cg
-from cg.problems import HeavyTop
+from cg.frames import Euclidean, Product, UnitQuaternion
 
-from .compiled_top import CompiledTop
-from .record import Result, Row
+from .compiled import field
+from .record import Aim, Result
 from .timing import measure
 
-_H = 0.01
-_STEPS = 20
-_SPAN = (0.0, 1.0)
-_OUTPUT: dict[str, dict[str, Any]] = {
-    "the end": {},
-    "output at ten times": {"t_eval": np.linspace(*_SPAN, 11)[1:]},
-    "a continuous solution": {"dense_output": True},
-}
+_FRAME = Product(UnitQuaternion(), Euclidean(3))
+_INVERSE = np.array([1.0, 0.5, 0.4])
+_END = 10.0
+_TOLERANCE = 1e-6
+_OUTPUT = {101: Aim(2.0, above=False), 1001: None}
+_EVENT_AIM = Aim(0.5, above=False, of="value")
+
+Array = NDArray[np.float64]
 
 
 def run(quick: bool, figures: Path | None) -> Result:
-    """Measure an ensemble and a top alone, with a right-hand side in NumPy and in C."""
-    rounds, members = (2, 1_000) if quick else (7, 10_000)
-    top = HeavyTop()
-    method = cg.methods["CG4a"]
-    inverse = np.array([float(1 / moment) for moment in top.inertia])
-    mgl = float(top.mgl)
-
-    def f(t: float, y: NDArray[np.float64]) -> NDArray[np.float64]:
-        m = y[..., 9:]
-        rates = np.empty((*y.shape[:-1], 6))
-        rates[..., :3] = inverse * m
-        w = rates[..., :3]
-        rates[..., 3] = m[..., 1] * w[..., 2] - m[..., 2] * w[..., 1] + mgl * y[..., 7]
-        rates[..., 4] = m[..., 2] * w[..., 0] - m[..., 0] * w[..., 2] - mgl * y[..., 6]
-        rates[..., 5] = m[..., 0] * w[..., 1] - m[..., 1] * w[..., 0]
-        return rates
-
-    rng = np.random.default_rng(1)
-    many = top.frame.random_point(rng, (members,))
-
-    def integrate(right_side: Any, steps: int) -> None:
-        cg.integrate(
-            right_side, (0.0, steps * _H), top.y0, frame=top.frame, method=method, h=_H,
-            save_every=steps,
-        )  # fmt: skip
-
-    def integrate_many(right_side: Any, vectorized: bool) -> None:
-        cg.solve_ensemble(
-            right_side, (0.0, _STEPS * _H), many, frame=top.frame, method=method, h=_H,
-            vectorized=vectorized,
-        )  # fmt: skip
-
-    def choose(right_side: Any, y0: NDArray[np.float64], output: str) -> None:
-        """Integrate in steps that each top chooses."""
-        cg.solve_ensemble(right_side, _SPAN, y0, frame=top.frame, rtol=1e-8, **_OUTPUT[output])
-
-    def loop(right_side: Any, y0: NDArray[np.float64], output: str) -> None:
-        for point in y0:
-            cg.solve_ivp(right_side, _SPAN, point, frame=top.frame, rtol=1e-8, **_OUTPUT[output])
-
-    few = many[: members // 20]
+    """Measure ensembles against themselves with less output, and against a loop in Python."""
+    rounds, members, few = (2, 100, 10) if quick else (9, 1000, 100)
+    many = _FRAME.random_point(np.random.default_rng(1), (members,))
+    settings: dict[str, Any] = {"frame": _FRAME, "rtol": _TOLERANCE, "atol": _TOLERANCE}
     with tempfile.TemporaryDirectory() as folder:
-        compiled = CompiledTop(top, Path(folder)).f
-        alone = {"NumPy": 500, "compiled": 20_000}
-        times = measure(
-            {
-                "NumPy, many": lambda: integrate_many(f, True),
-                "NumPy, one": lambda: integrate(f, alone["NumPy"]),
-                "compiled, many": lambda: integrate_many(compiled, False),
-                "compiled, one": lambda: integrate(compiled, alone["compiled"]),
-            },
-            rounds=rounds,
-            seconds=0.2,
+        f, event = field("free_body", Path(folder), _INVERSE), field("level", Path(folder))
+
+        def solve(f: Any, y0: Array, count: int = 2, **options: Any) -> None:
+            times = np.linspace(0.0, _END, count)
+            cg.solve_ensemble(f, (0.0, _END), y0, t_eval=times, **settings, **options)
+
+        def alone() -> None:
+            for point in many[:few]:
+                cg.solve_ivp(f, (0.0, _END), point, t_eval=[0.0, _END], **settings)
+
+        contestants: dict[str, Callable[[], None]] = {
+            f"{count} times": partial(solve, f, many, count) for count in (2, *_OUTPUT)
+        }
+        contestants |= {
+            "f in C": partial(solve, f, many[:few]),
+            "event in C": partial(solve, f, many[:few], events=event),
+            "event in Python": partial(solve, f, many[:few], events=level),
+            "NumPy": partial(solve, fields, many, vectorized=True),
+            "alone": alone,
+        }
+        times = measure(contestants, rounds=rounds, seconds=0.2)
+
+    rows = [
+        times.row(
+            f"{members} members, {count} output times", f"{count} times", "ms a member",
+            "2 output times", "2 times", pieces=(members, members), aim=aim, above=False,
         )
-        chosen = measure(
-            {
-                f"{output}, {count}": partial(
-                    loop if count == "one" else choose, compiled, few, output
-                )
-                for output in _OUTPUT
-                for count in ("many", "one")
-            },
-            rounds=rounds,
-            seconds=0.2,
-        )
-    rows = []
-    for kind, quantity in (
-        ("NumPy", "right-hand side in NumPy"),
-        ("compiled", "compiled right-hand side"),
-    ):
-        each = members * _STEPS
-        rows.append(
-            Row(
-                f"{quantity}, {members} tops",
-                1e6 * times.median(f"{kind}, many") / each,
-                "µs a step of a top",
-                "one top alone",
-                1e6 * times.median(f"{kind}, one") / alone[kind],
-                times.ratio(f"{kind}, one", f"{kind}, many") * each / alone[kind],
-            )
-        )
+        for count, aim in _OUTPUT.items()
+    ]  # fmt: skip
     rows += [
-        Row(
-            f"compiled right-hand side, {len(few)} tops, steps of their own: {output}",
-            1e3 * chosen.median(f"{output}, many") / len(few),
-            "ms a top",
-            "one call for each top",
-            1e3 * chosen.median(f"{output}, one") / len(few),
-            chosen.ratio(f"{output}, one", f"{output}, many"),
+        times.row(
+            f"{few} members, an {name}", name, "ms a member", "no event", "f in C",
+            pieces=(few, few), aim=aim, above=False,
         )
-        for output in _OUTPUT
-    ]
+        for name, aim in (("event in C", _EVENT_AIM), ("event in Python", None))
+    ]  # fmt: skip
+    rows += [
+        times.row(
+            f"{members} members, f in {what}", name, "ms a member",
+            "`solve_ivp` for each, f in C", "alone", pieces=(members, few),
+        )
+        for what, name in (("C", "2 times"), ("NumPy, of all members at once", "NumPy"))
+    ]  # fmt: skip
     return Result(
         "Ensembles",
-        f"CG4a on {members} tops with random attitudes and momenta, {_STEPS} steps, one "
-        f"thread; steps of their own: the default method, rtol 1e-8, t from 0 to 1. Medians of "
-        f"{rounds} rounds.",
+        "Free rigid bodies of random attitudes and momenta, quaternion × R³, f in C where nothing "
+        f"is said, t from 0 to {_END:g}, default method, tolerances {_TOLERANCE:g}, one core. The "
+        "event is when an axis of the body becomes horizontal, all of them kept. Medians of "
+        f"{rounds} rounds; a ratio with less output or no event is of the time here to that there.",
         tuple(rows),
     )
+
+
+def fields(t: Array, y: Array) -> Array:
+    """Return the coefficients of many bodies, shape ``(k, 6)``."""
+    m = y[:, 4:]
+    velocity = _INVERSE * m
+    return np.concatenate([velocity, np.cross(m, velocity)], axis=-1)
+
+
+def level(t: float, y: Array) -> float:
+    """Return the vertical part of an axis, as ``level`` of ``fields.c`` does."""
+    x, z, v, s = y[:4].tolist()
+    return float(s * s + v * v - x * x - z * z)

@@ -16,7 +16,7 @@ from cg.solve.refine import refine
 from cg.solve.system import ConditionSystem
 
 from .leastsq import PaddedResidual
-from .record import Aim, Result, Row
+from .record import Aim, Result
 from .timing import measure
 from .weights import NumpyResidual
 
@@ -89,60 +89,30 @@ def run(quick: bool, figures: Path | None) -> Result:
         },
         rounds=rounds,
     )
-    per_step = {"iteration": _ITERATIONS, "iteration, leastsq": iterations["leastsq"]}
-
-    def row(
-        quantity: str, name: str, other: str, against: str, unit: str, scale: float, bound: float
-    ) -> Row:
-        ours, theirs = per_step.get(name, 1), per_step.get(other, 1)
-        return Row(
-            quantity,
-            scale * times.median(name) / ours,
-            unit,
-            against,
-            scale * times.median(other) / theirs,
-            times.ratio(other, name) * ours / theirs,
-            aim=Aim(bound, above=False, of="value"),
+    rows = tuple(
+        times.row(
+            quantity, name, unit, against, other, pieces=pieces, aim=Aim(limit, False, "value")
         )
-
-    rows = (
-        row(
-            "residual of the 113 conditions",
-            "residual",
-            "residual, NumPy",
-            "the same recursion in NumPy, all rows at once",
-            "µs",
-            1e6,
-            40.0,
-        ),
-        row(
-            "Jacobian, 113 × 136",
-            "jacobian",
-            "jacobian, differences",
-            "differences of the compiled residual",
-            "ms",
-            1e3,
-            1.5,
-        ),
-        row(
-            "one step of the minimum-norm solver",
-            "iteration",
-            "iteration, leastsq",
-            "one step of SciPy's leastsq with the same residual and Jacobian",
-            "ms",
-            1e3,
-            3.0,
-        ),
-        row(
-            "refinement to the floor of binary128",
-            "refinement",
-            "refinement, lstsq",
-            "the same with NumPy's lstsq in each correction",
-            "ms",
-            1e3,
-            60.0,
-        ),
-    )
+        for quantity, name, unit, limit, against, other, pieces in (
+            (
+                "residual of the 113 conditions", "residual", "µs", 40.0,
+                "the same recursion in NumPy, all rows at once", "residual, NumPy", (1, 1),
+            ),
+            (
+                "Jacobian, 113 × 136", "jacobian", "ms", 1.5,
+                "differences of the compiled residual", "jacobian, differences", (1, 1),
+            ),
+            (
+                "one step of the minimum-norm solver", "iteration", "ms", 3.0,
+                "one step of SciPy's leastsq with the same residual and Jacobian",
+                "iteration, leastsq", (_ITERATIONS, iterations["leastsq"]),
+            ),
+            (
+                "refinement to the floor of binary128", "refinement", "ms", 60.0,
+                "the same with NumPy's lstsq in each correction", "refinement, lstsq", (1, 1),
+            ),
+        )
+    )  # fmt: skip
     return Result(
         "Kernels at order six with 16 stages",
         f"Medians of {rounds} rounds; refinement starts from {method.name} rounded to double.",

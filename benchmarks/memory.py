@@ -56,12 +56,12 @@ _ENSEMBLE = """
 from tempfile import TemporaryDirectory
 import numpy as np
 import cg
-from benchmarks.compiled_top import CompiledTop
+from benchmarks.compiled import top_field
 
 size = int(sys.argv[1])
 top = cg.problems.HeavyTop()
 with TemporaryDirectory() as folder:
-    f = CompiledTop(top, Path(folder)).f
+    f = top_field(top, Path(folder))
     def run(members, name):
         shape = (1, members, *top.frame.point_shape)
         out = np.lib.format.open_memmap(f"{folder}/{name}.npy", "w+", shape=shape)

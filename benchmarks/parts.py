@@ -1,12 +1,8 @@
-"""Compiled steps against what they are made of, a loop by hand, and themselves on two cores."""
+"""Compiled steps against what they are made of."""
 
 from __future__ import annotations
 
-import ctypes
-import os
-import subprocess
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import LowLevelCallable
 
 import cg
 from cg.catalogue import resolve_method
@@ -23,11 +18,10 @@ from cg.frames import SE3, SO3, SU, Euclidean, Frame, Product, UnitQuaternion
 from cg.integration.blocks import block_constants, describe_blocks
 from cg.integration.compiled_rhs import compiled_rhs
 from cg.integration.paths import paths_of
-from cg.problems import HeavyTop
 
-from .compiled_top import CompiledTop
+from .compiled import field
 from .record import Aim, Result, Row
-from .timing import Times, measure, two_threads
+from .timing import measure
 
 _FRAMES: dict[str, Frame] = {
     "SO(3)": SO3(),
@@ -46,58 +40,28 @@ def run(quick: bool, figures: Path | None) -> Result:
     """Measure steps and their parts in the same run."""
     rounds = 2 if quick else 11
     rows: list[Row] = []
-    notes = [
+    note = (
         "- The sum is of the flows of a step, taken path by path, of the removal of rounding from "
         "its result, of its evaluations, and of its dexp⁻¹, each measured alone on "
         f"{_COUNT} points in turn; linear combinations of coefficients are parts of flows."
-    ]
+    )
     with tempfile.TemporaryDirectory() as folder:
-        f = _linear(Path(folder))
         frames = dict(list(_FRAMES.items())[:2]) if quick else _FRAMES
         for label, frame in frames.items():
             for name in _METHODS:
+                f = field("linear", Path(folder), [frame.dim])
                 rows.append(_row(label, frame, name, f, rounds))
-        compiled = CompiledTop(HeavyTop(), Path(folder))
-        rows.append(_by_hand(compiled, rounds))
-        if (os.cpu_count() or 1) > 1:
-            rows.append(_cores(compiled, rounds, quick))
-            notes.append(
-                "- Two threads of hashing, which share nothing, had "
-                f"{two_threads():.2f} of twice the speed of one on this machine in this run."
-            )
-        else:
-            notes.append("- There is one core only, and ensembles are left out.")
     return Result(
         "Compiled steps and their parts",
         f"Steps of h = {_H:g} with a function in C that costs next to nothing, {_STEPS} of them, "
-        f"the last one stored. Medians of {rounds} rounds in turns. The loop in C is "
-        "`benchmarks/heavy_top.c`, by gcc -O3, as the package is.",
+        f"the last one stored. Medians of {rounds} rounds in turns.",
         tuple(rows),
-        ("\n".join(notes),),
+        (note,),
     )
 
 
-def _linear(folder: Path) -> Callable[[Frame], Any]:
-    """Compile the right-hand side, and return what makes it for a frame."""
-    source, target = Path(__file__).with_name("linear.c"), folder / "linear.so"
-    options = ["-O3", "-Wall", "-Wextra", "-shared", "-fPIC"]
-    subprocess.run(["gcc", *options, "-o", target, source], check=True)
-    library = ctypes.CDLL(str(target))
-    library.linear.restype = ctypes.c_int
-    doubles = ctypes.POINTER(ctypes.c_double)
-    library.linear.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
-    kept: list[Any] = []
-
-    def make(frame: Frame) -> Any:
-        size = ctypes.c_int(frame.dim)
-        kept.append(size)
-        return LowLevelCallable(library.linear, ctypes.c_void_p(ctypes.addressof(size)))
-
-    return make
-
-
-def _row(label: str, frame: Frame, name: str, make: Callable[[Frame], Any], rounds: int) -> Row:
-    method, f = resolve_method(name), make(frame)
+def _row(label: str, frame: Frame, name: str, f: Any, rounds: int) -> Row:
+    method = resolve_method(name)
     paths = paths_of(method)
     rng = np.random.default_rng(1)
     y0 = frame.random_point(rng)
@@ -169,52 +133,4 @@ def _parts(
         flows,
         lambda: core.call_field(*addresses, 0.0, rows.T, coefficients.T),
         lambda: core.dexpinv(blocks, order, u, v.copy()),
-    )
-
-
-def _by_hand(compiled: CompiledTop, rounds: int) -> Row:
-    """Compare a step of CF4 on the heavy top with a plain loop in C."""
-    top, method = compiled.top, cg.methods["CF4"]
-
-    def steps() -> None:
-        cg.integrate(compiled.f, (0.0, _STEPS * _H), top.y0, frame=top.frame, method=method, h=_H)
-
-    times: Times = measure(
-        {"here": steps, "C": lambda: compiled.follow(method, _H, _STEPS)},
-        rounds=rounds,
-        seconds=0.1,
-    )
-    return Row(
-        "a step of `CF4`, heavy top",
-        1e6 * times.median("here") / _STEPS,
-        "µs",
-        "plain loop in C",
-        1e6 * times.median("C") / _STEPS,
-        times.ratio("here", "C"),
-        aim=Aim(1.1, above=False),
-    )
-
-
-def _cores(compiled: CompiledTop, rounds: int, quick: bool) -> Row:
-    """Compare an ensemble in two threads with the same in one, by the clock on the wall."""
-    top = compiled.top
-    points = top.frame.random_point(np.random.default_rng(1), (1_000 if quick else 10_000,))
-    seconds: dict[int, list[float]] = {1: [], 2: []}
-    for _ in range(rounds):
-        for workers, found in seconds.items():
-            begin = time.perf_counter()
-            cg.solve_ensemble(
-                compiled.f, (0.0, 100 * _H), points, frame=top.frame, method="CF4", h=_H,
-                workers=workers,
-            )  # fmt: skip
-            found.append(time.perf_counter() - begin)
-    ratios = [0.5 * one / two for one, two in zip(seconds[1], seconds[2], strict=True)]
-    return Row(
-        f"{len(points)} tops, 100 steps of `CF4`, on two cores",
-        1e3 * median(seconds[2]),
-        "ms",
-        "on one, of whose speed twice is 1",
-        1e3 * median(seconds[1]),
-        median(ratios),
-        aim=Aim(0.9, above=True),
     )

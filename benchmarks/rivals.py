@@ -6,15 +6,13 @@ import math
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
 import cg
-from cg.problems import HeavyTop
 
-from .cases import Case, cases
-from .compiled_top import CompiledTop
+from .cases import Case, cases, top_in_c
 from .lielab_rival import expresses
 from .lielab_top import available
 from .record import Aim, Figure, Result, Row
@@ -39,9 +37,7 @@ def run(quick: bool, figures: Path | None, only: Sequence[str] = ()) -> Result:
     won: dict[str, list[int]] = {}
     found = cases(only or (_QUICK if quick else None))
     with tempfile.TemporaryDirectory() as folder:
-        compiled = CompiledTop(HeavyTop(), Path(folder))
-        in_c = {"name": "heavy_top_c", "title": "heavy top, f in C", "f": compiled.f}
-        found += [replace(case, **in_c) for case in found if case.name == "heavy_top"]
+        found += [top_in_c(case, Path(folder)) for case in found if case.name == "heavy_top"]
         contests = [(case, _contest(case, rounds, quick)) for case in found]
     for case, curves in contests:
         rows += _rows(case, curves)
@@ -81,21 +77,6 @@ def _lielab(found: list[Case]) -> str:
     )
 
 
-@dataclass
-class _Tried:
-    """One setting of one solver: what it came to, and how long it took in each round."""
-
-    error: float
-    evaluations: int
-    flows: int
-    drift: float
-    seconds: list[float]
-
-    @property
-    def point(self) -> Point:
-        return Point(self.error, median(self.seconds), self.evaluations, self.flows, self.drift)
-
-
 def _contest(case: Case, rounds: int, quick: bool) -> list[Curve]:
     """Run all solvers; a function in C is for those alone that call it from compiled code.
 
@@ -105,13 +86,16 @@ def _contest(case: Case, rounds: int, quick: bool) -> list[Curve]:
     tried = [_runs(case, solver) for solver in called]
     for _ in range(rounds - 1):
         for solver, runs in zip(called, tried, strict=True):
-            for setting, run in runs.items():
-                if run.seconds[0] <= _LONG:
-                    run.seconds.append(_timed(solver, setting)[1])
+            for setting, (_, seconds) in runs.items():
+                if seconds[0] <= _LONG:
+                    seconds.append(_timed(solver, setting)[1])
     return [
-        Curve.of(solver.name, solver.kind, solver.order, [run.point for run in runs.values()])
+        Curve.of(
+            solver.name, solver.kind, solver.order,
+            [replace(point, seconds=median(seconds)) for point, seconds in runs.values()],
+        )
         for solver, runs in zip(called, tried, strict=True)
-    ]
+    ]  # fmt: skip
 
 
 def _timed(solver: Solver, setting: float) -> tuple[Run, float]:
@@ -120,9 +104,9 @@ def _timed(solver: Solver, setting: float) -> tuple[Run, float]:
     return found, time.process_time() - begin
 
 
-def _runs(case: Case, solver: Solver) -> dict[float, _Tried]:
-    """Run a solver with each of its settings for the first time."""
-    runs: dict[float, _Tried] = {}
+def _runs(case: Case, solver: Solver) -> dict[float, tuple[Point, list[float]]]:
+    """Run a solver with each of its settings for the first time; return times of all rounds too."""
+    runs: dict[float, tuple[Point, list[float]]] = {}
     for setting in solver.settings:
         try:
             found, seconds = _timed(solver, setting)
@@ -130,10 +114,7 @@ def _runs(case: Case, solver: Solver) -> dict[float, _Tried]:
             if isinstance(failure, ValueError) and "finite" not in str(failure):
                 raise
             continue  # a step too long for it
-        # rounding alone may leave nothing, which has no logarithm
-        error = max(case.error(found.points[-1]), 1e-17)
-        drift = max(float(case.frame.membership_error(found.points).max()), 1e-17)
-        runs[setting] = _Tried(error, found.evaluations, found.flows, drift, [seconds])
+        runs[setting] = Point.of(case, found, seconds), [seconds]
         if seconds > _SLOWEST:
             break
     return runs

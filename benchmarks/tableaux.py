@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from cg.frames import SE3
-from cg.problems import HeavyTop
 from cg.problems.affine import AffineField
 
-from .cases import Case, cases
-from .compiled_top import CompiledTop
+from .cases import Case, cases, top_in_c
 from .record import Result
 from .solvers import Solver, solvers
 from .work_curves import QUANTITIES, Curve, Point, run_point
@@ -37,9 +34,7 @@ def run(quick: bool, figures: Path | None) -> Result:
     won = dict.fromkeys(QUANTITIES, 0)
     contests = 0
     with tempfile.TemporaryDirectory() as folder:
-        compiled = CompiledTop(HeavyTop(), Path(folder))
-        in_c = {"name": "heavy_top_c", "title": "heavy top, f in C", "f": compiled.f}
-        found.append(replace(found[0], **in_c))
+        found.append(top_in_c(found[0], Path(folder)))
         for case in found:
             curves = _curves(case, rounds, quick)
             for lifted, algebra in _PAIRS.items():

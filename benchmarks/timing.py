@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import statistics
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 
-__all__ = ["Times", "measure", "two_threads"]
+from .record import Aim, Row
+
+__all__ = ["Times", "measure"]
 
 
 class Times:
@@ -31,6 +31,30 @@ class Times:
         """Return the median over the rounds of a contestant's time divided by another's."""
         pairs = zip(self.rounds[name], self.rounds[other], strict=True)
         return statistics.median(a / b for a, b in pairs)
+
+    def row(
+        self,
+        quantity: str,
+        name: str,
+        unit: str,
+        against: str,
+        other: str,
+        *,
+        pieces: tuple[float, float] = (1, 1),
+        aim: Aim | None = None,
+        above: bool = True,
+    ) -> Row:
+        """Return a contestant's time beside another's, per piece of what a call of each does.
+
+        The unit begins with ms or µs, and `above` tells whether the larger ratio is the better.
+        """
+        scale = {"ms": 1e3, "µs": 1e6}[unit.split(maxsplit=1)[0]]
+        here, there = (scale / count for count in pieces)
+        ratio = self.ratio(other, name) * there / here
+        return Row(
+            quantity, here * self.median(name), unit, against, there * self.median(other),
+            ratio if above else 1.0 / ratio, aim=aim,
+        )  # fmt: skip
 
 
 def measure(
@@ -75,21 +99,3 @@ def measure(
                 contestant()
             found[name].append((time.process_time() - begin) / calls[name])
     return Times(found)
-
-
-def two_threads() -> float:
-    """Return the speed of two threads of hashing over twice that of one: what the machine gives.
-
-    Hashing has no lock and hardly any memory to share, so that no ensemble can do better.
-    """
-    data = bytes(20_000_000)
-    ratios = []
-    with ThreadPoolExecutor(2) as pool:
-        for _ in range(5):
-            seconds = []
-            for count in (1, 2):
-                begin = time.perf_counter()
-                list(pool.map(lambda _: hashlib.sha256(data).digest(), range(count)))
-                seconds.append(time.perf_counter() - begin)
-            ratios.append(seconds[0] / seconds[1])
-    return statistics.median(ratios)

@@ -44,6 +44,14 @@ class Point:
     flows: int
     drift: float
 
+    @classmethod
+    def of(cls, case: Case, run: Run, seconds: float) -> Point:
+        """Make the point of a run."""
+        # rounding alone may leave nothing, which has no logarithm
+        error = max(case.error(run.points[-1]), 1e-17)
+        drift = max(float(case.frame.membership_error(run.points).max()), 1e-17)
+        return cls(error, seconds, run.evaluations, run.flows, drift)
+
 
 QUANTITIES: dict[str, Callable[[Point], float]] = {
     "evaluations": lambda p: float(p.evaluations),
@@ -110,14 +118,4 @@ def run_point(
             begin = time.process_time()
             found[name] = one(setting)
             seconds[name].append(time.process_time() - begin)
-    return {
-        name: Point(
-            # rounding alone may leave nothing, which has no logarithm
-            max(case.error(run.points[-1]), 1e-17),
-            median(seconds[name]),
-            run.evaluations,
-            run.flows,
-            max(float(case.frame.membership_error(run.points).max()), 1e-17),
-        )
-        for name, run in found.items()
-    }
+    return {name: Point.of(case, run, median(seconds[name])) for name, run in found.items()}

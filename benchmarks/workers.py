@@ -20,7 +20,7 @@ import numpy as np
 import cg
 from cg.problems import HeavyTop
 
-from .compiled_top import CompiledTop
+from .compiled import top_field
 from .memory import memory_rows
 from .record import Aim, Result, Row
 
@@ -73,8 +73,7 @@ def _cases(quick: bool, folder: Path) -> dict[str, Call]:
     """Return work of three kinds: pieces that are alike, and pieces of which few take long."""
     starts, tries, members = (60, 8, 100) if quick else (400, 80, 20_000)
     top, rng = HeavyTop(), np.random.default_rng(1)
-    library = CompiledTop(top, folder)
-    f: Any = cg.CompiledFunction(folder / "heavy_top.so", "heavy_top", library.constants)
+    f = top_field(top, folder)
     tops = top.frame.random_point(rng, (members,))
     tops[..., -3:] *= np.where(np.arange(members) % 25, 1.0, 40.0)[
         :, None
@@ -216,7 +215,7 @@ def _ensembles(quick: bool) -> list[Row]:
     rng = np.random.default_rng(1)
     rows = []
     with TemporaryDirectory() as folder:
-        f = CompiledTop(top, Path(folder)).f
+        f = top_field(top, Path(folder))
 
         def seconds(members: int, repeat: int, workers: int | None) -> float:
             settings: dict[str, Any] = {

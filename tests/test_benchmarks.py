@@ -1,10 +1,8 @@
 """The benchmarks compute what they say, and their page says what was measured."""
 
-import gc
 import importlib.util
 import shutil
 import sys
-import weakref
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ import pytest
 import cg
 from cg import conditions
 from cg.convergence import observed_order
-from cg.problems import HeavyTop
+from cg.problems import FreeRigidBody, HeavyTop
 
 ROOT = Path(__file__).parent.parent
 
@@ -103,42 +101,105 @@ def test_work_is_interpolated_and_the_best_is_found():
     assert other.drift(1e-8) == 0.1
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
-def test_a_compiled_top_alone_keeps_its_constants(tmp_path):
-    from benchmarks.compiled_top import CompiledTop
-
-    top = CompiledTop(HeavyTop(), tmp_path)
-    constants, f = weakref.ref(top.constants), top.f
-    del top
-    gc.collect()
-    assert constants() is not None
-    del f
-    gc.collect()
-    assert constants() is None
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
-def test_the_loop_by_hand_computes_the_same(tmp_path):
-    from benchmarks.compiled_top import CompiledTop
+@needs_gcc
+@pytest.mark.parametrize("key", ["CF4", "CG4a", "CF6a", "CG5a"])
+def test_the_plain_loop_takes_the_same_steps(tmp_path, key):
+    from benchmarks.compiled import PlainLoop, field, top_field
 
-    top, method = HeavyTop(), cg.methods["CG4a"]
-    compiled = CompiledTop(top, tmp_path)
-    by_hand = compiled.integrate(method, 0.01, 100)
-    for f in (compiled.f, top.f):
-        ours = cg.integrate(f, (0, 1), top.y0, frame=top.frame, method=method, h=0.01)
-        np.testing.assert_allclose(ours.y, by_hand, rtol=0, atol=1e-12)
+    loop, top = PlainLoop(tmp_path), HeavyTop()
+    in_c = top_field(top, tmp_path)
+    plain = loop.integrate(in_c, key, 0.01, 100, top.y0[None])[0]
+    for f in (in_c, top.f):
+        ours = cg.integrate(f, (0, 1), top.y0, frame=top.frame, method=key, h=0.01)
+        np.testing.assert_allclose(ours.y[-1], plain, rtol=0, atol=1e-12)
+    frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
+    body = field("free_body", tmp_path, [1.0, 0.5, 0.4])
+    points = frame.random_point(np.random.default_rng(1), (5,))
+    ours = cg.solve_ensemble(body, (0, 1), points, frame=frame, method=key, h=0.1, t_eval=[1])
+    plain = loop.integrate(body, key, 0.1, 10, points)
+    np.testing.assert_allclose(ours.y[0], plain, rtol=0, atol=1e-13)
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
-@pytest.mark.parametrize("key", ["CF4", "CF6a"])
-def test_the_loop_by_hand_follows_trees_of_points(tmp_path, key):
-    from benchmarks.compiled_top import CompiledTop
+@needs_gcc
+@pytest.mark.parametrize("key", ["DP5(4)", "CF5r"])
+def test_the_plain_loop_refuses_methods_that_it_would_get_wrong(tmp_path, key):
+    from benchmarks.compiled import PlainLoop, field
 
-    top = HeavyTop()
-    compiled = CompiledTop(top, tmp_path)
-    by_hand = compiled.follow(cg.methods[key], 0.01, 100)
-    ours = cg.integrate(compiled.f, (0, 1), top.y0, frame=top.frame, method=key, h=0.01)
-    np.testing.assert_allclose(ours.y, by_hand, rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match=r"steps\.c"):
+        PlainLoop(tmp_path).integrate(field("free_body", tmp_path), key, 0.1, 1, np.ones((1, 7)))
+
+
+@needs_gcc
+def test_functions_of_an_ensemble_are_the_same_in_c_and_in_python(tmp_path):
+    from benchmarks import ensemble
+    from benchmarks.compiled import field
+    from benchmarks.ensemble import fields, level
+
+    frame = ensemble._FRAME
+    points = frame.random_point(np.random.default_rng(1), (4,))
+    body, event = field("free_body", tmp_path, ensemble._INVERSE), field("level", tmp_path)
+    options = {"frame": frame, "t_eval": [0, 5, 10], "rtol": 1e-6, "atol": 1e-6}
+    in_c = cg.solve_ensemble(body, (0, 10), points, events=event, **options)
+    in_python = cg.solve_ensemble(body, (0, 10), points, events=level, **options)
+    assert sum(len(times) for times in in_c.t_events[0]) > 4
+    for ours, theirs in zip(in_c.t_events[0], in_python.t_events[0], strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-10)
+    at_once = cg.solve_ensemble(fields, (0, 10), points, vectorized=True, **options)
+    np.testing.assert_allclose(at_once.y, in_c.y, rtol=0, atol=1e-10)
+
+
+@needs_gcc
+def test_solvers_of_the_tumbling_body_solve_it(tmp_path):
+    from benchmarks import bodies
+
+    case = bodies.tumbling(tmp_path)
+    assert np.divide(bodies._MOMENTUM, bodies._INERTIA).tolist() == [1.0, 2.0, -0.5]
+    exact = FreeRigidBody(bodies._INERTIA, bodies._MOMENTUM).exact_momentum(case.end)
+    np.testing.assert_allclose(case.exact[4:], exact, rtol=0, atol=1e-12)
+    solvers = {"own": bodies._solve(case)}
+    if importlib.util.find_spec("diffrax") is not None:
+        solvers |= bodies.diffrax_solvers(case)
+        assert len(solvers) == 3
+    for name, solve in solvers.items():
+        points = solve(1e-11).points
+        assert points.shape == (1, 7), name
+        assert case.error(points[-1]) < 1e-8, name
+
+
+def test_rows_of_bodies_are_of_the_fastest_rival(monkeypatch):
+    from benchmarks import bodies
+    from benchmarks.work_curves import Point
+
+    seconds = {bodies._OWN: 1.0, "coarse": 0.1, "slow": 4.0, "fast": 3.0}
+
+    def run_point(case, solve, tolerance, rounds):
+        return {
+            name: Point(max(tolerance, 1e-5) if name == "coarse" else tolerance, s, 1, 1, 1e-16)
+            for name, s in seconds.items()
+        }
+
+    monkeypatch.setattr(bodies, "run_point", run_point)
+    (case,) = _cases("two_levels")
+    solve = dict.fromkeys(seconds)
+    (row,) = bodies._rows(case, solve, {1e-8: 1.5}, 1)
+    assert (row.against, row.value, row.other) == ("fast", pytest.approx(1e3), pytest.approx(3e3))
+    assert row.ratio == pytest.approx(3.0)
+    assert row.met
+
+
+def test_lines_are_those_of_the_files(tmp_path):
+    from benchmarks.calls import count_lines
+
+    for folder in ("cg/integration/__pycache__", "fortran", "cg/other"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "cg/integration/a.py").write_text("one\n\nthree\n")
+    (tmp_path / "fortran/a.f90.in").write_text("one\n")
+    (tmp_path / "cg/other/a.py").write_text("none\n")
+    (tmp_path / "cg/integration/__pycache__/a.pyc").write_text("none\n")
+    assert count_lines(tmp_path) == 4
 
 
 def test_pairs_of_methods_on_one_tableau_are_compared():
@@ -163,10 +224,13 @@ def _cases(*names):
     return cases(names)
 
 
+@needs_gcc
 def test_a_step_is_compared_with_its_parts(tmp_path):
     from benchmarks import parts
+    from benchmarks.compiled import field
 
-    row = parts._row("SO(3)", cg.frames.SO3(), "RKMK4", parts._linear(tmp_path), 1)
+    f = field("linear", tmp_path, [3])
+    row = parts._row("SO(3)", cg.frames.SO3(), "RKMK4", f, 1)
     assert 0.0 < row.value < 1e3
     assert row.ratio == pytest.approx(row.value / row.other)
 
@@ -200,6 +264,9 @@ def test_medians_and_ratios_are_of_rounds():
     times = Times({"a": [1.0, 2.0, 9.0], "b": [2.0, 8.0, 9.0]})
     assert times.median("b") == 8.0
     assert times.ratio("b", "a") == 2.0
+    row = times.row("x", "a", "ms a step", "b", "b", pieces=(2, 4))
+    assert (row.value, row.other, row.ratio) == (1000.0, 2000.0, 1.0)
+    assert times.row("x", "a", "µs", "b", "b", above=False).ratio == 0.5
 
 
 def test_the_page_is_of_the_stored_numbers():
@@ -209,7 +276,7 @@ def test_the_page_is_of_the_stored_numbers():
     file = ROOT / "benchmarks" / "results.json"
     results = page.read(file)
     assert list(results) == [name for name in NAMES if name in results]
-    assert {"kernels", "heavy_top", "ensemble"} <= set(results)
+    assert {"kernels", "rivals", "estimates"} <= set(results)
     environments = page.read_environments(file)
     assert set(environments) == set(results)
     written = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")

@@ -1,0 +1,46 @@
+// Right-hand sides in C, and the function of an event.
+
+// The heavy top, on SO(3) x R^3: attitude and momentum in body axes. The data are the inverses of the
+// three moments of inertia, and mass times gravity times length.
+int heavy_top(double t, const double *y, double *f, void *user_data)
+{
+    const double *constants = user_data, *m = y + 9;
+    const double mgl = constants[3];
+    (void)t;
+    for (int i = 0; i < 3; i++)
+        f[i] = constants[i] * m[i];
+    f[3] = m[1] * f[2] - m[2] * f[1] + mgl * y[7];
+    f[4] = m[2] * f[0] - m[0] * f[2] - mgl * y[6];
+    f[5] = m[0] * f[1] - m[1] * f[0];
+    return 0;
+}
+
+// A body that no torque acts on, a unit quaternion and the momentum in body axes. The data are the
+// inverses of the moments of inertia.
+int free_body(double t, const double *y, double *f, void *user_data)
+{
+    const double *inverse = user_data, *m = y + 4;
+    (void)t;
+    for (int i = 0; i < 3; i++)
+        f[i] = inverse[i] * m[i];
+    f[3] = m[1] * f[2] - m[2] * f[1];
+    f[4] = m[2] * f[0] - m[0] * f[2];
+    f[5] = m[0] * f[1] - m[1] * f[0];
+    return 0;
+}
+
+// An event of that body: the axis of the largest moment lies in the horizontal plane.
+double level(double t, const double *y, void *user_data)
+{
+    (void)t, (void)user_data;
+    return y[3] * y[3] + y[2] * y[2] - y[0] * y[0] - y[1] * y[1];
+}
+
+// One that costs next to nothing, for coefficients of any number: the data.
+int linear(double t, const double *y, double *f, void *user_data)
+{
+    const int size = (int)*(const double *)user_data;
+    for (int i = 0; i < size; i++)
+        f[i] = 0.25 * (i % 5 - 2) + 0.125 * y[i] + 0.5 * t;
+    return 0;
+}
