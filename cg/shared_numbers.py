@@ -188,9 +188,35 @@ _SUFFIXES = {
 
 
 RECORD = {
-    # a run: what the driver is given at each call
+    # a run
     "members": "integer",
+    "lanes": "integer",  # members on their way at the same time
+    "common": "integer",  # whether they all take the same steps
+    "keep_last": "integer",  # whether the solution within the last step may be asked for
     "free": "integer",  # whether flows of different small coefficients lead to different points
+    "t0": "real",
+    "segments": "integer",
+    "stops": "address",  # ends of segments
+    # functions
+    "context": "address",  # a function of Python for operations
+    "function": "address",  # the right-hand side
+    "together": "integer",  # whether it takes many points at a time, and belongs to the context
+    "data": "address",
+    "data_stride": "integer",  # bytes from one member's data to the next
+    "functions": "integer",  # whose zeros are events
+    "event_table": "address",  # of each: address, data, direction, how often, whether it jumps
+    # steps
+    "h": "real",  # size of equal ones, zero if they are chosen
+    "rtol": "real",
+    "tolerances": "integer",
+    "atol": "address",  # one tolerance, or one for each coordinate or entry
+    "in_entries": "integer",
+    "parts": "integer",  # of an entry: two if it is complex
+    "exponent": "real",  # of an error that sizes are proportional to
+    "max_step": "real",
+    "first_step": "real",  # zero to choose it
+    "max_steps": "integer",
+    # what the driver is given at each call
     "budget": "integer",  # trial steps of all trajectories until it pauses
     # what it answers
     "ended": "integer",  # trajectories that have come to an end

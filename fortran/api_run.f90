@@ -90,81 +90,67 @@ subroutine plan_close(address)
   deallocate (plan)
 end subroutine plan_close
 
-! A run of all members of a record. Steps are chosen if there are tolerances, else they have size h.
-subroutine loop_open(plan_address, record_address, context, function_address, data_address, &
-                    data_stride, lanes, batch, common, keep_last, t0, segments, stops, h, widths, &
-                    atol, rtol, in_entries, parts, exponent, max_step, first_step, max_steps, &
-                    events, event_functions, direction, most, jumps, address)
+! The run that a record describes
+subroutine loop_open(plan_address, record_address, address)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
-  use, intrinsic :: iso_fortran_env, only: int64
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, c_null_ptr
   use error_norm_r64, only: tolerances_t
   use external_field, only: field_at
   use kinds_r64, only: wp
   use run, only: at_address, begin_run, plan_at, plan_t, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: plan_address, record_address
-  integer(c_intptr_t), intent(in) :: context           ! a function of Python, 0 for none
-  integer(c_intptr_t), intent(in) :: function_address, data_address, data_stride
-  integer, intent(in) :: lanes
-  logical, intent(in) :: batch, common, keep_last      ! see run_t, problem_t, trajectory_t
-  integer, intent(in) :: segments, widths, parts, events
-  real(wp), intent(in) :: t0, stops(segments)
-  real(wp), intent(in) :: h                            ! zero if steps are chosen
-  real(wp), intent(in) :: atol(widths)                 ! one, or one for each number or entry
-  real(wp), intent(in) :: rtol, exponent, max_step, first_step
-  logical, intent(in) :: in_entries
-  integer(int64), intent(in) :: max_steps
-  integer(c_intptr_t), intent(in) :: event_functions(2, events)        ! addresses, and of data
-  integer, intent(in) :: direction(events), jumps(events)
-  integer(int64), intent(in) :: most(events)
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
   type(plan_t), pointer :: plan
   type(run_t), pointer :: run
-  integer :: count, i, memory, n
+  real(wp), pointer, contiguous :: stops(:), atol(:)
+  integer(c_int64_t), pointer, contiguous :: table(:, :)
+  integer :: i, memory, n
 
   allocate (run)
   plan => plan_at(plan_address)
   call c_f_pointer(transfer(record_address, c_null_ptr), run%record)
-  run%frame = plan%frame
-  run%python%context = transfer(context, c_null_ptr)
-  if (context /= 0) run%frame%callback => run%python
-  run%field%rhs => field_at(function_address)
-  run%field%nan = ieee_value(run%field%nan, ieee_quiet_nan)
-  run%field%data_address = data_address
-  run%field%data_stride = data_stride
-  run%t0 = t0
-  count = 0
-  if (events > 0) count = merge(0, events, direction(1) > 1)           ! arrays can't be empty
-  associate (problem => run%problem)
+  associate (problem => run%problem, record => run%record)
+    run%frame = plan%frame
+    run%python%context = transfer(record%context, c_null_ptr)
+    if (record%context /= 0) run%frame%callback => run%python
+    run%field%rhs => field_at(record%function)
+    run%field%nan = ieee_value(run%field%nan, ieee_quiet_nan)
+    run%field%data_address = record%data
+    run%field%data_stride = record%data_stride
     problem%frame => run%frame
-    if (.not. batch) problem%field => run%field
+    if (record%together == 0) problem%field => run%field
     problem%method => plan%method
     problem%scheme => plan%scheme
-    problem%common = common
+    problem%common = record%common /= 0
+    problem%free = record%free /= 0
+    call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
     problem%stops = stops
-    problem%adaptive = .not. h > 0
-    problem%h = h
-    problem%first_step = first_step
-    problem%max_steps = max_steps
-    n = merge(run%frame%point_size, run%frame%dimension, in_entries)
-    problem%tolerances = tolerances_t(atol=[(atol(1 + (i - 1) / (n / widths)), i = 1, n)], rtol=rtol, &
-                                      in_entries=in_entries, parts=parts, exponent=exponent, &
-                                      max_step=max_step)
-    if (count > 0) then
-      run%events%count = count
-      run%events%direction = direction
-      run%events%most = most
-      run%events%jumps = jumps /= 0
-      run%events%address = event_functions(1, :)
-      run%events%data = event_functions(2, :)
-      run%events%member_data = data_address
-      run%events%stride = data_stride
+    problem%adaptive = .not. record%h > 0
+    problem%h = record%h
+    problem%first_step = record%first_step
+    problem%max_steps = record%max_steps
+    n = merge(run%frame%point_size, run%frame%dimension, record%in_entries /= 0)
+    call c_f_pointer(transfer(record%atol, c_null_ptr), atol, [int(record%tolerances)])
+    problem%tolerances = tolerances_t( &
+      atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], rtol=record%rtol, &
+      in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
+      max_step=record%max_step)
+    if (record%functions > 0) then
+      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [5, int(record%functions)])
+      run%events%count = size(table, 2)
+      run%events%address = table(1, :)
+      run%events%data = table(2, :)
+      run%events%direction = int(table(3, :))
+      run%events%most = table(4, :)
+      run%events%jumps = table(5, :) /= 0
+      run%events%member_data = record%data
+      run%events%stride = record%data_stride
       run%events%python = run%python
       problem%events => run%events
     end if
   end associate
-  call begin_run(run, lanes, keep_last, memory)
+  call begin_run(run, memory)
   address = 0
   if (memory == 0) then
     address = at_address(c_loc(run))
@@ -258,7 +244,7 @@ end subroutine loop_restart
 subroutine loop_interpolate(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run, only: run_at, run_t
-  use trajectory_r64, only: request_interpolant
+  use within_step_r64, only: request_interpolant
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run

@@ -10,12 +10,13 @@ module run
   use frames_r64, only: frame_t
   use interpolant_r64, only: scheme_t
   use kinds_r64, only: wp
+  use loop_r64, only: resume
   use method_r64, only: method_t
   use output_r64, only: keep_step, output_t
   use shared_numbers, only: buffer_full, fields_operation, finished, needs_field, needs_maximum, &
                             needs_minimum, out_of_memory, paused, raised, raised_in_python, &
                             record_t, terminal_event
-  use trajectory_r64, only: problem_t, resume, set_start, start, trajectory_t
+  use trajectory_r64, only: problem_t, set_start, start, trajectory_t
   use vector_field_r64, only: vector_field_t
   implicit none
   private
@@ -44,7 +45,6 @@ module run
     type(python_t) :: python
     type(external_events_t) :: events
     type(function_t) :: field
-    real(wp) :: t0 = 0.0_wp
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
@@ -78,29 +78,27 @@ contains
   end function run_at
 
   ! Finds the caller's memory, and makes as many lanes as there may be.
-  subroutine begin_run(run, lanes, keep_last, memory)
+  subroutine begin_run(run, memory)
     type(run_t), target, intent(inout) :: run
-    integer, intent(in) :: lanes
-    logical, intent(in) :: keep_last
     integer, intent(out) :: memory           ! nonzero if there isn't enough
     logical :: within
-    integer :: i, members
+    integer :: i, lanes, members
 
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
-      run%problem%free = record%free /= 0
+      lanes = int(record%lanes)
       call c_f_pointer(transfer(record%places, c_null_ptr), run%places, [n + 2, members])
       call c_f_pointer(transfer(record%tallies, c_null_ptr), run%tallies, [8, members])
-      run%places(n + 1:, :) = run%t0
+      run%places(n + 1:, :) = record%t0
       run%tallies(:, :) = 0
       run%tallies(1, :) = paused
       within = run%problem%scheme%columns > 0 &
                .and. (record%dense /= 0 .or. record%wanted > 0 .or. associated(run%problem%events))
-      allocate (run%lanes(min(lanes, members)), run%busy(min(lanes, members)), stat=memory)
+      allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
       if (memory /= 0) return
       run%busy = .false.
       do i = 1, size(run%lanes)
-        call start(run%problem, within, keep_last, run%lanes(i), memory)
+        call start(run%problem, within, record%keep_last /= 0, run%lanes(i), memory)
         if (memory /= 0) return
         run%lanes(i)%member = i
       end do
@@ -228,10 +226,10 @@ contains
       lane%rejected = 0
       lane%attempts = 0
       lane%used = 0
-      call set_start(run%t0, run%places(:n, member), run%problem%first_step, lane)
-      call keep_step(run%output, 0_int64, run%t0, lane%y(:, 0), .true.)
+      call set_start(run%record%t0, run%places(:n, member), run%problem%first_step, lane)
+      call keep_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%wanted > 0) then
-        if (.not. abs(run%output%times(1) - run%t0) > 0) then
+        if (.not. abs(run%output%times(1) - run%record%t0) > 0) then
           run%output%y(:, member, 1) = lane%y(:, 0)
           lane%used = 1
         end if

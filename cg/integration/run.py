@@ -45,10 +45,6 @@ _FEW, _MANY = 64, 2048  # steps that a buffer has room for, at first and at most
 _LANES = 1024  # members on their way at the same time for a function of many points
 
 
-# arrays can't be empty: the direction says that there are none
-_NO_EVENTS = np.zeros((2, 1), dtype=np.int64), np.array([2]), np.array([0]), np.array([0])
-
-
 class _Record(ctypes.Structure):
     _fields_ = [(name, _KINDS[kind]) for name, kind in RECORD.items()]
 
@@ -164,7 +160,25 @@ class Run:
         self.control = control
         self.output = output
         self.members = members = len(points)
-        self.record = _Record(members=members, every=max(output.every, 1), dense=output.dense)
+        if lanes is None:
+            lanes = members if common else _LANES if rhs.together else 1
+        self._lanes = lanes = min(lanes, members)
+        self._functions = 0 if events is None else len(events)
+        plan.look_at(points[0])
+        self.callbacks = self._callbacks(events, stage_solver, lanes)
+        in_entries = control.h is None and not plan.in_algebra
+        function, data, stride = rhs.addresses()
+        self.record = record = _Record(
+            members=members, lanes=lanes, common=common, keep_last=keep_last,
+            t0=t0, segments=len(stops),
+            context=id(self.callbacks), function=function, together=rhs.together, data=data,
+            data_stride=stride, functions=self._functions,
+            h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
+            in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
+            max_step=control.max_step, first_step=control.first_step or 0.0,
+            max_steps=control.max_steps,
+            every=max(output.every, 1), dense=output.dense,
+        )  # fmt: skip
         self._buffers: dict[str, Any] = {}
         self._dense: list[tuple[Array, ...]] = []
         self._steps: list[tuple[Array, ...]] = []
@@ -175,33 +189,20 @@ class Run:
             self.record.wanted = len(output.times)
             self._give("times", np.array(output.times))
             self._give("y", output.y)
-        if lanes is None:
-            lanes = members if common else _LANES if rhs.together else 1
-        self._lanes = lanes = min(lanes, members)
-        self._functions = 0 if events is None else len(events)
         self._capacity = output.capacity or _FEW
         self._make_buffers(self._capacity)
-        self.callbacks = self._callbacks(events, stage_solver, lanes)
-        functions, direction, most, jumps = _NO_EVENTS
+        self._give("stops", np.array(stops))
+        self._give("atol", control.atol.flatten())
         if events is not None and len(events):
-            functions, direction = events.functions.T, events.direction
-            most, jumps = events.most, events.jumps
-        plan.look_at(points[0])
-        in_entries = control.h is None and not plan.in_algebra
-        parts = plan.parts if in_entries else 1
+            columns = *events.functions.T, events.direction, events.most, events.jumps
+            self._give("event_table", np.stack(columns, axis=-1, dtype=np.int64))
         needed = 1 << 16 if lanes == 1 else 0
-        within = output.dense or self.record.wanted or self._functions
+        within = output.dense or record.wanted or self._functions
         rows = plan.method.stages + 2 * (plan.columns if within else 0)
-        self.record.free = bool(within or keep_last) and plan.is_free(points[0])
+        record.free = bool(within or keep_last) and plan.is_free(points[0])
         needed += lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
         with reserved(needed, f"{members} trajectories of {plan.width} numbers"):
-            self.address = self._core.loop_open(
-                plan.address, ctypes.addressof(self.record), id(self.callbacks), *rhs.addresses(),
-                lanes, rhs.together, common, keep_last, t0, stops,
-                control.h or 0.0, control.atol.ravel(), control.rtol, in_entries, parts,
-                plan.exponent, control.max_step, control.first_step or 0.0, control.max_steps,
-                functions, direction, most, jumps,
-            )  # fmt: skip
+            self.address = self._core.loop_open(plan.address, ctypes.addressof(record))
         if not self.address:
             raise MemoryError(f"there is not enough memory for {lanes} trajectories at a time")
 
