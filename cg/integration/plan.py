@@ -113,9 +113,11 @@ class Plan:
         """
         if self._free is None:
             frame = self.frame
-            if self.compiled:
-                kinds = {block[0] for block in frame.compiled_blocks() or ()}
-                self._free = kinds.isdisjoint((BlockKind.SPHERE, BlockKind.ISOSPECTRAL))
+            if not self.in_algebra:
+                self._free = False
+            elif self.compiled:
+                blocks = frame.compiled_blocks() or ()
+                self._free = all(block[0] != BlockKind.SPHERE for block in blocks)
             elif frame.dim > _MOST_FIELDS or not has_brackets(frame):
                 self._free = False
             else:
