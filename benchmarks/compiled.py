@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import cg
-from cg.integration.paths import paths_of
+from cg.integration.step.paths import paths_of
 from cg.problems import HeavyTop
 
 __all__ = ["PlainLoop", "build", "field", "top_field"]

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 import cg
 from cg.catalogue import resolve_method
 from cg.frames import SE3, SO3, SU, Euclidean, Frame, Product, UnitQuaternion
-from cg.integration.blocks import block_constants, describe_blocks
-from cg.integration.compiled_rhs import compiled_rhs
-from cg.integration.paths import paths_of
+from cg.integration.rhs.compiled import compiled_rhs
+from cg.integration.step.blocks import block_constants, describe_blocks
+from cg.integration.step.paths import paths_of
 
 from .compiled import field
 from .record import Aim, Result, Row

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.ivp import integrate
-from cg.integration.python_rhs import Coefficients
+from cg.integration.rhs.python import Coefficients
 from cg.method import Method
 
 

@@ -73,7 +73,7 @@ class BlockKind(IntEnum):
 
 
 class Operation(IntEnum):
-    """What compiled code asks of Python; see ``cg/integration/callbacks.py``."""
+    """What compiled code asks of Python; see ``cg/integration/step/callbacks.py``."""
 
     FLOW = 1  # points moved along flows, the first one first
     RESTORE = 2

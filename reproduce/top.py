@@ -14,8 +14,9 @@ from cg.catalogue import methods
 from cg.frames.arrays import Array
 from cg.frames.rotations import rotate
 from cg.integration import integrate
-from cg.integration.built_in import Kind, integrate_heavy_top
 from cg.problems import HeavyTop
+
+from .built_in import Kind, integrate_heavy_top
 
 __all__ = [
     "METHODS",

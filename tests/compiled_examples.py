@@ -7,7 +7,7 @@ from unittest.mock import patch
 import numpy as np
 
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
-from cg.integration.plan import Plan
+from cg.integration.step.plan import Plan
 from cg.problems.affine import AffineField
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
@@ -43,7 +43,7 @@ def frames_in_python(**functions):
     with ExitStack() as stack:
         for module in ("problem", "ensemble"):
             stack.enter_context(patch(f"cg.integration.{module}.plan_of", Plan))
-        stack.enter_context(patch("cg.integration.plan.is_compiled", lambda frame: False))
+        stack.enter_context(patch("cg.integration.step.plan.is_compiled", lambda frame: False))
         for name, function in functions.items():
-            stack.enter_context(patch(f"cg.integration.callbacks.{name}", function))
+            stack.enter_context(patch(f"cg.integration.step.callbacks.{name}", function))
         yield

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from cg.integration.paths import paths_of
-from cg.integration.plan import error_exponent
+from cg.integration.step.paths import paths_of
+from cg.integration.step.plan import error_exponent
 
 
 class Step:

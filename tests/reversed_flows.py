@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from cg.integration import plan
-from cg.integration.implicit import ImplicitStages
-from cg.integration.paths import Path, paths_of
+from cg.integration.step import plan
+from cg.integration.step.implicit import ImplicitStages
+from cg.integration.step.paths import Path, paths_of
 
 
 def reversed_paths(method):

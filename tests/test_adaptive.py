@@ -11,9 +11,9 @@ from python_steps import Step, choose_steps, error, uncompiled
 import cg
 from cg.convergence import observed_order
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.integration.blocks import is_compiled
-from cg.integration.interpolant import extra_evaluations
-from cg.integration.plan import error_exponent
+from cg.integration.step.blocks import is_compiled
+from cg.integration.step.interpolant import extra_evaluations
+from cg.integration.step.plan import error_exponent
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 

@@ -15,10 +15,10 @@ from cg.catalogue import methods
 from cg.convergence import observed_order
 from cg.frames import GL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
-from cg.integration.built_in import integrate_affine
-from cg.integration.compiled_rhs import compiled_rhs
-from cg.integration.step_budget import StepBudget
+from cg.integration.loop.step_budget import StepBudget
+from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
+from cg.reproduce.built_in import integrate_affine
 from cg.shared_numbers import (
     BlockKind,
     ConditionOwner,

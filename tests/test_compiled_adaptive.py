@@ -6,8 +6,8 @@ from compiled_examples import PROBLEMS, frames_in_python
 
 import cg
 from cg.frames import SO3, SU, Euclidean, Product
-from cg.integration import step_budget
-from cg.integration.compiled_rhs import CompiledRhs, compiled_rhs
+from cg.integration.loop import step_budget
+from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.problems.affine import AffineField
 
 TOLERANCE = 1e-13

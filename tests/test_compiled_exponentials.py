@@ -6,7 +6,7 @@ from flint import acb_mat, ctx
 from frame_examples import name
 
 from cg.frames import SO, SU, IsospectralOrbit, Sphere, Stiefel, U
-from cg.integration.flows import (
+from cg.integration.step.flows import (
     _CompiledDexpinv,
     _CompiledFlows,
     _Flows,

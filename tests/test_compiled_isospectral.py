@@ -10,9 +10,8 @@ import cg
 from cg.catalogue import resolve_method
 from cg.convergence import observed_order
 from cg.frames import SO3, Euclidean, IsospectralOrbit, Power, Product
-from cg.integration.blocks import block_constants, is_compiled
-from cg.integration.built_in import integrate_affine
-from cg.integration.flows import (
+from cg.integration.step.blocks import block_constants, is_compiled
+from cg.integration.step.flows import (
     _CompiledDexpinv,
     _CompiledFlows,
     _Dexpinv,
@@ -23,6 +22,7 @@ from cg.integration.flows import (
 )
 from cg.problems import TodaFlow
 from cg.problems.affine import AffineField
+from cg.reproduce.built_in import integrate_affine
 from cg.shared_numbers import BlockKind
 
 ORBITS = [

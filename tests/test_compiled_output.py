@@ -7,9 +7,9 @@ from test_compiled_adaptive import both
 
 import cg
 from cg.frames import SU, Euclidean, Sphere
-from cg.integration import step_budget
-from cg.integration.compiled_rhs import CompiledRhs, compiled_rhs
-from cg.integration.interpolant import extra_evaluations
+from cg.integration.loop import step_budget
+from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
+from cg.integration.step.interpolant import extra_evaluations
 
 CLOSE = {"rtol": 0, "atol": 1e-12}
 PAIR = {"rtol": 1e-5, "atol": 1e-5}

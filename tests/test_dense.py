@@ -26,9 +26,9 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integration import run
-from cg.integration.interpolant import extra_evaluations, nodes_of
-from cg.integration.step_budget import StepBudget
+from cg.integration.loop import run
+from cg.integration.loop.step_budget import StepBudget
+from cg.integration.step.interpolant import extra_evaluations, nodes_of
 
 FRAMES = [
     Euclidean(3),

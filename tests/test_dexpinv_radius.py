@@ -25,8 +25,8 @@ from cg.frames import (
     U,
     UnitQuaternion,
 )
-from cg.integration.blocks import is_compiled
-from cg.integration.flows import _Dexpinv, dexpinv_of
+from cg.integration.step.blocks import is_compiled
+from cg.integration.step.flows import _Dexpinv, dexpinv_of
 
 TURN = 2 * np.pi
 TIMES = np.linspace(0.1, 0.9, 9)

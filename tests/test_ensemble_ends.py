@@ -12,7 +12,7 @@ from test_solve_ensemble import check, members_alone
 
 import cg
 from cg.frames import SO3, SU, Euclidean, Stiefel
-from cg.integration import progress, step_budget
+from cg.integration.loop import progress, step_budget
 from cg.problems.affine import AffineField
 
 LINE = {"frame": Euclidean(1)}

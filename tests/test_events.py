@@ -8,7 +8,7 @@ import scipy.integrate
 
 import cg
 from cg.frames import SO3, Euclidean, Stiefel
-from cg.integration.interpolant import extra_evaluations
+from cg.integration.step.interpolant import extra_evaluations
 
 CIRCLE = {"frame": Euclidean(2), "rtol": 1e-8, "atol": 1e-8}
 

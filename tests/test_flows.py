@@ -5,8 +5,8 @@ import pytest
 
 import cg
 from cg.frames import GL, SE3, SO, SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
-from cg.integration.blocks import is_compiled
-from cg.integration.flows import _CompiledFlows, _Flows, difference_of, flows_of
+from cg.integration.step.blocks import is_compiled
+from cg.integration.step.flows import _CompiledFlows, _Flows, difference_of, flows_of
 
 FRAMES = [
     SO3(),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cg.frames import GL, SL, SO, SU, Semidirect, Sp, Sphere, U
-from cg.integration.flows import difference_of
+from cg.integration.step.flows import difference_of
 
 
 def off(frame, v, y0, y1):

@@ -12,9 +12,9 @@ from cg.catalogue import methods
 from cg.convergence import observed_order
 from cg.frames import SO3, Euclidean, Product, hat
 from cg.integration import integrate
-from cg.integration.built_in import integrate_heavy_top
 from cg.problems import HeavyTop, StateDependentRotation
 from cg.problems.taylor import QuadraticSystem, reference_solution
+from cg.reproduce.built_in import integrate_heavy_top
 
 READINGS = ["momentum", "velocity"]
 TENTHS = [Fraction(k, 10) for k in range(11)]

@@ -14,9 +14,9 @@ from cg.catalogue import dumps, load, loads, save
 from cg.certification import Certificate, CertificationError, certificate_of, check
 from cg.certification.__main__ import main
 from cg.certification.words import parse
-from cg.integration.built_in import integrate_heavy_top
 from cg.points import MethodError
 from cg.problems import HeavyTop
+from cg.reproduce.built_in import integrate_heavy_top
 from cg.texts import file_in, read_fraction
 
 METHOD = cg.methods["CG3"]

@@ -6,7 +6,7 @@ import pytest
 import cg
 from cg.convergence import final_errors, observed_order
 from cg.frames import SE3, SO3, CoadjointOrbit, Euclidean, Product, Sphere
-from cg.integration.implicit import STAGE_SOLVERS
+from cg.integration.step.implicit import STAGE_SOLVERS
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 

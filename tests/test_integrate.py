@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cg.catalogue import methods
 from cg.frames import SO3, Euclidean, Product, Stiefel
 from cg.integration import Solution, integrate
-from cg.integration.paths import paths_of
+from cg.integration.step.paths import paths_of
 from cg.problems import StateDependentRotation
 from cg.tableau import Tableau
 

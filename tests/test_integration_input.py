@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import cg
 from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, UnitQuaternion
-from cg.integration.built_in import integrate_affine
 from cg.problems import AffineField
+from cg.reproduce.built_in import integrate_affine
 
 ATTITUDE = Product(UnitQuaternion(), Euclidean(3))
 QUATERNION = [0.0, 0.0, 0.0, 1.0]

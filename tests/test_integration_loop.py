@@ -9,8 +9,8 @@ from equal_grids import make_grid
 
 import cg
 from cg.frames import SO3, Euclidean, Stiefel
-from cg.integration.interpolant import extra_evaluations, node_count, result_flows
-from cg.integration.run import Run
+from cg.integration.loop.run import Run
+from cg.integration.step.interpolant import extra_evaluations, node_count, result_flows
 
 EXTRA = {
     **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},

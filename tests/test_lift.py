@@ -12,7 +12,7 @@ import cg
 from cg import conditions
 from cg.catalogue import methods
 from cg.flat import flat_order, rooted_trees, stage_orders
-from cg.integration.plan import error_exponent
+from cg.integration.step.plan import error_exponent
 from cg.layout import Layout
 from cg.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
 

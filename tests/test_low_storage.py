@@ -20,12 +20,14 @@ import cg
 from cg import MethodError, conditions
 from cg.catalogue import dumps, loads, methods
 from cg.conditions import exact_weights
-from cg.integration import built_in, integrate, plan, solve_ivp
-from cg.integration.built_in import integrate_affine
-from cg.integration.paths import paths_of
+from cg.integration import integrate, solve_ivp
+from cg.integration.step import plan
+from cg.integration.step.paths import paths_of
 from cg.low_storage import flat_residuals, from_two_registers, rooted_trees, two_registers
 from cg.points import Point, PointTree
 from cg.quad import to_decimal
+from cg.reproduce import built_in
+from cg.reproduce.built_in import integrate_affine
 from cg.trees import forest
 
 WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
@@ -369,7 +371,7 @@ class TestMemory:
 import re, sys
 import numpy as np
 import cg
-from cg.integration import paths, plan
+from cg.integration.step import paths, plan
 from dataclasses import replace
 if sys.argv[1] == "general":
     plan.paths_of = lambda m: replace(paths.paths_of(m), registers=None)

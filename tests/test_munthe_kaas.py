@@ -24,7 +24,7 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
-from cg.integration.plan import error_exponent
+from cg.integration.step.plan import error_exponent
 
 METHODS = dict(munthe_kaas)
 

@@ -13,9 +13,9 @@ import cg
 from cg.catalogue import resolve_method
 from cg.convergence import observed_order
 from cg.frames import SO, SO3, SU, Power, U
-from cg.integration.built_in import integrate_affine
-from cg.integration.flows import dexpinv_of
+from cg.integration.step.flows import dexpinv_of
 from cg.problems.affine import AffineField
+from cg.reproduce.built_in import integrate_affine
 
 ORDERS = {
     **{key: (m, m.order) for key, m in METHODS.items()},

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import cg
-from cg.integration import progress as module
+from cg.integration.loop import progress as module
 
 FRAME = cg.frames.SO3()
 

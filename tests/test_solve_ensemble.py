@@ -10,10 +10,11 @@ from compiled_examples import PROBLEMS
 
 import cg
 from cg.frames import GL, SO3, SU, Euclidean, Stiefel
-from cg.integration import ensemble, step_budget
-from cg.integration import run as run_module
+from cg.integration import ensemble
 from cg.integration.arguments import check_points
-from cg.integration.plan import plan_of
+from cg.integration.loop import run as run_module
+from cg.integration.loop import step_budget
+from cg.integration.step.plan import plan_of
 
 COUNTS = ("steps", "nrejected", "nfev", "nexp", "njev", "nlu", "status", "success")
 FRAMES = {

@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import pytest
 
-from cg.integration import step_budget
-from cg.integration.step_budget import StepBudget
+from cg.integration.loop import step_budget
+from cg.integration.loop.step_budget import StepBudget
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import pytest
 import cg
 from cg import quad
 from cg.conditions import residuals_of
-from cg.integration.built_in import integrate_heavy_top
 from cg.quad import MissingQuadsError
+from cg.reproduce.built_in import integrate_heavy_top
 from cg.solve.refine import refine
 from cg.solve.system import ConditionSystem
 

@@ -1,13 +1,13 @@
 """Integration of differential equations on manifolds."""
 
-from cg.integration.compiled_function import CompiledFunction
-from cg.integration.dense import DenseOutput
 from cg.integration.ensemble import solve_ensemble
-from cg.integration.events import Event
-from cg.integration.implicit import ConvergenceError
 from cg.integration.ivp import integrate, solve_ivp
-from cg.integration.python_rhs import StepTooLongError
+from cg.integration.loop.dense import DenseOutput
 from cg.integration.results import EnsembleSolution, Solution
+from cg.integration.rhs.events import Event
+from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.python import StepTooLongError
+from cg.integration.step.implicit import ConvergenceError
 from cg.integration.stepper import Stepper
 
 __all__ = [

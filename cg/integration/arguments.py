@@ -17,7 +17,7 @@ from cg.checks import memory
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
-from cg.integration.plan import Plan
+from cg.integration.step.plan import Plan
 from cg.method import Method
 
 DEFAULT_MAX_STEPS = 10**6

@@ -19,8 +19,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 from cg.frames import Frame
-from cg.integration.blocks import is_compiled
-from cg.integration.plan import has_brackets
+from cg.integration.step.blocks import is_compiled
+from cg.integration.step.plan import has_brackets
 
 __all__ = ["AUTO", "choose_method"]
 

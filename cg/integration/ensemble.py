@@ -19,16 +19,16 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.choice import AUTO
-from cg.integration.compiled_function import CompiledFunction
-from cg.integration.dense import DenseOutput, EnsembleOutput, Steps
-from cg.integration.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
-from cg.integration.plan import plan_of
+from cg.integration.loop.dense import DenseOutput, EnsembleOutput, Steps
+from cg.integration.loop.messages import FINISHED, TERMINAL_EVENT, failed_members
+from cg.integration.loop.progress import Progress
+from cg.integration.loop.run import COUNTS, Output
 from cg.integration.problem import Problem, make_problem, make_rhs
-from cg.integration.progress import Progress
-from cg.integration.python_rhs import Coefficients
 from cg.integration.results import EnsembleSolution
-from cg.integration.run import COUNTS, Output
+from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.python import Coefficients
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.step.plan import plan_of
 from cg.method import Method
 from cg.runs import ExecutorLike, check_executor, completed
 from cg.shared_numbers import Stop

@@ -14,16 +14,16 @@ from scipy import LowLevelCallable
 from cg.frames.base import Frame
 from cg.integration.arguments import check_count, check_grid, equal_steps
 from cg.integration.choice import AUTO
-from cg.integration.compiled_function import CompiledFunction
-from cg.integration.dense import DenseOutput
-from cg.integration.events import EventTable
-from cg.integration.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.messages import FINISHED, MANY_REJECTIONS, TERMINAL_EVENT
+from cg.integration.loop.dense import DenseOutput
+from cg.integration.loop.messages import FINISHED, MANY_REJECTIONS, TERMINAL_EVENT
+from cg.integration.loop.progress import Progress
+from cg.integration.loop.run import COUNTS, Output, Run
 from cg.integration.problem import Problem, make_problem
-from cg.integration.progress import Progress
-from cg.integration.python_rhs import Coefficients
 from cg.integration.results import Solution
-from cg.integration.run import COUNTS, Output, Run
+from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.python import Coefficients
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.method import Method
 from cg.shared_numbers import Stop
 

@@ -25,12 +25,12 @@ from cg.integration.arguments import (
     check_unused,
 )
 from cg.integration.choice import AUTO, choose_method
-from cg.integration.compiled_rhs import CompiledRhs, compiled_rhs
-from cg.integration.events import EventTable
-from cg.integration.implicit import check_stage_solver
-from cg.integration.plan import Plan, has_brackets, plan_of
-from cg.integration.python_rhs import Coefficients, PythonRhs
-from cg.integration.run import Control, Output, Run
+from cg.integration.loop.run import Control, Output, Run
+from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
+from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.python import Coefficients, PythonRhs
+from cg.integration.step.implicit import check_stage_solver
+from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.method import Method
 from cg.munthe_kaas import MuntheKaas
 from cg.pairs import check_order, check_pair

@@ -9,8 +9,8 @@ import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.dense import DenseOutput, EnsembleOutput
-from cg.integration.messages import FINISHED
+from cg.integration.loop.dense import DenseOutput, EnsembleOutput
+from cg.integration.loop.messages import FINISHED
 from cg.later import Later
 from cg.method import Method
 

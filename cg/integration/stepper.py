@@ -23,13 +23,13 @@ from cg.integration.arguments import (
     is_many,
 )
 from cg.integration.choice import AUTO
-from cg.integration.compiled_function import CompiledFunction
-from cg.integration.dense import DenseOutput, EnsembleOutput
-from cg.integration.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.plan import plan_of
+from cg.integration.loop.dense import DenseOutput, EnsembleOutput
+from cg.integration.loop.run import Output, Run
 from cg.integration.problem import make_problem, make_rhs
-from cg.integration.python_rhs import Coefficients, PythonRhs
-from cg.integration.run import Output, Run
+from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.python import Coefficients, PythonRhs
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.step.plan import plan_of
 from cg.method import Method
 from cg.shared_numbers import Stop
 

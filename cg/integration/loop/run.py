@@ -11,21 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.frames.arrays import Array, Points
-from cg.integration.callbacks import Callbacks
-from cg.integration.compiled_rhs import CompiledRhs
-from cg.integration.dense import Steps
-from cg.integration.events import EventTable
-from cg.integration.implicit import DEFAULT_STAGE_SOLVER, ImplicitStages
-from cg.integration.messages import (
+from cg.integration.loop.dense import Steps
+from cg.integration.loop.messages import (
     failure,
     flow_not_finite,
     no_progress,
     too_many_steps,
     too_small_a_step,
 )
-from cg.integration.plan import Plan
-from cg.integration.python_rhs import PythonRhs, StageOverflowError
-from cg.integration.step_budget import StepBudget
+from cg.integration.loop.step_budget import StepBudget
+from cg.integration.rhs.compiled import CompiledRhs
+from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.python import PythonRhs, StageOverflowError
+from cg.integration.step.callbacks import Callbacks
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ImplicitStages
+from cg.integration.step.plan import Plan
 from cg.memory import reserved
 from cg.parallel import raise_if_stopped
 from cg.shared_numbers import RECORD, Stop

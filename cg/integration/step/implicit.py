@@ -10,8 +10,8 @@ import numpy as np
 from cg.conditions import Rows
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError, Frame
-from cg.integration.flows import flows_of
-from cg.integration.python_rhs import StageOverflowError
+from cg.integration.rhs.python import StageOverflowError
+from cg.integration.step.flows import flows_of
 from cg.tableau import Tableau
 
 Row = tuple[tuple[int, float], ...]

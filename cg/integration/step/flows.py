@@ -10,7 +10,7 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
-from cg.integration.blocks import (
+from cg.integration.step.blocks import (
     block_constants,
     describe_blocks,
     has_compiled_difference,

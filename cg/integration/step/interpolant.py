@@ -73,7 +73,7 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
 from cg.frames.arrays import Array
-from cg.integration.paths import paths_of
+from cg.integration.step.paths import paths_of
 from cg.low_storage import rooted_trees
 from cg.method import Method, remembered
 from cg.munthe_kaas import MuntheKaas

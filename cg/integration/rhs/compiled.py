@@ -12,7 +12,7 @@ from scipy import LowLevelCallable
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.compiled_function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction
 
 __all__ = ["SIGNATURE", "CompiledRhs", "compiled_rhs"]
 

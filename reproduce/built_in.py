@@ -17,9 +17,9 @@ from cg.checks import memory
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.arguments import check_count
-from cg.integration.blocks import block_constants, describe_blocks
-from cg.integration.paths import paths_of
-from cg.integration.step_budget import StepBudget
+from cg.integration.loop.step_budget import StepBudget
+from cg.integration.step.blocks import block_constants, describe_blocks
+from cg.integration.step.paths import paths_of
 from cg.method import Method
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop

@@ -11,9 +11,9 @@ import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
-from cg.integration.blocks import block_constants, describe_blocks, is_compiled
-from cg.integration.interpolant import extension_of, node_count, nodes_of, result_flows
-from cg.integration.paths import paths_of
+from cg.integration.step.blocks import block_constants, describe_blocks, is_compiled
+from cg.integration.step.interpolant import extension_of, node_count, nodes_of, result_flows
+from cg.integration.step.paths import paths_of
 from cg.method import Method, remembered
 from cg.munthe_kaas import MuntheKaas
 from cg.shared_numbers import BlockKind

@@ -10,7 +10,7 @@ import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
-from cg.integration.flows import (
+from cg.integration.step.flows import (
     Dexpinv,
     Difference,
     Flows,
@@ -18,8 +18,8 @@ from cg.integration.flows import (
     difference_of,
     flows_of,
 )
-from cg.integration.implicit import ConvergenceError, ImplicitStages
-from cg.integration.plan import Plan
+from cg.integration.step.implicit import ConvergenceError, ImplicitStages
+from cg.integration.step.plan import Plan
 from cg.shared_numbers import Operation
 
 __all__ = ["Callbacks"]

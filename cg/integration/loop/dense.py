@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames.arrays import Array, Points, real_array
-from cg.integration.callbacks import Callbacks
-from cg.integration.plan import Plan
+from cg.integration.step.callbacks import Callbacks
+from cg.integration.step.plan import Plan
 
 __all__ = ["DenseOutput", "EnsembleOutput", "Steps"]
 

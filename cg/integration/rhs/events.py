@@ -11,7 +11,7 @@ import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
-from cg.integration.compiled_rhs import compiled_event
+from cg.integration.rhs.compiled import compiled_event
 
 __all__ = ["Event", "EventTable"]
 

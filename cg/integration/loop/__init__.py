@@ -1,0 +1,1 @@
+"""Runs of compiled code over steps, and what they leave."""
