@@ -8,6 +8,7 @@ import pytest
 from equal_grids import make_grid
 
 import cg
+from cg.catalogue import resolve_method
 from cg.frames import SO3, Euclidean, Stiefel
 from cg.integration.loop.run import Run
 from cg.integration.step.interpolant import extra_evaluations, node_count, result_flows
@@ -15,6 +16,7 @@ from cg.integration.step.interpolant import extra_evaluations, node_count, resul
 EXTRA = {
     **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},
     **{"CG6g": 10, "CF6(5)": 6, "CG7b": 15, "CF7(6)": 10, "CF8a": 15},
+    **{"RKMK3(2)": 0, "RKMK4": 1, "RKMK5(4)": 2, "RKMK8(5,3)": 8},
 }
 RATES, NEVER = np.array([-1.0, -2.0]), 1e9
 
@@ -60,7 +62,7 @@ def test_times_that_coincide():
 
 def test_evaluations_of_the_continuous_solution():
     """By the order of a method, and the stages that a node more may cost as many as."""
-    found = {name: extra_evaluations(cg.methods[name]) for name in EXTRA}
+    found = {name: extra_evaluations(resolve_method(name)) for name in EXTRA}
     assert found == EXTRA
 
 

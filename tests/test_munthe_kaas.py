@@ -24,6 +24,7 @@ from cg.frames import (
     Stiefel,
     UnitQuaternion,
 )
+from cg.integration.step.interpolant import extension_of
 from cg.integration.step.plan import error_exponent
 
 METHODS = dict(munthe_kaas)
@@ -374,3 +375,26 @@ def test_rows_that_repeat_or_are_zero(frame):
     np.testing.assert_allclose(one.y, other.y, rtol=0, atol=1e-14)
     t = np.linspace(0, 1, 23)
     np.testing.assert_allclose(one.sol(t), other.sol(t), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["BS3(2)", "DVERK6(5)", "Verner7(6)", "Verner8(7)"])
+def test_interpolants_of_any_tableau_meet_the_conditions_of_their_order(name):
+    """On a quadrature and on an equation in the plane, where the flat order is seen."""
+    method = cg.MuntheKaas(cg.Tableau(*cg.methods[name].exact))
+    extension = extension_of(method)
+    known = {"BS3(2)": 0, "DVERK6(5)": 4, "Verner7(6)": 6, "Verner8(7)": 9}
+    assert len(extension.theta) == known[name]
+
+    def f(t, y):
+        return [-y[1] + 0.3 * np.sin(t), y[0] * y[1]]
+
+    sizes, t = np.array([0.2, 0.1]), np.linspace(0.1, 0.9, 9)
+    options = {"frame": Euclidean(2), "rtol": 1e-13, "atol": 1e-15, "dense_output": True}
+    exact = cg.solve_ivp(f, (0, 0.2), [1.0, 0.5], **options).sol
+    errors = []
+    for h in sizes:
+        made = cg.solve_ivp(
+            f, (0, h), [1.0, 0.5], frame=Euclidean(2), method=method, h=h, dense_output=True
+        ).sol
+        errors.append(np.abs(made(h * t) - exact(h * t)).max())
+    assert np.log2(errors[0] / errors[1]) > method.order + 0.6

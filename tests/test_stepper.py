@@ -70,6 +70,11 @@ def test_what_is_resumed_goes_on_bit_for_bit(method, copied):
         stepper.step()
     other = copied(stepper)
     assert (other.t, other.t_old, other.nfev) == (stepper.t, stepper.t_old, stepper.nfev)
+    whole = cg.solve_ivp(
+        turning, (0, 3), np.eye(3), frame=SO3(), method=method, dense_output=True, **OPTIONS
+    )
+    middle = 0.5 * (other.t_old + other.t)
+    assert_array_equal(copied(other).dense_output()(middle), whole.sol(middle))
     for one, two in zip(taken(stepper), taken(other), strict=True):
         assert_array_equal(one, two)
     assert (other.nfev, other.nexp) == (stepper.nfev, stepper.nexp)
