@@ -94,6 +94,8 @@ __all__ = [
 _NODES = (0.85, 0.15, 0.25, 0.6, 0.05, 0.7, 0.2, 0.35, 0.45, 0.4)
 _MOST_NODES = 60
 _SOLVED = 1e-10  # residuals below are rounding
+_NO_RANK = 1e-11
+_NO_WEIGHT = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,10 +305,18 @@ def _solve(known: Array, targets: Array, result: Array, final: int) -> tuple[Arr
     """Return the coefficients of least norm beyond the cubic of Hermite, and the residual."""
     basis = _hermite(result, final)
     if len(targets.T) > 3:
-        further, *_ = np.linalg.lstsq(known, targets[:, 3:], rcond=1e-11)
-        further += np.linalg.lstsq(known, targets[:, 3:] - known @ further, rcond=1e-11)[0]
+        further = _least_norm(known, targets[:, 3:])
+        # derivatives without weight have rounding for weights
+        used = np.abs(further).max(axis=1) > _NO_WEIGHT * np.abs(further).max()
+        further[used] = _least_norm(known[:, used], targets[:, 3:])
+        further[~used] = 0.0
         basis = np.concatenate([basis, further.T])
     return basis, float(np.abs(known @ basis.T - targets).max())
+
+
+def _least_norm(known: Array, targets: Array) -> Array:
+    found = np.linalg.lstsq(known, targets, rcond=_NO_RANK)[0]
+    return found + np.linalg.lstsq(known, targets - known @ found, rcond=_NO_RANK)[0]
 
 
 class ResultFlows:
