@@ -136,7 +136,7 @@ class CompiledRhs:
         return coefficients.reshape(*batch, self.frame.dim)
 
 
-def compiled_rhs(f: Any) -> CompiledRhs | None:
+def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
     """Return what the compiled integrator needs of ``f``, or None if it is no compiled function.
 
     Parameters
@@ -145,6 +145,8 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
         A `cg.CompiledFunction`, a `scipy.LowLevelCallable`, a function pointer of ctypes with
         its types set, or a ``numba.cfunc``, of the signature ``int (double t, const double *y,
         double *f, void *user_data)``.
+    name
+        What to call it in an error message.
 
     Returns
     -------
@@ -159,11 +161,11 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
         return f
     if isinstance(f, CompiledFunction):
         return CompiledRhs(f, f.address, f.data_address)
-    source = _low_level(f, "f", SIGNATURE)
+    source = _low_level(f, name, SIGNATURE)
     if source is None:
         return None
     if not _fits(source.signature, SIGNATURE):
-        raise ValueError(f"f must have the signature {SIGNATURE!r}, got {source.signature!r}")
+        raise ValueError(f"{name} must have the signature {SIGNATURE!r}, got {source.signature!r}")
     reads_numbers = _words(source.signature).endswith(",double*)")
     return CompiledRhs((f, source), *_addresses(source), reads_numbers=reads_numbers)
 

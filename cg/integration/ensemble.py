@@ -33,7 +33,7 @@ from cg.method import Method
 from cg.runs import ExecutorLike, check_executor, completed
 from cg.shared_numbers import Stop
 
-__all__ = ["solve_ensemble"]
+__all__ = ["solve_ensemble", "solve_members"]
 
 _AT_A_TIME = 1 << 14  # members of one run, so that memory doesn't grow with the ensemble
 
@@ -138,13 +138,36 @@ def solve_ensemble(
         first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
         events=events, breakpoints=breakpoints, stage_solver=stage_solver,
     )  # fmt: skip
+    return solve_members(problem, f, executor, workers, out, progress)
+
+
+def solve_members(
+    problem: Problem,
+    f: Any,
+    executor: ExecutorLike,
+    workers: int | None,
+    out: Any,
+    progress: Callable[[float, float], None] | None,
+) -> EnsembleSolution:
+    """Integrate the members of an ensemble.
+
+    Parameters
+    ----------
+    problem
+        What to integrate.
+    f
+        The right-hand side as the user gave it, for workers in other processes.
+    executor, workers, out, progress
+        As for `solve_ensemble`.
+    """
+    common, h = problem.common, problem.control.h
     if common and problem.event_table().jumps.any():
         raise ValueError("events must have no jumps with common_steps, which all members share")
     if problem.t_eval is None:
         ends = [problem.t0, problem.t1][: 1 + (problem.t0 != problem.t1)]
         problem = replace(problem, t_eval=np.array(ends))
-    if problem.control.h is not None:
-        steps = equal_steps(problem.control.h, [problem.t0, *problem.stops.tolist()])
+    if h is not None:
+        steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
         check_grid(problem.plan, h, steps * len(problem.points), 0, problem.dense)
     distributed = executor is not None or workers is not None
     executor, workers = check_executor(executor, workers)
@@ -230,7 +253,8 @@ class _Work:
         plan = problem.plan.frame, method.name if known else method
         parts = {name: value for name, value in vars(problem).items() if name != "plan"}
         together = problem.rhs.together
-        return {"f": self.f, "plan": plan, "parts": {**parts, "rhs": together, "points": None}}
+        parts |= {"rhs": together, "points": None}
+        return {"f": self.f, "plan": plan, "kind": type(problem), "parts": parts}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         from cg.catalogue import resolve_method
@@ -238,7 +262,7 @@ class _Work:
         frame, method = state["plan"]
         parts = state["parts"]
         parts["rhs"], _ = make_rhs(state["f"], frame, parts["args"] or None, None, parts["rhs"], 1)
-        problem = Problem(plan_of(frame, resolve_method(method)), **parts)
+        problem = state["kind"](plan_of(frame, resolve_method(method)), **parts)
         object.__setattr__(self, "problem", problem)
         object.__setattr__(self, "f", state["f"])
 

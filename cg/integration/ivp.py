@@ -27,7 +27,7 @@ from cg.integration.run import COUNTS, Output, Run
 from cg.method import Method
 from cg.shared_numbers import Stop
 
-__all__ = ["integrate", "solve_ivp"]
+__all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one"]
 
 _REJECTIONS = 1000
 
@@ -168,8 +168,8 @@ def solve_ivp(
     )  # fmt: skip
     every = int(problem.t_eval is None)
     if h is not None:
-        check_grid(problem.plan, h, _grid_steps(problem), every, problem.dense)
-    return _solve(problem, every, Progress(progress, problem.t0, problem.t1))
+        check_grid(problem.plan, h, grid_steps(problem), every, problem.dense)
+    return solve_one(problem, every, Progress(progress, problem.t0, problem.t1))
 
 
 def integrate(
@@ -278,23 +278,34 @@ def integrate(
         stage_solver=stage_solver,
     )  # fmt: skip
     every = min(check_count(save_every, "save_every"), 2**62)
-    check_grid(problem.plan, h, _grid_steps(problem), every, False)
-    return _solve(problem, every, Progress(progress, problem.t0, problem.t1))
+    check_grid(problem.plan, h, grid_steps(problem), every, False)
+    return solve_one(problem, every, Progress(progress, problem.t0, problem.t1))
 
 
-def _grid_steps(problem: Problem) -> int:
+def grid_steps(problem: Problem) -> int:
+    """Return the number of equal steps of a problem; ValueError if there are too many."""
     assert problem.control.h is not None
     return equal_steps(problem.control.h, [problem.t0, *problem.stops.tolist()])
 
 
-def _solve(problem: Problem, every: int, watch: Progress) -> Solution:
-    """Integrate one point."""
+def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
+    """Integrate one point.
+
+    Parameters
+    ----------
+    problem
+        What to integrate.
+    every
+        How many steps there are between those whose ends are kept.
+    watch
+        Is told how far the integration has come.
+    """
     plan = problem.plan
     times, y, capacity = problem.t_eval, None, 0
     if times is not None:
         y = np.full((len(times), 1, plan.width), math.nan)
     elif problem.control.h is not None and problem.events is None:
-        capacity = _grid_steps(problem) // every + len(problem.stops) + 1
+        capacity = grid_steps(problem) // every + len(problem.stops) + 1
     table = problem.event_table() if problem.events is not None else None
     run = problem.run(
         Output(times, every if times is None else 0, problem.dense, y, capacity), table

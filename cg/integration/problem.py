@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -90,16 +91,20 @@ class Problem:
         """Final time."""
         return float(self.stops[-1])
 
-    def event_table(self) -> EventTable:
-        """Return the events with their further arguments."""
+    def arguments(self) -> Callable[[int], tuple[Any, ...]]:
+        """Return the function that gives a member's further arguments of the events."""
         rhs = self.rhs
         if isinstance(rhs, PythonRhs):
-            return EventTable(self.events, self.plan.frame, rhs.arguments)
+            return rhs.arguments
         numbers = rhs.parameters
         if numbers is None:
-            return EventTable(self.events, self.plan.frame, lambda _: self.args)
+            return lambda _: self.args
         rows = numbers.reshape(len(self.points), -1)
-        return EventTable(self.events, self.plan.frame, lambda member: (*self.args, rows[member]))
+        return lambda member: (*self.args, rows[member])
+
+    def event_table(self) -> EventTable:
+        """Return the events with their further arguments."""
+        return EventTable(self.events, self.plan.frame, self.arguments())
 
     def run(self, output: Output, table: EventTable | None) -> Run:
         """Return the run of all members."""
