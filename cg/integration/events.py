@@ -90,7 +90,7 @@ class Event:
             )
         try:
             direction = float(self.direction)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             direction = math.nan
         if math.isnan(direction):
             raise ValueError(f"{name}.direction must be a number, got {self.direction!r}")
