@@ -111,6 +111,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
             "events": lambda t, y, *numbers: t - 0.7,
             "breakpoints": [0.5],
         },
+        (OverflowError,),
     ),
     "solve_variational_ensemble": Call(
         cg.solve_variational_ensemble,
