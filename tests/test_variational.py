@@ -321,7 +321,7 @@ class TestBadInput:
             ({"rtol": -1}, ValueError, "rtol must be finite"),
             ({"atol": np.ones(12)}, ValueError, r"atol must be a number or have shape \(3,\)"),
         ],
-        ids=str,
+        ids=lambda value: ", ".join(value) if isinstance(value, dict) else "",
     )
     def test_of_one_point(self, options, error, message):
         with pytest.raises(error, match=message):

@@ -19,6 +19,8 @@ _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
 # The derivative of a polynomial through values one and two steps away on both sides
 _STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
 _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+# A derivative that is smaller than this of the values' slopes is zero
+_ROUNDING = 1e-8
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
 
@@ -78,15 +80,14 @@ class VariationalEvents(EventTable):
         rate, delta = self._time_derivative(index, t, before, x, arguments)
         if not np.isfinite(delta).all():
             raise ValueError(
-                f"events[{index}] must change its sign where it has a jump: along the solution its "
-                f"derivative is {rate:g} at t = {t:.17g}, so that the solution after the jump has "
-                "no derivatives"
+                f"events[{index}] must change its sign where it jumps, for the solution to have "
+                f"derivatives; its derivative along the solution is {rate:g} at t = {t:.17g}"
             )
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             return self.frame.nearby_coordinates(after, self.jump_with(index, time, point, extra))
 
-        by_fields, along, by_parameters = self._derivatives(jumped, t, before, arguments)
+        by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
         moved = by_fields.T @ x
         moved[:, self.frame.dim :] += by_parameters.T
         slope = self._coefficients(t, after, arguments)
@@ -94,7 +95,9 @@ class VariationalEvents(EventTable):
         return field.product.join(after, moved.ravel())
 
     def time_derivatives(self, index: int, member: int, t: float, z: Array) -> Array:
-        """Return derivatives of an event's time, shape ``(dim + k,)``; infinite where it touches.
+        """Return derivatives of an event's time, shape ``(dim + k,)``.
+
+        They aren't finite where the solution touches the event without crossing it.
 
         Parameters
         ----------
@@ -114,11 +117,12 @@ class VariationalEvents(EventTable):
         def value(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
             return np.array([self._value_of(index, time, point, extra)])
 
-        by_fields, along, by_parameters = self._derivatives(value, t, y, arguments)
+        by_fields, along, by_parameters, largest = self._derivatives(value, t, y, arguments)
+        rate = float(along[0]) if abs(along[0]) > _ROUNDING * largest else 0.0
         gradient = by_fields[:, 0] @ x
         gradient[self.frame.dim :] += by_parameters[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
-            return float(along[0]), -gradient / along[0]
+            return rate, -gradient / np.float64(rate)
 
     def _value_of(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
         function = self._callable[index]
@@ -146,10 +150,11 @@ class VariationalEvents(EventTable):
         t: float,
         y: Points,
         arguments: tuple[Any, ...],
-    ) -> tuple[Array, Array, Array]:
-        """Return derivatives along fields ``(n, m)``, the solution ``(m,)`` and parameters (k, m).
+    ) -> tuple[Array, Array, Array, float]:
+        """Return derivatives of ``function(t, y, arguments)``, which has m values.
 
-        Of ``function(t, y, arguments)`` with m values.
+        They are those along fields ``(n, m)``, the solution ``(m,)`` and parameters ``(k, m)``,
+        then the largest slope between any two values along the solution.
         """
         frame, n = self.frame, self.frame.dim
         sizes = np.maximum(frame.coordinate_sizes(y), 1.0)
@@ -158,17 +163,22 @@ class VariationalEvents(EventTable):
         unit = 1.0 / max(float(np.abs(slope / sizes).max()), np.finfo(np.float64).tiny)
         unit = min(unit, max(abs(t), 1.0))
 
-        def along(v: Array, size: float, time: float = 0.0) -> Array:
-            values = [
-                function(t + s * _STEP * time, frame.flow(s * _STEP * v, y), arguments)
-                for s in _STEPS
-            ]
-            return np.asarray(_WEIGHTS @ np.array(values) / (_STEP * size))
+        def values_along(v: Array, time: float = 0.0) -> Array:
+            return np.array(
+                [
+                    function(t + s * _STEP * time, frame.flow(s * _STEP * v, y), arguments)
+                    for s in _STEPS
+                ]
+            )
 
-        by_fields = [along(size * e, size) for size, e in zip(sizes, np.eye(n), strict=True)]
+        by_fields = [
+            _WEIGHTS @ values_along(size * e) / (_STEP * size)
+            for size, e in zip(sizes, np.eye(n), strict=True)
+        ]
         by_parameters = np.empty((self._field.count, len(by_fields[0])))
         if self._field.count:
             for i, (moved, size) in enumerate(parameter_steps(arguments[-1], _STEP)):
                 values = [function(t, y, (*arguments[:-1], moved(s))) for s in _STEPS]
                 by_parameters[i] = _WEIGHTS @ np.array(values) / size
-        return np.array(by_fields), along(unit * slope, unit, unit), by_parameters
+        ahead = values_along(unit * slope, unit) / (_STEP * unit)
+        return np.array(by_fields), _WEIGHTS @ ahead, by_parameters, float(np.ptp(ahead))
