@@ -83,6 +83,11 @@ class CompiledRhs:
     together = False
     """Whether it takes points of several members at a time."""
 
+    @property
+    def name(self) -> str:
+        """What to call it in an error message."""
+        return "f"
+
     def addresses(self) -> tuple[int, int, int]:
         """Return addresses of the function and of the first member's data, and their distance."""
         distance = 0 if self.parameters is None else 8 * self.parameters.shape[-1]

@@ -29,7 +29,9 @@ MANY_REJECTIONS = (
 TERMINAL_EVENT = "A terminal event ended the integration."
 
 
-def failure(stop: Stop, flag: int, t: float, slope: Array | None = None) -> Exception:
+def failure(
+    stop: Stop, flag: int, t: float, slope: Array | None = None, name: str = "f"
+) -> Exception:
     """Return the exception for an integration that ``f`` or its numbers ended.
 
     Parameters
@@ -42,14 +44,16 @@ def failure(stop: Stop, flag: int, t: float, slope: Array | None = None) -> Exce
         When.
     slope
         The initial coefficients, where they are the reason.
+    name
+        The function that failed.
     """
     where = f"at t = {t:.17g}"
     found: Exception = MemoryError("there is not enough memory for the stages of one step")
     match stop:
         case Stop.STOPPED_BY_FIELD:
-            found = RuntimeError(f"f returned the error code {flag} {where}")
+            found = RuntimeError(f"{name} returned the error code {flag} {where}")
         case Stop.FIELD_NOT_FINITE:
-            found = ValueError(f"f must return finite numbers, and all of them, {where}")
+            found = ValueError(f"{name} must return finite numbers, and all of them, {where}")
         case Stop.STAGE_NOT_FINITE:
             found = StageOverflowError(f"a stage is no longer finite {where}")
         case Stop.STEP_TOO_LONG:

@@ -13,7 +13,7 @@ from cg.frames.arrays import Array, Points, is_array, real_array
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.product import Product
-from cg.integration.compiled_rhs import CompiledRhs
+from cg.integration.compiled_rhs import CompiledRhs, compiled_rhs
 from cg.integration.flows import Flows, flows_of
 from cg.integration.python_rhs import PythonRhs
 
@@ -43,7 +43,8 @@ class VariationalField:
     frame
         Where the solution is.
     f, jac, df_dp
-        The functions of the user; ``jac`` and ``df_dp`` may be None.
+        The functions of the user, as `CompiledRhs` if they are compiled; ``jac`` and ``df_dp`` may
+        be None.
     count
         Number of parameters.
     together
@@ -59,6 +60,9 @@ class VariationalField:
     product: Product = field(init=False)
 
     def __post_init__(self) -> None:
+        for name in ("f", "jac", "df_dp"):
+            function = getattr(self, name)
+            object.__setattr__(self, name, compiled_rhs(function, name) or function)
         n = self.frame.dim
         product = Product(self.frame, Euclidean(n * (n + self.count)))
         object.__setattr__(self, "product", product)
@@ -71,8 +75,12 @@ class VariationalField:
     _constants: Array | None = field(init=False, repr=False, compare=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        given = self.frame, self.f, self.jac, self.df_dp, self.count, self.together
-        return VariationalField, given
+        # addresses mean nothing to other processes
+        functions = [
+            function.function if isinstance(function, CompiledRhs) else function
+            for function in (self.f, self.jac, self.df_dp)
+        ]
+        return VariationalField, (self.frame, *functions, self.count, self.together)
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""

@@ -14,6 +14,7 @@ from cg.integration.arguments import has_brackets
 from cg.integration.compiled_rhs import compiled_rhs
 from cg.integration.plan import plan_of
 from cg.integration.problem import Problem, make_rhs
+from cg.integration.variational.compiled import compiled_variation
 from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
 
@@ -30,10 +31,13 @@ class VariationalProblem(Problem):
     Attributes
     ----------
     field
-        The right-hand side.
+        The functions of the right-hand side.
+    source
+        The right-hand side as workers in other processes are told it.
     """
 
     field: VariationalField | None = None
+    source: Any = None
 
     @property
     def variational(self) -> VariationalField:
@@ -70,17 +74,19 @@ def add_derivatives(
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is not None:
         check_finite(numbers, "parameters")
-    compiled_f = compiled_rhs(f)
+    _check_function(jac, "jac", rhs.together)
+    _check_function(df_dp, "df_dp", rhs.together)
     field = VariationalField(
         frame,
-        f if compiled_f is None else compiled_f,
-        _check_function(jac, "jac", rhs.together),
-        _check_function(df_dp, "df_dp", rhs.together),
+        f,
+        jac,
+        df_dp,
         0 if numbers is None else numbers.shape[-1],
         rhs.together,
     )
     members = len(problem.points)
-    joint, _ = make_rhs(field, field.product, problem.args or None, numbers, rhs.together, members)
+    source = compiled_variation(field, problem.plan) or field
+    joint, _ = make_rhs(source, field.product, problem.args or None, numbers, rhs.together, members)
     control = problem.control
     if control.h is None:
         control = replace(control, atol=_tolerances(problem, field, control_derivatives))
@@ -91,21 +97,16 @@ def add_derivatives(
         "points": field.start(problem.points),
         "control": control,
     }
-    return VariationalProblem(**(same | changed), field=field)
+    return VariationalProblem(**(same | changed), field=field, source=source)
 
 
-def _check_function(function: Any, name: str, together: bool) -> Any:
-    """Return a function of Python, a compiled one or None; TypeError if it is none of these."""
-    if function is None:
-        return None
+def _check_function(function: Any, name: str, together: bool) -> None:
+    """Raise TypeError or ValueError unless a function can be called, or is None."""
     compiled = compiled_rhs(function, name)
-    if compiled is None:
-        if not callable(function):
-            raise TypeError(f"{name} must be callable as {name}(t, y), got {function!r}")
-        return function
-    if together:
+    if compiled is None and not (function is None or callable(function)):
+        raise TypeError(f"{name} must be callable as {name}(t, y), got {function!r}")
+    if compiled is not None and together:
         raise ValueError(f"vectorized must be False for a compiled {name}, which takes one point")
-    return compiled
 
 
 def _tolerances(problem: Problem, field: VariationalField, control_derivatives: bool) -> Array:

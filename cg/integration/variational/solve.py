@@ -283,7 +283,7 @@ def solve_variational_ensemble(
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, len(problem.points))
     field = joint.variational
-    found = solve_members(joint, field, executor, workers, None, progress)
+    found = solve_members(joint, joint.source, executor, workers, None, progress)
     changed: dict[str, Any] = {**parts_of(found.y, field, covariance), "frame": frame}
     if found.sol is not None:
         changed["sol"] = EnsembleVariationalOutput(found.sol, field, covariance)
