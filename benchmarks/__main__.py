@@ -26,6 +26,7 @@ NAMES = (
     "adaptive",
     "ensemble",
     "output",
+    "variational",
     "rivals",
     "estimates",
     "tableaux",

@@ -33,6 +33,8 @@ class CompiledTop:
     ----------
     f : scipy.LowLevelCallable
         The right-hand side.
+    jac : ctypes function
+        Its derivatives along the frame's fields, which need its data.
     """
 
     def __init__(self, top: HeavyTop, folder: Path) -> None:
@@ -50,6 +52,8 @@ class CompiledTop:
         self.f: Any = LowLevelCallable(
             library.heavy_top, self.constants.ctypes.data_as(ctypes.c_void_p)
         )
+        self.jac = library.heavy_top_jac
+        self.jac.restype, self.jac.argtypes = ctypes.c_int, library.heavy_top.argtypes
         self._loop = library.integrate
         self._loop.restype = None
         self._loop.argtypes = [
