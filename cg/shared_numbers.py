@@ -234,12 +234,13 @@ RECORD = {
 
 VARIATION = {
     # functions in C and their data, 0 for none: then there are differences, or data of the members
-    "field": "address",
-    "field_data": "address",
+    "f": "address",
+    "f_data": "address",
     "jac": "address",
     "jac_data": "address",
     "df_dp": "address",
     "df_dp_data": "address",
+    "data": "address",  # of functions in C without any, where there are no parameters
     "frame": "address",  # the plan of the frame alone
     "dimension": "integer",
     "width": "integer",  # numbers of a point without its derivatives
@@ -250,7 +251,7 @@ VARIATION = {
     "constant": "address",
     "step": "real",  # of differences, relative
     "nan": "real",
-    "failed": "integer",  # which function failed last: 0 for field, 1 for jac, 2 for df_dp
+    "failed": "integer",  # what failed last: 0 for f, 1 for jac, 2 for df_dp, 3 for products
 }
 """The record of a right-hand side with derivatives: names and kinds of entries."""
 

@@ -44,12 +44,15 @@ contains
     real(wp), intent(inout) :: f(n), slope(n + k, n)
     integer(c_int), intent(out) :: code
     procedure(rhs_i), pointer :: field, function
-    real(wp) :: a(n, n), d(k, n)
+    real(wp) :: a(n, n)
     integer :: i, j
 
-    field => field_at(record%field)
-    code = call_at(field, data_of(record, record%field_data, parameters), t, width, y, f)
-    if (code /= 0) record%failed = 0
+    code = 0
+    f = record%nan
+    if (.not. (finite(width, y) .and. finite((n + k) * n, x))) return
+    field => field_at(record%f)
+    code = call_at(field, data_of(record, record%f_data, parameters), t, width, y, f)
+    record%failed = 0
     if (code /= 0) return
     if (record%jac == 0) then
       call differences_along_fields(record, parameters, field, n, width, t, y, a, code)
@@ -57,7 +60,7 @@ contains
       a = record%nan
       function => field_at(record%jac)
       code = call_at(function, data_of(record, record%jac_data, parameters), t, width, y, a)
-      call note_failure(record, 1, n * n, code, a, width, y)
+      call note_failure(record, 1, n * n, code, a)
     end if
     if (code /= 0) return
     call add_brackets(record, n, f, a)
@@ -67,28 +70,52 @@ contains
         slope(:, i) = slope(:, i) + a(j, i) * x(:, j)
       end do
     end do
-    if (k == 0) return
+    if (k > 0) then
+      call add_parameters(record, parameters, field, n, k, width, t, y, slope, code)
+    end if
+    if (code == 0 .and. finite(n, f) .and. finite(n * n, a)) then
+      if (record%failed /= 2 .and. .not. finite((n + k) * n, slope)) record%failed = 3
+    end if
+  end subroutine evaluate
+
+  subroutine add_parameters(record, parameters, field, n, k, width, t, y, slope, code)
+    type(variation_t), intent(inout) :: record
+    type(c_ptr), intent(in) :: parameters
+    procedure(rhs_i), pointer, intent(in) :: field
+    integer, intent(in) :: n, k, width
+    real(wp), intent(in) :: t, y(width)
+    real(wp), intent(inout) :: slope(n + k, n)
+    integer(c_int), intent(out) :: code
+    procedure(rhs_i), pointer :: function
+    real(wp) :: d(k, n)
+
     if (record%df_dp == 0) then
       call differences_of_parameters(record, parameters, field, n, k, width, t, y, d, code)
     else
       d = record%nan
       function => field_at(record%df_dp)
       code = call_at(function, data_of(record, record%df_dp_data, parameters), t, width, y, d)
-      call note_failure(record, 2, n * k, code, d, width, y)
+      call note_failure(record, 2, n * k, code, d)
     end if
     slope(n + 1:, :) = slope(n + 1:, :) + d
-  end subroutine evaluate
+  end subroutine add_parameters
 
-  ! Tells, for a message, which function failed at a point that is finite.
-  subroutine note_failure(record, which, numbers, code, values, width, y)
+  ! Tells, for a message, which function failed.
+  subroutine note_failure(record, which, numbers, code, values)
     type(variation_t), intent(inout) :: record
-    integer, intent(in) :: which, numbers, width
+    integer, intent(in) :: which, numbers
     integer(c_int), intent(in) :: code
-    real(wp), intent(in) :: values(numbers), y(width)
+    real(wp), intent(in) :: values(numbers)
 
-    if (code == 0 .and. all(abs(values) <= huge(1.0_wp))) return
-    if (all(abs(y) <= huge(1.0_wp))) record%failed = which
+    if (code /= 0 .or. .not. finite(numbers, values)) record%failed = which
   end subroutine note_failure
+
+  pure logical function finite(numbers, x)
+    integer, intent(in) :: numbers
+    real(wp), intent(in) :: x(numbers)
+
+    finite = all(abs(x) <= huge(1.0_wp))
+  end function finite
 
   ! Functions may write into the point that they are given.
   integer(c_int) function call_at(function, data, t, width, y, f) result(code)
@@ -103,13 +130,13 @@ contains
     code = function(t, point, f, data)
   end function call_at
 
-  ! A function has data of its own, or those of the member, or those of f.
+  ! A function has data of its own, or the parameters of the member, or those of f.
   type(c_ptr) function data_of(record, own, parameters) result(data)
     type(variation_t), intent(in) :: record
     integer(c_intptr_t), intent(in) :: own
     type(c_ptr), intent(in) :: parameters
 
-    data = transfer(merge(own, record%field_data, own /= 0), data)
+    data = transfer(merge(own, record%data, own /= 0), data)
     if (own == 0 .and. record%parameters > 0) data = parameters
   end function data_of
 
@@ -128,7 +155,7 @@ contains
     integer :: j
 
     plan => plan_at(record%frame)
-    data = data_of(record, record%field_data, parameters)
+    data = data_of(record, record%f_data, parameters)
     code = 0
     a = 0.0_wp
     call sizes(plan%frame, y, size_of)
@@ -150,7 +177,8 @@ contains
     end do
   end subroutine differences_along_fields
 
-  ! d(j, i) is the derivative of f(i) by parameter j.
+  ! d(j, i) is the derivative of f(i) by parameter j. Parameters are moved where they are, since functions
+  ! of Python know them by their place.
   subroutine differences_of_parameters(record, parameters, field, n, k, width, t, y, d, code)
     type(variation_t), intent(in) :: record
     type(c_ptr), intent(in) :: parameters
@@ -160,34 +188,27 @@ contains
     real(wp), intent(out) :: d(k, n)
     integer(c_int), intent(out) :: code
     real(wp), pointer, contiguous :: given(:)
-    real(wp), target :: moved(k)
-    real(wp) :: ahead(n), behind(n), step
+    type(c_ptr) :: data
+    real(wp) :: ahead(n), behind(n), step, before
     integer :: j
 
     call c_f_pointer(parameters, given, [k])
+    data = data_of(record, record%f_data, parameters)
     d = 0.0_wp
     do j = 1, k
-      step = record%step * merge(abs(given(j)), 1.0_wp, abs(given(j)) > 0)
-      moved = given
-      moved(j) = given(j) + step
+      before = given(j)
+      step = record%step * merge(abs(before), 1.0_wp, abs(before) > 0)
       ahead = record%nan
-      code = call_at(field, address_of(moved), t, width, y, ahead)
-      if (code /= 0) return
-      moved = given
-      moved(j) = given(j) - step
       behind = record%nan
-      code = call_at(field, address_of(moved), t, width, y, behind)
+      given(j) = before + step
+      code = call_at(field, data, t, width, y, ahead)
+      given(j) = before - step
+      if (code == 0) code = call_at(field, data, t, width, y, behind)
+      given(j) = before
       if (code /= 0) return
       d(j, :) = (ahead - behind) / (2 * step)
     end do
   end subroutine differences_of_parameters
-
-  type(c_ptr) function address_of(x)
-    use, intrinsic :: iso_c_binding, only: c_loc
-    real(wp), target, contiguous, intent(in) :: x(:)
-
-    address_of = c_loc(x)
-  end function address_of
 
   ! Adds the matrix of brackets with f.
   subroutine add_brackets(record, n, f, a)

@@ -83,6 +83,9 @@ class CompiledRhs:
     together = False
     """Whether it takes points of several members at a time."""
 
+    knows_args = False
+    """Whether it has the further arguments already."""
+
     @property
     def name(self) -> str:
         """What to call it in an error message."""

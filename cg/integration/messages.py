@@ -10,6 +10,7 @@ from cg.integration.python_rhs import StageOverflowError, StepTooLongError
 from cg.shared_numbers import Stop
 
 __all__ = [
+    "DERIVATIVES",
     "FINISHED",
     "MANY_REJECTIONS",
     "TERMINAL_EVENT",
@@ -26,6 +27,7 @@ MANY_REJECTIONS = (
     "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at "
     "known times, name them as breakpoints"
 )
+DERIVATIVES = "derivatives of the solution"
 TERMINAL_EVENT = "A terminal event ended the integration."
 
 
@@ -52,6 +54,8 @@ def failure(
     match stop:
         case Stop.STOPPED_BY_FIELD:
             found = RuntimeError(f"{name} returned the error code {flag} {where}")
+        case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
+            found = OverflowError(f"{name} exceed the range of floating point {where}")
         case Stop.FIELD_NOT_FINITE:
             found = ValueError(f"{name} must return finite numbers, and all of them, {where}")
         case Stop.STAGE_NOT_FINITE:

@@ -133,7 +133,7 @@ def make_rhs(
         if not callable(f):
             raise TypeError(f"f must be callable as f(t, y), got {f!r}")
         return PythonRhs(cast(Coefficients, f), frame, extra, numbers, together), extra
-    if extra:
+    if extra and not compiled.knows_args:
         raise ValueError(f"args must be None for a compiled f, got {args!r}")
     if together:
         raise ValueError("vectorized must be False for a compiled f, which takes one point")

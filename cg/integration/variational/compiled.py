@@ -1,4 +1,4 @@
-"""Right-hand sides of solutions with their derivatives whose functions are all compiled."""
+"""Right-hand sides of solutions with their derivatives in compiled code."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.blocks import is_compiled
 from cg.integration.compiled_rhs import CompiledRhs
+from cg.integration.messages import DERIVATIVES
 from cg.integration.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
 from cg.shared_numbers import VARIATION
@@ -31,7 +32,7 @@ class _Record(ctypes.Structure):
 
 @dataclass(frozen=True)
 class CompiledVariation(CompiledRhs):
-    """A right-hand side whose functions are called by compiled code.
+    """A right-hand side whose products of matrices are compiled, and perhaps its functions too.
 
     Attributes
     ----------
@@ -39,36 +40,67 @@ class CompiledVariation(CompiledRhs):
         The functions.
     plan
         That of the frame alone.
+    args
+        Further arguments of functions in Python.
     rows
-        Of each member the address of the record, then its parameters, shape ``(members, 1 + k)``.
+        Of each member the address of its record, then its parameters, shape ``(members, 1 + k)``.
         Functions are given the address of the parameters, so that events may read them too.
+    records
+        Of each member, or one for all.
     kept
-        What compiled code has the addresses of.
+        What records have the addresses of.
     """
 
     variational: VariationalField | None = None
     plan: Plan | None = None
+    args: tuple[Any, ...] = ()
     rows: Any = None
+    records: Any = None
     kept: tuple[Any, ...] = field(default=(), compare=False)
 
+    knows_args = True
+
     def __reduce__(self) -> tuple[Any, ...]:
-        return compiled_variation, (self.variational, self.plan)
+        return compiled_variation, (self.variational, self.plan, self.args)
 
     def on(self, frame: Frame, parameters: Array | None) -> CompiledVariation:
         """Return the same right-hand side with the parameters of members."""
-        count = 1 if parameters is None else len(parameters)
-        width = 0 if parameters is None else parameters.shape[-1]
-        rows = np.empty((count, 1 + width))
-        rows[:, :1].view(np.int64)[:] = ctypes.addressof(self.kept[0])
+        variational = self.variational
+        assert variational is not None
+        members = 1 if parameters is None else len(parameters)
+        rows = np.empty((members, 1 + variational.count))
         if parameters is not None:
             rows[:, 1:] = parameters
-        return replace(self, frame=frame, parameters=parameters, rows=rows)
+        in_python = [
+            (f"{name}_data", function, variational.check_of(name), shape)
+            for name, function, shape in variational.functions()
+            if function is not None and not isinstance(function, CompiledRhs)
+        ]
+        own = parameters is not None and bool(in_python)
+        records = (_Record * (members if own else 1))(*[self.records[0]] * (members if own else 1))
+        contexts = []
+        for record, row in zip(records, rows, strict=False):
+            arguments = self.args
+            if parameters is not None:
+                numbers = row[1:]
+                numbers.flags.writeable = False
+                arguments = (*arguments, numbers)
+            point = variational.frame.point_shape, variational.frame.dtype.num
+            for name, function, check, shape in in_python:
+                contexts.append((function, arguments, *point, shape, check, [None]))
+                setattr(record, name, id(contexts[-1]))
+        first, size = ctypes.addressof(records), ctypes.sizeof(_Record) if own else 0
+        rows[:, :1].view(np.int64)[:, 0] = first + size * np.arange(members)
+        kept = *self.kept, contexts
+        return replace(
+            self, frame=frame, parameters=parameters, rows=rows, records=records, kept=kept
+        )
 
     @property
     def name(self) -> str:
-        """The function that failed last."""
-        names: tuple[str, ...] = "f", "jac", "df_dp"
-        return names[int(self.kept[0].failed)]
+        """What failed last."""
+        names: tuple[str, ...] = "f", "jac", "df_dp", DERIVATIVES
+        return names[max(int(record.failed) for record in self.records)]
 
     def addresses(self) -> tuple[int, int, int]:
         """Return addresses of the function and of the first member's data, and their distance."""
@@ -91,8 +123,12 @@ class CompiledVariation(CompiledRhs):
         return replace(self, parameters=self.parameters[members], rows=self.rows[members])
 
 
-def compiled_variation(variational: VariationalField, plan: Plan) -> CompiledVariation | None:
-    """Return the right-hand side in compiled code, None if a function of it isn't compiled.
+def compiled_variation(
+    variational: VariationalField, plan: Plan, args: tuple[Any, ...] = ()
+) -> CompiledVariation | None:
+    """Return the right-hand side in compiled code, None where that can't do it.
+
+    That is for functions of several members, and for differences on frames that aren't compiled.
 
     Parameters
     ----------
@@ -100,23 +136,15 @@ def compiled_variation(variational: VariationalField, plan: Plan) -> CompiledVar
         The functions.
     plan
         That of the frame alone.
+    args
+        Further arguments of functions in Python.
     """
     import cg._external as core
 
-    f, jac, df_dp = variational.f, variational.jac, variational.df_dp
-    functions = [f, *(given for given in (jac, df_dp) if given is not None)]
-    if not all(isinstance(function, CompiledRhs) for function in functions):
+    if variational.together or (variational.jac is None and not is_compiled(variational.frame)):
         return None
-    if jac is None and not is_compiled(variational.frame):
-        return None  # its flows are Python's
     index, constant = _structure(variational.frame)
     record = _Record(
-        **{
-            key: value
-            for name, function in (("field", f), ("jac", jac), ("df_dp", df_dp))
-            if function is not None
-            for key, value in ((name, function.address), (f"{name}_data", function.user_data))
-        },
         frame=plan.address,
         dimension=variational.frame.dim,
         width=plan.width,
@@ -126,11 +154,18 @@ def compiled_variation(variational: VariationalField, plan: Plan) -> CompiledVar
         constant=constant.ctypes.data,
         step=DIFFERENCE_STEP,
         nan=np.nan,
+        data=variational.f.user_data if isinstance(variational.f, CompiledRhs) else 0,
     )
-    kept = record, index, constant, functions
+    for name, function, _ in variational.functions():
+        if isinstance(function, CompiledRhs):
+            setattr(record, name, function.address)
+            setattr(record, f"{name}_data", function.user_data)
+        elif function is not None:
+            setattr(record, name, core.python_field())
     return CompiledVariation(
-        None, core.variational_field(), 0, variational=variational, plan=plan, kept=kept
-    )
+        None, core.variational_field(), 0, variational=variational, plan=plan, args=args,
+        records=[record], kept=(index, constant),
+    )  # fmt: skip
 
 
 def _structure(frame: Frame) -> tuple[Any, Array]:

@@ -63,6 +63,8 @@ class VariationalEvents(EventTable):
     ) -> None:
         super().__init__(events, field.frame, arguments)
         self._field = field
+        if not field.count:
+            self.functions[self.functions[:, 1] == 0, 1] = field.data_address(())
         self._callable = [
             None if compiled_event(event.function) is None else _EVENT(int(address))
             for event, address in zip(self.events, self.functions[:, 0], strict=True)

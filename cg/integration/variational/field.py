@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -81,6 +82,22 @@ class VariationalField:
             for function in (self.f, self.jac, self.df_dp)
         ]
         return VariationalField, (self.frame, *functions, self.count, self.together)
+
+    def functions(self) -> list[tuple[str, Function, tuple[int, ...]]]:
+        """Return the functions with their names and the shapes of what they return."""
+        n = self.frame.dim
+        return [
+            ("f", self.f, (n,)),
+            ("jac", self.jac, (n, n)),
+            ("df_dp", self.df_dp, (n, self.count)),
+        ]
+
+    def check_of(self, name: str) -> Callable[[Any, float, Points], Array]:
+        """Return the function that checks what a function in Python returned for one point."""
+        if name == "f":
+            return self._rhs.check
+        shape = {name: shape for name, _, shape in self.functions()}[name]
+        return lambda value, t, y: self._checked(name, value, t, shape)
 
     def start(self, y: Points) -> Array:
         """Return initial points with their derivatives, shape ``(members, *product shape)``."""
@@ -197,6 +214,10 @@ class VariationalField:
             value: Any = self._compiled(name, function, t, y[None], arguments, shape)[0]
         else:
             value = function(t, _read_only(y), *arguments)
+        return self._checked(name, value, t, shape)
+
+    def _checked(self, name: str, value: Any, t: Any, shape: tuple[int, ...]) -> Array:
+        """Return what a function of the user returned as an array, C-ordered, after checking."""
         wanted = (len(t), *shape) if self.together else shape
         if not is_array(value, np.float64):
             try:
@@ -212,7 +233,7 @@ class VariationalField:
             )
         if not math.isfinite(value.sum()) and not np.isfinite(value).all():
             raise ValueError(f"{name} must return finite numbers, got {value} at {_when(t)}")
-        return np.asarray(value)
+        return np.ascontiguousarray(value)
 
     def data_address(self, arguments: tuple[Any, ...]) -> int:
         """Return what compiled functions are given that have no data of their own."""

@@ -85,7 +85,7 @@ def add_derivatives(
         rhs.together,
     )
     members = len(problem.points)
-    source = compiled_variation(field, problem.plan) or field
+    source = compiled_variation(field, problem.plan, problem.args) or field
     joint, _ = make_rhs(source, field.product, problem.args or None, numbers, rhs.together, members)
     control = problem.control
     if control.h is None:
