@@ -22,6 +22,7 @@ from cg.integration.choice import AUTO
 from cg.integration.compiled_function import CompiledFunction
 from cg.integration.dense import DenseOutput, EnsembleOutput, Steps
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.ivp import warn_off_manifold
 from cg.integration.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.plan import plan_of
 from cg.integration.problem import Problem, make_problem, make_rhs
@@ -333,6 +334,8 @@ class _Result:
         """Take what some members came to."""
         self._alive = True
         self._y[:, members] = part.y
+        if len(part.y):
+            warn_off_manifold(self._problem.plan, part.y[-1], stacklevel=5)
         self._reached[members] = part.reached
         self._status[members] = part.status
         self._counts[members] = part.counts

@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.frames.base import Frame
+from cg.frames.arrays import Points
+from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.integration.arguments import check_count, check_grid, equal_steps
 from cg.integration.choice import AUTO
 from cg.integration.compiled_function import CompiledFunction
 from cg.integration.dense import DenseOutput
 from cg.integration.events import EventTable
 from cg.integration.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.messages import FINISHED, MANY_REJECTIONS, TERMINAL_EVENT
+from cg.integration.messages import FINISHED, LEFT_MANIFOLD, MANY_REJECTIONS, TERMINAL_EVENT
+from cg.integration.plan import Plan
 from cg.integration.problem import Problem, make_problem
 from cg.integration.progress import Progress
 from cg.integration.python_rhs import Coefficients
@@ -27,7 +29,7 @@ from cg.integration.run import COUNTS, Output, Run
 from cg.method import Method
 from cg.shared_numbers import Stop
 
-__all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one"]
+__all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
 
 _REJECTIONS = 1000
 
@@ -142,7 +144,8 @@ def solve_ivp(
     -----
     UserWarning
         If ``rtol`` is too small to be attained, and is raised; or if thousands of steps are
-        rejected, as happens where ``f`` has kinks that aren't named as ``breakpoints``.
+        rejected, as happens where ``f`` has kinks that aren't named as ``breakpoints``; or if the
+        last point is off the manifold, as may happen with a frame of your own.
 
     Examples
     --------
@@ -323,6 +326,7 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
     counts = dict(zip(COUNTS, run.counts[0].tolist(), strict=True))
     if counts["nrejected"] >= _REJECTIONS and 2 * counts["nrejected"] > counts["steps"]:
         warnings.warn(MANY_REJECTIONS.format(**counts), stacklevel=3)
+    warn_off_manifold(plan, plan.points(run.end, (1,)), stacklevel=4)
     return Solution(
         t=t,
         y=points,
@@ -336,6 +340,15 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
         frame=plan.frame,
         h=problem.control.h,
     )
+
+
+def warn_off_manifold(plan: Plan, points: Points, stacklevel: int) -> None:
+    """Warn if last points of solutions, those that are finite, are off the manifold."""
+    finite = np.isfinite(points).reshape(len(points), -1).all(axis=1)
+    distance = plan.distance_off(points if finite.all() else points[finite])
+    if distance is not None:
+        text = LEFT_MANIFOLD.format(distance=distance, tolerance=MEMBERSHIP_TOLERANCE)
+        warnings.warn(text, stacklevel=stacklevel)
 
 
 def _status(run: Run) -> tuple[int, str]:

@@ -12,6 +12,7 @@ from cg.shared_numbers import Stop
 __all__ = [
     "DERIVATIVES",
     "FINISHED",
+    "LEFT_MANIFOLD",
     "MANY_REJECTIONS",
     "TERMINAL_EVENT",
     "failed_members",
@@ -23,6 +24,11 @@ __all__ = [
 ]
 
 FINISHED = "The end of t_span was reached."
+LEFT_MANIFOLD = (
+    "the solution has left the manifold: its relative distance at the end is {distance:.3g}, more "
+    "than {tolerance:.3g}; a restore of the frame would keep it there, and frame.check() tells "
+    "whether its flows do"
+)
 MANY_REJECTIONS = (
     "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at "
     "known times, name them as breakpoints"

@@ -97,6 +97,13 @@ class Plan:
             0.1 * MEMBERSHIP_TOLERANCE
         )
 
+    def distance_off(self, points: Points) -> float | None:
+        """Return how far off the manifold the worst of finite points is, None if it isn't far."""
+        if len(points) == 0 or self.certainly_on(points):
+            return None
+        distance = float(self.frame.relative_error(points).max())
+        return distance if distance > MEMBERSHIP_TOLERANCE else None
+
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
         rows = np.ascontiguousarray(points, dtype=self.frame.dtype)
