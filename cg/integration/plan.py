@@ -98,10 +98,14 @@ class Plan:
         )
 
     def distance_off(self, points: Points) -> float | None:
-        """Return how far off the manifold the worst of finite points is, None if it isn't far."""
+        """Return how far off the manifold the worst of finite points is, None if it isn't far.
+
+        Infinite distances don't count: they are those of regular matrices without digits of that.
+        """
         if len(points) == 0 or self.certainly_on(points):
             return None
-        distance = float(self.frame.relative_error(points).max())
+        distances = self.frame.relative_error(points)
+        distance = float(distances[np.isfinite(distances)].max(initial=0.0))
         return distance if distance > MEMBERSHIP_TOLERANCE else None
 
     def doubles(self, points: Points) -> Array:
