@@ -46,12 +46,13 @@ def agree(found, wanted, tolerance):
         )
 
 
-def test_functions_are_called_by_compiled_code(functions, monkeypatch):
+def test_all_of_it_is_called_by_compiled_code(functions, monkeypatch):
     wanted = solve({"f": top})
     monkeypatch.setattr(
         "cg.integration.variational.field.VariationalField.__call__",
         lambda *arguments: pytest.fail("Python was asked"),
     )
+    agree(solve({"f": top}), wanted, 1e-12)
     agree(solve(functions), wanted, 1e-9)
     agree(solve({"f": functions["f"]}), wanted, 1e-9)
     agree(solve(functions | {"jac": None}), wanted, 1e-9)

@@ -30,7 +30,7 @@ class _Record(ctypes.Structure):
     _fields_ = [(name, _KINDS[kind]) for name, kind in VARIATION.items()]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CompiledVariation(CompiledRhs):
     """A right-hand side whose products of matrices are compiled, and perhaps its functions too.
 
@@ -59,6 +59,9 @@ class CompiledVariation(CompiledRhs):
     kept: tuple[Any, ...] = field(default=(), compare=False)
 
     knows_args = True
+
+    def __repr__(self) -> str:
+        return f"CompiledVariation({self.variational!r})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return compiled_variation, (self.variational, self.plan, self.args)
