@@ -26,6 +26,7 @@ NAMES = (
     "ensemble",
     "steps",
     "output",
+    "variational",
     "rivals",
     "estimates",
     "tableaux",

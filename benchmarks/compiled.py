@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import subprocess
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,10 +34,12 @@ def field(symbol: str, folder: Path, data: ArrayLike | None = None) -> cg.Compil
     )
 
 
-def top_field(top: HeavyTop, folder: Path) -> cg.CompiledFunction:
-    """Return the right-hand side of a heavy top."""
+def top_field(
+    top: HeavyTop, folder: Path, symbol: Literal["heavy_top", "heavy_top_jac"] = "heavy_top"
+) -> cg.CompiledFunction:
+    """Return the right-hand side of a heavy top, or its derivatives along the frame's fields."""
     inverses = [float(1 / moment) for moment in top.inertia]
-    return field("heavy_top", folder, [*inverses, float(top.mgl)])
+    return field(symbol, folder, [*inverses, float(top.mgl)])
 
 
 class PlainLoop:

@@ -15,6 +15,27 @@ int heavy_top(double t, const double *y, double *f, void *user_data)
     return 0;
 }
 
+// Its derivatives along the fields, row by row
+int heavy_top_jac(double t, const double *y, double *jac, void *user_data)
+{
+    const double *c = user_data, *m = y + 9;
+    (void)t;
+    for (int i = 0; i < 36; i++)
+        jac[i] = 0.0;
+    for (int i = 0; i < 3; i++)
+        jac[7 * i + 3] = c[i];
+    jac[18] = jac[25] = c[3] * y[8];
+    jac[20] = -c[3] * y[6];
+    jac[26] = -c[3] * y[7];
+    jac[22] = m[2] * (c[2] - c[1]);
+    jac[23] = m[1] * (c[2] - c[1]);
+    jac[27] = m[2] * (c[0] - c[2]);
+    jac[29] = m[0] * (c[0] - c[2]);
+    jac[33] = m[1] * (c[1] - c[0]);
+    jac[34] = m[0] * (c[1] - c[0]);
+    return 0;
+}
+
 // A body that no torque acts on, a unit quaternion and the momentum in body axes. The data are the
 // inverses of the moments of inertia.
 int free_body(double t, const double *y, double *f, void *user_data)

@@ -11,13 +11,18 @@ from .integration import (
     ConvergenceError,
     DenseOutput,
     EnsembleSolution,
+    EnsembleVariationalSolution,
     Event,
     Solution,
     Stepper,
     StepTooLongError,
+    VariationalOutput,
+    VariationalSolution,
     integrate,
     solve_ensemble,
     solve_ivp,
+    solve_variational,
+    solve_variational_ensemble,
 )
 from .lifting import Lifted, LiftError, lift
 from .method import Method
@@ -37,6 +42,7 @@ __all__ = [
     "DenseOutput",
     "Diagnosis",
     "EnsembleSolution",
+    "EnsembleVariationalSolution",
     "Event",
     "LiftError",
     "Lifted",
@@ -49,6 +55,8 @@ __all__ = [
     "Structure",
     "Tableau",
     "TableauError",
+    "VariationalOutput",
+    "VariationalSolution",
     "certify",
     "conditions",
     "construct",
@@ -64,6 +72,8 @@ __all__ = [
     "search",
     "solve_ensemble",
     "solve_ivp",
+    "solve_variational",
+    "solve_variational_ensemble",
 ]
 
 __version__: str

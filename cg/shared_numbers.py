@@ -254,6 +254,29 @@ RECORD = {
 }
 """The record by which Python and the compiled loop over steps speak: names and kinds of entries."""
 
+VARIATION = {
+    # functions in C and their data, 0 for none: then there are differences, or data of the members
+    "f": "address",
+    "f_data": "address",
+    "jac": "address",
+    "jac_data": "address",
+    "df_dp": "address",
+    "df_dp_data": "address",
+    "data": "address",  # of functions in C without any, where there are no parameters
+    "frame": "address",  # the plan of the frame alone
+    "dimension": "integer",
+    "width": "integer",  # numbers of a point without its derivatives
+    "parameters": "integer",
+    # structure constants that aren't zero: i, j, k and the coefficient along E_k of [E_i, E_j]
+    "constants": "integer",
+    "index": "address",
+    "constant": "address",
+    "step": "real",  # of differences, relative
+    "nan": "real",
+    "failed": "integer",  # what failed last: 0 for f, 1 for jac, 2 for df_dp, 3 for products
+}
+"""The record of a right-hand side with derivatives: names and kinds of entries."""
+
 _KINDS = {
     "integer": "integer(c_int64_t)",
     "real": "real(c_double)",
@@ -261,13 +284,13 @@ _KINDS = {
 }
 
 
-def record_type() -> list[str]:
-    """Return the Fortran type of `RECORD`."""
-    lines = ["  type, bind(c) :: record_t"]
-    for name, kind in RECORD.items():
+def record_type(name: str, entries: dict[str, str]) -> list[str]:
+    """Return the Fortran type of a record."""
+    lines = [f"  type, bind(c) :: {name}"]
+    for entry, kind in entries.items():
         zero = "0.0_c_double" if kind == "real" else "0"
-        lines.append(f"    {_KINDS[kind]} :: {name} = {zero}")
-    return [*lines, "  end type record_t"]
+        lines.append(f"    {_KINDS[kind]} :: {entry} = {zero}")
+    return [*lines, f"  end type {name}"]
 
 
 def fortran_module() -> str:
@@ -283,7 +306,8 @@ def fortran_module() -> str:
         for member in enumeration:
             name = member.name.lower() + suffix
             lines.append(f"  integer, parameter :: {name} = {member.value}")
-    return "\n".join([*lines, *record_type(), "end module shared_numbers", ""])
+    lines += record_type("record_t", RECORD) + record_type("variation_t", VARIATION)
+    return "\n".join([*lines, "end module shared_numbers", ""])
 
 
 def c_header() -> str:

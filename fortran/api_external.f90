@@ -50,6 +50,16 @@ subroutine python_field_address(address)
   address = transfer(c_funloc(call_python_field), address)
 end subroutine python_field_address
 
+! The address of the right-hand side of a solution with its derivatives
+subroutine variational_field_address(address)
+  use, intrinsic :: iso_c_binding, only: c_funloc, c_intptr_t
+  use variational, only: variational_field
+  implicit none
+  integer(c_intptr_t), intent(out) :: address
+
+  address = transfer(c_funloc(variational_field), address)
+end subroutine variational_field_address
+
 ! The coefficients of the flows from points x to points y
 subroutine frame_difference(blocks, description, points, x, y, fields, v)
   use coordinates_r64, only: difference

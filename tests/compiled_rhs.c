@@ -123,3 +123,62 @@ int driven(double t, const double *y, double *f, void *user_data)
         f[i] = data[0] * cos(t + i) + data[1] * y[(5 * i + 1) % n];
     return 0;
 }
+
+// A heavy top: its attitude by rows, then its momentum; parameters are three moments of inertia and
+// the weight. With the derivatives along the fields, and by the parameters.
+int top(double t, const double *y, double *f, void *user_data)
+{
+    const double *p = user_data, *m = y + 9;
+    double w[3];
+    (void)t;
+    for (int i = 0; i < 3; i++)
+        f[i] = w[i] = m[i] / p[i];
+    f[3] = m[1] * w[2] - m[2] * w[1] + p[3] * y[7];
+    f[4] = m[2] * w[0] - m[0] * w[2] - p[3] * y[6];
+    f[5] = m[0] * w[1] - m[1] * w[0];
+    return 0;
+}
+
+int top_jac(double t, const double *y, double *jac, void *user_data)
+{
+    const double *p = user_data, *m = y + 9;
+    const double a = 1 / p[0], b = 1 / p[1], c = 1 / p[2];
+    const double rows[6][6] = {
+        {0, 0, 0, a, 0, 0},
+        {0, 0, 0, 0, b, 0},
+        {0, 0, 0, 0, 0, c},
+        {p[3] * y[8], 0, -p[3] * y[6], 0, m[2] * (c - b), m[1] * (c - b)},
+        {0, p[3] * y[8], -p[3] * y[7], m[2] * (a - c), 0, m[0] * (a - c)},
+        {0, 0, 0, m[1] * (b - a), m[0] * (b - a), 0},
+    };
+    (void)t;
+    for (int i = 0; i < 36; i++)
+        jac[i] = rows[i / 6][i % 6];
+    return 0;
+}
+
+int top_df_dp(double t, const double *y, double *df_dp, void *user_data)
+{
+    const double *p = user_data, *m = y + 9;
+    const double a = -m[0] / (p[0] * p[0]), b = -m[1] / (p[1] * p[1]), c = -m[2] / (p[2] * p[2]);
+    const double rows[6][4] = {
+        {a, 0, 0, 0},
+        {0, b, 0, 0},
+        {0, 0, c, 0},
+        {0, -m[2] * b, m[1] * c, y[7]},
+        {m[2] * a, 0, -m[0] * c, -y[6]},
+        {-m[1] * a, m[0] * b, 0, 0},
+    };
+    (void)t;
+    for (int i = 0; i < 24; i++)
+        df_dp[i] = rows[i / 4][i % 4];
+    return 0;
+}
+
+// An event without data of its own, which is given those of the right-hand side
+double level(double t, const double *y, void *user_data)
+{
+    const double *p = user_data;
+    (void)t;
+    return y[8] - 0.2 * p[3];
+}

@@ -22,6 +22,9 @@ FRAMES = {
     "Semidirect": frames.Semidirect(frames.SO(2), 2),
     "Sphere": frames.Sphere(2),
     "Stiefel": frames.Stiefel(3, 2),
+    "Grassmann": frames.Grassmann(3, 2),
+    "Hyperbolic": frames.Hyperbolic(2),
+    "SPD": frames.SPD(2),
     "UnitQuaternion": frames.UnitQuaternion(),
     "Euclidean": frames.Euclidean(3),
     "IsospectralOrbit": frames.IsospectralOrbit((-1.0, 0.25, 1.5)),
@@ -85,6 +88,9 @@ FRAME_EXAMPLES: dict[str, Call] = {
     "frames.Sphere": Call(frames.Sphere, {"n": 2}),
     "frames.Euclidean": Call(frames.Euclidean, {"n": 2}),
     "frames.Stiefel": Call(frames.Stiefel, {"n": 3, "k": 2}),
+    "frames.Grassmann": Call(frames.Grassmann, {"n": 3, "k": 2}),
+    "frames.Hyperbolic": Call(frames.Hyperbolic, {"n": 3}),
+    "frames.SPD": Call(frames.SPD, {"n": 2}),
     "frames.IsospectralOrbit": Call(
         frames.IsospectralOrbit, {"spectrum": (0.0, 1.0), "hermitian": False}
     ),

@@ -8,10 +8,13 @@ from cg.frames import (
     SL,
     SO,
     SO3,
+    SPD,
     SU,
     CoadjointOrbit,
     Euclidean,
     FieldFrame,
+    Grassmann,
+    Hyperbolic,
     IsospectralOrbit,
     MatrixFrame,
     Power,
@@ -90,6 +93,8 @@ COMPACT_SPACES = [
     Sphere(4),
     Stiefel(4, 2),
     Stiefel(3, 3),
+    Grassmann(3, 1),
+    Grassmann(4, 2),
     IsospectralOrbit((-1.0, 0.25, 1.5)),
     IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
     CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)),
@@ -112,6 +117,10 @@ SMALL_EXPONENTS = [
     CoadjointOrbit(SE3(), (0.5, 0.25, -0.5, 0.3, 0.2, 0.1)),
     CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
     CoadjointOrbit(HEISENBERG_CONSTANTS, (0.5, 0.25, 1.5), "space"),
+    SPD(1),
+    SPD(3),
+    Hyperbolic(2),
+    Hyperbolic(4),
     HEISENBERG,
     MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]),
     MatrixFrame([[[0.0, 1j], [1j, 0.0]], [[0.5, 0.0], [0.0, 1j]]], 2),
@@ -143,7 +152,17 @@ FRAMES = [
 LARGEST_SCALE = dict.fromkeys(SMALL_EXPONENTS, 0.3)
 
 # All of the array space, up to a set without interior.
-OPEN = [*FLAT, GL(1), GL(2), GL(3, "body"), HEISENBERG, *SMALL_EXPONENTS[-3:-1]]
+OPEN = [
+    *FLAT,
+    GL(1),
+    GL(2),
+    GL(3, "body"),
+    SPD(1),
+    Hyperbolic(2),
+    Hyperbolic(4),
+    HEISENBERG,
+    *SMALL_EXPONENTS[-3:-1],
+]
 
 
 def name(frame):

@@ -13,7 +13,7 @@ import cg
 from cg.integration.choice import choose_method
 
 DOCS = Path(__file__).parents[1] / "docs"
-SLOW = {"howto/monte_carlo", "howto/schroedinger"}
+SLOW = {"howto/monte_carlo", "howto/optimal_turn", "howto/schroedinger"}
 PAGES = sorted(
     str(path.relative_to(DOCS).with_suffix(""))
     for folder in ("start", "howto", "mathematics")

@@ -237,6 +237,7 @@ def is_named(call, message, called):
 # What calls return, and errors
 RETURNED = {
     *("Certificate", "CompiledFunction", "DenseOutput", "Diagnosis", "Lifted", "Reference"),
+    *("VariationalOutput", "VariationalSolution", "EnsembleVariationalSolution"),
     *("Solution", "EnsembleSolution", "Rows", "Structure", "Frame", "HomogeneousSpace"),
     *(
         "MatrixGroup",
@@ -249,7 +250,7 @@ RETURNED = {
     *("FlowOverflowError", "LiftError", "StepTooLongError", "Product", "exact_weights"),
 }
 # Arguments whose own errors come out as they are
-FUNCTIONS = {"f", "events", "progress", "args"}
+FUNCTIONS = {"f", "jac", "df_dp", "events", "progress", "args"}
 
 # What messages name of an argument that has parts
 PARTS = {

@@ -70,3 +70,28 @@ def test_flows_that_return_no_numbers_are_named(value, good_until):
     assert "the flow of FieldFrame(" in solution.message
     assert "returned NaN or infinity at t = 0" in solution.message
     assert abs(solution.t[-1] - max(good_until, 0.0)) < 1e-12
+
+
+def drifting(restore=None):
+    """A circle whose flow leaves it a little each time."""
+    return FieldFrame(
+        [lambda y: np.array([-y[1], y[0]])],
+        lambda v, y: (1 + 1e-7 * abs(v[0])) * np.array(
+            [np.cos(v[0]) * y[0] - np.sin(v[0]) * y[1], np.sin(v[0]) * y[0] + np.cos(v[0]) * y[1]]
+        ),
+        point_shape=2, membership_error=lambda y: abs(np.hypot(*y) - 1), restore=restore,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_a_solution_that_leaves_the_manifold_is_told(many):
+    def solve(frame):
+        options = {"frame": frame, "method": "CG4a", "h": 0.1}
+        if many:
+            return cg.solve_ensemble(lambda t, y: [1.0], (0, 1), [[1.0, 0.0]] * 2, **options)
+        return cg.solve_ivp(lambda t, y: [1.0], (0, 1), [1.0, 0.0], **options)
+
+    with pytest.warns(UserWarning, match="the solution has left the manifold: .* 1e-08") as told:
+        solve(drifting())
+    assert told[0].filename == __file__
+    solve(drifting(lambda y: y / np.hypot(*y)))

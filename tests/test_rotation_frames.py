@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import cg
 from cg.frames import (
     SE3,
     SO,
@@ -347,3 +348,41 @@ def test_names_that_can_be_told(name):
     for call in (SO3().check_point, Sphere(2).check_point, Euclidean(1).read_points):
         with pytest.raises(TypeError, match="name must be a string that isn't empty, got"):
             call([1.0], name=name)
+
+
+class TestRigidTransforms:
+    @pytest.fixture
+    def transform(self):
+        module = pytest.importorskip("scipy.spatial.transform")
+        if not hasattr(module, "RigidTransform"):
+            pytest.skip("SciPy has none before 1.16")
+        return module.RigidTransform
+
+    @pytest.mark.parametrize("frame", [SE3(), SE3("space")], ids=repr)
+    def test_in_and_out(self, transform, frame):
+        rng = np.random.default_rng(3)
+        poses = frame.random_point(rng, 4)
+        given = transform.from_matrix(poses)
+        np.testing.assert_allclose(frame.read_points(given), poses, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(frame.as_rigid_transform(poses).as_matrix(), poses, atol=1e-15)
+        run = cg.solve_ivp(lambda t, y: np.ones(6), (0, 1), given[0], frame=frame)
+        assert isinstance(frame.as_rigid_transform(run.y), transform)
+
+    def test_components_come_in_the_same_order(self, transform):
+        v = np.array([0.3, -0.2, 0.5, 1.0, 2.0, 3.0])
+        moved = SE3().flow(v, np.eye(4))
+        np.testing.assert_allclose(transform.from_exp_coords(v).as_matrix(), moved, atol=1e-14)
+
+    def test_bad_input(self, transform):
+        with pytest.raises(ValueError, match=r"y must have shape \(..., 4, 4\), got \(3, 3\)"):
+            SE3().as_rigid_transform(np.eye(3))
+        with pytest.raises(ValueError, match="y0 must be an array of real numbers"):
+            cg.solve_ivp(
+                lambda t, y: np.ones(3), (0, 1), transform.identity(), frame=cg.frames.SO3()
+            )
+
+    def test_without_it(self, monkeypatch):
+        module = pytest.importorskip("scipy.spatial.transform")
+        monkeypatch.delattr(module, "RigidTransform", raising=False)
+        with pytest.raises(NotImplementedError, match=r"SciPy 1\.16 or newer"):
+            SE3().as_rigid_transform(np.eye(4))

@@ -5,7 +5,9 @@ from cg.frames.coadjoint import CoadjointOrbit
 from cg.frames.euclidean import Euclidean
 from cg.frames.field_frame import FieldFrame
 from cg.frames.gl import GL
+from cg.frames.grassmann import Grassmann
 from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.hyperbolic import Hyperbolic
 from cg.frames.isospectral import IsospectralOrbit
 from cg.frames.matrix_frame import MatrixFrame
 from cg.frames.matrix_group import MatrixGroup
@@ -19,6 +21,7 @@ from cg.frames.sl import SL
 from cg.frames.so import SO
 from cg.frames.so3 import SO3
 from cg.frames.sp import Sp
+from cg.frames.spd import SPD
 from cg.frames.sphere import Sphere
 from cg.frames.stiefel import Stiefel
 from cg.frames.su import SU
@@ -30,13 +33,16 @@ __all__ = [
     "SL",
     "SO",
     "SO3",
+    "SPD",
     "SU",
     "CoadjointOrbit",
     "Euclidean",
     "FieldFrame",
     "FlowOverflowError",
     "Frame",
+    "Grassmann",
     "HomogeneousSpace",
+    "Hyperbolic",
     "IsospectralOrbit",
     "MatrixFrame",
     "MatrixGroup",

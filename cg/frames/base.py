@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cg.checks import check_generator
 from cg.frames.algebra import FieldAlgebra
 from cg.frames.arrays import (
     Array,
@@ -22,6 +23,7 @@ from cg.frames.arrays import (
     real_array,
 )
 from cg.frames.block_kinds import Blocks
+from cg.frames.checking import problems_of
 from cg.frames.nearby import nearby_coordinates, newton_correction, shortest_coefficients
 
 MEMBERSHIP_TOLERANCE = 1e-8
@@ -406,6 +408,63 @@ class Frame(FieldAlgebra):
             return ""
         whole = name.partition("[")[0]
         return f"; frame.project({whole}) is the nearest point"
+
+    def check(
+        self, *, rng: np.random.Generator | None = None, points: ArrayLike | None = None
+    ) -> None:
+        r"""Check that the members of this frame fit each other, as those of every frame must.
+
+        At random points, and with random coefficients, it compares the flow at zero with the
+        point, flows one after the other along one field with a single one, the flow's derivative
+        with `field` (and so its sense), `exp_coordinates` and `nearby_coordinates` with flows,
+        `bracket` with the commutator of the fields, `dexpinv` with derivatives of flows, and
+        looks whether flows stay on the manifold.  It takes some hundred flows.
+
+        Parameters
+        ----------
+        rng
+            Draws points and coefficients, by default ``numpy.random.default_rng(0)``.
+        points
+            Points to check at, shape ``(count, *point_shape)``, by default three of
+            `random_point`.
+
+        Raises
+        ------
+        ValueError
+            If something doesn't fit; the message tells all of it.  Or if ``points`` aren't points.
+        TypeError
+            If ``rng`` is no generator.
+        NotImplementedError
+            If there are no ``points``, and this frame has no `random_point`.
+
+        Examples
+        --------
+        A flow with the wrong sign would go unnoticed in an integration:
+
+        >>> import numpy as np
+        >>> from cg.frames import FieldFrame
+        >>> frame = FieldFrame(
+        ...     [lambda y: np.array([y[0], -y[1]])],
+        ...     lambda v, y: np.array([y[0] * np.exp(-v[0]), y[1] * np.exp(v[0])]),
+        ...     point_shape=2,
+        ... )
+        >>> try:
+        ...     frame.check()
+        ... except ValueError as error:
+        ...     print(str(error).partition(" (")[0])
+        frame doesn't fit together: flow has the wrong sign: its derivative is -field(v, y)
+        """
+        rng = np.random.default_rng(0) if rng is None else check_generator("rng", rng)
+        if points is None:
+            chosen = self.random_point(rng, 3)
+        else:
+            chosen = self.read_points(points, "points")
+            if chosen.shape[1:] != self.point_shape or len(chosen) == 0:
+                wanted = ", ".join(map(str, ("count", *self.point_shape)))
+                raise ValueError(f"points must have shape ({wanted}), got {chosen.shape}")
+        problems = problems_of(self, chosen, rng)
+        if problems:
+            raise ValueError(f"frame doesn't fit together: {'; '.join(problems)}")
 
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""

@@ -56,8 +56,8 @@ class FieldFrame(UserFrame):
 
     Notes
     -----
-    Functions are called with one point at a time; batches are loops.  Nothing checks that
-    ``flow`` belongs to ``fields``; `field` and `flow` with small ``v`` tell.
+    Functions are called with one point at a time; batches are loops.  `check` tells whether
+    ``flow`` belongs to ``fields``, and whether the others fit; nothing else does.
 
     Examples
     --------

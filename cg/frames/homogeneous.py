@@ -20,8 +20,16 @@ class HomogeneousSpace(Frame):
     the group; usually there are more of them than the manifold has dimensions, and different ones
     may stand for the same tangent.
 
-    A space supplies ``group``, the action ``_act`` and its derivative ``_act_infinitesimally``,
-    ``restore``, and what is abstract in `Frame`.
+    A subclass is a space of one's own.  It supplies
+
+    - ``group``: the `MatrixGroup` that acts, with ``convention="space"``;
+    - ``_act(x, y)``: the point to which the group element ``x`` takes ``y``, for batches;
+    - ``_act_infinitesimally(omega, y)``: the derivative of ``_act(exp(s omega), y)`` by s at zero,
+      where ``omega`` is a matrix of the Lie algebra;
+    - ``restore(y)``: the point without the rounding errors that lead off the manifold;
+    - ``point_shape``, ``membership_error`` and ``random_point``, which are abstract in `Frame`.
+
+    Brackets and dexp⁻¹ are those of the group.  `check` tells whether all of it fits together.
 
     References
     ----------
@@ -30,10 +38,32 @@ class HomogeneousSpace(Frame):
 
     Examples
     --------
-    >>> from cg.frames import Sphere
-    >>> space = Sphere(2)
-    >>> isinstance(space, HomogeneousSpace), space.group
-    (True, SO(3, "space"))
+    Symmetric matrices, moved by rotations that keep their eigenvalues:
+
+    >>> import numpy as np
+    >>> from cg.frames import SO
+    >>> class Symmetric(HomogeneousSpace):
+    ...     group = SO(3, "space")
+    ...     point_shape = (3, 3)
+    ...
+    ...     def _act(self, x, y):
+    ...         return x @ y @ x.mT
+    ...
+    ...     def _act_infinitesimally(self, omega, y):
+    ...         return omega @ y - y @ omega
+    ...
+    ...     def restore(self, y):
+    ...         return 0.5 * (y + y.mT)
+    ...
+    ...     def membership_error(self, y):
+    ...         return np.abs(y - y.mT).max(axis=(-2, -1))
+    ...
+    ...     def random_point(self, rng, size=()):
+    ...         return self.restore(rng.standard_normal((*np.atleast_1d(size).astype(int), 3, 3)))
+    >>> space = Symmetric()
+    >>> space.check()
+    >>> space.flow([np.pi / 2, 0.0, 0.0], np.diag([1.0, 2.0, 3.0])).diagonal().round(12)
+    array([1., 3., 2.])
     """
 
     @property

@@ -367,3 +367,20 @@ def random_unitary(
     q, r = np.linalg.qr(normal)
     diagonal = np.diagonal(r, axis1=-2, axis2=-1)
     return np.asarray(q * (diagonal / np.abs(diagonal))[..., None, :])
+
+
+def eigh_where_finite(matrices: Points) -> tuple[Array, Points]:
+    """Return eigenvalues, increasing, and eigenvectors of symmetric matrices; NaN if not finite.
+
+    Parameters
+    ----------
+    matrices
+        Shape ``(..., n, n)``.
+    """
+    finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
+    safe = np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1]))
+    values, vectors = np.linalg.eigh(safe)
+    return (
+        np.where(finite[..., None], values, np.nan),
+        np.where(finite[..., None, None], vectors, np.nan),
+    )

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
-from cg.frames.arrays import Convention
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.arrays import Convention, Points
 from cg.frames.block_kinds import BlockKind, Blocks, axes_option
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.semidirect import Semidirect
 from cg.frames.so3 import SO3
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RigidTransform
 
 
 @dataclass(frozen=True, repr=False)
@@ -16,7 +23,11 @@ class SE3(Semidirect):
     r"""Poses :math:`\binom{R\;\;p}{0\;\;1}` moved by twists.
 
     The coefficients are the twist :math:`(\omega, v)`: angular velocity first, then linear
-    velocity, :math:`\Omega = \binom{\hat\omega\;\;v}{0\;\;0}`.
+    velocity, :math:`\Omega = \binom{\hat\omega\;\;v}{0\;\;0}`.  That is the order of [1]_ and of
+    ``exp_coords`` of SciPy's ``RigidTransform``; jaxlie has :math:`(v, \omega)`, whose first three
+    components are the last three here.
+
+    Where points are expected, SciPy's ``RigidTransform`` is taken as well.
 
     Parameters
     ----------
@@ -60,3 +71,38 @@ class SE3(Semidirect):
 
     def _blocks(self) -> Blocks | None:
         return ((BlockKind.SE3, 3, axes_option(self.convention)),)
+
+    def read_points(self, value: Any, name: str = "y") -> Points:
+        """Return arrays of numbers, and the matrices of ``RigidTransform`` of SciPy."""
+        # Without the first question SciPy would be imported for every list of numbers.
+        if hasattr(value, "as_exp_coords") and isinstance(value, _rigid_transform()):
+            return np.array(value.as_matrix(), dtype=np.float64, order="C")
+        return super().read_points(value, name)
+
+    def as_rigid_transform(self, y: ArrayLike) -> RigidTransform:
+        """Return points as ``scipy.spatial.transform.RigidTransform``.
+
+        Parameters
+        ----------
+        y
+            Shape ``(4, 4)``, or ``(count, 4, 4)`` for a stack.
+
+        Raises
+        ------
+        ValueError
+            If ``y`` has another shape.
+        NotImplementedError
+            If SciPy has no ``RigidTransform``, as before version 1.16.
+
+        """
+        transform: RigidTransform = _rigid_transform().from_matrix(self._points(y))
+        return transform
+
+
+def _rigid_transform() -> Any:
+    from scipy.spatial import transform
+
+    try:
+        return transform.RigidTransform
+    except AttributeError:
+        raise NotImplementedError("RigidTransform needs SciPy 1.16 or newer") from None

@@ -9,17 +9,29 @@ from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import StepTooLongError
 from cg.integration.step.implicit import ConvergenceError
 from cg.integration.stepper import Stepper
+from cg.integration.variational import (
+    EnsembleVariationalSolution,
+    VariationalOutput,
+    VariationalSolution,
+    solve_variational,
+    solve_variational_ensemble,
+)
 
 __all__ = [
     "CompiledFunction",
     "ConvergenceError",
     "DenseOutput",
     "EnsembleSolution",
+    "EnsembleVariationalSolution",
     "Event",
     "Solution",
     "StepTooLongError",
     "Stepper",
+    "VariationalOutput",
+    "VariationalSolution",
     "integrate",
     "solve_ensemble",
     "solve_ivp",
+    "solve_variational",
+    "solve_variational_ensemble",
 ]

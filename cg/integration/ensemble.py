@@ -6,7 +6,7 @@ import math
 import pickle
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.choice import AUTO
+from cg.integration.ivp import warn_off_manifold
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput, Steps
 from cg.integration.loop.messages import FINISHED, TERMINAL_EVENT, failed_members
 from cg.integration.loop.progress import Progress
@@ -33,7 +34,7 @@ from cg.method import Method
 from cg.runs import ExecutorLike, check_executor, completed
 from cg.shared_numbers import Stop
 
-__all__ = ["solve_ensemble"]
+__all__ = ["solve_ensemble", "solve_members"]
 
 _AT_A_TIME = 1 << 14  # members of one run, so that memory doesn't grow with the ensemble
 
@@ -138,13 +139,36 @@ def solve_ensemble(
         first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
         events=events, breakpoints=breakpoints, stage_solver=stage_solver,
     )  # fmt: skip
+    return solve_members(problem, f, executor, workers, out, progress)
+
+
+def solve_members(
+    problem: Problem,
+    f: Any,
+    executor: ExecutorLike,
+    workers: int | None,
+    out: Any,
+    progress: Callable[[float, float], None] | None,
+) -> EnsembleSolution:
+    """Integrate the members of an ensemble.
+
+    Parameters
+    ----------
+    problem
+        What to integrate.
+    f
+        The right-hand side as the user gave it, for workers in other processes.
+    executor, workers, out, progress
+        As for `solve_ensemble`.
+    """
+    common, h = problem.common, problem.control.h
     if common and problem.event_table().jumps.any():
         raise ValueError("events must have no jumps with common_steps, which all members share")
     if problem.t_eval is None:
         ends = [problem.t0, problem.t1][: 1 + (problem.t0 != problem.t1)]
-        problem = problem._replace(t_eval=np.array(ends))
-    if problem.control.h is not None:
-        steps = equal_steps(problem.control.h, [problem.t0, *problem.stops.tolist()])
+        problem = replace(problem, t_eval=np.array(ends))
+    if h is not None:
+        steps = equal_steps(h, [problem.t0, *problem.stops.tolist()])
         check_grid(problem.plan, h, steps * len(problem.points), 0, problem.dense)
     distributed = executor is not None or workers is not None
     executor, workers = check_executor(executor, workers)
@@ -180,7 +204,7 @@ class _Part:
 def _part(problem: Problem, members: slice) -> Problem:
     if members == slice(0, len(problem.points)):
         return problem
-    return problem._replace(points=problem.points[members], rhs=problem.rhs.part(members))
+    return replace(problem, points=problem.points[members], rhs=problem.rhs.part(members))
 
 
 def _integrate(problem: Problem, watch: Progress | None) -> _Part:
@@ -221,16 +245,17 @@ class _Work:
             self.f, problem.plan.frame, problem.args or None, numbers, problem.rhs.together,
             len(points),
         )  # fmt: skip
-        return _integrate(problem._replace(points=points, rhs=rhs), None)
+        return _integrate(replace(problem, points=points, rhs=rhs), None)
 
     def __getstate__(self) -> dict[str, Any]:
         # by its name each process knows a method once, with what was found out about it
         problem, method = self.problem, self.problem.plan.method
         known = any(own.get(method.name) is method for own in (packaged, munthe_kaas))
         plan = problem.plan.frame, method.name if known else method
-        parts = {name: value for name, value in problem._asdict().items() if name != "plan"}
+        parts = {name: value for name, value in vars(problem).items() if name != "plan"}
         together = problem.rhs.together
-        return {"f": self.f, "plan": plan, "parts": {**parts, "rhs": together, "points": None}}
+        parts |= {"rhs": together, "points": None}
+        return {"f": self.f, "plan": plan, "kind": type(problem), "parts": parts}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         from cg.catalogue import resolve_method
@@ -238,7 +263,7 @@ class _Work:
         frame, method = state["plan"]
         parts = state["parts"]
         parts["rhs"], _ = make_rhs(state["f"], frame, parts["args"] or None, None, parts["rhs"], 1)
-        problem = Problem(plan_of(frame, resolve_method(method)), **parts)
+        problem = state["kind"](plan_of(frame, resolve_method(method)), **parts)
         object.__setattr__(self, "problem", problem)
         object.__setattr__(self, "f", state["f"])
 
@@ -309,6 +334,8 @@ class _Result:
         """Take what some members came to."""
         self._alive = True
         self._y[:, members] = part.y
+        if len(part.y):
+            warn_off_manifold(self._problem.plan, part.y[-1], stacklevel=5)
         self._reached[members] = part.reached
         self._status[members] = part.status
         self._counts[members] = part.counts

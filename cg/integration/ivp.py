@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.frames.base import Frame
+from cg.frames.arrays import Points
+from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.integration.arguments import check_count, check_grid, equal_steps
 from cg.integration.choice import AUTO
 from cg.integration.loop.dense import DenseOutput
-from cg.integration.loop.messages import FINISHED, MANY_REJECTIONS, TERMINAL_EVENT
+from cg.integration.loop.messages import FINISHED, LEFT_MANIFOLD, MANY_REJECTIONS, TERMINAL_EVENT
 from cg.integration.loop.progress import Progress
 from cg.integration.loop.run import COUNTS, Output, Run
 from cg.integration.problem import Problem, make_problem
@@ -24,10 +25,11 @@ from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.step.plan import Plan
 from cg.method import Method
 from cg.shared_numbers import Stop
 
-__all__ = ["integrate", "solve_ivp"]
+__all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
 
 _REJECTIONS = 1000
 
@@ -142,7 +144,8 @@ def solve_ivp(
     -----
     UserWarning
         If ``rtol`` is too small to be attained, and is raised; or if thousands of steps are
-        rejected, as happens where ``f`` has kinks that aren't named as ``breakpoints``.
+        rejected, as happens where ``f`` has kinks that aren't named as ``breakpoints``; or if the
+        last point is off the manifold, as may happen with a frame of your own.
 
     Examples
     --------
@@ -168,8 +171,8 @@ def solve_ivp(
     )  # fmt: skip
     every = int(problem.t_eval is None)
     if h is not None:
-        check_grid(problem.plan, h, _grid_steps(problem), every, problem.dense)
-    return _solve(problem, every, Progress(progress, problem.t0, problem.t1))
+        check_grid(problem.plan, h, grid_steps(problem), every, problem.dense)
+    return solve_one(problem, every, Progress(progress, problem.t0, problem.t1))
 
 
 def integrate(
@@ -278,23 +281,34 @@ def integrate(
         stage_solver=stage_solver,
     )  # fmt: skip
     every = min(check_count(save_every, "save_every"), 2**62)
-    check_grid(problem.plan, h, _grid_steps(problem), every, False)
-    return _solve(problem, every, Progress(progress, problem.t0, problem.t1))
+    check_grid(problem.plan, h, grid_steps(problem), every, False)
+    return solve_one(problem, every, Progress(progress, problem.t0, problem.t1))
 
 
-def _grid_steps(problem: Problem) -> int:
+def grid_steps(problem: Problem) -> int:
+    """Return the number of equal steps of a problem; ValueError if there are too many."""
     assert problem.control.h is not None
     return equal_steps(problem.control.h, [problem.t0, *problem.stops.tolist()])
 
 
-def _solve(problem: Problem, every: int, watch: Progress) -> Solution:
-    """Integrate one point."""
+def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
+    """Integrate one point.
+
+    Parameters
+    ----------
+    problem
+        What to integrate.
+    every
+        How many steps there are between those whose ends are kept.
+    watch
+        Is told how far the integration has come.
+    """
     plan = problem.plan
     times, y, capacity = problem.t_eval, None, 0
     if times is not None:
         y = np.empty((len(times), 1, plan.width))
     elif problem.control.h is not None and problem.events is None:
-        capacity = _grid_steps(problem) // every + len(problem.stops) + 2
+        capacity = grid_steps(problem) // every + len(problem.stops) + 2
     table = problem.event_table() if problem.events is not None else None
     run = problem.run(
         Output(times, every if times is None else 0, problem.dense, y, capacity), table
@@ -312,6 +326,7 @@ def _solve(problem: Problem, every: int, watch: Progress) -> Solution:
     counts = dict(zip(COUNTS, run.counts[0].tolist(), strict=True))
     if counts["nrejected"] >= _REJECTIONS and 2 * counts["nrejected"] > counts["steps"]:
         warnings.warn(MANY_REJECTIONS.format(**counts), stacklevel=3)
+    warn_off_manifold(plan, plan.points(run.end, (1,)), stacklevel=4)
     return Solution(
         t=t,
         y=points,
@@ -325,6 +340,15 @@ def _solve(problem: Problem, every: int, watch: Progress) -> Solution:
         frame=plan.frame,
         h=problem.control.h,
     )
+
+
+def warn_off_manifold(plan: Plan, points: Points, stacklevel: int) -> None:
+    """Warn if last points of solutions, those that are finite, are off the manifold."""
+    finite = np.isfinite(points).reshape(len(points), -1).all(axis=1)
+    distance = plan.distance_off(points if finite.all() else points[finite])
+    if distance is not None:
+        text = LEFT_MANIFOLD.format(distance=distance, tolerance=MEMBERSHIP_TOLERANCE)
+        warnings.warn(text, stacklevel=stacklevel)
 
 
 def _status(run: Run) -> tuple[int, str]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, cast
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, cast
 
 from numpy.typing import ArrayLike
 
@@ -38,7 +40,8 @@ from cg.pairs import check_order, check_pair
 __all__ = ["Problem", "make_control", "make_problem", "make_rhs"]
 
 
-class Problem(NamedTuple):
+@dataclass(eq=False)
+class Problem:
     """An integration of one point or of the members of an ensemble.
 
     Attributes
@@ -87,16 +90,20 @@ class Problem(NamedTuple):
         """Final time."""
         return float(self.stops[-1])
 
-    def event_table(self) -> EventTable:
-        """Return the events with their further arguments."""
+    def arguments(self) -> Callable[[int], tuple[Any, ...]]:
+        """Return the function that gives a member's further arguments of the events."""
         rhs = self.rhs
         if isinstance(rhs, PythonRhs):
-            return EventTable(self.events, self.plan.frame, rhs.arguments)
+            return rhs.arguments
         numbers = rhs.parameters
         if numbers is None:
-            return EventTable(self.events, self.plan.frame, lambda _: self.args)
+            return lambda _: self.args
         rows = numbers.reshape(len(self.points), -1)
-        return EventTable(self.events, self.plan.frame, lambda member: (*self.args, rows[member]))
+        return lambda member: (*self.args, rows[member])
+
+    def event_table(self) -> EventTable:
+        """Return the events with their further arguments."""
+        return EventTable(self.events, self.plan.frame, self.arguments())
 
     def run(self, output: Output, table: EventTable | None) -> Run:
         """Return the run of all members."""
@@ -125,7 +132,7 @@ def make_rhs(
         if not callable(f):
             raise TypeError(f"f must be callable as f(t, y), got {f!r}")
         return PythonRhs(cast(Coefficients, f), frame, extra, numbers, together), extra
-    if extra:
+    if extra and not compiled.knows_args:
         raise ValueError(f"args must be None for a compiled f, got {args!r}")
     if together:
         raise ValueError("vectorized must be False for a compiled f, which takes one point")

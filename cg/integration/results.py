@@ -19,10 +19,9 @@ class _ReadOnly:
     """Keeps arrays that are read-only so in copies."""
 
     def __getstate__(self) -> dict[str, Any]:
-        arrays = {name: value for name, value in vars(self).items() if name in ("t", "y")}
         fixed = [
             name
-            for name, value in arrays.items()
+            for name, value in vars(self).items()
             if isinstance(value, np.ndarray) and not value.flags.writeable
         ]
         return {**vars(self), "fixed": fixed}
@@ -114,7 +113,7 @@ class Solution(_ReadOnly):
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
         return (
-            f"Solution(t={times}, status={self.status}, steps={self.steps}, "
+            f"{type(self).__name__}(t={times}, status={self.status}, steps={self.steps}, "
             f"nrejected={self.nrejected}, nfev={self.nfev}, nexp={self.nexp})"
         )
 
@@ -184,7 +183,7 @@ class EnsembleSolution(_ReadOnly):
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
         return (
-            f"EnsembleSolution(t={times}, members={len(self)}, success={self.success}, "
+            f"{type(self).__name__}(t={times}, members={len(self)}, success={self.success}, "
             f"steps={int(self.steps.sum())}, nfev={int(self.nfev.sum())})"
         )
 

@@ -10,7 +10,9 @@ from cg.integration.rhs.python import StageOverflowError, StepTooLongError
 from cg.shared_numbers import Stop
 
 __all__ = [
+    "DERIVATIVES",
     "FINISHED",
+    "LEFT_MANIFOLD",
     "MANY_REJECTIONS",
     "TERMINAL_EVENT",
     "failed_members",
@@ -22,14 +24,22 @@ __all__ = [
 ]
 
 FINISHED = "The end of t_span was reached."
+LEFT_MANIFOLD = (
+    "the solution has left the manifold: its relative distance at the end is {distance:.3g}, more "
+    "than {tolerance:.3g}; a restore of the frame would keep it there, and frame.check() tells "
+    "whether its flows do"
+)
 MANY_REJECTIONS = (
     "{nrejected} steps were rejected beside {steps} accepted ones: if f has kinks or jumps at "
     "known times, name them as breakpoints"
 )
+DERIVATIVES = "derivatives of the solution"
 TERMINAL_EVENT = "A terminal event ended the integration."
 
 
-def failure(stop: Stop, flag: int, t: float, slope: Array | None = None) -> Exception:
+def failure(
+    stop: Stop, flag: int, t: float, slope: Array | None = None, name: str = "f"
+) -> Exception:
     """Return the exception for an integration that ``f`` or its numbers ended.
 
     Parameters
@@ -42,14 +52,18 @@ def failure(stop: Stop, flag: int, t: float, slope: Array | None = None) -> Exce
         When.
     slope
         The initial coefficients, where they are the reason.
+    name
+        The function that failed.
     """
     where = f"at t = {t:.17g}"
     found: Exception = MemoryError("there is not enough memory for the stages of one step")
     match stop:
         case Stop.STOPPED_BY_FIELD:
-            found = RuntimeError(f"f returned the error code {flag} {where}")
+            found = RuntimeError(f"{name} returned the error code {flag} {where}")
+        case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
+            found = OverflowError(f"{name} exceed the range of floating point {where}")
         case Stop.FIELD_NOT_FINITE:
-            found = ValueError(f"f must return finite numbers, and all of them, {where}")
+            found = ValueError(f"{name} must return finite numbers, and all of them, {where}")
         case Stop.STAGE_NOT_FINITE:
             found = StageOverflowError(f"a stage is no longer finite {where}")
         case Stop.STEP_TOO_LONG:

@@ -391,7 +391,7 @@ class Run:
                 return failure(stop, 0, t, self.rhs.at_member(member, t, point))
             case Stop.STAGE_NOT_FINITE if self.callbacks.trouble is not None:
                 return StageOverflowError(str(self.callbacks.trouble))
-        return failure(stop, int(self.flag[member]), t)
+        return failure(stop, int(self.flag[member]), t, name=self.rhs.name)
 
     def _why_no_step(self, member: int, t: float) -> str:
         """Return what to say where no step is small enough."""

@@ -83,6 +83,14 @@ class CompiledRhs:
     together = False
     """Whether it takes points of several members at a time."""
 
+    knows_args = False
+    """Whether it has the further arguments already."""
+
+    @property
+    def name(self) -> str:
+        """What to call it in an error message."""
+        return "f"
+
     def addresses(self) -> tuple[int, int, int]:
         """Return addresses of the function and of the first member's data, and their distance."""
         distance = 0 if self.parameters is None else 8 * self.parameters.shape[-1]
@@ -136,7 +144,7 @@ class CompiledRhs:
         return coefficients.reshape(*batch, self.frame.dim)
 
 
-def compiled_rhs(f: Any) -> CompiledRhs | None:
+def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
     """Return what the compiled integrator needs of ``f``, or None if it is no compiled function.
 
     Parameters
@@ -145,6 +153,8 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
         A `cg.CompiledFunction`, a `scipy.LowLevelCallable`, a function pointer of ctypes with
         its types set, or a ``numba.cfunc``, of the signature ``int (double t, const double *y,
         double *f, void *user_data)``.
+    name
+        What to call it in an error message.
 
     Returns
     -------
@@ -159,11 +169,11 @@ def compiled_rhs(f: Any) -> CompiledRhs | None:
         return f
     if isinstance(f, CompiledFunction):
         return CompiledRhs(f, f.address, f.data_address)
-    source = _low_level(f, "f", SIGNATURE)
+    source = _low_level(f, name, SIGNATURE)
     if source is None:
         return None
     if not _fits(source.signature, SIGNATURE):
-        raise ValueError(f"f must have the signature {SIGNATURE!r}, got {source.signature!r}")
+        raise ValueError(f"{name} must have the signature {SIGNATURE!r}, got {source.signature!r}")
     reads_numbers = _words(source.signature).endswith(",double*)")
     return CompiledRhs((f, source), *_addresses(source), reads_numbers=reads_numbers)
 

@@ -90,7 +90,7 @@ class Event:
             )
         try:
             direction = float(self.direction)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             direction = math.nan
         if math.isnan(direction):
             raise ValueError(f"{name}.direction must be a number, got {self.direction!r}")
@@ -131,7 +131,7 @@ class EventTable:
         else:
             raise TypeError(f"events must be a function or a sequence of them, got {events!r}")
         self.frame = frame
-        self._arguments = arguments
+        self.arguments = arguments
         self.events = [_as_event(event) for event in given]
         checked = [event._check(f"events[{i}]") for i, event in enumerate(self.events)]
         self.most = np.array([most for most, _ in checked], dtype=np.int64)
@@ -154,8 +154,12 @@ class EventTable:
 
     def value(self, index: int, member: int, t: float, y: Points) -> list[float]:
         """Return the value of a function, after checking it."""
+        return [self.value_with(index, t, y, self.arguments(member))]
+
+    def value_with(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
+        """Return the value of a function of Python for any further arguments."""
         y.flags.writeable = False
-        raw = self.events[index].function(t, y, *self._arguments(member))
+        raw = self.events[index].function(t, y, *arguments)
         name = f"events[{index}]"
         if isinstance(raw, bool | np.bool_) or getattr(raw, "dtype", None) == np.bool_:
             raise ValueError(
@@ -173,14 +177,18 @@ class EventTable:
             ) from error
         if not math.isfinite(value):
             raise ValueError(f"{name} must return a finite number, got {value} at t = {t:.17g}")
-        return [value]
+        return value
 
     def jump(self, index: int, member: int, t: float, y: Points) -> Points:
         """Return the point after a jump, after checking it."""
+        return self.jump_with(index, t, y, self.arguments(member))
+
+    def jump_with(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
+        """Return the point after a jump for any further arguments."""
         y.flags.writeable = False
         jump = self.events[index].jump
         assert jump is not None
-        raw = jump(t, y, *self._arguments(member))
+        raw = jump(t, y, *arguments)
         try:
             return self.frame.check_point(raw, name=f"events[{index}].jump(t, y)")
         except (TypeError, ValueError) as error:

@@ -92,6 +92,9 @@ class PythonRhs:
         self._spare = [None]
         self.set_args(args)
 
+    name = "f"
+    """What to call it in an error message."""
+
     def set_args(self, args: tuple[Any, ...]) -> None:
         """Take other further arguments."""
         self.args = args

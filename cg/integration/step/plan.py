@@ -144,6 +144,17 @@ class Plan:
         bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
         return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
 
+    def distance_off(self, points: Points) -> float | None:
+        """Return how far off the manifold the worst of finite points is, None if it isn't far.
+
+        Infinite distances don't count: they are those of regular matrices without digits of that.
+        """
+        if len(points) == 0 or self.certainly_on(points):
+            return None
+        distances = self.frame.relative_error(points)
+        distance = float(distances[np.isfinite(distances)].max(initial=0.0))
+        return distance if distance > MEMBERSHIP_TOLERANCE else None
+
     def doubles(self, points: Points) -> Array:
         """Return points as rows of doubles, shape ``(n, width)``."""
         rows = np.ascontiguousarray(points, dtype=self.dtype)

@@ -1,0 +1,119 @@
+"""Grassmann manifolds: subspaces of R^n."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.matrix_functions import eigh_where_finite, random_unitary
+from cg.frames.matrix_group import MatrixGroup
+from cg.frames.so import SO
+
+
+@dataclass(frozen=True, repr=False)
+class Grassmann(HomogeneousSpace):
+    r"""Subspaces of dimension k of :math:`R^n`, moved by SO(n).
+
+    A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
+    k; for a basis of orthonormal columns it is ``basis @ basis.T``, whichever basis it is.  Its
+    field is :math:`P' = \Omega(v) P - P\,\Omega(v)`, with the coefficients of `SO`.
+
+    Parameters
+    ----------
+    n
+        Dimension of the space around, at least 2.
+    k
+        Dimension of the subspaces, from 1 to ``n - 1``.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` or ``k`` is impossible.
+
+    Notes
+    -----
+    The flow is :math:`e^\Omega P e^{-\Omega}`, and a last step :math:`3 P^2 - 2 P^3` towards the
+    projectors, which removes rounding errors [1]_.  `distance` is the root of the sum of the
+    squares of the principal angles.
+
+    References
+    ----------
+    .. [1] R. McWeeny, "Some recent advances in density matrix theory", Rev. Mod. Phys. 32 (1960),
+       335-369.
+
+    Examples
+    --------
+    The plane of the first two axes turns about the first one.
+
+    >>> import numpy as np
+    >>> frame = Grassmann(3, 2)
+    >>> frame.flow([np.pi / 2, 0.0, 0.0], np.diag([1.0, 1.0, 0.0])).round(12) + 0.0
+    array([[1., 0., 0.],
+           [0., 0., 0.],
+           [0., 0., 1.]])
+    """
+
+    n: int
+    k: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "n", check_size(self.n, 2))
+        object.__setattr__(self, "k", check_size(self.k, name="k"))
+        if self.k >= self.n:
+            raise ValueError(f"k must be less than n = {self.n}, got {self.k!r}")
+
+    @cached_property
+    def group(self) -> MatrixGroup:
+        """The rotations of the space around."""
+        return SO(self.n, "space")
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """The shape ``(n, n)``."""
+        return (self.n, self.n)
+
+    def _act(self, x: Points, y: Points) -> Points:
+        return np.asarray(x @ y @ x.mT)
+
+    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
+        return np.asarray(omega @ y - y @ omega)
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after a step towards the projectors."""
+        symmetric = 0.5 * (y + y.mT)
+        square = symmetric @ symmetric
+        return np.asarray(3.0 * square - 2.0 * square @ symmetric)
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the distance of the eigenvalues from those of a projector, or the asymmetry."""
+        point = self._points(y)
+        wanted = np.repeat([0.0, 1.0], [self.n - self.k, self.k])
+        with np.errstate(invalid="ignore"):
+            off = np.abs(eigh_where_finite(0.5 * (point + point.mT))[0] - wanted).max(axis=-1)
+            asymmetry = 0.5 * np.abs(point - point.mT).max(axis=(-2, -1))
+        return np.asarray(np.maximum(off, asymmetry))
+
+    def _project(self, y: Points) -> Points:
+        values, vectors = np.linalg.eigh(0.5 * (y + y.mT))
+        basis = vectors[..., self.n - self.k :]
+        unique = values[..., self.n - self.k] > values[..., self.n - self.k - 1]
+        return np.where(unique[..., None, None], basis @ basis.mT, np.nan)
+
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return the root of the sum of the squared principal angles, shape ``(...)``."""
+        with np.errstate(invalid="ignore"):
+            difference = self._points(x, "x") - self._points(y)
+        # pairs of eigenvalues, plus and minus the sines of the angles
+        sines = eigh_where_finite(difference)[0][..., -min(self.k, self.n - self.k) :]
+        return np.asarray(np.linalg.norm(np.arcsin(np.clip(sines, 0.0, 1.0)), axis=-1))
+
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
+        """Return subspaces uniform under rotations, shape ``(*size, n, n)``."""
+        size = check_random(rng, size)
+        basis = random_unitary(rng, (*size, self.n, self.k))
+        return self.restore(basis @ basis.mT)

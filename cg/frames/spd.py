@@ -1,0 +1,113 @@
+"""Symmetric positive definite matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.gl import GL
+from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.matrix_functions import eigh_where_finite
+from cg.frames.matrix_group import MatrixGroup
+
+
+@dataclass(frozen=True, repr=False)
+class SPD(HomogeneousSpace):
+    r"""Symmetric positive definite matrices, such as covariances, moved by congruences.
+
+    GL(n) acts by :math:`y \mapsto g\,y\,g^T`, so that :math:`y' = \Omega(v)\,y + y\,\Omega(v)^T`,
+    and the flow is :math:`e^\Omega y\, e^{\Omega^T}`: positive definite whatever the step.  The
+    coefficients are the entries of :math:`\Omega`, those of `GL`.
+
+    Parameters
+    ----------
+    n
+        Number of rows.
+
+    Raises
+    ------
+    ValueError
+        If ``n`` isn't a positive integer.
+
+    Notes
+    -----
+    `distance` is that of the metric which all congruences keep, the root of the sum of
+    :math:`\ln^2 \lambda_i` over the eigenvalues of :math:`x^{-1} y` [1]_.
+
+    References
+    ----------
+    .. [1] X. Pennec, P. Fillard, N. Ayache, "A Riemannian framework for tensor computing", Int. J.
+       Comput. Vision 66 (2006), 41-66.
+
+    Examples
+    --------
+    A covariance that grows along one axis:
+
+    >>> import numpy as np
+    >>> SPD(2).flow([np.log(2.0), 0.0, 0.0, 0.0], np.eye(2))
+    array([[4., 0.],
+           [0., 1.]])
+    """
+
+    n: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "n", check_size(self.n))
+
+    @cached_property
+    def group(self) -> MatrixGroup:
+        """All regular matrices."""
+        return GL(self.n, "space")
+
+    @property
+    def point_shape(self) -> tuple[int, ...]:
+        """The shape ``(n, n)``."""
+        return (self.n, self.n)
+
+    def _act(self, x: Points, y: Points) -> Points:
+        return np.asarray(x @ y @ x.mT)
+
+    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
+        product = omega @ y
+        return np.asarray(product + product.mT)
+
+    def restore(self, y: Points) -> Points:
+        """Return the symmetric part of ``y``."""
+        return np.asarray(0.5 * (y + y.mT))
+
+    def membership_error(self, y: ArrayLike) -> Array:
+        """Return the largest asymmetry or, if it is larger, how far an eigenvalue is below zero."""
+        point = self._points(y)
+        with np.errstate(invalid="ignore"):
+            lowest = eigh_where_finite(self.restore(point))[0][..., 0]
+            asymmetry = np.abs(point - point.mT).max(axis=(-2, -1))
+        return np.asarray(np.maximum(asymmetry, -lowest))
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the membership error relative to the largest entry, shape ``(...)``."""
+        size = np.abs(self._points(y)).max(axis=(-2, -1))
+        return np.asarray(self.membership_error(y) / np.where(size > 0.0, size, 1.0))
+
+    def _project(self, y: Points) -> Points:
+        return self.restore(y)
+
+    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return the distance that congruences keep, shape ``(...)``; NaN for other matrices."""
+        start, end = np.broadcast_arrays(self._points(x, "x"), self._points(y))
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            values, vectors = eigh_where_finite(start)
+            scaled = vectors / np.sqrt(values)[..., None, :]
+            # of the difference, so that nearby points lose no digits
+            change = scaled.mT @ (end - start) @ scaled
+            ratios, _ = eigh_where_finite(0.5 * (change + change.mT))
+            return np.asarray(np.linalg.norm(np.log1p(ratios), axis=-1))
+
+    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
+        """Return matrices with normal factors, and eigenvalues of at least 1/4."""
+        size = check_random(rng, size)
+        factor = rng.standard_normal((*size, self.n, self.n)) / np.sqrt(self.n)
+        return self.restore(factor @ factor.mT + 0.25 * np.eye(self.n))

@@ -1,0 +1,218 @@
+"""Solutions with their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.arrays import Array, Points
+from cg.integration.loop.dense import DenseOutput, EnsembleOutput
+from cg.integration.results import EnsembleSolution, Solution
+from cg.integration.variational.field import VariationalField
+
+__all__ = [
+    "EnsembleVariationalOutput",
+    "EnsembleVariationalSolution",
+    "VariationalOutput",
+    "VariationalSolution",
+    "parts_of",
+]
+
+
+def parts_of(z: Array, variational: VariationalField, covariance: Array | None) -> dict[str, Any]:
+    """Return the fields of a result that come from points with derivatives.
+
+    Parameters
+    ----------
+    z
+        Shape ``(..., *product shape)``.
+    variational
+        The right-hand side.
+    covariance
+        That of the initial coordinates, shape ``(n, n)``, or ``(members, n, n)`` if the members
+        are the last of the leading axes; or None.
+    """
+    y, x = variational.split(z)
+    n = variational.frame.dim
+    transition = np.ascontiguousarray(x[..., :n])
+    parts: dict[str, Any] = {
+        "y": np.ascontiguousarray(y),
+        "transition": transition,
+        "sensitivity": np.ascontiguousarray(x[..., n:]) if variational.count else None,
+        "covariance": None if covariance is None else transition @ covariance @ transition.mT,
+    }
+    for array in parts.values():
+        if array is not None:
+            array.flags.writeable = False
+    return parts
+
+
+class VariationalOutput(DenseOutput):
+    """A solution and its derivatives as functions of time.
+
+    Attributes
+    ----------
+    ts
+        The times of the steps, shape ``(steps + 1,)``, read-only.
+    t_min, t_max
+        Between which times there is a solution.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> run = cg.solve_variational(
+    ...     lambda t, y: [np.sin(t), 0.0, y[0, 0]], (0, 5), np.eye(3), frame=cg.frames.SO3(),
+    ...     dense_output=True,
+    ... )
+    >>> run.sol([1.0, 2.0]).shape, run.sol.transition([1.0, 2.0]).shape
+    ((2, 3, 3), (2, 3, 3))
+    """
+
+    def __init__(
+        self, output: DenseOutput, variational: VariationalField, covariance: Array | None
+    ) -> None:
+        self._output: DenseOutput = output
+        self._field = variational
+        self._covariance = covariance
+        self.ts, self.t_min, self.t_max = output.ts, output.t_min, output.t_max
+
+    def __repr__(self) -> str:
+        return f"Variational{self._output!r}"
+
+    def __call__(self, t: ArrayLike) -> Points:
+        """Return the solution at times, shape ``(*t.shape, *point_shape)``."""
+        points: Points = self._parts(t)["y"]
+        return points
+
+    def transition(self, t: ArrayLike) -> Array:
+        """Return transition matrices, shape ``(*t.shape, dim, dim)``."""
+        matrices: Array = self._parts(t)["transition"]
+        return matrices
+
+    def sensitivity(self, t: ArrayLike) -> Array | None:
+        """Return derivatives by parameters, shape ``(*t.shape, dim, k)``; None without any."""
+        matrices: Array | None = self._parts(t)["sensitivity"]
+        return matrices
+
+    def covariance(self, t: ArrayLike) -> Array | None:
+        """Return covariances, shape ``(*t.shape, dim, dim)``; None without ``P0``."""
+        matrices: Array | None = self._parts(t)["covariance"]
+        return matrices
+
+    def _parts(self, t: ArrayLike) -> dict[str, Any]:
+        return parts_of(self._output(t), self._field, self._covariance)
+
+
+class EnsembleVariationalOutput(VariationalOutput, EnsembleOutput):
+    """The solutions of the members of an ensemble, and their derivatives, as functions of time.
+
+    The members are the axis after those of the times; ``output[i]`` is the `VariationalOutput` of
+    a member.
+    """
+
+    def __getitem__(self, member: int) -> VariationalOutput:
+        output, covariance = self._output, self._covariance
+        assert isinstance(output, EnsembleOutput)
+        if covariance is not None and covariance.ndim > 2:
+            covariance = covariance[member]
+        return VariationalOutput(output[member], self._field, covariance)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class VariationalSolution(Solution):
+    """What `cg.solve_variational` returns: a `Solution` with its derivatives.
+
+    The derivative of ``y[i]`` with respect to a number has coordinates ``xi`` in the frame if it is
+    the tangent ``frame.field(xi, y[i])``.
+
+    Attributes
+    ----------
+    transition
+        Derivatives of the coordinates of ``y`` with respect to those of ``y0``, shape
+        ``(times, dim, dim)``, read-only.
+    sensitivity
+        The same with respect to the parameters, shape ``(times, dim, k)``, or None without any.
+    covariance
+        ``transition @ P0 @ transition.T`` at each time, shape ``(times, dim, dim)``, or None
+        without ``P0``.
+    dt_events
+        For each event the derivatives of its times with respect to the coordinates of ``y0``, then
+        the parameters, shape ``(n_i, dim + k)``, or None without events.
+    sol
+        A continuous solution, which is a function of time as `DenseOutput` is and has the methods
+        ``transition``, ``sensitivity`` and ``covariance``; or None unless asked for.
+
+    Examples
+    --------
+    A body makes half a turn about its z axis: small errors in body axes turn against it.
+
+    >>> import numpy as np
+    >>> import cg
+    >>> run = cg.solve_variational(
+    ...     lambda t, y, rate: [0.0, 0.0, rate[0]], (0, np.pi), np.eye(3), frame=cg.frames.SO3(),
+    ...     parameters=[1.0], P0=np.diag([1e-4, 4e-4, 1e-4]), rtol=1e-9, atol=1e-9,
+    ...     control_derivatives=True,
+    ... )
+    >>> run.transition[-1].round(9) + 0.0
+    array([[-1.,  0.,  0.],
+           [ 0., -1.,  0.],
+           [ 0.,  0.,  1.]])
+    >>> run.sensitivity[-1].ravel().round(6) + 0.0
+    array([0.      , 0.      , 3.141593])
+    """
+
+    transition: Array = field(kw_only=True)
+    sensitivity: Array | None = field(kw_only=True)
+    covariance: Array | None = field(kw_only=True)
+    dt_events: list[Array] | None = field(kw_only=True)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EnsembleVariationalSolution(EnsembleSolution):
+    """What `cg.solve_variational_ensemble` returns: an `EnsembleSolution` with derivatives.
+
+    ``solution[i]`` is the `VariationalSolution` of a member.
+
+    Attributes
+    ----------
+    transition, sensitivity, covariance
+        As those of `VariationalSolution`, with the members as second axis; NaN at times that a
+        member didn't reach.
+    dt_events
+        For each event a list of the members' arrays, or None without events.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> run = cg.solve_variational_ensemble(
+    ...     lambda t, y, rate: [0.0, np.sin(t), rate[0]], (0, 5), np.eye(3),
+    ...     frame=cg.frames.SO3(), parameters=[[0.5], [1.0]], t_eval=[0, 2.5, 5],
+    ... )
+    >>> run.transition.shape, run[1].sensitivity.shape
+    ((3, 2, 3, 3), (3, 3, 1))
+    """
+
+    transition: Array = field(kw_only=True)
+    sensitivity: Array | None = field(kw_only=True)
+    covariance: Array | None = field(kw_only=True)
+    dt_events: list[list[Array]] | None = field(kw_only=True)
+
+    def __getitem__(self, member: int) -> VariationalSolution:
+        own = super().__getitem__(member)
+        member = range(len(self))[member]
+        reached = len(own.t)
+        arrays: dict[str, Any] = {
+            name: None if array is None else array[:reached, member]
+            for name, array in (
+                ("transition", self.transition),
+                ("sensitivity", self.sensitivity),
+                ("covariance", self.covariance),
+            )
+        }
+        rows = None if self.dt_events is None else [each[member] for each in self.dt_events]
+        return VariationalSolution(**vars(own), **arrays, dt_events=rows)

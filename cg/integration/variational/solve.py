@@ -1,0 +1,303 @@
+"""Initial value problems with the derivatives of their solutions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import LowLevelCallable
+
+from cg.checks import check_flag
+from cg.frames.arrays import Array
+from cg.frames.base import Frame
+from cg.integration.arguments import check_grid
+from cg.integration.choice import AUTO
+from cg.integration.ensemble import solve_members
+from cg.integration.ivp import grid_steps, solve_one
+from cg.integration.loop.progress import Progress
+from cg.integration.problem import make_problem
+from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.python import Coefficients
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
+from cg.integration.variational.problem import (
+    VariationalProblem,
+    add_derivatives,
+    check_covariance,
+)
+from cg.integration.variational.results import (
+    EnsembleVariationalOutput,
+    EnsembleVariationalSolution,
+    VariationalOutput,
+    VariationalSolution,
+    parts_of,
+)
+from cg.method import Method
+from cg.runs import ExecutorLike
+
+__all__ = ["solve_variational", "solve_variational_ensemble"]
+
+Function = Callable[..., ArrayLike] | CompiledFunction | LowLevelCallable[Any, Any]
+
+
+def solve_variational(
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    frame: Frame,
+    jac: Function | None = None,
+    df_dp: Function | None = None,
+    parameters: ArrayLike | None = None,
+    P0: ArrayLike | None = None,
+    control_derivatives: bool = False,
+    method: str | Method = AUTO,
+    h: float | None = None,
+    rtol: float | None = None,
+    atol: ArrayLike | None = None,
+    t_eval: ArrayLike | None = None,
+    dense_output: bool = False,
+    events: Any = None,
+    breakpoints: ArrayLike | None = None,
+    max_step: float = math.inf,
+    first_step: float | None = None,
+    max_steps: int | None = None,
+    args: Iterable[Any] | None = None,
+    stage_solver: str = DEFAULT_STAGE_SOLVER,
+    progress: Callable[[float, float], None] | None = None,
+) -> VariationalSolution:
+    r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)` together with the derivatives of the solution.
+
+    A derivative of the solution is a tangent :math:`\sum_i \xi_i E_i(y)`, and its coordinates
+    :math:`\xi` move with the solution by the variational equation
+
+    .. math:: \xi' = \frac{\partial f}{\partial y} \xi + [f, \xi] ,
+
+    where the first term is the derivative of f along the frame's fields and the bracket is that of
+    `Frame.bracket`: :math:`\xi' = Df\,\xi - f \times \xi` for rotations in body axes,
+    :math:`Df\,\xi + f \times \xi` in axes of space [1]_.  The columns of the transition matrix are
+    its solutions from unit vectors; a parameter adds the derivative of f with respect to it.
+
+    Parameters
+    ----------
+    f, t_span, y0, frame
+        As for `cg.solve_ivp`.
+    jac
+        ``jac(t, y, *args)`` returns shape ``(dim, dim)``: entry ``[i, j]`` is the derivative of
+        ``f[i]`` along the frame's field j, that of ``f(t, frame.flow(s * e_j, y))[i]`` by s at
+        zero.  It has the same further arguments as ``f``, and may be compiled as ``f`` may; it
+        writes its rows one after the other.  By default central differences with steps of
+        :math:`\epsilon^{1/3} \max(1, s_j) \approx 6 \cdot 10^{-6} \max(1, s_j)` along field j,
+        where :math:`s_j` is `Frame.coordinate_sizes`: they take 2 dim evaluations of ``f``.
+    df_dp
+        ``df_dp(t, y, *args, parameters)`` returns shape ``(dim, k)``, the derivatives of ``f``
+        with respect to the parameters; it may be compiled.  By default central differences with
+        steps of :math:`\epsilon^{1/3} |p_i|`, or :math:`\epsilon^{1/3}` where :math:`p_i` is zero.
+    parameters
+        Numbers, shape ``(k,)``, that ``f``, ``jac``, ``df_dp`` and the events are given as last
+        argument, and with respect to which there are derivatives.
+    P0
+        Covariance of the coordinates of ``y0``, shape ``(dim, dim)``.
+    control_derivatives
+        Whether steps are chosen by the errors of the derivatives as well, with the same
+        tolerances (of row i those of coordinate i); else they are those of `cg.solve_ivp`, which
+        may be long for the derivatives where the solution itself is simple.
+    method, h, rtol, atol, t_eval, dense_output, breakpoints
+        As for `cg.solve_ivp`.
+    events
+        As for `cg.solve_ivp`.  A jump must be a function of its arguments alone, and is called for
+        points nearby too.  If ``f`` changes where an event happens, let it depend on a coordinate
+        that the jump changes, and not on the sign of the event's function.
+    max_step, first_step, max_steps, args, stage_solver, progress
+        As for `cg.solve_ivp`.
+
+    Returns
+    -------
+    VariationalSolution
+        A `Solution` with ``transition``, ``sensitivity``, ``covariance`` and ``dt_events``.  Its
+        ``nfev`` counts evaluations of ``f`` and its derivatives together.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `cg.solve_ivp`; or if the frame knows no bracket, ``jac`` or ``df_dp`` isn't callable or
+        returns another shape or numbers that aren't finite, ``P0`` is no covariance, or
+        ``df_dp`` is given without ``parameters``.
+    OverflowError
+        If derivatives exceed the range of floating point.
+
+    Notes
+    -----
+    Where a frame has more fields than the manifold has dimensions (spheres and other homogeneous
+    spaces), coordinates of a tangent aren't unique.  The transition matrix then acts on the Lie
+    algebra, and its columns are determined up to fields that vanish at the point (the isotropy);
+    tangents ``frame.field(transition @ xi, y)`` are unique.
+
+    At a jump derivatives are multiplied by the saltation matrix, which takes into account that the
+    time of the event changes as well [2]_.
+
+    References
+    ----------
+    .. [1] A. Iserles, H. Z. Munthe-Kaas, S. P. Norsett, A. Zanna, "Lie-group methods", Acta
+       Numerica 9 (2000), 215-365.
+    .. [2] N. J. Kong, J. J. Payne, J. Zhu, A. M. Johnson, "Saltation matrices: the essential tool
+       for linearizing hybrid dynamical systems", Proc. IEEE 112 (2024), 585-608.
+
+    Examples
+    --------
+    The derivative of the solution of a linear equation is the matrix exponential.
+
+    >>> import cg
+    >>> run = cg.solve_variational(
+    ...     lambda t, y: [y[1], -y[0]], (0, 1), [1.0, 0.0], frame=cg.frames.Euclidean(2),
+    ...     jac=lambda t, y: [[0.0, 1.0], [-1.0, 0.0]], rtol=1e-10, atol=1e-10,
+    ... )
+    >>> run.transition[-1].round(8)
+    array([[ 0.54030231,  0.84147098],
+           [-0.84147098,  0.54030231]])
+    """
+    problem = make_problem(
+        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
+        rtol=rtol, atol=atol, max_step=max_step, first_step=first_step, max_steps=max_steps,
+        t_eval=t_eval, dense_output=dense_output, events=events, breakpoints=breakpoints,
+        stage_solver=stage_solver,
+    )  # fmt: skip
+    joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
+    covariance = check_covariance(P0, frame.dim, None)
+    every = int(joint.t_eval is None)
+    if h is not None:
+        check_grid(joint.plan, h, grid_steps(joint), every, joint.dense)
+    found = solve_one(joint, every, Progress(progress, joint.t0, joint.t1))
+    field = joint.variational
+    changed: dict[str, Any] = {**parts_of(found.y, field, covariance), "frame": frame}
+    if found.sol is not None:
+        changed["sol"] = VariationalOutput(found.sol, field, covariance)
+    changed["dt_events"] = None
+    if found.t_events is not None and found.y_events is not None and found.y_after is not None:
+        changed["y_events"] = [field.split(z)[0] for z in found.y_events]
+        changed["y_after"] = [field.split(z)[0] for z in found.y_after]
+        rows = zip(found.t_events, found.y_events, strict=True)
+        changed["dt_events"] = [
+            _time_derivatives(joint, index, 0, t, z) for index, (t, z) in enumerate(rows)
+        ]
+    return VariationalSolution(**(vars(found) | changed))
+
+
+def _time_derivatives(
+    problem: VariationalProblem, index: int, member: int, times: Array, z: Array
+) -> Array:
+    """Return derivatives of the times of an event, shape ``(times, dim + k)``."""
+    field, table = problem.variational, problem.event_table()
+    found = np.empty((len(times), field.frame.dim + field.count))
+    for row, t, point in zip(found, times.tolist(), z, strict=True):
+        row[:] = table.time_derivatives(index, member, t, point)
+    return found
+
+
+def solve_variational_ensemble(
+    f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    frame: Frame,
+    jac: Function | None = None,
+    df_dp: Function | None = None,
+    parameters: ArrayLike | None = None,
+    P0: ArrayLike | None = None,
+    control_derivatives: bool = False,
+    method: str | Method = AUTO,
+    rtol: float | None = None,
+    atol: ArrayLike | None = None,
+    h: float | None = None,
+    t_eval: ArrayLike | None = None,
+    dense_output: bool = False,
+    events: Any = None,
+    breakpoints: ArrayLike | None = None,
+    args: Iterable[Any] | None = None,
+    vectorized: bool = False,
+    common_steps: bool = False,
+    max_step: float = math.inf,
+    first_step: float | None = None,
+    max_steps: int | None = None,
+    stage_solver: str = DEFAULT_STAGE_SOLVER,
+    executor: ExecutorLike = None,
+    workers: int | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> EnsembleVariationalSolution:
+    """Solve an initial value problem from many points, with the derivatives of each solution.
+
+    Each member takes the steps that it would take alone in `cg.solve_variational`.
+
+    Parameters
+    ----------
+    f, t_span, y0, frame, parameters
+        As for `cg.solve_ensemble`.
+    jac, df_dp, control_derivatives
+        As for `cg.solve_variational`.  If ``vectorized`` they take times ``(k,)``, points
+        ``(k, *frame.point_shape)`` and rows of parameters of any members, as ``f`` does, and
+        return shapes ``(k, dim, dim)`` and ``(k, dim, parameters)``.
+    P0
+        Covariance of the coordinates of ``y0``, shape ``(dim, dim)``, or one for each member,
+        ``(members, dim, dim)``.
+    method, rtol, atol, h, t_eval, dense_output, breakpoints, args, vectorized, common_steps
+        As for `cg.solve_ensemble`.
+    events
+        As for `cg.solve_variational`.
+    max_step, first_step, max_steps, stage_solver, executor, workers, progress
+        As for `cg.solve_ensemble`.
+
+    Returns
+    -------
+    EnsembleVariationalSolution
+        Members that fail are NaN after their ends, and the others go on.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument can't be used, as for `cg.solve_variational`; an exception of ``f``, ``jac``
+        or ``df_dp`` ends the call.
+    RuntimeError
+        If the workers of all members died.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import cg
+    >>> run = cg.solve_variational_ensemble(
+    ...     lambda t, y, rate: [rate[0] * y[0]], (0, 1), [1.0], frame=cg.frames.Euclidean(1),
+    ...     parameters=[[0.5], [1.0]], rtol=1e-9, atol=1e-9,
+    ... )
+    >>> run.transition[-1].ravel().round(6)
+    array([1.648721, 2.718282])
+    """
+    together = check_flag("vectorized", vectorized)
+    common = check_flag("common_steps", common_steps)
+    problem = make_problem(
+        f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, many=True,
+        together=together, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
+        first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
+        events=events, breakpoints=breakpoints, stage_solver=stage_solver,
+    )  # fmt: skip
+    joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
+    covariance = check_covariance(P0, frame.dim, len(problem.points))
+    field = joint.variational
+    found = solve_members(joint, joint.source, executor, workers, None, progress)
+    changed: dict[str, Any] = {**parts_of(found.y, field, covariance), "frame": frame}
+    if found.sol is not None:
+        changed["sol"] = EnsembleVariationalOutput(found.sol, field, covariance)
+    changed["dt_events"] = None
+    if found.t_events is not None and found.y_events is not None and found.y_after is not None:
+        for name, lists in (("y_events", found.y_events), ("y_after", found.y_after)):
+            changed[name] = [[field.split(z)[0] for z in each] for each in lists]
+        changed["dt_events"] = [
+            [
+                _time_derivatives(joint, index, member, t, z)
+                for member, (t, z) in enumerate(zip(times, points, strict=True))
+            ]
+            for index, (times, points) in enumerate(
+                zip(found.t_events, found.y_events, strict=True)
+            )
+        ]
+    return EnsembleVariationalSolution(**(vars(found) | changed))

@@ -1,0 +1,86 @@
+"""`Frame.check` accepts all frames that fit together, and says what is wrong with others."""
+
+import numpy as np
+import pytest
+from frame_examples import FRAMES, name
+
+from cg.frames import SO3, Euclidean, FieldFrame, MatrixFrame, Sphere
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=name)
+def test_frames_of_the_package_fit_together(frame):
+    assert frame.check(rng=np.random.default_rng(1)) is None
+
+
+def shear(v, y):
+    """Flow of x' = v0 x + v1, z' = v0 z."""
+    grown = np.exp(v[0])
+    shift = v[1] * (np.expm1(v[0]) / v[0] if v[0] else 1.0)
+    return np.array([grown * y[0] + shift, grown * y[1]])
+
+
+RIGHT = {
+    "fields": [lambda y: np.array([y[0], y[1]]), lambda y: np.array([1.0, 0.0])],
+    "flow": shear,
+    "point_shape": 2,
+    "bracket": lambda u, v: np.array([0.0, u[0] * v[1] - u[1] * v[0]]),
+    "membership_error": lambda y: max(0.0, -y[1]),
+    "random_point": lambda rng: np.array([rng.standard_normal(), 1.0 + rng.random()]),
+    "project": lambda y: y,
+}
+
+
+def test_a_frame_that_is_right():
+    FieldFrame(**RIGHT).check()
+    FieldFrame(**RIGHT).check(points=[[0.3, 1.2], [0.0, 2.0]])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"flow": lambda v, y: shear(-v, y)}, r"flow has the wrong sign: .* -field\(v, y\)"),
+        ({"flow": lambda v, y: shear(v, y) + 0.01}, r"flow\(0, y\) isn't y"),
+        ({"flow": lambda v, y: np.array([y[0] + v[0] * y[0] + v[1], y[1] + v[0] * y[1]])},
+         r"flow\(a v, flow\(b v, y\)\) isn't flow\(\(a \+ b\) v, y\) \(by"),
+        ({"flow": lambda v, y: shear(1.1 * v, y)}, r"field\(v, y\) isn't the derivative of flow"),
+        ({"bracket": lambda u, v: np.array([0.0, u[1] * v[0] - u[0] * v[1]])},
+         "bracket has the wrong sign"),
+        ({"bracket": lambda u, v: np.array([0.0, 2 * (u[0] * v[1] - u[1] * v[0])])},
+         r"field\(bracket\(u, v\), y\) isn't the commutator"),
+        ({"exp_coordinates": lambda x, y: np.array([0.1, 0.2])},
+         r"flow\(exp_coordinates\(y0, y1\), y0\) isn't y1"),
+        ({"membership_error": lambda y: abs(y[0])}, "points aren't on the manifold"),
+        ({"project": lambda y: y + 1.0}, "project moves points of the manifold"),
+        ({"distance": lambda x, y: 1.0}, r"distance\(y, y\) isn't 0"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)  # fmt: skip
+def test_what_is_wrong_is_told(change, message):
+    with pytest.raises(ValueError, match=f"^frame doesn't fit together: .*{message}"):
+        FieldFrame(**(RIGHT | change)).check()
+
+
+def test_what_leaves_the_manifold():
+    def off(v, y):
+        return Sphere(1).flow(v, y) * (1 + 1e-3 * v[0] ** 2)
+
+    circle = FieldFrame(
+        [lambda y: np.array([-y[1], y[0]])], off, point_shape=2,
+        membership_error=lambda y: abs(np.hypot(*y) - 1),
+        random_point=lambda rng: np.array([1.0, 0.0]),
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="flow leaves the manifold"):
+        circle.check()
+
+
+def test_arguments():
+    with pytest.raises(TypeError, match="rng must be a generator"):
+        SO3().check(rng=3)
+    with pytest.raises(ValueError, match=r"points must have shape \(count, 3, 3\), got \(3, 3\)"):
+        SO3().check(points=np.eye(3))
+    with pytest.raises(ValueError, match="points must be an array of real numbers"):
+        Euclidean(2).check(points="x")
+    ellipse = MatrixFrame([[[0.0, -1.0], [4.0, 0.0]]], membership_error=lambda y: 0.0)
+    with pytest.raises(NotImplementedError, match="but no random_point"):
+        ellipse.check()
+    ellipse.check(points=[[1.0, 0.0]])

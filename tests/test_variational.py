@@ -1,0 +1,393 @@
+"""Derivatives of solutions: against differences of solutions, theory, and each other."""
+
+import numpy as np
+import pytest
+from frame_examples import FRAMES, HEISENBERG, name
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cg
+from cg.frames import SE3, SO3, SU, Euclidean, Power, Product, Sp, Sphere, UnitQuaternion
+from cg.integration.step.blocks import has_compiled_difference
+from cg.integration.step.plan import has_brackets
+
+KNOWN = [frame for frame in FRAMES if has_brackets(frame)]
+GROUPS = [SO3(), SO3("space"), UnitQuaternion(), SE3("space"), SU(2), Euclidean(2)]
+TIGHT = {"rtol": 1e-12, "atol": 1e-12}
+SPAN = (0.1, 0.8)
+# One and two steps away on both sides, and the derivative of the polynomial through the values
+STEPS, WEIGHTS = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
+H = 1.5e-3
+
+
+class Wave:
+    """Coefficients sin(B y + c cos t + C p) / 3 on any frame, with their derivatives."""
+
+    def __init__(self, frame, k=2, seed=0):
+        rng = np.random.default_rng(seed)
+        self.frame = frame
+        self.y0 = frame.random_point(rng)
+        n, width = frame.dim, flat(self.y0).size
+        self.b = rng.standard_normal((n, width)) / np.sqrt(width)
+        self.c = rng.standard_normal(n)
+        self.d = rng.standard_normal((n, k))
+        self.parameters = rng.standard_normal(k)
+
+    def phase(self, t, y, p):
+        return self.b @ flat(y) + self.c * np.cos(t) + self.d @ p
+
+    def f(self, t, y, p):
+        return np.sin(self.phase(t, y, p)) / 3
+
+    def jac(self, t, y, p):
+        tangents = np.array([flat(e) for e in self.frame.field(np.eye(self.frame.dim), y)])
+        return np.cos(self.phase(t, y, p))[:, None] * (self.b @ tangents.T) / 3
+
+    def df_dp(self, t, y, p):
+        return np.cos(self.phase(t, y, p))[:, None] * self.d / 3
+
+    def solve(self, y0=None, p=None, span=SPAN, **options):
+        given = {"frame": self.frame, "parameters": self.parameters if p is None else p} | TIGHT
+        y0 = self.y0 if y0 is None else y0
+        return cg.solve_ivp(self.f, span, y0, **(given | options))
+
+    def derivatives(self, span=SPAN, exact=True, **options):
+        given = {"frame": self.frame, "parameters": self.parameters} | TIGHT
+        if exact:
+            given |= {"jac": self.jac, "df_dp": self.df_dp}
+        return cg.solve_variational(self.f, span, self.y0, **(given | options))
+
+    def by_fields(self, v, **options):
+        """Return the derivative of the end along a field at the start."""
+        moved = [self.solve(self.frame.flow(s * H * v, self.y0), **options).y[-1] for s in STEPS]
+        return np.tensordot(WEIGHTS, moved, 1) / H
+
+    def by_parameters(self, v, **options):
+        moved = [self.solve(p=self.parameters + s * H * v, **options).y[-1] for s in STEPS]
+        return np.tensordot(WEIGHTS, moved, 1) / H
+
+
+def flat(y):
+    return np.ascontiguousarray(y).reshape(-1).view(np.float64)
+
+
+@pytest.mark.parametrize("frame", KNOWN, ids=name)
+def test_derivatives_are_differences_of_solutions(frame):
+    wave = Wave(frame)
+    exact, estimated = wave.derivatives(), wave.derivatives(exact=False)
+    rng = np.random.default_rng(1)
+    for v in (np.eye(frame.dim)[-1], rng.standard_normal(frame.dim) / np.sqrt(frame.dim)):
+        expected = wave.by_fields(v)
+        size = max(1.0, np.abs(expected).max())
+        for found, tolerance in ((exact, 1e-9), (estimated, 1e-7)):
+            tangent = frame.field(found.transition[-1] @ v, found.y[-1])
+            assert np.abs(tangent - expected).max() < tolerance * size
+    v = rng.standard_normal(2) / 2
+    expected = wave.by_parameters(v)
+    for found, tolerance in ((exact, 1e-9), (estimated, 1e-7)):
+        tangent = frame.field(found.sensitivity[-1] @ v, found.y[-1])
+        assert np.abs(tangent - expected).max() < tolerance * max(1.0, np.abs(expected).max())
+
+
+@pytest.mark.parametrize("frame", KNOWN, ids=name)
+def test_steps_are_those_of_the_solution_alone(frame):
+    wave = Wave(frame)
+    options = {"rtol": 1e-6, "atol": 1e-8}
+    alone, joint = wave.solve(**options), wave.derivatives(exact=False, **options)
+    assert joint.method is alone.method
+    assert joint.t.size == alone.t.size
+    np.testing.assert_allclose(joint.y[-1], alone.y[-1], rtol=1e-6, atol=1e-6)
+    if has_compiled_difference(frame):
+        np.testing.assert_array_equal(joint.t, alone.t)
+        np.testing.assert_array_equal(joint.y, alone.y)
+
+
+def test_errors_of_derivatives_choose_steps_if_asked():
+    def spin(t, y):
+        return [0.0, 0.0, 1.0]  # one step of any method is exact
+
+    options = {"frame": SO3(), "rtol": 1e-9, "atol": 1e-9}
+    free = cg.solve_variational(spin, (0, np.pi), np.eye(3), **options)
+    held = cg.solve_variational(spin, (0, np.pi), np.eye(3), control_derivatives=True, **options)
+    expected = np.diag([-1.0, -1.0, 1.0])
+    assert held.steps > free.steps
+    assert np.abs(held.transition[-1] - expected).max() < 1e-8
+    assert np.abs(free.transition[-1] - expected).max() > 1e-7
+
+
+def test_tolerances_of_each_coordinate_are_those_of_its_derivatives():
+    wave = Wave(Product(SO3(), Euclidean(2)))
+    loose = wave.derivatives(control_derivatives=True, rtol=1e-3, atol=[1e-3] * 5)
+    tight = wave.derivatives(control_derivatives=True, rtol=1e-3, atol=[1e-3, 1e-10, *[1e-3] * 3])
+    assert tight.steps > loose.steps
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "CG6f", "h": 0.02, "rtol": None, "atol": None},
+        {"method": "CF6(5)"},
+        {"method": "RKMK5(4)"},
+        {"method": "DP5(4)", "rtol": 1e-10, "atol": 1e-10},
+        {"method": "ImplicitMidpoint", "h": 0.1, "rtol": None, "atol": None},
+    ],
+    ids=lambda options: options["method"],
+)
+def test_any_method(options):
+    wave = Wave(SO3(), seed=3)
+    found = wave.derivatives(**options)
+    expected = wave.by_fields(np.eye(3)[0], **options)
+    tangent = SO3().field(found.transition[-1][:, 0], found.y[-1])
+    # the derivative of a step of fixed size isn't the step of the derivative
+    tolerance = 1e-3 if found.method.name == "ImplicitMidpoint" else 2e-9
+    assert np.abs(tangent - expected).max() < tolerance
+
+
+@settings(max_examples=25)
+@given(
+    frame=st.sampled_from(
+        [SO3(), SO3("space"), UnitQuaternion(), SE3("space"), SU(2), Euclidean(2)]
+    ),
+    seed=st.integers(0, 10**6),
+    middle=st.floats(0.2, 0.8),
+)
+def test_transitions_compose_and_go_back(frame, seed, middle):
+    wave = Wave(frame, seed=seed)
+    options = {"control_derivatives": True, "dense_output": True}
+    whole = wave.derivatives((0.0, 1.0), **options)
+    first = wave.derivatives((0.0, middle), **options)
+    second = cg.solve_variational(
+        wave.f, (middle, 1.0), first.y[-1], frame=frame, jac=wave.jac, df_dp=wave.df_dp,
+        parameters=wave.parameters, control_derivatives=True, **TIGHT,
+    )  # fmt: skip
+    product = second.transition[-1] @ first.transition[-1]
+    np.testing.assert_allclose(product, whole.transition[-1], atol=2e-10)
+    through = second.transition[-1] @ first.sensitivity[-1] + second.sensitivity[-1]
+    np.testing.assert_allclose(through, whole.sensitivity[-1], atol=2e-10)
+    np.testing.assert_allclose(whole.sol.transition(middle), first.transition[-1], atol=2e-9)
+    back = cg.solve_variational(
+        wave.f, (1.0, 0.0), whole.y[-1], frame=frame, jac=wave.jac, df_dp=wave.df_dp,
+        parameters=wave.parameters, control_derivatives=True, **TIGHT,
+    )  # fmt: skip
+    np.testing.assert_allclose(
+        back.transition[-1] @ whole.transition[-1], np.eye(frame.dim), atol=2e-9
+    )
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10**6), convention=st.sampled_from(["body", "space"]))
+def test_transitions_of_coefficients_of_time_are_adjoint_maps(seed, convention):
+    """Coefficients of time alone: in space axes solutions are moved as a whole, by an isometry."""
+    rng = np.random.default_rng(seed)
+    a, b = rng.standard_normal((2, 3))
+    frame = SO3(convention)
+    found = cg.solve_variational(
+        lambda t, y: a * np.cos(t) + b, (0, 2), frame.random_point(rng), frame=frame,
+        jac=lambda t, y: np.zeros((3, 3)), control_derivatives=True, **TIGHT,
+    )  # fmt: skip
+    product = found.transition @ found.transition.mT
+    np.testing.assert_allclose(product, np.broadcast_to(np.eye(3), product.shape), atol=1e-9)
+    moved = found.y[-1] @ found.y[0].T
+    expected = moved if convention == "space" else found.y[-1].T @ found.y[0]
+    np.testing.assert_allclose(found.transition[-1], expected, atol=1e-9)
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10**6))
+def test_transitions_of_hamiltonian_systems_are_symplectic(seed):
+    rng = np.random.default_rng(seed)
+    k = rng.standard_normal((2, 2))
+    zero, one = np.zeros((2, 2)), np.eye(2)
+    j = np.block([[zero, one], [-one, zero]])
+    found = cg.solve_variational(
+        lambda t, y: np.concatenate([y[2:], -k.T @ np.sin(k @ y[:2])]),
+        (0, 2),
+        rng.standard_normal(4),
+        frame=Euclidean(4),
+        jac=lambda t, y: np.block([[zero, one], [-k.T * np.cos(k @ y[:2]) @ k, zero]]),
+        control_derivatives=True,
+        **TIGHT,
+    )
+    forms = found.transition.mT @ j @ found.transition
+    np.testing.assert_allclose(forms, np.broadcast_to(j, forms.shape), atol=1e-8)
+
+
+def test_on_spheres_tangents_move_and_isotropy_does_not():
+    """A spin about itself moves nothing, so that its image is a spin about the end."""
+    wave = Wave(Sphere(2))
+    found = wave.derivatives()
+    start, end = found.y[0], found.y[-1]
+    image = found.transition[-1] @ start
+    assert np.abs(np.cross(image, end)).max() < 1e-9
+    assert np.abs(image).max() > 0.1
+
+
+def test_output_between_steps():
+    wave = Wave(Product(SO3(), Euclidean(3)))
+    p0 = np.diag(np.arange(1.0, 7.0))
+    times = np.linspace(*SPAN, 9)
+    dense = wave.derivatives(dense_output=True, P0=p0)
+    kept = wave.derivatives(t_eval=times, P0=p0)
+    assert kept.transition.shape == (9, 6, 6)
+    assert kept.sensitivity.shape == (9, 6, 2)
+    assert isinstance(dense.sol, cg.VariationalOutput)
+    np.testing.assert_array_equal(dense.sol(times), kept.y)
+    np.testing.assert_array_equal(dense.sol.transition(times), kept.transition)
+    np.testing.assert_array_equal(dense.sol.sensitivity(times), kept.sensitivity)
+    np.testing.assert_array_equal(dense.sol.covariance(times), kept.covariance)
+    assert dense.sol.transition(SPAN[0]).shape == (6, 6)
+    np.testing.assert_allclose(
+        kept.covariance, kept.transition @ p0 @ kept.transition.mT, rtol=0, atol=1e-14
+    )
+    for time, transition in zip(times[1::3], kept.transition[1::3], strict=True):
+        tangent = wave.frame.field(transition[:, 1], dense.sol(time))
+        expected = wave.by_fields(np.eye(6)[1], span=(SPAN[0], time))
+        assert np.abs(tangent - expected).max() < 1e-9
+
+
+def test_without_parameters_and_covariance():
+    found = cg.solve_variational(lambda t, y: [y[0]], (0, 1), [1.0], frame=Euclidean(1), **TIGHT)
+    assert (found.sensitivity, found.covariance, found.dt_events, found.sol) == (None,) * 4
+    np.testing.assert_allclose(found.transition[-1], np.e, rtol=1e-9)
+    assert not found.transition.flags.writeable
+    assert repr(found).startswith("VariationalSolution(t=0...1")
+
+
+def test_functions_get_their_arguments():
+    """Arguments come first, parameters last, and points can't be written to."""
+    seen = []
+
+    def f(t, y, a, p):
+        assert not y.flags.writeable
+        seen.append(a)
+        return a * p[0] * y
+
+    def jac(t, y, a, p):
+        assert not y.flags.writeable
+        assert a == 2.0
+        return a * p * np.eye(1)
+
+    def df_dp(t, y, a, p):
+        assert not y.flags.writeable
+        return [[a * y[0]]]
+
+    found = cg.solve_variational(
+        f, (0, 1), [1.0], frame=Euclidean(1), args=(2.0,), parameters=[0.5], jac=jac, df_dp=df_dp,
+        **TIGHT,
+    )  # fmt: skip
+    assert set(seen) == {2.0}
+    np.testing.assert_allclose(found.transition[-1], np.e, rtol=1e-9)
+    np.testing.assert_allclose(found.sensitivity[-1], 2 * np.e, rtol=1e-9)
+
+
+def test_parameters_of_any_size_are_differenced():
+    """An inertia of 1e-5 and a mass of 1e20 get steps of their own size; zero gets one of 1."""
+    p = np.array([1e-5, 1e20, 0.0])
+
+    def f(t, y, p):
+        return [np.cos(p[0] * 1e5) + y[0] * p[1] / 1e20 + np.sin(p[2])]
+
+    found = cg.solve_variational(f, (0, 1), [0.0], frame=Euclidean(1), parameters=p, **TIGHT)
+    expected = np.array([-np.sin(1.0) * 1e5 * (np.e - 1), 1e-20 * np.cos(1.0), np.e - 1])
+    np.testing.assert_allclose(found.sensitivity[-1, 0], expected, rtol=1e-7)
+
+
+class TestBadInput:
+    """Errors name the argument, what it was and what was expected, before f is called."""
+
+    @staticmethod
+    def call(**options):
+        def never(t, y, *more):
+            raise AssertionError("f was called")
+
+        given = {"f": never, "t_span": (0, 1), "y0": np.eye(3), "frame": SO3()} | options
+        return cg.solve_variational(**given)
+
+    @pytest.mark.parametrize(
+        ("options", "error", "message"),
+        [
+            ({"jac": 3}, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
+            ({"df_dp": 3, "parameters": [1.0]}, TypeError, "df_dp must be callable .* got 3"),
+            ({"df_dp": print}, ValueError, "parameters must be given with df_dp = .* got None"),
+            ({"parameters": [[1.0]]}, ValueError, r"parameters must have shape \(k,\)"),
+            ({"P0": np.eye(2)}, ValueError, r"P0 must have shape \(3, 3\), got \(2, 2\)"),
+            ({"P0": np.full((3, 3), np.nan)}, ValueError, "P0 must be finite, got nan"),
+            ({"P0": np.triu(np.ones((3, 3)))}, ValueError, "P0 must be symmetric"),
+            ({"P0": -np.eye(3)}, ValueError, "P0 must be positive semidefinite, .* eigenvalue -1"),
+            ({"P0": "x"}, ValueError, "P0 must be an array of real numbers, got 'x'"),
+            ({"control_derivatives": 1}, TypeError, "control_derivatives must be True or False"),
+            ({"y0": np.ones((3, 3))}, ValueError, "y0 must be a point of SO3"),
+            ({"frame": HEISENBERG, "y0": np.zeros(3)}, ValueError, "frame must know the bracket"),
+            ({"rtol": -1}, ValueError, "rtol must be finite"),
+            ({"atol": np.ones(12)}, ValueError, r"atol must be a number or have shape \(3,\)"),
+        ],
+        ids=lambda value: ", ".join(value) if isinstance(value, dict) else "",
+    )
+    def test_of_one_point(self, options, error, message):
+        with pytest.raises(error, match=message):
+            self.call(**options)
+
+    @pytest.mark.parametrize("name", ["jac", "df_dp"])
+    @pytest.mark.parametrize(
+        ("value", "message"),
+        [
+            (np.ones((2, 3)), r"{name} must return an array of shape {shape}, got shape \(2, 3\)"),
+            ("x", "{name} must return an array of shape {shape}, got 'x' at t = 0"),
+            (None, "{name} must return an array of shape {shape}, got None at t = 0"),
+            (np.full((3, 3), np.nan), "{name} must return finite numbers, got"),
+            (1j * np.eye(3), "{name} must return an array of shape {shape}"),
+        ],
+        ids=["shape", "text", "None", "NaN", "complex"],
+    )
+    def test_of_what_functions_return(self, name, value, message):
+        given = {name: lambda t, y, p: value}
+        message = message.format(name=name, shape=r"\(3, 3\)")
+        with pytest.raises(ValueError, match=message):
+            self.call(f=lambda t, y, p: [0.1, 0.2, 0.3], parameters=np.ones(3), **given)
+
+    @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
+    def test_exceptions_of_functions_end_the_call(self, name):
+        def fails(t, y, p):
+            if t > 0.3:
+                raise ZeroDivisionError(name)
+            return np.ones(3) if name == "f" else np.eye(3)
+
+        given = {"f": lambda t, y, p: np.ones(3), name: fails}
+        with pytest.raises(ZeroDivisionError, match=name):
+            self.call(parameters=np.ones(3), rtol=1e-9, **given)
+
+    def test_derivatives_beyond_doubles(self):
+        with pytest.raises(OverflowError, match="derivatives of the solution exceed the range"):
+            cg.solve_variational(
+                lambda t, y: [0.0], (0, 1), [0.0], frame=Euclidean(1), method="CG4a", h=0.5,
+                jac=lambda t, y: [[1e200]],
+            )  # fmt: skip
+
+
+def test_a_power_is_its_members():
+    """Bodies that don't see each other have a transition matrix of blocks."""
+    one = Wave(SO3(), k=1)
+
+    def both(t, y, p):
+        return np.concatenate([one.f(t, y[0], p), one.f(t, y[1], p)])
+
+    other = SO3().random_point(np.random.default_rng(5))
+    found = cg.solve_variational(
+        both, SPAN, np.stack([one.y0, other]), frame=Power(SO3(), 2), parameters=one.parameters,
+        **TIGHT,
+    )  # fmt: skip
+    alone = one.derivatives(exact=False)
+    np.testing.assert_allclose(found.transition[-1, :3, :3], alone.transition[-1], atol=1e-8)
+    np.testing.assert_allclose(found.transition[-1, :3, 3:], 0.0, atol=1e-8)
+
+
+def test_symplectic_group_as_the_flow_of_a_linear_equation():
+    """On Sp(2) in space axes, linear in t: the transition is the adjoint map of the solution."""
+    frame = Sp(2)
+    found = cg.solve_variational(
+        lambda t, y: [0.3, 0.1 * t, -0.2], (0, 1), np.eye(2), frame=frame,
+        jac=lambda t, y: np.zeros((3, 3)), control_derivatives=True, **TIGHT,
+    )  # fmt: skip
+    y = found.y[-1]
+    images = y @ frame.algebra(np.eye(3)) @ np.linalg.inv(y)
+    np.testing.assert_allclose(found.transition[-1].T, frame.coefficients(images), atol=1e-9)

@@ -1,0 +1,189 @@
+"""Derivatives of solutions with compiled functions, against the same in Python."""
+
+import ctypes
+
+import numpy as np
+import pytest
+from compiled_examples import DOUBLES, PROBLEMS
+from scipy import LowLevelCallable
+
+import cg
+from cg.frames import SO3, Euclidean, IsospectralOrbit, Product, Stiefel
+from cg.integration.step.plan import has_brackets
+from cg.integration.variational.compiled import CompiledVariation
+from cg.integration.variational.problem import add_derivatives
+
+BODY = Product(SO3(), Euclidean(3))
+Y0 = BODY.join(SO3().flow([0.3, 0.2, 0.1], np.eye(3)), np.array([0.3, 0.2, 1.0]))
+P = np.array([0.8, 0.9, 0.4, 2.0])
+SPAN = (0.0, 2.0)
+GIVEN = {"frame": BODY, "rtol": 1e-10, "atol": 1e-10}
+
+
+def top(t, y, p):
+    attitude, m = BODY.split(y)
+    w = m / p[:3]
+    return np.concatenate(
+        [w, np.cross(m, w) + p[3] * np.array([attitude[2, 1], -attitude[2, 0], 0])]
+    )
+
+
+@pytest.fixture
+def functions(function):
+    return {"f": function("top"), "jac": function("top_jac"), "df_dp": function("top_df_dp")}
+
+
+def solve(functions, **options):
+    given = {"t_span": SPAN, "y0": Y0, "parameters": P, **GIVEN, **functions, **options}
+    return cg.solve_variational(**given)
+
+
+def agree(found, wanted, tolerance):
+    size = np.abs(wanted.transition).max()
+    for name in ("y", "transition", "sensitivity"):
+        np.testing.assert_allclose(
+            getattr(found, name)[-1], getattr(wanted, name)[-1], rtol=0, atol=tolerance * size
+        )
+
+
+def test_all_of_it_is_called_by_compiled_code(functions, monkeypatch):
+    wanted = solve({"f": top})
+    monkeypatch.setattr(
+        "cg.integration.variational.field.VariationalField.__call__",
+        lambda *arguments: pytest.fail("Python was asked"),
+    )
+    agree(solve({"f": top}), wanted, 1e-12)
+    agree(solve(functions), wanted, 1e-9)
+    agree(solve({"f": functions["f"]}), wanted, 1e-9)
+    agree(solve(functions | {"jac": None}), wanted, 1e-9)
+    agree(solve(functions | {"df_dp": None}), wanted, 1e-9)
+
+
+def test_compiled_functions_and_those_of_python_together(functions):
+    wanted = solve(functions)
+    agree(solve({"f": functions["f"], "jac": lambda t, y, p: jacobian(functions, y, p)}), wanted,
+          1e-9)  # fmt: skip
+    agree(solve(functions | {"f": top}), wanted, 1e-9)
+
+
+def jacobian(functions, y, p):
+    found = np.empty((6, 6))
+    functions["jac"](0.0, np.array(y).ctypes.data_as(DOUBLES), found.ctypes.data_as(DOUBLES),
+                     p.ctypes.data)  # fmt: skip
+    return found
+
+
+def test_steps_are_those_of_the_solution_alone(functions):
+    found = solve(functions)
+    alone = cg.solve_ivp(functions["f"], SPAN, Y0, parameters=P, **GIVEN)
+    np.testing.assert_array_equal(found.t, alone.t)
+    np.testing.assert_array_equal(found.y, alone.y)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_differences_on_every_frame(name, affine):
+    problem = PROBLEMS[name]
+    compiled, _data = affine(problem)
+    options = {"frame": problem.frame, "method": "CF6(5)", "h": 0.125}
+    found = cg.solve_variational(compiled, (0, 0.5), problem.y0, **options)
+    wanted = cg.solve_variational(problem.f, (0, 0.5), problem.y0, **options)
+    np.testing.assert_allclose(found.y, wanted.y, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found.transition, wanted.transition, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "frame", [IsospectralOrbit((-1.0, 0.25, 1.5)), Stiefel(4, 2)], ids=lambda frame: repr(frame)[:9]
+)
+def test_frames_whose_flows_are_in_python(frame, affine):
+    problem = cg.problems.AffineField(frame, frame.random_point(np.random.default_rng(2)), seed=1)
+    compiled, _data = affine(problem)
+    assert has_brackets(frame)
+    options = {"frame": frame, "method": "CF6(5)", "h": 0.125}
+    found = cg.solve_variational(compiled, (0, 0.5), problem.y0, **options)
+    wanted = cg.solve_variational(problem.f, (0, 0.5), problem.y0, **options)
+    np.testing.assert_allclose(found.transition, wanted.transition, rtol=1e-8, atol=1e-8)
+
+
+def test_events_get_the_parameters(functions, library):
+    level = library["level"]
+    level.restype = ctypes.c_double
+    level.argtypes = [ctypes.c_double, DOUBLES, ctypes.c_void_p]
+    kick = {"direction": -1, "jump": lambda t, y, p: BODY.flow([0, 0, 0, 0, 0, p[3]], y)}
+    found = solve(functions, events=cg.Event(level, **kick))
+    wanted = solve({"f": top}, events=cg.Event(lambda t, y, p: y[8] - 0.2 * p[3], **kick))
+    assert found.t_events[0].size >= 1
+    np.testing.assert_allclose(found.t_events[0], wanted.t_events[0], rtol=1e-10)
+    np.testing.assert_allclose(found.dt_events[0], wanted.dt_events[0], atol=1e-7)
+    agree(found, wanted, 1e-8)
+
+
+@pytest.mark.parametrize("executor", [None, "threads"])
+def test_ensembles(functions, executor):
+    rows = P * np.linspace(0.9, 1.1, 5)[:, None]
+    found = cg.solve_variational_ensemble(
+        **functions, t_span=SPAN, y0=Y0, parameters=rows, executor=executor, **GIVEN
+    )
+    for k in range(5):
+        alone = solve(functions, parameters=rows[k])
+        np.testing.assert_array_equal(found.transition[-1, k], alone.transition[-1])
+        np.testing.assert_array_equal(found.sensitivity[-1, k], alone.sensitivity[-1])
+
+
+def test_ensembles_in_other_processes(library):
+    path = library._name
+    given = {
+        name: cg.CompiledFunction(path, symbol)
+        for name, symbol in (("f", "top"), ("jac", "top_jac"), ("df_dp", "top_df_dp"))
+    }
+    rows = P * np.linspace(0.9, 1.1, 3)[:, None]
+    options = {"t_span": SPAN, "y0": Y0, "parameters": rows, **GIVEN}
+    alone = cg.solve_variational_ensemble(**given, **options)
+    found = cg.solve_variational_ensemble(**given, **options, executor="processes", workers=2)
+    np.testing.assert_array_equal(found.transition, alone.transition)
+
+
+def test_data_of_their_own(functions, function):
+    """Without parameters f has data of its own, and others get these."""
+    data = P.copy()
+    own = LowLevelCallable(function("top"), ctypes.c_void_p(data.ctypes.data))
+    found = solve({"f": own, "jac": functions["jac"]}, parameters=None)
+    agree_all = solve(functions)
+    np.testing.assert_allclose(found.transition, agree_all.transition, rtol=1e-13)
+    assert found.sensitivity is None
+
+
+def test_coefficients_can_be_asked_for_from_python(functions):
+    problem = cg.integration.problem.make_problem(
+        functions["f"], SPAN, Y0, method="CG4a", h=0.1, parameters=P, frame=BODY
+    )
+    joint = add_derivatives(problem, **functions, control_derivatives=False)
+    assert isinstance(joint.rhs, CompiledVariation)
+    z = joint.points[0]
+    expected = joint.variational(0.0, z, P)
+    np.testing.assert_allclose(joint.rhs.at_member(0, 0.0, z), expected, rtol=1e-14, atol=1e-14)
+
+
+class TestFailures:
+    @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
+    def test_error_codes_name_the_function(self, functions, function, name):
+        with pytest.raises(RuntimeError, match=f"^{name} returned the error code 7 at t ="):
+            solve(functions | {name: function("stops")}, y0=BODY.join(np.eye(3), np.zeros(3)))
+
+    @pytest.mark.parametrize("name", ["f", "jac", "df_dp"])
+    def test_what_is_left_out_is_no_number(self, functions, function, name):
+        with pytest.raises(ValueError, match=f"^{name} must return finite numbers"):
+            solve(functions | {name: function("writes_nothing")})
+
+    @pytest.mark.parametrize("name", ["jac", "df_dp"])
+    def test_signatures(self, library, functions, name):
+        other = library["top_jac"]
+        other.restype, other.argtypes = ctypes.c_double, [ctypes.c_double]
+        with pytest.raises(ValueError, match=f"^{name} must have the signature 'int"):
+            solve(functions | {name: other})
+
+    def test_many_points_at_a_time(self, functions):
+        with pytest.raises(ValueError, match="vectorized must be False for a compiled jac"):
+            cg.solve_variational_ensemble(
+                lambda t, y, p: np.zeros((len(t), 6)), SPAN, Y0, parameters=P[None],
+                jac=functions["jac"], vectorized=True, **GIVEN,
+            )  # fmt: skip
