@@ -40,7 +40,7 @@ from cg.pairs import check_order, check_pair
 __all__ = ["Problem", "make_control", "make_problem", "make_rhs"]
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Problem:
     """An integration of one point or of the members of an ensemble.
 

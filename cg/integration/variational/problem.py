@@ -23,7 +23,7 @@ __all__ = ["VariationalProblem", "add_derivatives", "check_covariance"]
 _ROUNDING = 1e-9
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class VariationalProblem(Problem):
     """An integration of points with their derivatives.
 
