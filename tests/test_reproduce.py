@@ -362,7 +362,7 @@ def test_verdicts_that_readers_are_told():
     assert all(bool(claim.interpretation) == (claim.found == "fail") for claim in CLAIMS)
     text = (Path(__file__).parents[1] / "docs/reproduction.md").read_text(encoding="utf-8")
     passed, failed, other = counts
-    wanted = f"Of {len(CLAIMS)} claims {passed} pass by default, {failed} fail, and {other} are"
+    wanted = f"Of {len(CLAIMS)} claims {passed} pass by default, {failed} fail, and {other} is"
     assert wanted in text
     told = text.partition("| fails | what is found |\n|---|---|\n")[2].partition("\n\n")[0]
     assert len(told.splitlines()) == failed
