@@ -1,5 +1,7 @@
 """Numbers in prose are those of stored data, or of what a run computes: a stale one fails here."""
 
+import json
+import re
 from collections import Counter
 from fractions import Fraction
 from pathlib import Path
@@ -68,9 +70,85 @@ def reproduction():
     yield f"{', '.join(slopes)} and {last} for {', '.join(names)} and {other}"
 
 
-@pytest.mark.parametrize("page", [certificates, reproduction], ids=lambda page: page.__name__)
+def compared():
+    notes = measured("rivals")["notes"][0]
+    contests = dict(
+        re.findall(r"By (\w+) a method of the catalogue needs least in ([\d of]+)", notes)
+    )
+    least, _, total = contests["time"].split()
+    yield (
+        f"in time a method of the catalogue needs least in {least} of {total} contests of the "
+        f"benchmarks, in evaluations in {contests['evaluations'].split()[0]}."
+    )
+
+
+def lifting():
+    values = {row["quantity"].split("`")[1]: row["value"] for row in measured("output")["rows"]}
+    above = {name: value for name, value in values.items() if value > 3}
+    assert set(above) == {"DOP853", "DVERK6(5)", "Verner7(6)"}
+    yield f"up to {above['DOP853']:.2f} times that at the ends in the"
+    yield f"of `DVERK6(5)` up to {above['DVERK6(5)']:.2f} and of `Verner7(6)` up to "
+    yield f"{above['Verner7(6)']:.2f}, and at most three"
+    pairs = {name for name, method in cg.methods.items() if method.embedded_order}
+    first, second = sorted(pairs - set(values))
+    yield f"`{first}` and `{second}` are not among these"
+
+
+def implicit():
+    stages = (m.stages for m in tableaux(6))
+    yield f"of order 6 in the catalogue have {min(stages)} stages or more"
+
+
+def impossible():
+    methods = [m for m in cg.methods.values() if m.explicit and m.order == 6]
+    fewest = min(methods, key=lambda method: method.exponentials)
+    number = {13: "thirteen"}[fewest.exponentials]
+    yield f"or fewer flows than {fewest.name}'s {number}"
+    for name, flows in (("CF3", 2), ("CF4", 2), ("CF5b", 4), ("CF5c", 4), ("CF6b", 4)):
+        assert len(cg.methods[name].tree.path(cg.methods[name].result)) == flows
+
+
+def catalogue():
+    best = min(tableaux(6), key=lambda method: method.principal_error())
+    small = cg.methods["CG6f"]
+    yield (
+        f"| `CG6f`, `{best.name}` | principal error {small.principal_error():.3g} with "
+        f"{small.stages} stages, {best.principal_error():.3g} with {best.stages} |"
+    )
+
+
+def readme():
+    four, five = (
+        60 / next(row["value"] for row in measured("search")["rows"] if start in row["quantity"])
+        for start in ("order 4", "order 5")
+    )
+    yield f"of order four in {1000 * four:.0f} ms each, of order five in {five:.1g} s"
+    constructed = [row for row in measured("order_six")["rows"] if "construct" in row["quantity"]]
+    assert all(1.0 < row["value"] < 10.0 for row in constructed)
+
+
+def measured(section):
+    results = json.loads((ROOT / "benchmarks" / "results.json").read_text("utf-8"))["results"]
+    return results[section]
+
+
+def tableaux(order):
+    return [
+        method
+        for method in cg.methods.values()
+        if isinstance(method, cg.Tableau) and method.explicit and method.order == order
+        if not method.approximate
+    ]
+
+
+@pytest.mark.parametrize(
+    "page",
+    [catalogue, certificates, compared, implicit, impossible, lifting, readme, reproduction],
+    ids=lambda page: page.__name__,
+)
 def test_a_page_says_what_is_stored(page):
-    text = " ".join((ROOT / "docs" / f"{page.__name__}.md").read_text("utf-8").split())
+    path = ROOT / "README.md" if page is readme else ROOT / "docs" / f"{page.__name__}.md"
+    text = " ".join(path.read_text("utf-8").split())
     for sentence in page():
         assert sentence in text
 
