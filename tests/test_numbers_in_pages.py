@@ -7,6 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
+from tests_of_pages import power_of_ten, words_of
 
 import cg
 from cg import conditions
@@ -15,12 +16,6 @@ from cg.reproduce import evidence
 from cg.reproduce.appendix_a import nearest_exact
 
 ROOT = Path(__file__).parents[1]
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def power_of_ten(x, digits):
-    mantissa, exponent = f"{float(x):.{digits}e}".split("e")
-    return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}"
 
 
 def certificates():
@@ -147,8 +142,7 @@ def tableaux(order):
     ids=lambda page: page.__name__,
 )
 def test_a_page_says_what_is_stored(page):
-    path = ROOT / "README.md" if page is readme else ROOT / "docs" / f"{page.__name__}.md"
-    text = " ".join(path.read_text("utf-8").split())
+    text = words_of("README.md" if page is readme else f"docs/{page.__name__}.md")
     for sentence in page():
         assert sentence in text
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from tests_of_pages import power_of_ten, words_of
 
 from cg.catalogue import methods
 from cg.quad import to_decimal
@@ -391,6 +392,10 @@ def test_whole_default_run(tmp_path):
             assert run["slope"] == pytest.approx(run["order"], abs=0.02)
             # The first steps of these two are too long for another halving.
             assert run["decades"] > (8.9 if name in ("CG6g", "CF6(5)") else 10)
+    stopped = results["evaluations"]["stopped"]
+    text = words_of("docs/reproduction.md")
+    for ends in zip(stopped["f_double"], stopped["f_quad"], strict=True):
+        assert "from {} to {}".format(*(power_of_ten(f, 1) for f in ends)) in text
     verdicts = results["claims"]["count"]
     assert sum(verdicts.values()) == len(CLAIMS)
     told = {claim.text: claim.found for claim in CLAIMS}
