@@ -83,7 +83,7 @@ def lifting():
     assert set(above) == {"DOP853", "DVERK6(5)", "Verner7(6)"}
     yield f"up to {above['DOP853']:.2f} times that at the ends in the"
     yield f"of `DVERK6(5)` up to {above['DVERK6(5)']:.2f} and of `Verner7(6)` up to "
-    yield f"{above['Verner7(6)']:.2f}, and at most three"
+    yield f"{above['Verner7(6)']:.2f}, and of the other pairs at most 3."
     pairs = {name for name, method in cg.methods.items() if method.embedded_order}
     first, second = sorted(pairs - set(values))
     yield f"`{first}` and `{second}` are not among these"
