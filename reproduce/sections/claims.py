@@ -53,7 +53,7 @@ CLAIMS = (
     *(
         Claim(
             "Abstract, 3.2",
-            f"Many methods of order {word} (five, we say) were found by Levenberg–Marquardt from "
+            f"Many methods of order {word} (five or more) were found by Levenberg–Marquardt from "
             "random starts.",
             partial(judges.many, order),
         )
@@ -140,7 +140,7 @@ CLAIMS = (
     ),
     Claim(
         "2",
-        "The same of implicit methods, (2.3), which exist.",
+        "The same condition gives implicit methods (2.3) order q.",
         partial(judges.theorem, "implicit"),
     ),
     Claim("3.1", "The tree tables can be generated for arbitrarily high order.", judges.trees),
@@ -149,7 +149,7 @@ CLAIMS = (
     *(
         Claim(
             "3.2",
-            f"Many starts (five, we say) reduce f to about 1e−15 in double: order {word}.",
+            f"Many starts (five or more) reduce f to about 1e−15 in double: order {word}.",
             partial(judges.double, order),
         )
         for order, word in ((4, "four"), (5, "five"))
