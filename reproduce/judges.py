@@ -126,11 +126,11 @@ def slope_approximate(numbers: Data, results: Results) -> Verdict:
 def many(order: int, numbers: Data, results: Results) -> Verdict:
     """Tell whether the search found five distinct exact methods."""
     data = results[f"search{order}"]
-    return data["distinct"] >= _MANY, _found(data)
+    return data["distinct"] >= _MANY, f"{_found(data)}, {_MANY} being many"
 
 
 def _found(data: Data) -> str:
-    return f"{data['distinct']} distinct exact methods (many: {_MANY}) from {_starts(data)}"
+    return f"{data['distinct']} distinct exact methods from {_starts(data)}"
 
 
 def _starts(data: Data) -> str:
@@ -237,8 +237,8 @@ def improved(numbers: Data, results: Results) -> Verdict:
     limits = long["settings"]
     return 2 * counted > len(pairs), (
         f"the paper doesn't report its limits. With {stopped['limit']} evaluations in double and "
-        f"{stopped['limit_quad']} in real(16) {text}; with {limits['maxfev']} and "
-        f"{limits['refine_maxfev']} {_improvement(long)[2]}"
+        f"{stopped['limit_quad']} in real(16), {text}; with {limits['maxfev']} and "
+        f"{limits['refine_maxfev']}, {_improvement(long)[2]}"
     )
 
 
@@ -423,9 +423,9 @@ def truncated(numbers: Data, results: Results) -> Verdict:
         + (
             ""
             if part["if_truncated"] is None
-            else f", exact methods differ by {number(part['if_truncated'], 2)} units of the last "
+            else f", the nearest exact method is {number(part['if_truncated'], 2)} units of the last "
             "place from the middle of what is truncated to them, "
-            f"{number(part['if_rounded'], 2)} from what is rounded; 0.5 is possible"
+            f"{number(part['if_rounded'], 2)} from that of what is rounded; up to 0.5 is possible"
         )
         for name, part in parts.items()
     )
