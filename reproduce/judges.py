@@ -423,8 +423,8 @@ def truncated(numbers: Data, results: Results) -> Verdict:
         + (
             ""
             if part["if_truncated"] is None
-            else f", the nearest exact method is {number(part['if_truncated'], 2)} units of the last "
-            "place from the middle of what is truncated to them, "
+            else f", the nearest exact method is {number(part['if_truncated'], 2)} units of the "
+            "last place from the middle of what is truncated to them, "
             f"{number(part['if_rounded'], 2)} from that of what is rounded; up to 0.5 is possible"
         )
         for name, part in parts.items()
