@@ -40,8 +40,8 @@ test-all: build $(PEERS)
 UNCOMPILED := benchmarks beyond brackets catalogue certify certify_weights command command_runs \
   command_search diagnosis docs doctests export export_data export_docs finds flat_rows \
   frame_coordinates frame_digits frame_facts frame_input frames hostile_text implementations import \
-  impossibility installation judges krawczyk order_on_frames orthogonality other_packages \
-  own_methods peers plot readme reference_steps report_figures report_numbers report_search \
+  impossibility installation judges krawczyk numbers_in_pages order_on_frames orthogonality \
+  other_packages own_methods peers plot readme reference_steps report_figures report_numbers report_search \
   reproduce tableau trees typing values without_quads
 test-checks:
 	@sh tools/prerequisites.sh

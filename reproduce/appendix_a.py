@@ -9,10 +9,16 @@ from fractions import Fraction
 from functools import cache
 from importlib.resources import files
 
+import numpy as np
+from scipy.optimize import linprog
+
 from cg.catalogue import methods
+from cg.conditions import exact_residuals_of, jacobian_at
 from cg.tableau import Tableau
 
-__all__ = ["Comparison", "Printed", "compare", "printed"]
+__all__ = ["Comparison", "Printed", "compare", "nearest_exact", "printed"]
+
+_SOLVED = 1e-5  # units of the last place, to which conditions are to hold
 
 
 @dataclass(frozen=True)
@@ -120,3 +126,38 @@ def compare(name: str, method: Tableau | None = None) -> tuple[Comparison, ...]:
         Comparison(label, digits, Fraction(value))
         for (label, digits), value in zip(paper.labelled(), ours, strict=True)
     )
+
+
+def nearest_exact(name: str, method: Tableau | None = None, *, truncated: bool) -> float:
+    """Return by how much, at least, exact methods differ from printed coefficients.
+
+    The largest difference of a coefficient from the middle of what is truncated, or rounded, to
+    the printed digits, in units of the last place: up to 0.5 where printed digits may be those of
+    an exact method. To first order, by linear programming; zeros are kept.
+
+    Parameters
+    ----------
+    name : str
+        ``"CG4a"`` or ``"CG5a"``.
+    method : Tableau, optional
+        With printed coefficients, by default the paper's.
+    truncated : bool
+        Else rounded.
+    """
+    paper = printed()[name]
+    digits = Tableau(paper.a, paper.b) if method is None else method
+    order, unit = methods[name].order, Fraction(1, 10**16)
+    x = np.array([float(entry.value) for entry in digits.coefficients])
+    residuals = np.array([float(r / unit) for r in exact_residuals_of(digits, order)])
+    slopes = jacobian_at(digits.layout, x, order, independent=False)
+    middle = 0.5 * np.sign(x) if truncated else np.zeros_like(x)
+    # least d such that |step - middle| <= d and |residuals + slopes step| is next to nothing
+    ones, nothing = np.ones((x.size, 1)), np.zeros((residuals.size, 1))
+    left = np.block(
+        [[np.eye(x.size), -ones], [-np.eye(x.size), -ones], [slopes, nothing], [-slopes, nothing]]
+    )
+    right = np.concatenate([middle, -middle, _SOLVED - residuals, _SOLVED + residuals])
+    bounds = [*((None, None) if entry else (0.0, 0.0) for entry in x), (0.0, None)]
+    found = linprog(np.eye(x.size + 1)[-1], A_ub=left, b_ub=right, bounds=bounds)
+    assert found.fun is not None
+    return float(found.fun)

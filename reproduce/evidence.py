@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
-from cg.catalogue import methods
+from cg.catalogue import methods, munthe_kaas
 from cg.conditions import (
     Rows,
     count,
@@ -36,8 +37,12 @@ __all__ = ["gather"]
 _POINTS = 5
 _HIGH_ORDER = 10
 _PRINTED = 8  # decimals of CG6a in the paper
-_SLOPE_STEPS = (8, 16, 32, 64, 128)
-_TESTED = ("CG3", "CG4", "CG4a", "CG5a")
+_TESTED = {
+    "explicit": ("CG3", "CG4", "CG4a", "CG5a"),
+    "implicit": ("ImplicitMidpoint", "DICG3", "DICG4", "DICG4b", "DICG6"),
+    "Munthe-Kaas": tuple(munthe_kaas),
+}
+_DRIFT_TIMES = (1.0, 10.0, 100.0)
 _DISTINGUISHED = ("CG4", "CG4a", "CG5a", "CG6a")
 
 
@@ -61,7 +66,10 @@ def gather(seed: int) -> Data:
           ``worst``, ``root_mean_square``, ``median`` condition, how many of ``conditions`` hold
           to ``six`` decimals, and by how much, to first order, the digits that the paper doesn't
           print can change one (``truncation``);
-        - ``rotation_slopes``: slope of the error on a rotation whose velocity depends on it;
+        - ``rotation_slopes``: by kind of method and name the ``order``, and the ``slope`` of the
+          error on a rotation whose velocity depends on it;
+        - ``drift``: how far SciPy's solvers, by name, take the top's B from orthogonal, at
+          ``drift_times``;
         - ``flat``: largest difference, on a flat manifold, from the classical method of the same
           tableau;
         - ``initial``: how far B(0) is from orthogonal and its determinant from 1;
@@ -73,6 +81,8 @@ def gather(seed: int) -> Data:
         "methods": {name: _method(methods[name]) for name in (*_DISTINGUISHED, "CG3")},
         "approximate": _approximate(methods["CG6a"]),
         "rotation_slopes": _rotation_slopes(),
+        "drift": {"RK45": _drift("RK45"), "DOP853": _drift("DOP853")},
+        "drift_times": _DRIFT_TIMES,
         "flat": {name: _flat(methods[name]) for name in _DISTINGUISHED},
         "initial": _initial(),
         "trees": _trees(),
@@ -132,14 +142,35 @@ def _approximate(method: Method) -> Data:
 def _rotation_slopes() -> Data:
     problem = StateDependentRotation()
     exact = problem.reference([1]).y[0, :9].reshape(3, 3)
-    h = [1 / steps for steps in _SLOPE_STEPS]
-    slopes = {}
-    for name in _TESTED:
+
+    def slope(method: Method) -> Data:
+        h = [1 / steps for steps in ((4, 8, 16) if method.order > 5 else (16, 32, 64, 128))]
         errors = final_errors(
-            problem.f, (0.0, 1.0), problem.y0, exact, frame=problem.frame, method=name, h=h
+            problem.f, (0.0, 1.0), problem.y0, exact, frame=problem.frame, method=method, h=h
         )
-        slopes[name] = observed_order(h, errors, floor=1e-13, h_range=(0.0, 1 / 16)).order
-    return slopes
+        slope = observed_order(h, errors, floor=1e-13).order
+        return {"order": method.exact_order, "slope": slope}
+
+    every: dict[str, Method] = {**methods, **munthe_kaas}
+    return {kind: {name: slope(every[name]) for name in names} for kind, names in _TESTED.items()}
+
+
+def _drift(solver: Literal["RK45", "DOP853"]) -> list[float]:
+    top = HeavyTop()
+
+    def slope(t: float, y: Array) -> Array:
+        return np.asarray(top.frame.field(top.f(t, y), y), dtype=np.float64)
+
+    solution = solve_ivp(
+        slope,
+        (0.0, _DRIFT_TIMES[-1]),
+        top.y0,
+        method=solver,
+        t_eval=_DRIFT_TIMES,
+    )
+    rotations = solution.y[:9].T.reshape(-1, 3, 3)
+    away = rotations.swapaxes(1, 2) @ rotations - np.eye(3)
+    return [float(size) for size in np.linalg.norm(away, 2, axis=(1, 2))]
 
 
 def _flat(method: Method) -> float:

@@ -12,7 +12,7 @@ from strategies import rationals, tableaux
 
 import cg
 from cg import conditions
-from cg.catalogue import Catalogue, dumps, load, loads, methods, save
+from cg.catalogue import Catalogue, dumps, load, loads, methods, munthe_kaas, save
 from cg.points import MethodError
 from cg.tableau import Tableau, TableauError
 
@@ -91,6 +91,27 @@ def test_coefficients_are_written_with_all_digits(name):
         digits = entry.text.lstrip("-0.").replace(".", "")
         # exactly known, or with all digits but zeros at the end
         assert entry.unit == 0 or 33 <= len(digits) <= 36
+
+
+@pytest.mark.parametrize("name", [*methods, *munthe_kaas])
+def test_every_stage_and_every_point_is_used(name):
+    """By a result, by the estimate of a pair, or by a stage that is used itself."""
+    method = {**methods, **munthe_kaas}[name]
+    stages, points = set(), set()
+    if method.explicit:
+        stages |= {k for k, w in enumerate(method.exact_embedded or ()) if w}
+        ends = {method.result, method.embedded_result} - {None}
+        for _ in range(method.stages):
+            points = {m for end in ends for m in method.tree.path(end)}
+            stages |= {k for m in points for k in method.points[m].weights}
+            ends |= {method.stage_points[k] for k in stages}
+        assert points == set(range(len(method.points)))
+    else:
+        a, *rows = *method.exact, method.exact_embedded or ()
+        for _ in range(method.stages):
+            stages |= {k for row in rows for k, w in enumerate(row) if w}
+            rows = [a[k] for k in stages]
+    assert stages == set(range(method.stages))
 
 
 def test_the_pair():

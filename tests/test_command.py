@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.resources import files
 
 import pytest
 from watching import interrupted_search
@@ -75,6 +76,8 @@ class TestList:
         assert [m["name"] for m in every if m["kind"] != "Munthe-Kaas"] != sorted(cg.methods)
         assert {m["name"] for m in every} == {*cg.methods, *munthe_kaas}
         assert [m["order"] for m in every] == sorted(m["order"] for m in every)
+        proved = {m["name"]: m["proved"] for m in every}
+        assert (proved["CG4a"], proved["CF8a"], proved["CG6a"]) == ("whole", "partly", "no")
         _, shown, _ = run(
             "list", "--json", "--min-order", "5", "--pair", "--max-flows", "20", "--sort", "flows"
         )
@@ -98,7 +101,23 @@ class TestList:
     @pytest.mark.parametrize("name", QUICK)
     def test_what_is_kept_is_what_is_computed(self, name):
         method = {**cg.methods, **munthe_kaas}[name]
-        assert facts_of(method) == compute_facts(method)
+        text = (files("cg.catalogue") / "facts.json").read_text("utf-8")
+        (kept,) = (entry for entry in json.loads(text) if entry["name"] == name)
+        assert kept == facts_of(method).as_dict() == compute_facts(method).as_dict()
+
+    @pytest.mark.parametrize(
+        ("name", "counts", "error", "limits"),
+        [
+            ("LieEuler", (1, 1, 1), 0.5, (2.0, 0.0)),  # |1 + z|
+            ("CF4", (4, 4, 5), 0.02252, (2.785, 2.828)),  # as all of order four with four stages
+            ("DP5(4)", (5, 7, 12), 0.001885, (3.307, 0.9972)),  # as RK45 in flat space
+        ],
+    )
+    def test_what_is_known_of_methods(self, name, counts, error, limits):
+        facts = facts_of(cg.methods[name])
+        assert (facts.order, facts.evaluations, facts.flows) == counts
+        assert facts.principal_error == pytest.approx(error, rel=1e-3)
+        assert (facts.real_stability, facts.imaginary_stability) == pytest.approx(limits, rel=1e-3)
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", [*cg.methods, *munthe_kaas])

@@ -1,5 +1,7 @@
 """Coordinates that every frame has: their sizes, those of nearby points, and compiled blocks."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from frame_examples import FRAMES, LARGEST_SCALE, name
@@ -231,3 +233,19 @@ def test_logarithms_are_kept_however_far_they_lead(frame):
     assert np.isfinite(found[has]).all()
     off, before = (largest(frame.flow(v[has], y0[has]) - y1[has], frame) for v in (found, known))
     assert (off <= np.maximum(before, 5e-15 * largest(y1[has], frame))).all()
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_coordinates_on_su_are_the_shortest(n):
+    """Of all choices of the angles whose sum is zero: where principal ones add up to a turn too."""
+    frame, rng = SU(n), np.random.default_rng(80)
+    angles = rng.uniform(-np.pi, np.pi, (40, n))
+    angles[:, 0] = np.angle(np.exp(-1j * angles[:, 1:].sum(axis=-1)))
+    assert n == 2 or (np.abs(angles.sum(axis=-1)) > 1.0).sum() > 5
+    vectors = frame.random_point(rng, (40,))
+    y = (vectors * np.exp(1j * angles)[:, None, :]) @ vectors.conj().swapaxes(-1, -2)
+    found = np.linalg.norm(frame.algebra(frame.exp_coordinates(np.eye(n), y)), axis=(-2, -1))
+    for own, length in zip(angles, found, strict=True):
+        moved = own + 2.0 * np.pi * np.array([*product((-1, 0, 1), repeat=n)])
+        traceless = np.abs(moved.sum(axis=-1)) < 1e-9
+        assert length == pytest.approx(np.linalg.norm(moved[traceless], axis=-1).min(), abs=1e-13)

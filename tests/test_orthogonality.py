@@ -212,6 +212,20 @@ def test_certificates_that_leave_out_something_else():
         check(replace(certificate, identities=()), method)
 
 
+def test_a_certificate_that_leaves_out_an_independent_condition():
+    """The others have a zero with one coefficient more held: only `follow` tells."""
+    method = cg.methods["CF5d"]
+    certificate = certify(method)
+    left_out = read_left_out(certificate.identities)[0]
+    free = [name for name in method.layout.names if name not in certificate.fixed]
+    one_more = names_of_left_out([*left_out, (0, parse("[[]]"))])
+    forged = replace(
+        certificate, identities=one_more, fixed=(*certificate.fixed, free[0]), radius="1e-33"
+    )
+    with pytest.raises(CertificationError, match="that conditions follow from others is not"):
+        check(forged, method)
+
+
 def test_names_are_read_again():
     conditions = conditions_of([3, 2])
     assert len(conditions) == 7

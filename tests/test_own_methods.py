@@ -13,7 +13,7 @@ import pytest
 
 import cg
 from cg.catalogue import dumps, own_folders
-from cg.certification import CertificationError, certificate_of, check
+from cg.certification import CertificationError, certificate_of, check, proved
 from cg.command import main
 from cg.points import MethodError
 
@@ -242,6 +242,7 @@ class TestCertificatesOfOnesOwn:
         assert self.shown(capsys) == "none"
         cg.certify(MIDPOINT).save(folder / "mine.certificate.toml")
         assert self.shown(capsys).startswith("mine: order 2 by its rational coefficients")
+        assert proved(cg.methods["mine"]) == "whole"
 
     def test_one_of_other_coefficients(self, folder, capsys):
         cg.certify(MIDPOINT).save(folder / "mine.certificate.toml")
@@ -254,6 +255,7 @@ class TestCertificatesOfOnesOwn:
         proof = replace(cg.certify("CG4a"), name="mine", radius="1e-60")
         proof.save(folder / "mine.certificate.toml")
         assert self.shown(capsys).startswith("proves nothing: ")
+        assert proved(cg.methods["mine"]) == "no"
 
     def test_a_file_that_is_no_text(self, folder):
         MIDPOINT.save(folder)

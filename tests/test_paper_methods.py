@@ -1,6 +1,6 @@
 """CG4, CG4a, CG5a and CG6a against their closed forms, the print and what is known of them."""
 
-from decimal import Decimal, localcontext
+from decimal import ROUND_DOWN, ROUND_HALF_EVEN, Decimal, localcontext
 from fractions import Fraction
 
 import numpy as np
@@ -8,7 +8,8 @@ import pytest
 
 from cg import conditions
 from cg.catalogue import methods
-from cg.reproduce.appendix_a import compare, printed
+from cg.reproduce.appendix_a import compare, nearest_exact, printed
+from cg.tableau import Tableau
 
 UNIT = Fraction(1, 10**16)
 FLOOR = Fraction(1, 10**34)
@@ -39,13 +40,21 @@ class TestAgainstThePrint:
             assert abs(comparison.difference) <= 2 * UNIT, comparison
             assert comparison.kept_zero, comparison
 
-    def test_cg4a_is_the_print_rounded_not_truncated(self):
-        found = compare("CG4a")
-        assert all(abs(comparison.units) < 0.5 for comparison in found)
-        # truncation would leave all magnitudes too small
-        beyond = [abs(c.ours) > abs(Fraction(c.printed)) for c in found if c.ours != 0]
-        assert any(beyond)
-        assert not all(beyond)
+    def test_cg4a_is_an_exact_method_rounded_not_truncated(self):
+        assert nearest_exact("CG4a", truncated=False) < 0.4
+        assert nearest_exact("CG4a", truncated=True) > 0.6
+        assert all(abs(comparison.units) < 0.5 for comparison in compare("CG4a"))
+
+    @pytest.mark.parametrize("name", REFINED)
+    @pytest.mark.parametrize("rounding", [ROUND_DOWN, ROUND_HALF_EVEN])
+    def test_what_is_truncated_can_be_told(self, name, rounding):
+        """Digits of an exact method, cut off in either way, are found to be so."""
+        texts = [
+            str(Decimal(entry.text).quantize(Decimal("1e-16"), rounding))
+            for entry in methods[name].coefficients
+        ]
+        cut = Tableau.from_packed(texts, methods[name].stages)
+        assert nearest_exact(name, cut, truncated=rounding == ROUND_DOWN) <= 0.5
 
     def test_exact_zeros_of_cg5a(self):
         a, b = methods["CG5a"].exact

@@ -268,6 +268,12 @@ def test_figure_of_evaluations():
         "limit_quad": 5,
         "ratio_quad": [0.9, 0.95, 0.99],
         "ratio_double": [0.5, 0.6, 0.7],
+        "stopped": {
+            "limit": 20,
+            "limit_quad": 100,
+            "f_double": [1e-6, 3e-7],
+            "f_quad": [1e-8, None],
+        },
     }
     blocks = evaluations.present(data)
     (axes,) = drawn(charts(blocks)["evaluations"]).axes
@@ -285,6 +291,7 @@ def test_figure_of_evaluations():
     assert "passes the paper's 1e−06 between 10 and 20" in blocks[0].text
     assert "0.9 to 0.99, median 0.95" in blocks[1].text
     assert "0.5 to 0.7, median 0.6" in blocks[1].text
+    assert "1e−06 → 1e−08; 3e−07 → –" in blocks[2].text
 
 
 def test_stepsizes_and_times_are_those_of_the_paper():

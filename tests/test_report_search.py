@@ -42,6 +42,8 @@ def test_plans_are_those_of_the_paper():
     }
     assert [plan.unknowns for plan in PLANS.values()] == [15, 45, 136]
     assert evaluations.COUNTS == (1370, 2740, 5480, 27_400 + 822)
+    stopped = evaluations.STOPPED
+    assert (stopped.starts, stopped.maxfev, stopped.refine_maxfev) == (6, 2740, 13_700)
 
 
 def test_searches_are_called_with_their_plan(tmp_path):
@@ -214,6 +216,8 @@ def test_long_searches_are_published_meanwhile(tmp_path, monkeypatch):
 def test_evaluations_are_those_of_the_same_starts(tmp_path, monkeypatch):
     monkeypatch.setattr(evaluations, "_PLAN", replace(PLANS[6], starts=2, maxfev=700))
     monkeypatch.setattr(evaluations, "COUNTS", (300, 500, 900))
+    early = replace(PLANS[6], starts=1, maxfev=400, refine_below=1e3, refine_maxfev=140)
+    monkeypatch.setattr(evaluations, "STOPPED", early)
     six = {"f_double": [1.0, 2.0, 3.0], "f_quad": [0.9, 1.0, 1.0], "paper": {}}
     given = {"search6": six, "search4": {"f_double": [1e-3], "f_quad": [None], "paper": {}}}
     given["appendix"] = {"methods": {"CG6a": {"residuals": {"paper": {"f": 1e-9}}}}}
@@ -225,6 +229,10 @@ def test_evaluations_are_those_of_the_same_starts(tmp_path, monkeypatch):
     assert data["f"][0][0] > data["f"][1][0] > data["f"][3][0]
     assert data["ratio_quad"] == [0.9, 0.5]
     assert data["ratio_double"] == [data["f"][3][0], data["f"][3][1] / 2]
+    stopped = data["stopped"]
+    assert (stopped["limit"], stopped["limit_quad"]) == (400, 140)
+    (start,) = search(**early.arguments(0), starts=1).starts
+    assert (stopped["f_double"], stopped["f_quad"]) == ([start.double.f], [start.quad.f])
     assert data["f_printed"] == 1e-9
     assert data["smallest_exact"] == {"f_double": 1e-3, "f_quad": None}
 

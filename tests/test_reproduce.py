@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from tests_of_pages import power_of_ten, words_of
 
 from cg.catalogue import methods
 from cg.quad import to_decimal
@@ -362,7 +363,7 @@ def test_verdicts_that_readers_are_told():
     assert all(bool(claim.interpretation) == (claim.found == "fail") for claim in CLAIMS)
     text = (Path(__file__).parents[1] / "docs/reproduction.md").read_text(encoding="utf-8")
     passed, failed, other = counts
-    wanted = f"Of {len(CLAIMS)} claims {passed} pass by default, {failed} fail, and {other} are"
+    wanted = f"Of {len(CLAIMS)} claims {passed} pass by default, {failed} fail, and {other} is"
     assert wanted in text
     told = text.partition("| fails | what is found |\n|---|---|\n")[2].partition("\n\n")[0]
     assert len(told.splitlines()) == failed
@@ -391,6 +392,10 @@ def test_whole_default_run(tmp_path):
             assert run["slope"] == pytest.approx(run["order"], abs=0.02)
             # The first steps of these two are too long for another halving.
             assert run["decades"] > (8.9 if name in ("CG6g", "CF6(5)") else 10)
+    stopped = results["evaluations"]["stopped"]
+    text = words_of("docs/reproduction.md")
+    for ends in zip(stopped["f_double"], stopped["f_quad"], strict=True):
+        assert "from {} to {}".format(*(power_of_ten(f, 1) for f in ends)) in text
     verdicts = results["claims"]["count"]
     assert sum(verdicts.values()) == len(CLAIMS)
     told = {claim.text: claim.found for claim in CLAIMS}

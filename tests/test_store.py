@@ -1,6 +1,7 @@
 """A store keeps what was found, whatever ends a run, and isn't believed."""
 
 import json
+import math
 import os
 import signal
 import socket
@@ -102,6 +103,16 @@ class TestSearch:
         assert [run.starts for run in runs] == [2] * len(changes) + [3]
         assert [run.settings["order"] for run in runs[:2]] == [3, 2]
         assert all(run.seconds > 0 and not run.running and not run.failed for run in runs)
+
+    def test_the_best_f_is_that_after_the_refinement(self, tmp_path):
+        path = tmp_path / "runs.db"
+        starts = search(**SMALL, starts=6, store=path).starts
+        ends = [start.quad.f if start.quad else start.double.f for start in starts]
+        assert min(ends) < min(start.double.f for start in starts)
+        with Store(path) as opened:
+            (run,) = opened.runs()
+            assert run.best == min(ends)
+            assert min(opened.run(1).decades()) == max(-99, math.floor(math.log10(min(ends))))
 
     def test_two_processes_at_once(self, tmp_path):
         path = tmp_path / "runs.db"

@@ -1,9 +1,21 @@
-"""Blocks of programs in the pages of the documentation, and how they are run."""
+"""Blocks of programs in the pages of the documentation and how they are run; words of pages."""
 
 import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def words_of(page):
+    """Return the text of a page with a space for every line break."""
+    return " ".join((ROOT / page).read_text(encoding="utf-8").split())
+
+
+def power_of_ten(x, digits):
+    """Return a number as pages write it."""
+    mantissa, exponent = f"{float(x):.{digits}e}".split("e")
+    return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}"
 
 
 def blocks_of(page):

@@ -308,14 +308,30 @@ def method(recipe: Recipe) -> cg.CommutatorFree:
         if candidate.system.embedded:
             source = f"both results solved for jointly, {source}"
         try:
-            best = to_method(candidate, name=recipe.name, source=source)
+            best = without_idle_stages(to_method(candidate, name=recipe.name, source=source))
             if recipe.certified:
                 certify(best)
         except (NotExactError, CertificationError):
             continue
-        assert isinstance(best, cg.CommutatorFree)
         return best
     raise RuntimeError(f"{recipe.name}: no start led to a method")
+
+
+def without_idle_stages(method: cg.Method) -> cg.CommutatorFree:
+    """Return the method without the stages that no flow is along."""
+    stages = sorted({k for point in method.points for k in point.weights})
+    texts = method.layout.point_weights([entry.text for entry in method.coefficients])
+    return cg.CommutatorFree(
+        [
+            (point.parent, {stages.index(k): row[k] for k in point.weights})
+            for point, row in zip(method.points, texts, strict=True)
+        ],
+        [method.stage_points[k] for k in stages],
+        method.result,
+        embedded_result=method.embedded_result,
+        name=method.name,
+        source=method.source,
+    )
 
 
 def main(folder: str, *names: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from .certificate import Beyond, Certificate, CertificationError
 from .digits import refined_digits
-from .files import certificate_of, check_file
+from .files import certificate_of, check_file, proved
 from .prove import certify, check
 
 __all__ = [
@@ -19,5 +19,6 @@ __all__ = [
     "certify",
     "check",
     "check_file",
+    "proved",
     "refined_digits",
 ]

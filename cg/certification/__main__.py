@@ -12,7 +12,7 @@ from ..catalogue import load, methods
 from ..method import Method
 from ..points import MethodError
 from ..texts import file_in, visible_lines
-from .certificate import CertificationError
+from .certificate import Certificate, CertificationError
 from .files import certificate_names, certificate_of, check_file
 from .prove import certify, check
 
@@ -41,36 +41,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return _run(chosen.items, lambda item: _certify(item, chosen.output))
 
 
-def _run(items: Sequence[str], prove: Callable[[str], str]) -> int:
-    failed = 0
+def _run(items: Sequence[str], prove: Callable[[str], Certificate]) -> int:
+    counts = {"proved": 0, "partly": 0, "failed": 0}
     for item in items:
         begin = time.perf_counter()
         try:
-            message = prove(item)
+            certificate = prove(item)
         except (CertificationError, MethodError, OSError, KeyError, ValueError) as error:
-            failed += 1
+            counts["failed"] += 1
             message = f"FAILED {item}: {error}"
+        else:
+            counts["proved" if certificate.complete else "partly"] += 1
+            message = f"{'proved' if certificate.complete else 'partly proved'} {certificate}"
         print(f"{visible_lines(message)} [{time.perf_counter() - begin:.1f} s]", flush=True)
-    print(f"{len(items) - failed} of {len(items)} proved")
-    return 1 if failed else 0
+    others = (f", {count} {how}" for how, count in counts.items() if count and how != "proved")
+    print(f"{counts['proved']} proved{''.join(others)}")
+    return 1 if counts["failed"] else 0
 
 
-def _check(item: str, method_file: str | None) -> str:
+def _check(item: str, method_file: str | None) -> Certificate:
     method: Method | None = load(method_file) if method_file else None
     if Path(item).suffix == ".toml":
-        return f"proved {check_file(item, method)}"
+        return check_file(item, method)
     certificate = certificate_of(methods[item])
     check(certificate, methods[item] if method is None else method)
-    return f"proved {certificate}"
+    return certificate
 
 
-def _certify(item: str, output: str | None) -> str:
+def _certify(item: str, output: str | None) -> Certificate:
     method = load(item) if Path(item).suffix == ".toml" else methods[item]
     certificate = certify(method)
     if output is None:
-        return f"{certificate.dumps()}\nproved {certificate}"
-    certificate.save(file_in(output, method.name))
-    return f"proved {certificate}"
+        print(visible_lines(f"{certificate.dumps()}\n"), end="")
+    else:
+        certificate.save(file_in(output, method.name))
+    return certificate
 
 
 if __name__ == "__main__":

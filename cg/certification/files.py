@@ -14,7 +14,14 @@ from .certificate import Certificate, CertificationError
 from .prove import check
 from .statement import fitting
 
-__all__ = ["certificate_beside", "certificate_names", "certificate_of", "check_file", "folder"]
+__all__ = [
+    "certificate_beside",
+    "certificate_names",
+    "certificate_of",
+    "check_file",
+    "folder",
+    "proved",
+]
 
 
 def folder() -> Traversable:
@@ -55,6 +62,25 @@ def certificate_of(method: Method) -> Certificate:
     if name not in packaged:
         fitting(certificate, method)
     return certificate
+
+
+def proved(method: Method) -> str:
+    """Return how much of a method's order its certificate proves.
+
+    Returns
+    -------
+    str
+        ``"whole"``; ``"partly"`` if some conditions are only shown to be small; ``"no"`` without
+        a certificate. That of a method of the user's is proved again, since nothing of it is
+        believed.
+    """
+    try:
+        certificate = certificate_of(method)
+        if method.name not in packaged:
+            check(certificate, method)
+    except CertificationError:
+        return "no"
+    return "whole" if certificate.complete else "partly"
 
 
 def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:

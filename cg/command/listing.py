@@ -10,6 +10,7 @@ import click
 
 from cg.catalogue import methods, munthe_kaas
 from cg.facts import Facts, facts_of
+from cg.method import Method
 from cg.texts import visible
 
 from .arguments import as_json, json_option, say
@@ -57,7 +58,8 @@ def list_command(
     """List the methods of the catalogue.
 
     Flows of pairs include those of the estimate; error is the principal error, the size of the
-    residuals of the next order.
+    residuals of the next order. JSON says too whether a certificate proves the order: "proved" is
+    "whole", "partly" or "no".
 
     \b
     Examples:
@@ -65,13 +67,10 @@ def list_command(
       crouch-grossman list --min-order 5 --pair --sort flows
       crouch-grossman list --kind implicit --json
     """
+    every: dict[str, Method] = {**methods, **munthe_kaas}
     wanted = [
         facts
-        for facts in (
-            facts_of(m, stability=in_json)
-            for catalogue in (methods, munthe_kaas)
-            for m in catalogue.values()
-        )
+        for facts in (facts_of(method, stability=in_json) for method in every.values())
         if (order is None or facts.order == order)
         and (min_order is None or facts.order >= min_order)
         and (max_evaluations is None or facts.evaluations <= max_evaluations)
@@ -81,7 +80,9 @@ def list_command(
     ]
     wanted.sort(key=lambda f: (_KEYS[sort](f), f.evaluations, f.flows, f.name))
     if in_json:
-        as_json([facts.as_dict() for facts in wanted])
+        from cg.certification import proved
+
+        as_json([facts.as_dict() | {"proved": proved(every[facts.name])} for facts in wanted])
         return
     heads = ("name", "kind", "order", "evaluations", "flows", "error")
     say(table([heads, *map(_row, wanted)]))

@@ -81,10 +81,12 @@ class Proof:
         shapes = {claim.shape for claim in self.claims}
         said = []
         if "tableau" in shapes:
-            said.append(f"no explicit tableau of {self.stages} stages has order {self.order}")
+            what = f"Crouch-Grossman tableau of {self.stages} stages"
+            said.append(f"no explicit {what} has order {self.order}")
         for shape in sorted(shape for shape in shapes if shape.startswith("path")):
             said.append(
-                f"no explicit method with a {shape} flows to its result has order {self.order}"
+                f"no explicit commutator-free method with a {shape} flows to its result has order "
+                f"{self.order}"
             )
         trees = [str(shape) for shape in point_shapes(self.stages)] if self.stages else []
         ruled_out = shapes.intersection(trees)
