@@ -376,6 +376,7 @@ def main() -> None:
         for path in filter(lambda path: (ROOT / path).exists(), listed.stdout.splitlines()):
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / path, folder / path)
+        (folder / "cg" / "reproduce").symlink_to(folder / "reproduce")  # as it is installed
         compile_core(folder)
         for error in wanted:
             if error.what in known:
