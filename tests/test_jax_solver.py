@@ -325,6 +325,100 @@ class TestOwnFrames:
             solve(ours, cg.jax.Solver("RKMK4"), np.ones(2), h=0.1)
 
 
+class TestTransforms:
+    """Derivatives of ends of adaptive runs, against each other and against difference quotients."""
+
+    STEPS = 1024
+    KEPT = diffrax.RecursiveCheckpointAdjoint(checkpoints=STEPS)
+
+    def end(self, inertia, y0=START, adjoint=KEPT):
+        ours = cg.jax.FrameTerm(body(jnp), ATTITUDE_AND_VELOCITY)
+        solver = cg.jax.Solver("RKMK5(4)", dense="steps")
+        options = {"max_steps": self.STEPS, "adjoint": adjoint, "args": inertia}
+        return solve(ours, solver, y0, end=2.0, rtol=1e-12, **options).ys[-1]
+
+    def test_gradients(self):
+        inertia, y0 = jnp.asarray(INERTIA), jnp.asarray(START)
+        both = jax.grad(lambda i, y: self.end(i, y)[0], argnums=(0, 1))
+        by_inertia, by_point = jax.jit(both)(inertia, y0)
+        forward = jax.jit(jax.jacfwd(lambda i: self.end(i, adjoint=diffrax.ForwardMode())[0]))
+        np.testing.assert_allclose(by_inertia, forward(inertia), rtol=0.0, atol=1e-11)
+        frame = ATTITUDE_AND_VELOCITY
+
+        def exact(inertia, y0):
+            solution = cg.solve_ivp(
+                body(np), (0.0, 2.0), y0, frame=frame, rtol=1e-13, atol=1e-13, args=(inertia,)
+            )
+            return solution.y[-1, 0]
+
+        for k, unit in enumerate(np.eye(3)):
+            quotient = self.quotient(lambda s, u=unit: exact(INERTIA + s * u, START))
+            assert float(by_inertia[k]) == pytest.approx(quotient, abs=1e-9)
+        numbers = cg.jax.cotangent(frame, y0, by_point)
+        for k, unit in enumerate(np.eye(6)):
+            quotient = self.quotient(lambda s, u=unit: exact(INERTIA, frame.flow(s * u, START)))
+            assert float(numbers[k]) == pytest.approx(quotient, abs=1e-9)
+
+    @staticmethod
+    def quotient(function, step=5e-3):
+        """Return a derivative by differences of order six."""
+        weights = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}
+        return (
+            sum(
+                weight * (function(k * step) - function(-k * step)) for k, weight in weights.items()
+            )
+            / step
+        )
+
+    def test_members_are_single_runs(self):
+        inertias = jnp.asarray(INERTIA) * jnp.array([[1.0], [2.0], [0.5]]) + jnp.eye(3)
+        together = jax.jit(jax.vmap(self.end))(inertias)
+        alone = jax.jit(self.end)
+        for inertia, found in zip(inertias, together, strict=True):
+            np.testing.assert_allclose(found, alone(inertia), rtol=0.0, atol=1e-11)
+
+    @pytest.mark.parametrize(
+        "frame",
+        [
+            Sphere(2),
+            pytest.param(UnitQuaternion(), marks=SLOW),
+            pytest.param(SO3(), marks=SLOW),
+            pytest.param(SE3(), marks=SLOW),
+            pytest.param(SU(3), marks=SLOW),
+            pytest.param(Stiefel(3, 2), marks=SLOW),
+            pytest.param(Power(Sphere(2), 2), marks=SLOW),
+            pytest.param(Product(SU(2), Euclidean(2)), marks=SLOW),
+        ],
+        ids=repr,
+    )
+    def test_second_derivatives(self, frame):
+        ours, _ = term(frame)
+        y0 = point(frame)
+        adjoint = diffrax.DirectAdjoint()
+
+        def cost(factor):
+            solver = cg.jax.Solver("CF3", dense="steps")
+            run = solve(ours, solver, y0, h=0.25, args=factor, max_steps=4, adjoint=adjoint)
+            return jnp.abs(run.ys[-1].reshape(-1)[0] - 0.3) ** 2
+
+        values = jax.jit(lambda x: (cost(x), jax.grad(cost)(x), jax.hessian(cost)(x)))
+        _, slope, curvature = values(0.8)
+        by_values = self.quotient(lambda s: float(values(0.8 + s)[0]), 0.05)
+        by_slopes = self.quotient(lambda s: float(values(0.8 + s)[1]), 0.05)
+        assert float(slope) == pytest.approx(by_values, abs=1e-6)
+        assert float(curvature) == pytest.approx(by_slopes, abs=1e-5)
+
+    def test_gradients_through_solve_ivp_are_found_here(self):
+        def end(inertia):
+            f = body(jnp)
+            return cg.solve_ivp(
+                lambda t, y: f(t, y, inertia), (0.0, 1.0), START, frame=ATTITUDE_AND_VELOCITY
+            ).y[-1, 0]
+
+        with pytest.raises(ValueError, match=r"cg\.jax has the methods for JAX"):
+            jax.grad(end)(jnp.asarray(INERTIA))
+
+
 class TestRefusals:
     def ours(self):
         return term(UnitQuaternion())[0]

@@ -664,6 +664,13 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
         If ``frame`` is no product.
     ValueError
         If the number of parts or a shape is wrong.
+
+    Examples
+    --------
+    >>> import cg
+    >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
+    >>> join(frame, np.ones(4), np.zeros(3)).tolist()
+    [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     """
     _check_product(frame)
     if len(parts) != len(frame.factors):

@@ -37,6 +37,13 @@ def flow(frame: Frame, v: JaxArray, y: JaxArray) -> JaxArray:
         If ``frame`` is no frame that JAX has functions for.
     ValueError
         If a shape doesn't fit.
+
+    Examples
+    --------
+    >>> import cg
+    >>> frame = cg.frames.Sphere(2)
+    >>> cg.jax.flow(frame, jnp.zeros(3), jnp.array([0.0, 0.0, 1.0])).tolist()
+    [0.0, 0.0, 1.0]
     """
     rules = rules_of(frame)
     v, y = jnp.asarray(v), _point(frame, y, "y")

@@ -103,7 +103,7 @@ class Solver(diffrax.AbstractAdaptiveSolver):
     --------
     >>> import cg
     >>> cg.jax.Solver("CF7(6)")
-    Solver(CF7(6))
+    Solver("CF7(6)")
     """
 
     steps: _Steps = eqx.field(static=True)
@@ -123,8 +123,9 @@ class Solver(diffrax.AbstractAdaptiveSolver):
 
     def __repr__(self) -> str:
         method = self.steps.method
+        label = f'"{method.name}"' if method.name else repr(method)
         more = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
-        return f"Solver({method.name or method!r}{more})"
+        return f"Solver({label}{more})"
 
     @property
     def method(self) -> Method:
