@@ -9,7 +9,6 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames import Frame
@@ -87,21 +86,26 @@ def controller(
     rules = rules_of(frame)
     shape = (frame.dim,) if rules.log is not None else frame.point_shape
     try:
-        relative, absolute = float(rtol), np.asarray(atol, dtype=np.float64)
+        relative, absolute = jnp.asarray(rtol, float), jnp.asarray(atol, float)
     except (TypeError, ValueError):
         raise ValueError(
             f"rtol and atol must be numbers, got rtol = {rtol!r}, atol = {atol!r}"
         ) from None
+    if relative.shape != ():
+        raise ValueError(f"rtol must be a number, got shape {relative.shape}")
     if absolute.shape not in ((), shape):
         raise ValueError(f"atol must be a number or have shape {shape}, got {absolute.shape}")
-    if not (relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()):
+    traced = isinstance(relative + absolute, jax.core.Tracer)  # whose values aren't known yet
+    if not traced and not (
+        relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()
+    ):
         raise ValueError(
             "rtol and atol must not be negative, nor both be zero, got "
             f"rtol = {rtol!r}, atol = {atol!r}"
         )
     if max_step is not None and not max_step > 0.0:
         raise ValueError(f"max_step must be positive, got {max_step!r}")
-    return FrameController(relative, jnp.asarray(absolute), frame, max_step)
+    return FrameController(relative, absolute, frame, max_step)
 
 
 def _root_mean_square(errors: JaxArray) -> JaxArray:
@@ -111,7 +115,7 @@ def _root_mean_square(errors: JaxArray) -> JaxArray:
 class FrameController(diffrax.AbstractAdaptiveStepSizeController):
     """The choice of steps that `controller` makes."""
 
-    rtol: float
+    rtol: JaxArray
     atol: JaxArray
     frame: Frame = eqx.field(static=True)
     max_step: float | None = None
@@ -241,7 +245,8 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         """Return the tolerances at the larger of two points, all positive."""
         sizes = rules_of(self.frame).measured_sizes
         largest = jnp.maximum(sizes(x), sizes(y))
-        scale = self.atol.astype(largest.dtype) + self.rtol * largest
+        kind = largest.dtype
+        scale = self.atol.astype(kind) + self.rtol.astype(kind) * largest
         return jnp.maximum(scale, jnp.finfo(largest.dtype).tiny)
 
 
