@@ -42,7 +42,7 @@ SLOW = pytest.mark.slow
 FRAMES = [
     UnitQuaternion(),
     pytest.param(UnitQuaternion("space", scalar_first=True), marks=SLOW),
-    SO3("space"),
+    pytest.param(SO3("space"), marks=SLOW),
     pytest.param(SO3(), marks=SLOW),
     SE3(),
     pytest.param(SE3("space"), marks=SLOW),
@@ -50,7 +50,7 @@ FRAMES = [
     pytest.param(SO(2), marks=SLOW),
     pytest.param(SO(4), marks=SLOW),
     SU(2),
-    SU(3),
+    pytest.param(SU(3), marks=SLOW),
     pytest.param(SU(2, "body"), marks=SLOW),
     pytest.param(U(2), marks=SLOW),
     pytest.param(GL(2), marks=SLOW),
@@ -61,7 +61,7 @@ FRAMES = [
     pytest.param(Stiefel(4, 2), marks=SLOW),
     Euclidean(3),
     Product(SU(2), Euclidean(2)),
-    Power(Sphere(2), 3),
+    pytest.param(Power(Sphere(2), 3), marks=SLOW),
     squeeze(jnp),
     pytest.param(MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]]), marks=SLOW),
 ]
@@ -128,15 +128,14 @@ class TestValues:
 
 
 # Kinds of closed forms; the others take longer to compile.
-QUICK = (UnitQuaternion, SU, Sphere, Euclidean, FieldFrame)
+QUICK = (UnitQuaternion, Euclidean)
 MOST = [
     entry if hasattr(entry, "values") or type(entry) in QUICK else pytest.param(entry, marks=SLOW)
     for entry in FRAMES
-    if entry != SU(3)
 ]
 
 
-@pytest.mark.parametrize("frame", [*MOST, pytest.param(SU(3), marks=SLOW)], ids=repr, indirect=True)
+@pytest.mark.parametrize("frame", MOST, ids=repr, indirect=True)
 class TestDerivatives:
     def test_at_coefficients_zero(self, frame, example):
         """The flow of v and then of -v is nothing, and so are all of its derivatives."""
