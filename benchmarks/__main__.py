@@ -23,6 +23,7 @@ NAMES = (
     "order_six",
     "calls",
     "bodies",
+    "jax",
     "ensemble",
     "steps",
     "output",

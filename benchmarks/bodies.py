@@ -90,7 +90,7 @@ def diffrax_solvers(case: Case) -> Solvers:
     import jax
     import jax.numpy as jnp
 
-    jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
+    jax.config.update("jax_enable_x64", True)
     i1, i2, i3 = _INERTIA
 
     def f(t: Any, y: Any, args: Any) -> Any:
@@ -102,7 +102,7 @@ def diffrax_solvers(case: Case) -> Solvers:
         return jnp.stack([*(0.5 * rate for rate in (*quaternion, last)), *momentum])
 
     def compiled(solver: Any) -> Callable[[float], Run]:
-        @jax.jit
+        @jax.jit  # type: ignore[untyped-decorator]
         def end(tolerance: Any, y0: Any) -> Any:
             return diffrax.diffeqsolve(
                 diffrax.ODETerm(f), solver, 0.0, case.end, None, y0, max_steps=1_000_000,

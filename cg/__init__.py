@@ -15,7 +15,8 @@ from .installation import check_folder
 
 check_folder(__path__[0])
 
-_listed, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_listed, _, _names = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [name for name in _names if name != "jax"]  # `from cg import *` would import JAX
 __version__ = "1.0.0rc1"
 __distribution__ = "crouch-grossman"
 
@@ -31,4 +32,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Return the public names alone, for completion."""
-    return [*__all__, "__version__"]
+    return [*__all__, "jax", "__version__"]

@@ -1,5 +1,6 @@
 # What `cg` offers, and where it is: read by type checkers, and by `cg` itself.
 from . import conditions, frames, plot, problems
+from . import jax as jax  # not in __all__: `from cg import *` would import JAX
 from .catalogue import methods
 from .certification import Certificate, CertificationError, certify
 from .commutator_free import CommutatorFree

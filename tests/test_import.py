@@ -45,6 +45,7 @@ def test_integration_loads_no_more_than_it_uses():
         "cg.solve_ivp(f, (0, 1), [[1, 0, 0], [0, 1, 0], [0, 0, 1]], frame=frame)"
     )
     unused = {"cg.certification", "cg.construction", "cg.lifting", "cg.problems", "matplotlib"}
+    unused |= {"cg.jax", "jax", "diffrax"}
     unused |= {f"scipy.{part}" for part in ("integrate", "interpolate", "optimize", "sparse")}
     assert not unused & modules
 
@@ -57,7 +58,7 @@ def test_public_names_are_those_of_the_stub():
         if isinstance(node, ast.Assign)
     )
     assert sorted(listed) == sorted(cg.__all__)
-    assert dir(cg) == sorted([*listed, "__version__"])
+    assert dir(cg) == sorted([*listed, "jax", "__version__"])
     for name in listed:
         assert getattr(cg, name) is not None
 
@@ -67,6 +68,16 @@ def test_modules_are_attributes_and_other_names_are_refused():
     with pytest.raises(AttributeError, match="module 'cg' has no attribute 'method_s'"):
         cg.method_s  # noqa: B018
     assert not hasattr(cg, "__wrapped__")
+
+
+def test_without_jax_a_sentence_says_what_to_install():
+    code = (
+        "import sys; sys.modules['diffrax'] = None; import cg\n"
+        "try:\n    cg.jax\nexcept ImportError as error:\n    print(error)"
+    )
+    command = [sys.executable, "-W", "error", "-c", code]
+    out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert out == "cg.jax needs jax and diffrax: python -m pip install crouch-grossman[jax]\n"
 
 
 def test_star_import_gives_the_public_names():

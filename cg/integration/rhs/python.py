@@ -175,7 +175,11 @@ class PythonRhs:
             coefficients = real_array(value, "f")
         except ValueError as error:
             wanted = f"an array of shape {shape}" if self.together else f"{shape[0]} real numbers"
-            raise ValueError(f"f must return {wanted}, got {value!r} at {_when(t)}") from error
+            traced = type(value).__module__.partition(".")[0] == "jax"
+            hint = "; cg.jax has the methods for JAX, with gradients" if traced else ""
+            raise ValueError(
+                f"f must return {wanted}, got {value!r} at {_when(t)}{hint}"
+            ) from error
         if coefficients.shape != shape:
             got = "None" if value is None else f"shape {coefficients.shape}"
             raise ValueError(

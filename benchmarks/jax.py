@@ -1,0 +1,263 @@
+"""Steps, gradients and batches in JAX, against diffrax's own solvers."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+import cg
+
+from .bodies import tumbling
+from .cases import Case
+from .record import Aim, Result, Row
+from .solvers import Run
+from .timing import measure
+from .work_curves import Curve, run_point
+
+__all__ = ["run"]
+
+_INERTIA = np.array([1.0, 2.0, 2.5])
+_METHODS = ("CF5(4)", "RKMK5(4)", "RKMK8(5,3)", "CF7(6)")
+_RIVALS = ("Dopri8", "Tsit5")
+_DEFAULT = "RKMK8(5,3)"
+_AIMS = {1e-6: 1.0, 1e-8: 1.3, 1e-10: 1.5}
+_MEMBERS = 1000
+_ERROR = 1e-6  # of a gradient, and of members
+
+Solve = Callable[..., Any]
+
+
+def run(quick: bool, figures: Path | None) -> Result:
+    """Compare times at equal errors, of gradients, of batches and of compiling."""
+    rows: tuple[Row, ...] = ()
+    notes: tuple[str, ...] = ()
+    if importlib.util.find_spec("diffrax") is None:
+        notes = ("- diffrax was not installed, and nothing was measured.",)
+    else:
+        rounds = 3 if quick else 11
+        with tempfile.TemporaryDirectory() as folder:
+            case = tumbling(Path(folder))
+            rows = (*_equal_errors(case, rounds), *_gradients(case, rounds))
+        rows = (*rows, *_batches(rounds), *_compiling(3))
+    return Result(
+        "In JAX",
+        "The tumbling body of *Rigid bodies*, as a quaternion and an angular velocity, in float64 "
+        "on the CPU, jitted, the end stored. Rivals are diffrax's Dopri8 and Tsit5 on the seven "
+        "numbers, as they are or with the quaternion normalised after each step. Times are for an "
+        f"error at the end, medians of rounds in turn; {_MEMBERS} members have different inertias.",
+        rows,
+        notes,
+    )
+
+
+def _solvers(normalised: bool = False) -> dict[str, tuple[Solve, bool]]:
+    """Return functions of tolerance, start, inertia and end; and whether they are of `cg.jax`."""
+    import diffrax
+    import jax
+    import jax.numpy as jnp
+
+    jax.config.update("jax_enable_x64", True)
+    frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
+    generators = cg.frames.UnitQuaternion().field(np.eye(3), np.eye(4)[:, None])
+
+    def euler(velocity: Any, inertia: Any) -> Any:
+        return jnp.cross(inertia * velocity, velocity) / inertia
+
+    def coefficients(t: Any, y: Any, inertia: Any) -> Any:
+        return jnp.concatenate([y[4:], euler(y[4:], inertia)])
+
+    def derivative(t: Any, y: Any, inertia: Any) -> Any:
+        matrix = jnp.tensordot(y[4:], jnp.asarray(generators), (0, 1))
+        return jnp.concatenate([y[:4] @ matrix, euler(y[4:], inertia)])
+
+    class Normalised(diffrax.AbstractAdaptiveSolver):  # type: ignore[misc]
+        solver: Any
+        term_structure = diffrax.ODETerm
+        interpolation_cls = diffrax.LocalLinearInterpolation
+
+        def order(self, terms: Any) -> Any:
+            return self.solver.order(terms)
+
+        def error_order(self, terms: Any) -> Any:
+            return self.solver.error_order(terms)
+
+        def init(self, *arguments: Any) -> Any:
+            return self.solver.init(*arguments)
+
+        def func(self, *arguments: Any) -> Any:
+            return self.solver.func(*arguments)
+
+        def step(self, terms: Any, t0: Any, t1: Any, y0: Any, *rest: Any) -> Any:
+            y1, error, _, *more = self.solver.step(terms, t0, t1, y0, *rest)
+            y1 = jnp.concatenate([y1[:4] / jnp.sqrt(y1[:4] @ y1[:4]), y1[4:]])
+            return y1, error, {"y0": y0, "y1": y1}, *more
+
+    def solving(term: Any, solver: Any, own: bool) -> Solve:
+        def solve(tolerance: Any, y0: Any, inertia: Any, end: Any, adjoint: Any) -> Any:
+            pid = diffrax.PIDController(rtol=tolerance, atol=tolerance)
+            control = cg.jax.controller(frame, tolerance, tolerance) if own else pid
+            return diffrax.diffeqsolve(
+                term, solver, 0.0, end, None, y0, inertia, stepsize_controller=control,
+                max_steps=100_000, adjoint=adjoint,
+            ).ys[-1]  # fmt: skip
+
+        return solve
+
+    found = {}
+    for name in () if normalised else _METHODS:
+        solver = cg.jax.Solver(name, dense="steps")
+        found[name] = solving(cg.jax.FrameTerm(coefficients, frame), solver, True), True
+    for name in _RIVALS:
+        solver = getattr(diffrax, name)()
+        label = f"{name}, normalised" if normalised else name
+        solver = Normalised(solver) if normalised else solver
+        found[label] = solving(diffrax.ODETerm(derivative), solver, False), False
+    return found
+
+
+def _start() -> np.ndarray[Any, Any]:
+    return np.array([0.0, 0.0, 0.0, 1.0, 1.0, 2.0, -0.5])
+
+
+def _equal_errors(case: Case, rounds: int) -> list[Row]:
+    import diffrax
+    import jax
+
+    def compiled(solve: Solve) -> Callable[[float], Run]:
+        end = jax.jit(lambda tolerance: solve(
+            tolerance, _start(), _INERTIA, case.end, diffrax.ForwardMode()
+        ))  # fmt: skip
+
+        def once(tolerance: float) -> Run:
+            y = np.array(end(tolerance))
+            y[4:] *= _INERTIA  # the case has momenta
+            return Run(y[None], 0, 0)
+
+        once(0.1)
+        return once
+
+    everything = _solvers() | _solvers(normalised=True)
+    solve = {name: compiled(function) for name, (function, _) in everything.items()}
+    runs = [run_point(case, solve, 10.0**-k, rounds) for k in range(3, 14)]
+    curves = {name: Curve.of(name, "rival", 0, [points[name] for points in runs]) for name in solve}
+    rows = []
+    for error, aim in _AIMS.items():
+        times = {name: curve.at(error, "time") for name, curve in curves.items()}
+        times = {name: seconds for name, seconds in times.items() if not math.isnan(seconds)}
+        own = min((name for name in times if everything[name][1]), key=times.__getitem__)
+        for group in (_RIVALS, tuple(f"{name}, normalised" for name in _RIVALS)):
+            rival = min((name for name in times if name in group), key=times.__getitem__)
+            ratio = times[rival] / times[own]
+            rows.append(Row(
+                f"{case.title}, error {error:g}, {own}", 1e3 * times[own], "ms", rival,
+                1e3 * times[rival], ratio, aim=Aim(aim, above=True),
+            ))  # fmt: skip
+    return rows
+
+
+def _at_error(
+    functions: dict[str, Callable[[float], Any]], exact: Any, error: float
+) -> dict[str, float]:
+    """Return the tolerances at which functions have an error, by powers of ten's roots."""
+    found = {}
+    for name, function in functions.items():
+        for k in np.arange(4.0, 13.0, 0.5):
+            tolerance = 10.0**-k
+            if np.abs(np.asarray(function(tolerance)) - exact).max() <= error:
+                found[name] = tolerance
+                break
+    return found
+
+
+def _compare(
+    title: str, functions: dict[str, Callable[[float], Any]], exact: Any, rounds: int, pieces: int
+) -> list[Row]:
+    """Return the row of the best of ours against Dopri8, each at its loosest good tolerance."""
+    tolerances = _at_error(functions, exact, _ERROR)
+    calls = {
+        name: lambda f=functions[name], t=tolerance: np.asarray(f(t))
+        for name, tolerance in tolerances.items()
+    }
+    times = measure(calls, rounds=rounds)
+    own = min((name for name in calls if name in _METHODS), key=times.median)
+    unit = "ms" if pieces == 1 else "µs"
+    return [
+        times.row(
+            f"{title}, {own}", own, unit, "Dopri8", "Dopri8", pieces=(pieces, pieces),
+            aim=Aim(1.0, above=True),
+        )
+    ]  # fmt: skip
+
+
+def _gradients(case: Case, rounds: int) -> list[Row]:
+    import diffrax
+    import jax
+    import jax.numpy as jnp
+
+    def gradient(solve: Solve) -> Callable[[float], Any]:
+        adjoint = diffrax.RecursiveCheckpointAdjoint(checkpoints=4096)
+
+        def cost(inertia: Any, y0: Any, tolerance: Any) -> Any:
+            return solve(tolerance, y0, inertia, 10.0, adjoint)[0]
+
+        both = jax.jit(jax.grad(cost, argnums=(0, 1)))
+
+        def along(tolerance: float) -> Any:
+            by_inertia, by_start = both(jnp.asarray(_INERTIA), jnp.asarray(_start()), tolerance)
+            return np.concatenate([by_inertia, by_start[4:]])
+
+        return along
+
+    functions = {
+        name: gradient(solve) for name, (solve, _) in _solvers().items() if name != "Tsit5"
+    }
+    exact = functions["RKMK8(5,3)"](1e-13)
+    title = f"gradient of an attitude after 10 s, error {_ERROR:g}"
+    return _compare(title, functions, exact, rounds, 1)
+
+
+def _batches(rounds: int) -> list[Row]:
+    import diffrax
+    import jax
+
+    inertias = _INERTIA * np.random.default_rng(0).uniform(0.8, 1.2, (_MEMBERS, 3))
+
+    def batch(solve: Solve) -> Callable[[float], Any]:
+        def member(inertia: Any, tolerance: Any) -> Any:
+            return solve(tolerance, _start(), inertia, 10.0, diffrax.ForwardMode())
+
+        together = jax.jit(jax.vmap(member, (0, None)))
+        return lambda tolerance: together(inertias, tolerance)
+
+    functions = {name: batch(solve) for name, (solve, _) in _solvers().items() if name != "Tsit5"}
+    exact = np.asarray(functions["RKMK8(5,3)"](1e-12))
+    title = f"{_MEMBERS} members, a member of 10 s, error {_ERROR:g}"
+    return _compare(title, functions, exact, rounds, _MEMBERS)
+
+
+def _compiling(rounds: int) -> list[Row]:
+    import diffrax
+    import jax
+
+    seconds: dict[str, list[float]] = {_DEFAULT: [], "Dopri8": []}
+    for _ in range(rounds):
+        for name, times in seconds.items():
+            solve, _ = _solvers()[name]
+            begin = time.perf_counter()
+            jax.jit(lambda tolerance, solve=solve: solve(
+                tolerance, _start(), _INERTIA, 10.0, diffrax.ForwardMode()
+            )).lower(1e-6).compile()  # fmt: skip
+            times.append(time.perf_counter() - begin)
+    ours, theirs = (1e3 * median(times) for times in seconds.values())
+    return [
+        Row(f"compiling {_DEFAULT}", ours, "ms", "Dopri8", theirs, ours / theirs,
+            aim=Aim(2.0, above=False))
+    ]  # fmt: skip

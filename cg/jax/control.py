@@ -1,0 +1,256 @@
+"""The choice of steps of `cg.solve_ivp`, for diffrax."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from numpy.typing import ArrayLike
+
+from cg.frames import Frame
+from cg.jax.entire import JaxArray
+from cg.jax.frames import real_dtype, rules_of
+
+__all__ = ["FrameController", "controller"]
+
+# These numbers are those of fortran/controller.f90.in, which says where they are from.
+_SAFETY = 0.9
+_SMALLEST_FACTOR = 0.2
+_LARGEST_FACTOR = 5.0
+_FAILURE_FACTOR = 0.25
+_LAST_POWER = 0.7
+_BEFORE_LAST_POWER = 0.4
+_LEAST_LAST_ERROR = 1e-4
+_FIRST_ERROR = 0.01
+_NOTHING = 1e-5
+_BLIND_FRACTION = 1e-6
+_SMALLEST_STEP = 10.0  # spacings of numbers at the time
+
+
+def controller(
+    frame: Frame,
+    rtol: float,
+    atol: ArrayLike,
+    *,
+    max_step: float | None = None,
+) -> FrameController:
+    """Return the choice of steps of `cg.solve_ivp`, for ``diffrax.diffeqsolve``.
+
+    Errors are measured in coordinates, and so are tolerances: they mean what they mean in
+    `cg.solve_ivp`, and with ``dt0=None`` the first step is the same.  ``diffrax.PIDController``
+    compares entries of points instead, and begins with a step of 0.01.
+
+    Parameters
+    ----------
+    frame : cg.frames.Frame
+        The frame of the term.
+    rtol, atol : float or array_like
+        Relative and absolute tolerance of the error in a step.  ``atol`` is one number, or one
+        for each coordinate, shape ``(frame.dim,)``; on frames without `exp_coordinates` one for
+        each entry of a point.
+    max_step : float, optional
+        Largest size of a step, in the unit of time.
+
+    Returns
+    -------
+    FrameController
+        A ``diffrax.AbstractAdaptiveStepSizeController``; ``diffrax.ClipStepSizeController`` takes
+        it, for times that steps must not cross.
+
+    Raises
+    ------
+    TypeError
+        If ``frame`` is no frame that JAX has functions for.
+    ValueError
+        If a tolerance is negative, both are zero, or a shape doesn't fit; or ``max_step`` isn't
+        positive.
+
+    Notes
+    -----
+    Derivatives are those of the steps that are taken, with their sizes held fixed.  The default
+    adjoint of diffrax repeats steps in the reverse mode.  An estimate near rounding does not
+    repeat to the last bit, nor do the sizes that follow from it: with an error of about 1e-16 /
+    tolerance, relative, in gradients.  ``diffrax.RecursiveCheckpointAdjoint(checkpoints=n)`` with
+    n as large as ``max_steps`` repeats none of them, is exact, and takes less time; it keeps n
+    points.
+
+    Examples
+    --------
+    >>> import cg
+    >>> steps = cg.jax.controller(cg.frames.SO3(), rtol=1e-8, atol=1e-8)
+    """
+    rules = rules_of(frame)
+    shape = (frame.dim,) if rules.log is not None else frame.point_shape
+    try:
+        relative, absolute = jnp.asarray(rtol, float), jnp.asarray(atol, float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"rtol and atol must be numbers, got rtol = {rtol!r}, atol = {atol!r}"
+        ) from None
+    if relative.shape != ():
+        raise ValueError(f"rtol must be a number, got shape {relative.shape}")
+    if absolute.shape not in ((), shape):
+        raise ValueError(f"atol must be a number or have shape {shape}, got {absolute.shape}")
+    traced = isinstance(relative + absolute, jax.core.Tracer)  # whose values aren't known yet
+    if not traced and not (
+        relative >= 0.0 and (absolute >= 0.0).all() and (relative + absolute > 0.0).all()
+    ):
+        raise ValueError(
+            "rtol and atol must not be negative, nor both be zero, got "
+            f"rtol = {rtol!r}, atol = {atol!r}"
+        )
+    if max_step is not None and not max_step > 0.0:
+        raise ValueError(f"max_step must be positive, got {max_step!r}")
+    return FrameController(relative, absolute, frame, max_step)
+
+
+def _root_mean_square(errors: JaxArray) -> JaxArray:
+    return jnp.sqrt((jnp.abs(errors) ** 2).mean())
+
+
+class FrameController(diffrax.AbstractAdaptiveStepSizeController):
+    """The choice of steps that `controller` makes."""
+
+    rtol: JaxArray
+    atol: JaxArray
+    frame: Frame = eqx.field(static=True)
+    max_step: float | None = None
+    norm: Callable[[Any], Any] = _root_mean_square
+
+    def wrap(self, direction: Any) -> FrameController:
+        """Return the controller itself: steps backwards in time are chosen in the same way."""
+        return self
+
+    def init(
+        self,
+        terms: Any,
+        t0: JaxArray,
+        t1: JaxArray,
+        y0: JaxArray,
+        dt0: Any,
+        args: Any,
+        func: Callable[..., Any],
+        error_order: float | None,
+    ) -> tuple[JaxArray, Any]:
+        """Return the end of the first step, and the state: the last error, and a rejection."""
+        if error_order is None:
+            raise ValueError(
+                "solver must be a pair for steps to be chosen; methods without an error estimate "
+                "take diffrax.ConstantStepSize()"
+            )
+        state = jnp.ones((), real_dtype(y0)), jnp.zeros((), bool)
+        if dt0 is not None:
+            return t0 + dt0, state
+        fixed = (t0, t1, y0, func(terms, t0, y0, args), args)
+        t0, t1, y0, start, args = jax.lax.stop_gradient(fixed)
+        size = self._first(terms, t0, t1, y0, start, args, func, error_order)
+        return t0 + size, state
+
+    def _first(
+        self,
+        terms: Any,
+        t0: JaxArray,
+        t1: JaxArray,
+        y0: JaxArray,
+        start: JaxArray,
+        args: Any,
+        func: Callable[..., Any],
+        error_order: float,
+    ) -> JaxArray:
+        """Return a first size from the norms of the point, its derivative and its curvature."""
+        rules = rules_of(self.frame)
+        time = jnp.result_type(t0)
+
+        def tangent(v: JaxArray, y: JaxArray) -> JaxArray:
+            return v if rules.log is not None else rules.field(v, y)
+
+        scale = self._scale(y0, y0)
+        span = jnp.where(jnp.isfinite(t1 - t0), t1 - t0, 1.0)
+        least = jnp.minimum(_spacing(t0), span)
+        most = span if self.max_step is None else jnp.minimum(span, self.max_step)
+        direction = jnp.sign(terms.contr(t0, t1)).astype(scale.dtype)
+        size = self.norm(rules.measured_sizes(y0) / scale)
+        slope = self.norm(tangent(start, y0) / scale)
+        known = (size > _NOTHING) & (slope * span > _NOTHING)
+        guess = jnp.where(
+            known, 0.01 * size / jnp.where(known, slope, 1.0), _BLIND_FRACTION * span
+        ).astype(time)
+        guess = jnp.maximum(jnp.minimum(guess, most), least)
+        h = guess.astype(scale.dtype)
+        moved = rules.restore(rules.flow(direction * h * start, y0))
+        end = func(terms, t0 + guess, moved, args)
+        change = tangent(end, moved) - tangent(start, y0)
+        curvature = self.norm(change / scale) / h
+        # the rate at which the solution changes stands for higher derivatives
+        some = slope > 0.0
+        safe = jnp.where(some, slope, 1.0)
+        rate = jnp.maximum(curvature / safe, jnp.where(size > 0.0, safe / size, 0.0))
+        rated = some & (rate > 0.0)
+        unit = jnp.where(rated, rate, 1.0)
+        by_rate = (_FIRST_ERROR * unit / safe) ** (1.0 / error_order) / unit
+        by_curvature = jnp.sqrt(_FIRST_ERROR / jnp.where(curvature > 0.0, curvature, 1.0))
+        first = jnp.where(
+            rated, by_rate, jnp.where(~some & (curvature > 0.0), by_curvature, jnp.inf)
+        ).astype(time)
+        first = jnp.minimum(jnp.minimum(100.0 * guess, first), most)
+        return jnp.where(jnp.isfinite(end).all(), jnp.maximum(first, least), guess)
+
+    def adapt_step_size(
+        self,
+        t0: JaxArray,
+        t1: JaxArray,
+        y0: JaxArray,
+        y1_candidate: JaxArray,
+        args: Any,
+        y_error: JaxArray | None,
+        error_order: float,
+        controller_state: Any,
+    ) -> tuple[Any, ...]:
+        """Return whether a step is accepted, the ends of the next one, and the state."""
+        assert y_error is not None
+        y0, y1, difference = jax.lax.stop_gradient((y0, y1_candidate, y_error))
+        last_error, after_rejection = controller_state
+        exponent = 1.0 / error_order
+        rules = rules_of(self.frame)
+        if rules.log is not None:
+            difference = rules.coefficients(y1, difference)
+        error = self.norm(difference / self._scale(y0, y1))
+        error = jnp.where(jnp.isnan(error), jnp.inf, error)
+        keep = error <= 1.0
+        positive = jnp.where((error > 0.0) & jnp.isfinite(error), error, 1.0)
+        grown = positive**-_LAST_POWER * last_error**_BEFORE_LAST_POWER
+        accepted = jnp.clip(_SAFETY * grown**exponent, _SMALLEST_FACTOR, _LARGEST_FACTOR)
+        accepted = jnp.where(error > 0.0, accepted, _LARGEST_FACTOR)
+        accepted = jnp.where(after_rejection, jnp.minimum(accepted, 1.0), accepted)
+        rejected = jnp.maximum(_SMALLEST_FACTOR, _SAFETY * positive**-exponent)
+        rejected = jnp.where(jnp.isfinite(error), rejected, _FAILURE_FACTOR)
+        factor = jnp.where(keep, accepted, rejected)
+        size = (t1 - t0) * factor.astype(jnp.result_type(t1))
+        start = jnp.where(keep, t1, t0)
+        if self.max_step is not None:
+            size = jnp.minimum(size, self.max_step)
+        too_small = ~keep & (size < _SMALLEST_STEP * _spacing(t0))
+        size = jnp.where(keep, jnp.maximum(size, _SMALLEST_STEP * _spacing(start)), size)
+        result = diffrax.RESULTS.where(
+            too_small, diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.successful
+        )
+        state = jnp.where(keep, jnp.maximum(error, _LEAST_LAST_ERROR), last_error), ~keep
+        return keep, start, start + size, False, state, result
+
+    def _scale(self, x: JaxArray, y: JaxArray) -> JaxArray:
+        """Return the tolerances at the larger of two points, all positive."""
+        sizes = rules_of(self.frame).measured_sizes
+        largest = jnp.maximum(sizes(x), sizes(y))
+        kind = largest.dtype
+        scale = self.atol.astype(kind) + self.rtol.astype(kind) * largest
+        return jnp.maximum(scale, jnp.finfo(largest.dtype).tiny)
+
+
+def _spacing(t: JaxArray) -> JaxArray:
+    """Return the distance from |t| to the next larger number."""
+    size = jnp.abs(t)
+    return jnp.nextafter(size, jnp.inf) - size

@@ -1,0 +1,121 @@
+r"""Functions of squared angles that are smooth at zero, in any precision and to any derivative.
+
+Everything here is a function of :math:`q = |v|^2`, which is smooth where :math:`|v|` is not.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+__all__ = ["angle_over_sine", "dexpinv_factor", "motion_factors", "stumpff"]
+
+JaxArray = Any
+
+_NEAR = 4.0  # where the series is summed instead of a recurrence that cancels
+_TERMS = 14  # of which the first one left out is below rounding there
+_ARCTAN_NEAR = 0.04
+_ARCTAN_TERMS = 14
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def stumpff(k: int, q: JaxArray) -> JaxArray:
+    r"""Return Stumpff's function :math:`c_k(q) = \sum_j (-q)^j / (2 j + k)!` for q ≥ 0.
+
+    :math:`c_0(x^2) = \cos x`, :math:`c_1(x^2) = \sin(x) / x`, and :math:`c_{k+2} = (1 / k! - c_k)
+    / q` [1]_.  The derivative is :math:`c_k' = \tfrac12 (k\, c_{k+2} - c_{k+1})`: derivatives
+    of functions of this family are in the family, and none of them is a quotient of small
+    numbers.
+
+    Parameters
+    ----------
+    k
+        At least 0.
+    q
+        Real, any shape.
+
+    References
+    ----------
+    .. [1] K. Stumpff, "Himmelsmechanik", vol. 1, Deutscher Verlag der Wissenschaften, 1959,
+       section 41.
+    """
+    q = jnp.asarray(q)
+    if k < 2:
+        x = jnp.sqrt(q)
+        if k == 0:
+            return jnp.cos(x)
+        # At the smallest number the quotient is exactly 1, its limit at zero.
+        x = jnp.maximum(x, jnp.finfo(q.dtype).tiny)
+        return jnp.sin(x) / x
+    near = jnp.minimum(q, _NEAR)
+    series = jnp.full_like(q, 1.0 / math.factorial(2 * _TERMS + k))
+    for j in range(_TERMS - 1, -1, -1):
+        series = 1.0 / math.factorial(2 * j + k) - near * series
+    far = jnp.maximum(q, _NEAR)
+    value = stumpff(k % 2, far)
+    for j in range(k % 2, k, 2):
+        value = (1.0 / math.factorial(j) - value) / far
+    return jnp.where(q < _NEAR, series, value)
+
+
+@stumpff.defjvp
+def _stumpff_jvp(k: int, primals: Any, tangents: Any) -> Any:
+    (q,), (dq,) = primals, tangents
+    slope = -0.5 * stumpff(k + 1, q)
+    if k:
+        slope = slope + (0.5 * k) * stumpff(k + 2, q)
+    return stumpff(k, q), slope * dq
+
+
+def dexpinv_factor(q: JaxArray) -> JaxArray:
+    r"""Return :math:`(1 - x \cot x) / (4 x^2)` with :math:`q = (2 x)^2`, 1/12 at zero.
+
+    It multiplies :math:`\operatorname{ad}^2` in the inverse of the derivative of a rotation's
+    exponential; see `cg.frames.dexpinv.rotation_dexpinv`.
+    """
+    x2 = 0.25 * q
+    return (stumpff(2, x2) - stumpff(3, x2)) / (4.0 * stumpff(1, x2))
+
+
+def motion_factors(q: JaxArray) -> tuple[JaxArray, JaxArray]:
+    r"""Return the factors a and b of `cg.frames.dexpinv.motion_dexpinv`, for :math:`q = \theta^2`.
+
+    With g(q) the `dexpinv_factor` they are :math:`b = -g'(q)` and :math:`a = g(q) + q\, b`.
+    """
+    x2 = 0.25 * q
+    c1, c2, c3, c4, c5 = (stumpff(k, x2) for k in range(1, 6))
+    top, bottom = c2 - c3, c1
+    slope_top = c4 - 0.5 * c3 - 0.5 * (3.0 * c5 - c4)
+    slope_bottom = 0.5 * (c3 - c2)
+    slope = (slope_top * bottom - top * slope_bottom) / (16.0 * bottom * bottom)
+    return top / (4.0 * bottom) - q * slope, -slope
+
+
+def angle_over_sine(q: JaxArray, c: JaxArray) -> JaxArray:
+    r"""Return :math:`\operatorname{atan2}(\sqrt q, c) / \sqrt q`, which is 1/c at q = 0 < c.
+
+    The angle is halved twice first, so that what is left is a function of a square below one:
+    with :math:`r = \sqrt{q + c^2}` and :math:`t = \sqrt q / (c + r)` it is twice the arc tangent
+    of t.  There is no value at the angle π.
+    """
+    r = jnp.sqrt(q + c * c)
+    # c + r without cancellation
+    behind = c < 0.0
+    sum_ = jnp.where(behind, q / jnp.where(behind, r - c, 1.0), c + r)
+    t2 = q / (sum_ * sum_)
+    quarter = 1.0 + jnp.sqrt(1.0 + t2)
+    return 4.0 * _arctan_quotient(t2 / (quarter * quarter)) / (sum_ * quarter)
+
+
+def _arctan_quotient(x: JaxArray) -> JaxArray:
+    """Return arctan(√x) / √x."""
+    near = jnp.minimum(x, _ARCTAN_NEAR)
+    series = jnp.full_like(x, (-1.0) ** _ARCTAN_TERMS / (2 * _ARCTAN_TERMS + 1))
+    for j in range(_ARCTAN_TERMS - 1, -1, -1):
+        series = (-1.0) ** j / (2 * j + 1) + near * series
+    root = jnp.sqrt(jnp.maximum(x, _ARCTAN_NEAR))
+    return jnp.where(x < _ARCTAN_NEAR, series, jnp.arctan(root) / root)

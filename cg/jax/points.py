@@ -1,0 +1,144 @@
+"""Points and derivatives as numbers of coordinates."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from cg.frames import Frame
+from cg.jax.entire import JaxArray
+from cg.jax.frames import real_dtype, rules_of
+
+__all__ = ["cotangent", "flow", "log"]
+
+
+def flow(frame: Frame, v: JaxArray, y: JaxArray) -> JaxArray:
+    """Return the time-1 flow of the field with coefficients v: `cg.frames.Frame.flow` in JAX.
+
+    Its derivatives, of any order, are right at v = 0 as well.
+
+    Parameters
+    ----------
+    frame
+        A frame that JAX has functions for.
+    v
+        Coefficients, shape ``(dim,)``.
+    y
+        A point, shape ``point_shape``.
+
+    Returns
+    -------
+    array
+        Shape ``point_shape``.
+
+    Raises
+    ------
+    TypeError
+        If ``frame`` is no frame that JAX has functions for.
+    ValueError
+        If a shape doesn't fit.
+
+    Examples
+    --------
+    >>> import cg
+    >>> frame = cg.frames.Sphere(2)
+    >>> cg.jax.flow(frame, jnp.zeros(3), jnp.array([0.0, 0.0, 1.0])).tolist()
+    [0.0, 0.0, 1.0]
+    """
+    rules = rules_of(frame)
+    v, y = jnp.asarray(v), _point(frame, y, "y")
+    if v.shape != (frame.dim,):
+        raise ValueError(f"v must have shape ({frame.dim},), got {v.shape}")
+    return rules.restore(rules.flow(v.astype(real_dtype(y)), y))
+
+
+def log(frame: Frame, y0: JaxArray, y1: JaxArray) -> JaxArray:
+    """Return coefficients whose flow takes one point to another.
+
+    As `cg.frames.Frame.exp_coordinates`; the derivatives are right at equal points too, so that
+    ``(log(frame, y0, y1)**2).sum()`` is a cost to minimise.
+
+    Parameters
+    ----------
+    frame
+        A frame that JAX has functions for.
+    y0, y1
+        Points, shape ``point_shape``.
+
+    Returns
+    -------
+    array
+        Shape ``(dim,)``.
+
+    Raises
+    ------
+    TypeError
+        If ``frame`` is no frame that JAX has functions for.
+    ValueError
+        If a shape doesn't fit, or the frame has no such coordinates.
+
+    Examples
+    --------
+    >>> import cg
+    >>> frame = cg.frames.UnitQuaternion()
+    >>> start = jnp.array([0.0, 0.0, 0.0, 1.0])
+    >>> turned = cg.jax.flow(frame, jnp.array([0.0, 0.0, 0.5]), start)
+    >>> [round(float(v), 6) for v in cg.jax.log(frame, start, turned)]
+    [0.0, 0.0, 0.5]
+    """
+    rules = rules_of(frame)
+    if rules.log is None:
+        raise ValueError(f"frame must have exp_coordinates, got {frame!r}")
+    return rules.log(_point(frame, y0, "y0"), _point(frame, y1, "y1"))
+
+
+def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
+    r"""Return an ambient cotangent, such as a gradient by entries, as one by coordinates.
+
+    ``jax.grad`` with respect to a point gives a number for each entry, as if entries could change
+    one by one.  The result says how the cost changes along the fields of the frame, :math:`\langle
+    g, E_i(y) \rangle`.
+
+    Parameters
+    ----------
+    frame
+        A frame that JAX has functions for.
+    y
+        A point, shape ``point_shape``.
+    g
+        The gradient with respect to it that ``jax.grad`` gives, shape ``point_shape``.
+
+    Returns
+    -------
+    array
+        Shape ``(dim,)``.
+
+    Raises
+    ------
+    TypeError
+        If ``frame`` is no frame that JAX has functions for.
+    ValueError
+        If a shape doesn't fit.
+
+    Examples
+    --------
+    >>> import cg
+    >>> frame = cg.frames.Sphere(2)
+    >>> north, g = jnp.array([0.0, 0.0, 1.0]), jnp.array([1.0, 0.0, 5.0])
+    >>> [float(x) for x in cg.jax.cotangent(frame, north, g)]
+    [0.0, 1.0, 0.0]
+    """
+    rules = rules_of(frame)
+    y, g = _point(frame, y, "y"), _point(frame, g, "g")
+    zero = jnp.zeros(frame.dim, real_dtype(y))
+    _, pull = jax.vjp(lambda v: rules.flow(v, y), zero)
+    return pull(g.astype(y.dtype))[0]
+
+
+def _point(frame: Frame, y: JaxArray, name: str) -> JaxArray:
+    point = jnp.asarray(y)
+    if point.shape != frame.point_shape:
+        raise ValueError(f"{name} must have shape {frame.point_shape}, got {point.shape}")
+    if frame.dtype.kind == "c":
+        return point.astype(jnp.result_type(point, jnp.complex64))
+    return point if jnp.issubdtype(point.dtype, jnp.floating) else point.astype(float)

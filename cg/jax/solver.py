@@ -1,0 +1,268 @@
+"""Steps of the methods of the catalogue, for diffrax."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.catalogue import resolve_method
+from cg.integration.arguments import check_algebra
+from cg.integration.step.paths import MethodPaths, paths_of
+from cg.integration.step.plan import error_exponent
+from cg.jax.entire import JaxArray
+from cg.jax.frames import Rules
+from cg.jax.term import rules_in
+from cg.jax.within import Within, interpolant
+from cg.method import Method, remembered
+from cg.munthe_kaas import MuntheKaas
+
+__all__ = ["Solver"]
+
+_DENSE = ("accurate", "steps")
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """The steps of a method; there is one for each method, compared by identity."""
+
+    method: Method
+
+    @cached_property
+    def paths(self) -> MethodPaths:
+        return paths_of(self.method)
+
+    @cached_property
+    def flows(self) -> list[list[NDArray[np.float64]]]:
+        """The weights of the flows of each path, on the stages that are known by then."""
+        return [[_row(dict(flow)) for flow in path.flows] for path in self.paths.paths]
+
+    @cached_property
+    def on_algebra(self) -> bool:
+        return isinstance(self.method, MuntheKaas)
+
+    @cached_property
+    def errors(self) -> NDArray[np.float64]:
+        """The weights of the error estimates, shape ``(0, 1 or 2, stages)``."""
+        return np.array(self.paths.errors, dtype=np.float64)
+
+
+def _row(flow: dict[int, Any]) -> NDArray[np.float64]:
+    row = np.zeros(max(flow, default=0) + 1)
+    for stage, weight in flow.items():
+        row[stage] = float(weight)
+    return row
+
+
+@remembered
+def _steps_of(method: Method) -> _Steps:
+    return _Steps(method)
+
+
+class Solver(diffrax.AbstractAdaptiveSolver):
+    r"""An explicit method of the catalogue, or of the user, as a solver of `diffrax.diffeqsolve`.
+
+    It goes with a `FrameTerm`.  A pair gives an estimate of the error: a tangent at the end of
+    the step, so that a plain ``diffrax.PIDController`` can compare it with the entries of points,
+    and `controller` with coordinates, as `cg.solve_ivp` does.
+
+    Parameters
+    ----------
+    method : str or cg.Method
+        The name of a method, or a method.
+    dense : {"accurate", "steps"}, optional
+        What the solution between the ends of steps is.  ``"accurate"`` (default) is the
+        interpolant of `cg.solve_ivp`, as accurate as the steps; where output between steps or an
+        event asks for it, it takes the further evaluations of ``f`` that are told there, in every
+        step.  ``"steps"`` takes none, and compiles faster, for those who need the ends of steps
+        alone: between them it has an error of the second order.
+
+    Raises
+    ------
+    TypeError
+        If ``method`` is neither a name nor a method.
+    ValueError
+        If no method has that name, the method is implicit or ``dense`` is neither of the two.
+
+    Notes
+    -----
+    Coefficients are those that are stored, rounded to the precision of the points.  Weighted sums
+    of coefficients are products with a matrix: `XLA` makes one kernel of each.  Of
+    ``diffrax``'s adjoints, ``BacksolveAdjoint`` is refused, which adds to the state what is no
+    point of the frame.
+
+    Examples
+    --------
+    >>> import cg
+    >>> cg.jax.Solver("CF7(6)")
+    Solver("CF7(6)")
+    """
+
+    steps: _Steps = eqx.field(static=True)
+    dense: str = eqx.field(static=True)
+
+    term_structure: ClassVar[Any] = diffrax.AbstractTerm
+    interpolation_cls: ClassVar[Callable[..., Any]] = Within
+
+    def __init__(self, method: str | Method, *, dense: str = "accurate") -> None:
+        found = resolve_method(method)
+        if not found.explicit:
+            raise ValueError(f"method must be explicit in JAX, got {found!r}")
+        if dense not in _DENSE:
+            raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
+        self.steps = _steps_of(found)
+        self.dense = dense
+
+    def __repr__(self) -> str:
+        method = self.steps.method
+        label = f'"{method.name}"' if method.name else repr(method)
+        more = "" if self.dense == _DENSE[0] else f', dense="{self.dense}"'
+        return f"Solver({label}{more})"
+
+    @property
+    def method(self) -> Method:
+        """The method."""
+        return self.steps.method
+
+    def order(self, terms: Any) -> int:
+        """Return the order of the method."""
+        embedded = self.method.embedded_order
+        return max(self.method.order, embedded or 0)
+
+    def error_order(self, terms: Any) -> float | None:
+        """Return the power of the step that the estimate is proportional to; None without one."""
+        if self.method.embedded_order is None:
+            return None
+        return 1.0 / error_exponent(self.method)
+
+    def func(self, terms: Any, t0: JaxArray, y0: JaxArray, args: Any) -> JaxArray:
+        """Return the coefficients at a point."""
+        rules_in(terms)
+        return terms.vf(t0, y0, args)
+
+    def init(self, terms: Any, t0: Any, t1: Any, y0: JaxArray, args: Any) -> JaxArray:
+        """Return the coefficients at the start, after checking the term."""
+        rules = rules_in(terms)
+        if self.steps.on_algebra:
+            check_algebra(rules.frame, self.method)
+        return terms.vf(t0, y0, args)
+
+    def step(
+        self,
+        terms: Any,
+        t0: JaxArray,
+        t1: JaxArray,
+        y0: JaxArray,
+        args: Any,
+        solver_state: JaxArray,
+        made_jump: Any,
+    ) -> tuple[Any, ...]:
+        """Return the point after a step, its error, and what else diffrax wants of it.
+
+        The state is the vector of coefficients at the start of the step.
+        """
+        rules = rules_in(terms)
+        steps = self.steps
+        h = jnp.asarray(terms.contr(t0, t1), solver_state.dtype)
+
+        def f(c: Any, y: JaxArray) -> JaxArray:
+            return terms.vf(t0 + c * (t1 - t0), y, args)
+
+        first = solver_state
+        if made_jump is not False:
+            first = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: solver_state)
+        stages, ends, last = _take_stages(steps, rules, f, h, y0, first)
+        y1 = ends[steps.paths.result]
+        if last is None:
+            last = f(1.0, y1)
+        within = interpolant(
+            self.method, rules, f, h, y0, y1, first, last, stages, accurate=self.dense == "accurate"
+        )
+        error = _error(steps, rules, h, y1, ends, stages)
+        return y1, error, {"within": within}, last, diffrax.RESULTS.successful
+
+
+def _take_stages(
+    steps: _Steps,
+    rules: Rules,
+    f: Callable[[Any, JaxArray], JaxArray],
+    h: JaxArray,
+    y0: JaxArray,
+    first: JaxArray,
+) -> tuple[list[JaxArray], list[JaxArray], JaxArray | None]:
+    """Return the coefficients at stages, the start and the ends of all paths, and f at the end.
+
+    The last is None where no stage is there.
+    """
+    paths = steps.paths
+    last = None
+    stages: list[JaxArray] = []
+    ends, coordinates = [y0], [jnp.zeros_like(first)]
+    results = {paths.result, paths.embedded}
+
+    def follow(last: int) -> None:
+        for k in range(len(ends), last + 1):
+            y = ends[paths.paths[k - 1].origin]
+            v = coordinates[0]
+            for row in steps.flows[k - 1]:
+                v = combined(h, row, stages)
+                y = rules.flow(v, y)
+            ends.append(rules.restore(y) if k in results else y)
+            coordinates.append(v)
+
+    for c, k in zip(paths.doubles[1].tolist(), paths.stages, strict=True):
+        follow(k)
+        value = first if k == 0 and c == 0.0 and not stages else f(c, ends[k])
+        if len(stages) + 1 == paths.final_stage:
+            last = value
+        if steps.on_algebra and k > 0:
+            assert rules.dexpinv is not None
+            value = rules.dexpinv(coordinates[k], value, paths.series)
+        stages.append(value)
+    follow(len(paths.paths))
+    return stages, ends, last
+
+
+def combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
+    """Return h times a weighted sum of coefficients at stages, as one product."""
+    used = np.flatnonzero(row)
+    if len(used) == 1:
+        return (h * float(row[used[0]])) * stages[used[0]]
+    return (h * jnp.asarray(row[used], h.dtype)) @ jnp.stack([stages[k] for k in used])
+
+
+def _error(
+    steps: _Steps,
+    rules: Rules,
+    h: JaxArray,
+    y1: JaxArray,
+    ends: list[JaxArray],
+    stages: list[JaxArray],
+) -> JaxArray | None:
+    """Return the estimate as a tangent at the end of the step; None without a pair.
+
+    Two estimates are made one as in DOP853, by norms that are those of `controller` where both of
+    its tolerances are equal.
+    """
+    paths = steps.paths
+    if paths.errors:
+        found = h * (jnp.asarray(steps.errors, h.dtype) @ jnp.stack(stages))
+        error = found[0]
+        if len(found) == 2:
+            size = rules.extent(ends[0], y1)
+            squares = [(jnp.abs(rules.measured(e, y1) / size) ** 2).sum() for e in found]
+            total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
+            error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
+        return rules.field(error, y1)
+    if not paths.embedded:
+        return None
+    other = ends[paths.embedded]
+    return y1 - other if rules.log is None else rules.field(rules.log(other, y1), y1)

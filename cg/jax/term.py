@@ -1,0 +1,121 @@
+"""Right-hand sides for diffrax: coefficients of the fields of a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from cg.frames import Frame
+from cg.jax.entire import JaxArray
+from cg.jax.frames import Rules, rules_of
+
+__all__ = ["FrameTerm", "rules_in"]
+
+
+class FrameTerm(diffrax.AbstractTerm):
+    r"""The right-hand side :math:`y' = \sum_i f_i(t, y) E_i(y)`, for `diffrax.diffeqsolve`.
+
+    Parameters
+    ----------
+    f : callable
+        ``f(t, y, args)`` of ``jax.numpy`` returns the coefficients of the fields of the frame,
+        shape ``(frame.dim,)``.  ``y`` has the shape ``frame.point_shape``.
+    frame : cg.frames.Frame
+        One of those of `cg.frames`, or a `cg.frames.FieldFrame` whose functions are written in
+        ``jax.numpy``.
+
+    Raises
+    ------
+    TypeError
+        If ``f`` is no function, or ``frame`` no frame that JAX has functions for.
+    ValueError
+        When it is used: if ``f`` returns another shape or numbers that aren't real, or ``y0`` isn't
+        an array of the shape and kind of a point.
+
+    Examples
+    --------
+    >>> import cg, diffrax, jax.numpy as jnp
+    >>> frame = cg.frames.SO3()
+    >>> term = cg.jax.FrameTerm(lambda t, y, args: args * y[2], frame)
+    >>> solution = diffrax.diffeqsolve(
+    ...     term, cg.jax.Solver("CF4"), t0=0.0, t1=1.0, dt0=0.1, y0=jnp.eye(3), args=2.0
+    ... )
+    >>> solution.ys.shape
+    (1, 3, 3)
+    """
+
+    f: Callable[[Any, Any, Any], Any]
+    frame: Frame = eqx.field(static=True)
+
+    def __init__(self, f: Callable[[Any, Any, Any], Any], frame: Frame) -> None:
+        if not callable(f):
+            raise TypeError(f"f must be a function, got {f!r}")
+        rules_of(frame)
+        self.f = f
+        self.frame = frame
+
+    def vf(self, t: JaxArray, y: JaxArray, args: Any) -> JaxArray:
+        """Return the coefficients, shape ``(dim,)``, in the precision of ``y``."""
+        _check_point(self.frame, y)
+        value = self.f(t, y, args)
+        wanted = f"f must return {self.frame.dim} real numbers, shape ({self.frame.dim},)"
+        try:
+            coefficients = jnp.asarray(value)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{wanted}, got {value!r}") from error
+        if coefficients.shape != (self.frame.dim,):
+            raise ValueError(f"{wanted}, got shape {coefficients.shape}")
+        if jnp.iscomplexobj(coefficients):
+            raise ValueError(f"{wanted}, got {coefficients.dtype}")
+        return coefficients.astype(jnp.finfo(y.dtype).dtype)
+
+    def contr(self, t0: JaxArray, t1: JaxArray, **kwargs: Any) -> JaxArray:
+        """Return the time between two times."""
+        return t1 - t0
+
+    def prod(self, vf: JaxArray, control: JaxArray) -> JaxArray:
+        """Return the coefficients times the time."""
+        return control * vf
+
+    def vf_prod(self, t: JaxArray, y: JaxArray, args: Any, control: JaxArray) -> JaxArray:
+        """Refuse what isn't done by flows: other solvers, and the adjoint that augments points."""
+        raise NotImplementedError(
+            "adjoint must not be BacksolveAdjoint, which adds the adjoint to the state, so that it "
+            "is no point of the frame; RecursiveCheckpointAdjoint gives the gradient without the "
+            "error of solving backwards. And solver must be a cg.jax.Solver"
+        )
+
+
+def rules_in(terms: Any) -> Rules:
+    """Return the rules of the frame of a term.
+
+    Raises
+    ------
+    TypeError
+        If the term is none of a frame.
+    """
+    term = terms
+    while isinstance(term, diffrax._term.WrapTerm):
+        term = term.term
+    if isinstance(term, FrameTerm):
+        return rules_of(term.frame)
+    kind = type(term).__name__
+    more = "; f is one function with all coefficients" if kind == "MultiTerm" else ""
+    raise TypeError(f"terms must be one cg.jax.FrameTerm, got {kind}{more}")
+
+
+def _check_point(frame: Frame, y: Any) -> None:
+    """Raise ValueError if something is no array of the shape and kind of a point."""
+    if not isinstance(y, jax.Array | np.ndarray):
+        raise ValueError(f"y0 must be an array of shape {frame.point_shape}, got {y!r}")
+    if y.shape != frame.point_shape:
+        raise ValueError(f"y0 must have shape {frame.point_shape}, got {y.shape}")
+    if jnp.iscomplexobj(y) != (frame.dtype.kind == "c"):
+        wanted = "complex" if frame.dtype.kind == "c" else "real"
+        raise ValueError(f"y0 must be {wanted} for {frame!r}, got {y.dtype}")

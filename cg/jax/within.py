@@ -1,0 +1,262 @@
+"""The solution between the ends of a step: `cg.integration.step.interpolant` in JAX."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
+
+from cg.integration.step.interpolant import (
+    extension_of,
+    node_count,
+    nodes_of,
+    result_flows,
+)
+from cg.jax.entire import JaxArray
+from cg.jax.frames import Rules
+from cg.method import Method, remembered
+from cg.munthe_kaas import MuntheKaas
+
+__all__ = ["Within", "interpolant"]
+
+_ITERATIONS = 3  # of Newton's method; each squares the error, which is of third order first
+
+
+@dataclass(frozen=True, eq=False)
+class _Scheme:
+    """Weights of flows as polynomials.
+
+    Attributes
+    ----------
+    weights
+        Of θ, θ², … in the weights of coefficients in flows, shape ``(flows, coefficients,
+        degree)``.
+    """
+
+    weights: NDArray[np.float64]
+
+
+class _Interpolant(eqx.Module):
+    """The points of a step, reached from its start by flows whose weights are polynomials."""
+
+    y0: JaxArray
+    fields: JaxArray
+    rules: Rules = eqx.field(static=True)
+    scheme: _Scheme = eqx.field(static=True)
+
+    def __call__(self, theta: JaxArray) -> JaxArray:
+        weights = jnp.asarray(self.scheme.weights, self.fields.dtype)
+        powers = theta.astype(self.fields.dtype) ** jnp.arange(1, weights.shape[2] + 1)
+        vectors = (weights @ powers) @ self.fields
+        if len(vectors) == 1:
+            return self.rules.flow(vectors[0], self.y0)
+
+        def move(y: JaxArray, v: JaxArray) -> tuple[JaxArray, None]:
+            return self.rules.flow(v, y), None
+
+        return jax.lax.scan(move, self.y0, vectors)[0]
+
+
+class Within(diffrax.AbstractLocalInterpolation):
+    """The solution within one step, as diffrax asks for it."""
+
+    t0: Any
+    t1: Any
+    within: _Interpolant
+
+    def evaluate(self, t0: Any, t1: Any = None, left: bool = True) -> JaxArray:
+        """Return the point at a time, or the difference of those at two times."""
+        if t1 is not None:
+            return self.evaluate(t1) - self.evaluate(t0)
+        span = self.t1 - self.t0
+        nothing = span == 0.0
+        theta = jnp.where(nothing, 0.0, (t0 - self.t0) / jnp.where(nothing, 1.0, span))
+        return self.within(theta)
+
+
+def interpolant(
+    method: Method,
+    rules: Rules,
+    f: Callable[[Any, JaxArray], JaxArray],
+    h: JaxArray,
+    y0: JaxArray,
+    y1: JaxArray,
+    first: JaxArray,
+    last: JaxArray,
+    stages: list[JaxArray],
+    *,
+    accurate: bool,
+) -> _Interpolant:
+    """Return the interpolant of a step.
+
+    Parameters
+    ----------
+    method
+        The method of the step.
+    f
+        ``f(theta, y)``, coefficients at a fraction of the step.
+    first, last
+        The coefficients at both ends.
+    stages
+        Those at stages; of a method of Munthe-Kaas the derivatives of coordinates.
+    accurate
+        Whether it is as accurate as the step, or the flows of the step itself with weights that
+        grow in proportion to time.
+    """
+    if not accurate:
+        return _Interpolant(y0, h * jnp.stack(stages), rules, _straight(method))
+    flat = isinstance(method, MuntheKaas)
+    if flat or (rules.free and rules.dexpinv is not None and rules.log is not None):
+        return _on_algebra(method, rules, f, h, y0, y1, first, last, stages)
+    return _by_flows(method, rules, f, h, y0, y1, first, last)
+
+
+@remembered
+def _straight(method: Method) -> _Scheme:
+    from cg.integration.step.paths import paths_of
+
+    flows = paths_of(method).result_flows
+    weights = np.zeros((len(flows), method.stages, 1))
+    for row, flow in zip(weights, flows, strict=True):
+        for stage, weight in flow:
+            row[stage] = float(weight)
+    return _Scheme(weights)
+
+
+# In coordinates
+
+
+def _on_algebra(
+    method: Method,
+    rules: Rules,
+    f: Callable[[Any, JaxArray], JaxArray],
+    h: JaxArray,
+    y0: JaxArray,
+    y1: JaxArray,
+    first: JaxArray,
+    last: JaxArray,
+    stages: list[JaxArray],
+) -> _Interpolant:
+    extension = extension_of(method)
+    dexpinv = rules.dexpinv
+    assert dexpinv is not None
+    # all derivatives are times h, which may be zero
+    if isinstance(method, MuntheKaas):
+        series = max(method.advancing.order, 1)
+        known = [h * stage for stage in stages]
+        if extension.final == len(known):
+            u = jnp.asarray(extension.basis[0, : len(known)], h.dtype) @ jnp.stack(known)
+            known.append(dexpinv(u, h * last, series))
+    else:
+        series = node_count(method) + 1
+        u = _coordinates(rules, 0.5 * h * (first + last), y0, y1, series)
+        known = [h * first, u, dexpinv(u, h * last, series)]
+    derivatives = jnp.stack(known)
+    count, width = len(known), extension.basis.shape[1]
+    derivatives = jnp.pad(derivatives, ((0, width - count), (0, 0)))
+    if len(extension.theta):
+
+        def evaluate(k: JaxArray, node: Any) -> tuple[JaxArray, None]:
+            at, theta, row = node
+            u = row @ k
+            value = dexpinv(u, h * f(theta, rules.flow(u, y0)), series)
+            return k.at[at].set(value), None
+
+        nodes = (
+            jnp.arange(count, width),
+            jnp.asarray(extension.theta, h.dtype),
+            jnp.asarray(extension.rows, h.dtype),
+        )
+        derivatives, _ = jax.lax.scan(evaluate, derivatives, nodes)
+    scheme = _algebra_scheme(method)
+    fields = jnp.asarray(extension.basis, h.dtype) @ derivatives
+    return _Interpolant(y0, fields, rules, scheme)
+
+
+def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: int) -> JaxArray:
+    """Return the coordinates of a step that are near some, by Newton's method."""
+    log, dexpinv = rules.log, rules.dexpinv
+    assert log is not None
+    assert dexpinv is not None
+
+    def improve(u: JaxArray, _: Any) -> tuple[JaxArray, None]:
+        return u + dexpinv(u, log(rules.flow(u, y0), y1), series), None
+
+    return jax.lax.scan(improve, u, None, length=_ITERATIONS)[0]
+
+
+@remembered
+def _algebra_scheme(method: Method) -> _Scheme:
+    """Return the polynomials of the basis, one flow."""
+    degree = len(extension_of(method).basis)
+    x, rest = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
+    weights = np.zeros((1, degree, degree))
+    for d in range(1, degree + 1):
+        coefficients = (x ** ((d + 1) // 2) * rest ** (d // 2)).coef
+        weights[0, d - 1, : len(coefficients) - 1] = coefficients[1:]
+    return _Scheme(weights)
+
+
+# By the flows of the method
+
+
+def _by_flows(
+    method: Method,
+    rules: Rules,
+    f: Callable[[Any, JaxArray], JaxArray],
+    h: JaxArray,
+    y0: JaxArray,
+    y1: JaxArray,
+    first: JaxArray,
+    last: JaxArray,
+) -> _Interpolant:
+    schemes = _flow_schemes(method)
+
+    def close(fields: JaxArray, scheme: _Scheme) -> _Interpolant:
+        """Add the last flow, which leads to the end of the step."""
+        open_ = _Interpolant(y0, jnp.pad(fields, ((0, 1), (0, 0))), rules, scheme)
+        left = rules.nearby(open_(jnp.ones((), h.dtype)), y1)
+        return _Interpolant(y0, jnp.concatenate([fields, left[None]]), rules, scheme)
+
+    ends = h * jnp.stack([first, last])
+    found = close(ends, schemes[0])
+    for count, scheme in enumerate(schemes[1:], 3):
+        before = found
+        theta = jnp.asarray(nodes_of(count).nodes[1:-1], h.dtype)
+
+        def evaluate(node: JaxArray, level: _Interpolant = before) -> JaxArray:
+            return h * f(node, level(node))
+
+        inner = jax.lax.map(evaluate, theta)
+        found = close(jnp.concatenate([ends[:1], inner, ends[1:]]), scheme)
+    return found
+
+
+@remembered
+def _flow_schemes(method: Method) -> list[_Scheme]:
+    r"""Return the weights of interpolants with 2, 3, … nodes.
+
+    A flow has weights :math:`\theta \sum_k w_k L_j(c_k \theta)` of the coefficients at nodes,
+    with Lagrange's polynomials, and the last one the blend.
+    """
+    flows = result_flows(method)
+    schemes = []
+    for count in range(2, node_count(method) + 1):
+        at = nodes_of(count)
+        weights = np.zeros((len(flows) + 1, count + 1, count + 1))
+        for j in range(count):
+            others = np.delete(at.nodes, j)
+            lagrange = Polynomial.fromroots(others) / np.prod(at.nodes[j] - others)
+            for m, coefficient in enumerate(lagrange.coef):
+                weights[:-1, j, m] = coefficient * (flows.weights @ flows.c**m)
+        weights[-1, -1, :] = at.blend.coef[1 : count + 2]
+        schemes.append(_Scheme(weights))
+    return schemes

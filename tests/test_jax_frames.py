@@ -1,0 +1,276 @@
+"""Frames in JAX are those in NumPy, and smooth where they should be."""
+
+import numpy as np
+import pytest
+from jax_setup import jax
+
+import cg
+from cg.frames import (
+    GL,
+    SE3,
+    SO,
+    SO3,
+    SU,
+    Euclidean,
+    FieldFrame,
+    MatrixFrame,
+    Power,
+    Product,
+    Semidirect,
+    Sphere,
+    Stiefel,
+    U,
+    UnitQuaternion,
+)
+from cg.jax.entire import angle_over_sine, dexpinv_factor, motion_factors, stumpff
+from cg.jax.frames import rules_of
+
+jnp = jax.numpy
+
+
+def squeeze(xp):
+    """Hyperbolas in a plane, and translations along an axis."""
+    return FieldFrame(
+        [lambda y: xp.stack([y[0], -y[1], 0.0 * y[2]]), lambda y: xp.array([0.0, 0.0, 1.0])],
+        lambda v, y: xp.stack([y[0] * xp.exp(v[0]), y[1] * xp.exp(-v[0]), y[2] + v[1]]),
+        point_shape=3,
+        bracket=lambda u, v: xp.zeros(2),
+    )
+
+
+SLOW = pytest.mark.slow
+FRAMES = [
+    UnitQuaternion(),
+    pytest.param(UnitQuaternion("space", scalar_first=True), marks=SLOW),
+    pytest.param(SO3("space"), marks=SLOW),
+    pytest.param(SO3(), marks=SLOW),
+    SE3(),
+    pytest.param(SE3("space"), marks=SLOW),
+    pytest.param(Semidirect(SO3(), 2), marks=SLOW),
+    pytest.param(SO(2), marks=SLOW),
+    pytest.param(SO(4), marks=SLOW),
+    SU(2),
+    pytest.param(SU(3), marks=SLOW),
+    pytest.param(SU(2, "body"), marks=SLOW),
+    pytest.param(U(2), marks=SLOW),
+    pytest.param(GL(2), marks=SLOW),
+    Sphere(2),
+    pytest.param(Sphere(1), marks=SLOW),
+    pytest.param(Sphere(3), marks=SLOW),
+    Stiefel(3, 2),
+    pytest.param(Stiefel(4, 2), marks=SLOW),
+    Euclidean(3),
+    Product(SU(2), Euclidean(2)),
+    pytest.param(Power(Sphere(2), 3), marks=SLOW),
+    squeeze(jnp),
+    pytest.param(MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]]), marks=SLOW),
+]
+EPS = np.finfo(float).eps
+
+
+@pytest.fixture(params=FRAMES, ids=repr)
+def frame(request):
+    return request.param
+
+
+@pytest.fixture
+def example(frame):
+    """A point, and coefficients whose flows take less than half a turn."""
+    rng = np.random.default_rng(5)
+    return frame.random_point(rng), *(0.7 * rng.standard_normal((2, frame.dim)))
+
+
+def close(one, other, factor=1.0):
+    np.testing.assert_allclose(one, other, rtol=0.0, atol=200 * factor * EPS)
+
+
+class TestValues:
+    def test_flows_and_fields(self, frame, example):
+        y, v, w = example
+        rules = rules_of(frame)
+        found = jax.jit(lambda v, w, y: (rules.restore(rules.flow(v, y)), rules.field(w, y)))
+        moved, tangent = found(v, w, y)
+        close(moved, frame.flow(v, y))
+        close(tangent, frame.field(w, y))
+
+    def test_what_belongs_to_coordinates(self, frame, example):
+        y, v, w = example
+        rules = rules_of(frame)
+        end, tangent = frame.flow(v, y), frame.field(w, y)
+
+        @jax.jit
+        def compute(v, w, y, end, tangent):
+            back = rules.field(rules.coefficients(y, tangent), y)
+            known = () if rules.log is None else (rules.log(y, end),)
+            return back, rules.sizes(y), rules.dexpinv(v, w, 8), *known
+
+        back, sizes, derivative, *known = compute(v, w, y, end, tangent)
+        close(back, tangent, 10)
+        close(sizes, frame.coordinate_sizes(y))
+        close(derivative, frame.dexpinv(v, w, order=8), 10)
+        for found in known:
+            close(found, frame.exp_coordinates(y, end), 10)
+
+    def test_points_near_each_other(self, frame, example):
+        y, _, w = example
+        rules = rules_of(frame)
+        end = frame.flow(1e-6 * w, y)
+        v = jax.jit(rules.nearby)(y, end)
+        close(frame.flow(v, y), end)
+
+    def test_single_precision(self, frame, example):
+        y, v, _ = example
+        rules = rules_of(frame)
+        kind = np.complex64 if frame.dtype.kind == "c" else np.float32
+        low = jax.jit(rules.flow)(jnp.asarray(v, np.float32), jnp.asarray(y, kind))
+        assert low.dtype == kind
+        np.testing.assert_allclose(low, frame.flow(v, y), rtol=0.0, atol=2e-6)
+
+
+# Kinds of closed forms; the others take longer to compile.
+QUICK = (UnitQuaternion, Euclidean)
+MOST = [
+    entry if hasattr(entry, "values") or type(entry) in QUICK else pytest.param(entry, marks=SLOW)
+    for entry in FRAMES
+]
+
+
+@pytest.mark.parametrize("frame", MOST, ids=repr, indirect=True)
+class TestDerivatives:
+    def test_at_coefficients_zero(self, frame, example):
+        """The flow of v and then of -v is nothing, and so are all of its derivatives."""
+        y, v, _ = example
+        rules = rules_of(frame)
+
+        def twice(s):
+            return rules.flow(-s * v, rules.flow(s * v, y))
+
+        first = jax.jacfwd(twice)
+        for derivative in jax.jit(lambda s: (first(s), jax.jacfwd(first)(s)))(0.0):
+            close(derivative, np.zeros(frame.point_shape), 100)
+
+    def test_reverse_is_forward(self, frame, example):
+        y, v, w = example
+        rules = rules_of(frame)
+
+        def cost(v):
+            return jnp.vdot(rules.flow(w, y), rules.flow(v, y)).real
+
+        both = jax.jit(lambda v: (jax.jacfwd(jax.grad(cost))(v), jax.jacrev(jax.jacfwd(cost))(v)))
+        for at in (np.zeros(frame.dim), v):
+            forward, reverse = both(at)
+            close(forward, reverse, 50)
+
+    def test_logarithms_at_equal_points(self, frame, example):
+        y, v, _ = example
+        rules = rules_of(frame)
+        if rules.log is None:
+            pytest.skip("no coordinates")
+
+        def back(v):
+            return rules.log(y, rules.flow(v, y))
+
+        zero = np.zeros(frame.dim)
+        shortest = jax.jit(lambda v: rules.coefficients(y, rules.field(v, y)))(v)
+        first, second = jax.jit(
+            lambda v, w: (jax.jvp(back, (v,), (w,))[1], jax.jvp(jax.jacfwd(back), (v,), (w,))[1])
+        )(zero, v)
+        close(first, shortest, 50)
+        if rules.free:
+            close(second, np.zeros((frame.dim, frame.dim)), 200)
+
+
+class TestSmoothFunctions:
+    """Against sums of series in exact arithmetic, from zero to far beyond where they change."""
+
+    AT = np.array([0.0, 1e-300, 1e-12, 1e-4, 0.01, 0.039, 0.05, 1.0, 3.99, 4.01, 9.0, 25.0])
+
+    @staticmethod
+    def series(q, k, derivative=0):
+        from fractions import Fraction
+        from math import factorial, perm
+
+        total = Fraction(0)
+        for j in range(derivative, 90):
+            factor = Fraction(perm(j, derivative), factorial(2 * j + k)) * (-1) ** j
+            total += factor * Fraction(q) ** (j - derivative)
+        return float(total)
+
+    @pytest.mark.parametrize("k", range(5))
+    def test_stumpff(self, k):
+        functions = [lambda q: stumpff(k, q)]
+        for _ in range(3):
+            functions.append(jax.grad(functions[-1]))
+        values = jax.jit(jax.vmap(lambda q: [f(q) for f in functions]))(self.AT)
+        for derivative, found in enumerate(values):
+            expected = [self.series(q, k, derivative) for q in self.AT]
+            np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
+
+    def test_single_precision(self):
+        low = jnp.asarray(self.AT, np.float32)
+        for k in range(4):
+            slope = jax.jit(jax.vmap(jax.grad(lambda q, k=k: stumpff(k, q))))(low)
+            expected = [self.series(q, k, 1) for q in np.asarray(low, float)]
+            np.testing.assert_allclose(slope, expected, rtol=2e-5, atol=1e-6)
+
+    def test_factors_of_dexpinv(self):
+        q = jnp.asarray(self.AT[:10])
+        slopes = jax.jit(jax.vmap(jax.grad(dexpinv_factor)))(q)
+        second, fourth = jax.jit(jax.vmap(motion_factors))(q)
+        close(fourth, -slopes)
+        close(second, jax.vmap(dexpinv_factor)(q) - q * slopes)
+
+    @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 0.79, 0.81, 1.6, 2.5, 3.14])
+    def test_angles(self, angle):
+        q, c = np.sin(angle) ** 2, np.cos(angle)
+        found = angle_over_sine(jnp.asarray(q), jnp.asarray(c))
+        assert float(found) == pytest.approx(angle / np.sin(angle) if angle else 1.0, rel=1e-12)
+
+
+class TestPoints:
+    FRAME = Product(SU(2), UnitQuaternion(), Euclidean(2))
+
+    def test_products_are_taken_apart_and_joined(self):
+        y = self.FRAME.random_point(np.random.default_rng(1))
+        parts = cg.jax.split(self.FRAME, y)
+        for part, expected in zip(parts, self.FRAME.split(y), strict=True):
+            np.testing.assert_array_equal(part, expected)
+        np.testing.assert_array_equal(cg.jax.join(self.FRAME, *parts), y)
+
+    def test_cotangents(self):
+        frame = Sphere(2)
+        y, v = frame.random_point(np.random.default_rng(2)), np.array([0.3, -0.2, 0.5])
+        g = jax.grad(lambda y: y[0] * y[1] + y[2] ** 3)(y)
+        along = float(g @ frame.field(v, y))
+        assert float(cg.jax.cotangent(frame, y, g) @ v) == pytest.approx(along, rel=1e-13)
+
+    def test_logarithms_are_costs(self):
+        frame = UnitQuaternion()
+        y = frame.random_point(np.random.default_rng(3))
+        v = jnp.array([0.1, 0.2, -0.3])
+
+        def cost(v):
+            return (cg.jax.log(frame, y, cg.jax.flow(frame, v, y)) ** 2).sum()
+
+        gradient, hessian = jax.jit(lambda v: (jax.grad(cost)(v), jax.hessian(cost)(0.0 * v)))(v)
+        close(gradient, 2.0 * v)
+        close(hessian, 2.0 * np.eye(3))
+
+    def test_bad_input(self):
+        quaternion = UnitQuaternion()
+        with pytest.raises(ValueError, match=r"y must have shape \(4,\), got \(3,\)"):
+            cg.jax.flow(quaternion, np.zeros(3), np.zeros(3))
+        with pytest.raises(ValueError, match=r"v must have shape \(3,\), got \(4,\)"):
+            cg.jax.flow(quaternion, np.zeros(4), np.zeros(4))
+        with pytest.raises(ValueError, match=r"must have exp_coordinates"):
+            cg.jax.log(Stiefel(3, 2), np.eye(3, 2), np.eye(3, 2))
+        with pytest.raises(TypeError, match=r"frame must be a cg.frames.Product, got"):
+            cg.jax.split(quaternion, np.zeros(4))
+        with pytest.raises(ValueError, match="parts must be 3 points, got 1"):
+            cg.jax.join(self.FRAME, np.zeros(4))
+        with pytest.raises(ValueError, match=r"parts\[1\] must have shape \(4,\), got \(3,\)"):
+            cg.jax.join(self.FRAME, np.eye(2), np.zeros(3), np.zeros(2))
+        with pytest.raises(TypeError, match=r"FieldFrame takes a flow in jax.numpy"):
+            rules_of(cg.frames.Sp(4))
+        with pytest.raises(TypeError, match=r"frame must be a cg.frames.Frame, got 3"):
+            rules_of(3)
