@@ -29,7 +29,8 @@ def test_dataclasses_are_frozen():
     found = dict(classes())
     assert len(found) > 60
     changing = {name for name, one in found.items() if not one.__dataclass_params__.frozen}
-    assert changing == CHANGE
+    modules = {name for name in changing if name.startswith("cg.jax.")}  # equinox freezes them
+    assert changing - modules == CHANGE
 
 
 @pytest.mark.parametrize(

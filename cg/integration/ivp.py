@@ -344,6 +344,8 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
 
 def warn_off_manifold(plan: Plan, points: Points, stacklevel: int) -> None:
     """Warn if last points of solutions, those that are finite, are off the manifold."""
+    if plan.certainly_on(points):
+        return
     finite = np.isfinite(points).reshape(len(points), -1).all(axis=1)
     distance = plan.distance_off(points if finite.all() else points[finite])
     if distance is not None:

@@ -149,7 +149,7 @@ class Plan:
 
         Infinite distances don't count: they are those of regular matrices without digits of that.
         """
-        if len(points) == 0 or self.certainly_on(points):
+        if len(points) == 0:
             return None
         distances = self.frame.relative_error(points)
         distance = float(distances[np.isfinite(distances)].max(initial=0.0))
