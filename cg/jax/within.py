@@ -15,10 +15,12 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from cg.integration.step.interpolant import (
+    basis_polynomials,
     extension_of,
     node_count,
     nodes_of,
     result_flows,
+    series_order,
 )
 from cg.jax.entire import JaxArray
 from cg.jax.frames import Rules
@@ -145,18 +147,16 @@ def _on_algebra(
     last: JaxArray,
     stages: list[JaxArray],
 ) -> _Interpolant:
-    extension = extension_of(method)
+    extension, series = extension_of(method), series_order(method)
     dexpinv = rules.dexpinv
     assert dexpinv is not None
     # all derivatives are times h, which may be zero
     if isinstance(method, MuntheKaas):
-        series = max(method.advancing.order, 1)
         known = [h * stage for stage in stages]
         if extension.final == len(known):
             u = jnp.asarray(extension.basis[0, : len(known)], h.dtype) @ jnp.stack(known)
             known.append(dexpinv(u, h * last, series))
     else:
-        series = node_count(method) + 1
         u = _coordinates(rules, 0.5 * h * (first + last), y0, y1, series)
         known = [h * first, u, dexpinv(u, h * last, series)]
     derivatives = jnp.stack(known)
@@ -197,11 +197,9 @@ def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: 
 def _algebra_scheme(method: Method) -> _Scheme:
     """Return the polynomials of the basis, one flow."""
     degree = len(extension_of(method).basis)
-    x, rest = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
     weights = np.zeros((1, degree, degree))
-    for d in range(1, degree + 1):
-        coefficients = (x ** ((d + 1) // 2) * rest ** (d // 2)).coef
-        weights[0, d - 1, : len(coefficients) - 1] = coefficients[1:]
+    for d, p in enumerate(basis_polynomials(degree)):
+        weights[0, d, : d + 1] = p.coef[1 : d + 2]
     return _Scheme(weights)
 
 

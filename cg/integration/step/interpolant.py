@@ -82,11 +82,13 @@ __all__ = [
     "Extension",
     "NodeSet",
     "ResultFlows",
+    "basis_polynomials",
     "extension_of",
     "extra_evaluations",
     "node_count",
     "nodes_of",
     "result_flows",
+    "series_order",
 ]
 
 # Nodes of interpolants that use the stages of a method, in this order: a search over grids found
@@ -142,6 +144,13 @@ def extra_evaluations(method: Method) -> int:
     if isinstance(method, MuntheKaas):
         return len(extension_of(method).theta)
     return _evaluations(node_count(method))
+
+
+def series_order(method: Method) -> int:
+    """Return the order up to which dexp⁻¹ is needed where it is a series."""
+    if isinstance(method, MuntheKaas):
+        return max(method.advancing.order, 1)
+    return node_count(method) + 1
 
 
 def _evaluations(nodes: int) -> int:
@@ -277,20 +286,21 @@ def _further_nodes() -> Iterator[float]:
         yield 0.05 + 0.9 * math.modf(k * (math.sqrt(5.0) - 1.0) / 2.0)[0]
 
 
-def _basis(degree: int) -> list[Polynomial]:
+def basis_polynomials(degree: int) -> list[Polynomial]:
+    """Return the polynomials φ that interpolants in coordinates are combinations of."""
     x, rest = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
     return [x ** ((d + 1) // 2) * rest ** (d // 2) for d in range(1, degree + 1)]
 
 
 def _values(degree: int, theta: float) -> Array:
-    return np.array([p(theta) for p in _basis(degree)])
+    return np.array([p(theta) for p in basis_polynomials(degree)])
 
 
 @cache
 def _powers(degree: int) -> Array:
     """Return the coefficients of θ, θ², … in terms of φ: integers, shape ``(degree, degree)``."""
     matrix = np.zeros((degree, degree))
-    for d, p in enumerate(_basis(degree)):
+    for d, p in enumerate(basis_polynomials(degree)):
         matrix[d, : d + 1] = p.coef[1 : d + 2]
     return np.round(np.linalg.inv(matrix))
 

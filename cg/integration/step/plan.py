@@ -12,7 +12,13 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.integration.step.blocks import block_constants, describe_blocks, is_compiled
-from cg.integration.step.interpolant import extension_of, node_count, nodes_of, result_flows
+from cg.integration.step.interpolant import (
+    extension_of,
+    node_count,
+    nodes_of,
+    result_flows,
+    series_order,
+)
 from cg.integration.step.paths import paths_of
 from cg.method import Method, remembered
 from cg.munthe_kaas import MuntheKaas
@@ -60,10 +66,7 @@ class Plan:
         self.exponent = 0.0 if method.embedded_order is None else error_exponent(method)
         self._columns = 0
         self._free: bool | None = None
-        if isinstance(method, MuntheKaas):
-            self.series = max(method.advancing.order, 1)
-        else:
-            self.series = node_count(method) + 1
+        self.series = series_order(method)
         if self.compiled:
             blocks = describe_blocks(frame)
         else:
