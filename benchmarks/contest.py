@@ -8,11 +8,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cg import quad
 from cg.conditions import unknowns
-from cg.random_search import EXACT, SearchSettings, random_start, run_start, search
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem
+from cg.construction.search.random_search import (
+    EXACT,
+    SearchSettings,
+    random_start,
+    run_start,
+    search,
+)
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.support import quads as quad
 
 from .leastsq import OutOfTime, PaddedResidual, solve
 

@@ -8,12 +8,13 @@ import numpy as np
 from scipy.optimize import leastsq
 
 import cg
-from cg import _core_r64, _core_r128, quad
+from cg import _core_r64, _core_r128
 from cg.conditions import condition_trees, pack, unknowns
-from cg.random_search import random_start
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem
+from cg.construction.search.random_search import random_start
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.support import quads as quad
 
 from .leastsq import PaddedResidual
 from .record import Aim, Result

@@ -17,9 +17,9 @@ import method_work
 from matplotlib import pyplot
 
 import cg
-from cg.certification import CertificationError, certificate_of
 from cg.formats import FORMATS
-from cg.method import Method
+from cg.method.method import Method
+from cg.proofs import CertificationError, certificate_of
 
 ROOT = Path(__file__).parent.parent
 sys.path.append(str(ROOT))  # of the benchmarks

@@ -11,20 +11,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cg import quad
 from cg.catalogue import resolve_method
-from cg.checks import memory
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.arguments import check_count
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.step.blocks import block_constants, describe_blocks
 from cg.integration.step.paths import paths_of
-from cg.method import Method
+from cg.method.method import Method
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
-from cg.shared_numbers import Stop
-from cg.texts import read_fraction
+from cg.support import quads as quad
+from cg.support.checks import memory
+from cg.support.parsing import read_fraction
+from cg.support.shared_numbers import Stop
 
 Kind = Literal["real64", "real128"]
 
@@ -46,7 +46,7 @@ class CompiledTrajectory:
         Points rounded to float64, shape ``(steps + 1, *point_shape)``, read-only.
     raw
         Points in the kind that was computed with: ``y`` itself, or the bytes of binary128
-        numbers as `cg.quad` has them, shape ``(steps + 1, *point_shape, 16)``, read-only.
+        numbers as `cg.support.quads` has them, shape ``(steps + 1, *point_shape, 16)``, read-only.
     kind
         ``"real64"`` or ``"real128"``.
     """

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from cg.texts import write_file
+from cg.support.parsing import write_file
 
 from .blocks import Chart
 

@@ -8,20 +8,12 @@ import matplotlib.figure
 import numpy as np
 
 import cg
-from cg import (
-    catalogue,
-    certification,
-    conditions,
-    construction,
-    diagnosis,
-    frames,
-    impossibility,
-    low_storage,
-    plot,
-    quad,
-    stability,
-    trees,
-)
+from cg import catalogue, conditions, construction, frames, impossibility, plot
+from cg import proofs as certification
+from cg.analysis import diagnosis
+from cg.method import low_storage, stability
+from cg.support import quads as quad
+from cg.trees.ordered import ordered as trees
 
 
 class Call(NamedTuple):

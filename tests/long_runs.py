@@ -105,32 +105,32 @@ def figures(name: str, folder: Path) -> dict[str, Any]:
 EQUALITY = ("same", "the class has its own `__eq__` and `__hash__`")
 FROZEN = ("since", "nobody tried to change a value; `test_values.py` does")
 EXPLAINED = {
-    ("cg.trees", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
-    ("cg.points", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
+    ("cg.trees.ordered", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
+    ("cg.structure.points", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
     (
-        "cg.tableau",
+        "cg.method.tableau",
         "@dataclass(frozen=True, init=False, eq=False, repr=False)",
         "False → True",
     ): EQUALITY,
-    ("cg.certification.certificate", "@dataclass(frozen=True)", "True → False"): FROZEN,
-    ("cg.certification.krawczyk", "@dataclass(frozen=True)", "True → False"): FROZEN,
-    ("cg.certification.systems", "@dataclass(frozen=True)", "True → False"): FROZEN,
+    ("cg.proofs.certificate", "@dataclass(frozen=True)", "True → False"): FROZEN,
+    ("cg.proofs.krawczyk", "@dataclass(frozen=True)", "True → False"): FROZEN,
+    ("cg.proofs.systems", "@dataclass(frozen=True)", "True → False"): FROZEN,
     (
-        "cg.certification.systems",
+        "cg.proofs.systems",
         "for value, word in zip(found, words, strict=True)",
         "True → False",
     ): ("same", "both sequences are made of the same words"),
     (
-        "cg.condition_counts",
+        "cg.conditions.counts",
         "of_size = [0] * (order + 1)  # Σ d t_d over the divisors d of each k",
         "1 → 2",
     ): ("same", "a list is one longer than what is read of it"),
-    ("cg.points", "continue", "continue → break"): (
+    ("cg.structure.points", "continue", "continue → break"): (
         "same",
         "only the last of two results may be missing",
     ),
     (
-        "cg.tableau",
+        "cg.method.tableau",
         'labels = [f"a_{i}{separator}{j}" for j in range(1, stages + 1)]',
         "1 → 2",
     ): ("same", "of the end of a range: one label more than there are entries"),

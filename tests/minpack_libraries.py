@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.shared_numbers import fortran_module
+from cg.support.shared_numbers import fortran_module
 
 TESTS = Path(__file__).parent
 SOURCES = TESTS.parent / "fortran"

@@ -4,7 +4,7 @@ import numpy as np
 
 from cg import _core_r128
 from cg.conditions import condition_trees
-from cg.quad import decode, encode
+from cg.support.quads import decode, encode
 
 
 def residuals_quad(layout, x, order, independent=False):

@@ -4,9 +4,9 @@ from fractions import Fraction
 
 from hypothesis import strategies as st
 
-from cg.layout import Layout, Rows
-from cg.points import START, Point, PointTree
-from cg.trees import OrderedTree
+from cg.structure.layout import Layout, Rows
+from cg.structure.points import START, Point, PointTree
+from cg.trees.ordered import OrderedTree
 
 trees = st.recursive(
     st.just(OrderedTree()),

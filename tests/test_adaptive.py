@@ -9,13 +9,13 @@ from frame_examples import HEISENBERG
 from python_steps import Step, choose_steps, error, uncompiled
 
 import cg
-from cg.convergence import observed_order
+from cg.analysis.convergence import observed_order
 from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
 from cg.integration.step.blocks import is_compiled
 from cg.integration.step.interpolant import extra_evaluations
 from cg.integration.step.plan import error_exponent
+from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
-from cg.tableau import Tableau
 
 PAIRS = {name: m for name, m in cg.methods.items() if m.exact_embedded is not None}
 PROBLEM = StateDependentRotation()

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
+from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
-from cg.convergence import observed_order
 from cg.frames import SE3, SU, Product, Sphere, UnitQuaternion
 from cg.integration import integrate
-from cg.problems import (
-    AffineField,
-)
+from cg.problems import AffineField
 
 UNIT = [0.0, 0.0, 0.0, 1.0]
 
@@ -45,7 +43,7 @@ def test_order_slopes(affine, name, steps):
 
 def test_affine_fields_see_the_rows(affine):
     """With two columns of a row exchanged the order drops, abscissae being the same."""
-    from cg.tableau import Tableau
+    from cg.method.tableau import Tableau
 
     tableau = methods["CG4a"]
     a = tableau.a.copy()

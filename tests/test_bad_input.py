@@ -6,8 +6,6 @@ import pytest
 import cg
 from cg import conditions
 from cg.catalogue import dumps, load, loads, save
-from cg.certification import certificate_of
-from cg.certification import check as prove
 from cg.conditions import (
     Rows,
     check_rows,
@@ -28,11 +26,13 @@ from cg.construction import (
     to_method,
     triple_jump,
 )
-from cg.layout import Layout
+from cg.construction.solvers.system import ConditionSystem
 from cg.problems import FreeRigidBody
-from cg.quad import decode, encode, from_float, to_decimal, to_float
-from cg.solve.system import ConditionSystem
-from cg.trees import forest
+from cg.proofs import certificate_of
+from cg.proofs import check as prove
+from cg.structure.layout import Layout
+from cg.support.quads import decode, encode, from_float, to_decimal, to_float
+from cg.trees.ordered import forest
 
 HUGE = 10**400
 MASKED = np.ma.masked_array([[0.0, 0.0], [1.0, 0.0]], mask=[[0, 0], [1, 0]])

@@ -10,7 +10,7 @@ import pytest
 
 import cg
 from cg import conditions
-from cg.convergence import observed_order
+from cg.analysis.convergence import observed_order
 from cg.problems import FreeRigidBody, HeavyTop
 
 ROOT = Path(__file__).parent.parent

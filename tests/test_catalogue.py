@@ -13,8 +13,8 @@ from strategies import rationals, tableaux
 import cg
 from cg import conditions
 from cg.catalogue import Catalogue, dumps, load, loads, methods, munthe_kaas, save
-from cg.points import MethodError
-from cg.tableau import Tableau, TableauError
+from cg.method.tableau import Tableau, TableauError
+from cg.structure.points import MethodError
 
 # order, stages, exponentials
 KNOWN = {

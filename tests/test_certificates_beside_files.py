@@ -9,8 +9,8 @@ import pytest
 
 import cg
 from cg.catalogue import loads, save
-from cg.certification import certify
 from cg.command import main
+from cg.proofs import certify
 
 METHOD = cg.Tableau(cg.methods["CG3(2)"].entries, cg.methods["CG3(2)"].weights, name="Mine")
 Run = Callable[..., tuple[int, str, str]]

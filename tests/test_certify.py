@@ -11,7 +11,12 @@ from flint import arb
 import cg
 from cg import conditions
 from cg.catalogue import methods
-from cg.certification import (
+from cg.conditions import Rows
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.method.tableau import Tableau
+from cg.proofs import (
     Certificate,
     CertificationError,
     certificate_of,
@@ -20,17 +25,12 @@ from cg.certification import (
     check_file,
     proved,
 )
-from cg.certification.__main__ import main
-from cg.certification.files import certificate_names, folder
-from cg.certification.krawczyk import krawczyk
-from cg.certification.statement import Packed, box, free_of, system_of
-from cg.certification.zero import zero_of
-from cg.conditions import Rows
-from cg.precision import working_precision as precision
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem
-from cg.tableau import Tableau
+from cg.proofs.__main__ import main
+from cg.proofs.files import certificate_names, folder
+from cg.proofs.krawczyk import krawczyk
+from cg.proofs.statement import Packed, box, free_of, system_of
+from cg.proofs.zero import zero_of
+from cg.support.balls import working_precision as precision
 
 CERTIFIED = certificate_names()
 PARTLY = {
@@ -120,10 +120,10 @@ class TestProofs:
         certificate = certify(method)
         packed = Packed.of(method)
         free = [k for k, n in enumerate(packed.layout.names) if n not in certificate.fixed]
-        start = cg.quad.encode(
+        start = cg.support.quads.encode(
             [v + Fraction(k in free, 10**12) for k, v in enumerate(packed.values)]
         )
-        refined = cg.quad.decode(refine(start, ConditionSystem.tableau(4, 5), free=free).x)
+        refined = cg.support.quads.decode(refine(start, ConditionSystem.tableau(4, 5), free=free).x)
         with precision(certificate.bits):
             for k, ball in enumerate(box(packed, certificate)):
                 found = arb(refined[k].numerator) / refined[k].denominator
@@ -138,8 +138,8 @@ def pair_of_order_four():
         guess[system.free] = np.random.default_rng(seed).uniform(-1, 1, len(system.free))
         fit = fit_conditions(guess, system, ftol=1e-27)
         if fit.f < 1e-24:
-            found = cg.quad.decode(refine(cg.quad.from_float(fit.x), system).x)
-            *a, b, second = system.layout.cut([cg.quad.to_decimal(v) for v in found])
+            found = cg.support.quads.decode(refine(cg.support.quads.from_float(fit.x), system).x)
+            *a, b, second = system.layout.cut([cg.support.quads.to_decimal(v) for v in found])
             return Tableau(a, b, name="pair", b_embedded=second)
     raise AssertionError("no pair found")
 
@@ -254,9 +254,7 @@ class TestFailures:
             check_file(path)
 
     def test_dependent_conditions_that_nothing_explains(self, monkeypatch):
-        monkeypatch.setattr(
-            sys.modules["cg.certification.find"], "find_identities", lambda *_: iter(())
-        )
+        monkeypatch.setattr(sys.modules["cg.proofs.find"], "find_identities", lambda *_: iter(()))
         with pytest.raises(CertificationError, match="dependent") as caught:
             certify("CG5a")
         assert caught.value.quantities["conditions"] == 38
@@ -301,7 +299,7 @@ class TestCommand:
     def test_it_is_a_function_and_a_command(self):
         assert cg.certify is certify
         run = subprocess.run(
-            [sys.executable, "-m", "cg.certification", "--check", "CG3"],
+            [sys.executable, "-m", "cg.proofs", "--check", "CG3"],
             capture_output=True,
             text=True,
             check=True,
@@ -320,7 +318,7 @@ class TestDigits:
     def test_all_digits_are_right(self):
         short, long = methods["CG4a"].digits(40), methods["CG4a"].digits(80)
         for few, many in zip(short[1], long[1], strict=True):
-            assert few == cg.quad.to_decimal(Fraction(many), 40)
+            assert few == cg.support.quads.to_decimal(Fraction(many), 40)
 
     def test_the_closed_form_of_cg4(self):
         # t1 / (2 t2) with T = 2^(1/3), t1 = 1 + T + T², t2 = T + T²

@@ -10,18 +10,25 @@ from strategies import tableaux
 import cg
 from cg import conditions
 from cg.catalogue import methods
-from cg.certification import certify
-from cg.certification.composition import MidpointSteps, convolve, logarithm
-from cg.certification.identities import MiddleAbscissae, StageOrderTwo
-from cg.certification.krawczyk import to_double
-from cg.certification.parametric import Columns, Letters, Path
-from cg.certification.statement import Packed
-from cg.certification.systems import EquationSystem, exact_residuals, order_system
-from cg.certification.weights import Quantity, Weights
-from cg.certification.words import condition_words, nodes, parse, reciprocal_density, shuffle, text
 from cg.conditions import Rows
-from cg.layout import Layout
-from cg.precision import working_precision as precision
+from cg.proofs import certify
+from cg.proofs.dependent.composition import MidpointSteps, convolve, logarithm
+from cg.proofs.dependent.identities import MiddleAbscissae, StageOrderTwo
+from cg.proofs.dependent.parametric import Columns, Letters, Path
+from cg.proofs.dependent.words import (
+    condition_words,
+    nodes,
+    parse,
+    reciprocal_density,
+    shuffle,
+    text,
+)
+from cg.proofs.krawczyk import to_double
+from cg.proofs.statement import Packed
+from cg.proofs.systems import EquationSystem, exact_residuals, order_system
+from cg.proofs.weights import Quantity, Weights
+from cg.structure.layout import Layout
+from cg.support.balls import working_precision as precision
 
 
 class TestWords:

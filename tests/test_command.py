@@ -12,8 +12,8 @@ from watching import interrupted_search
 
 import cg
 from cg.catalogue import dumps, loads, munthe_kaas
+from cg.catalogue.summary import compute_facts, facts_of
 from cg.command import main, proving, searching
-from cg.facts import compute_facts, facts_of
 
 COMMANDS = [
     "list", "show", "check", "search", "construct", "certify", "export", "plot", "runs",

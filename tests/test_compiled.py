@@ -11,15 +11,15 @@ from compiled_examples import DOUBLES, FRAMES, PROBLEMS
 from scipy import LowLevelCallable
 
 import cg
+from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
-from cg.convergence import observed_order
 from cg.frames import GL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
 from cg.reproduce.built_in import integrate_affine
-from cg.shared_numbers import (
+from cg.support.shared_numbers import (
     BlockKind,
     ConditionOwner,
     FieldFlag,

@@ -7,8 +7,8 @@ from frame_examples import name
 from test_munthe_kaas import generic
 
 import cg
+from cg.analysis.convergence import observed_order
 from cg.catalogue import resolve_method
-from cg.convergence import observed_order
 from cg.frames import SO3, Euclidean, IsospectralOrbit, Power, Product
 from cg.integration.step.blocks import block_constants, is_compiled
 from cg.integration.step.flows import (
@@ -23,7 +23,7 @@ from cg.integration.step.flows import (
 from cg.problems import TodaFlow
 from cg.problems.affine import AffineField
 from cg.reproduce.built_in import integrate_affine
-from cg.shared_numbers import BlockKind
+from cg.support.shared_numbers import BlockKind
 
 ORBITS = [
     IsospectralOrbit((0.0, 1.0)),

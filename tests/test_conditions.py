@@ -13,9 +13,9 @@ from strategies import dyadics, rationals, tableaux
 
 from cg import _core_r64, _core_r128, conditions
 from cg.conditions import Rows
-from cg.layout import Layout
-from cg.tables import fortran_tables, main
-from cg.trees import OrderedTree, forest
+from cg.structure.layout import Layout
+from cg.trees.ordered import OrderedTree, forest
+from cg.trees.tables import fortran_tables, main
 
 FLOATS = {"dtype": np.float64}
 

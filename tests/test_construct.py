@@ -29,9 +29,9 @@ from cg.construction import (
     walk,
 )
 from cg.construction.drop import _ways, solve_start
+from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.start import random_candidate
 from cg.runs import Store
-from cg.solve.minimum_norm import fit_conditions
 
 
 def a_candidate(order, stages, *, embedded=False, seed=0, bound=3.0):

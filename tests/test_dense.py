@@ -9,8 +9,8 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import CubicHermiteSpline
 
 import cg
+from cg.analysis.convergence import observed_order
 from cg.catalogue import munthe_kaas
-from cg.convergence import observed_order
 from cg.frames import (
     GL,
     SE3,

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import cg
+from cg.analysis.diagnosis import diagnose_file, draw_points, draw_tree
+from cg.analysis.diagnosis.variants import with_coefficients
 from cg.catalogue import dumps, munthe_kaas
-from cg.coefficients import Coefficient
-from cg.diagnosis import diagnose_file, draw_points, draw_tree
-from cg.diagnosis.variants import with_coefficients
-from cg.tableau import TableauError
-from cg.trees import OrderedTree
+from cg.method.coefficients import Coefficient
+from cg.method.tableau import TableauError
+from cg.trees.ordered import OrderedTree
 
 CG4A = cg.methods["CG4a"]
 SLIP = "-1.1092979392113565"
@@ -259,7 +259,7 @@ def test_implicit_and_approximate_methods():
 
 @pytest.mark.parametrize("module", ["diagnosis", "drawing"])
 def test_examples(module):
-    result = doctest.testmod(importlib.import_module(f"cg.diagnosis.{module}"))
+    result = doctest.testmod(importlib.import_module(f"cg.analysis.diagnosis.{module}"))
     assert (result.failed, result.attempted > 0) == (0, True)
 
 

@@ -27,7 +27,9 @@ NAMES = sorted(
 
 
 def test_all_modules_are_found():
-    assert {"cg.trees", "cg.frames.so3", "cg.integration.ivp", "cg.quad"} <= set(NAMES)
+    assert {"cg.trees.ordered", "cg.frames.so3", "cg.integration.ivp", "cg.support.quads"} <= set(
+        NAMES
+    )
 
 
 @pytest.fixture
@@ -119,16 +121,20 @@ def without_example(objects):
 def test_what_is_public_is_found():
     names = set(public())
     assert {"cg.Tableau", "cg.frames.Sphere", "cg.plot.tree", "cg.conditions.count"} <= names
-    assert {"cg.trees.OrderedTree", "cg.quad.MissingQuadsError", "cg.methods"} <= names
+    assert {
+        "cg.trees.ordered.OrderedTree",
+        "cg.support.quads.MissingQuadsError",
+        "cg.methods",
+    } <= names
     assert len(names) > 100
 
 
 def test_an_object_without_example_is_found():
-    from cg.certification.certificate import Beyond
-    from cg.checks import check_real
+    from cg.proofs.certificate import Beyond
+    from cg.support.checks import check_real
 
     assert without_example({"Beyond": Beyond, "check_real": check_real}) == ["Beyond", "check_real"]
-    assert without_example({"OrderedTree": cg.trees.OrderedTree}) == []
+    assert without_example({"OrderedTree": cg.trees.ordered.OrderedTree}) == []
 
 
 def test_all_that_is_public_has_an_example():

@@ -83,7 +83,7 @@ def test_second_results_by_flows_of_their_own_see_the_splitting(equations, tool,
 def test_the_tool_finds_them(tool):
     pair = cg.methods["BS3(2)"]
     assert tool.make(pair, tool.RECIPES["BS3(2)"])[0] == pair
-    recipe = tool.Recipe(cg.points.START, 2, 4)
+    recipe = tool.Recipe(cg.structure.points.START, 2, 4)
     found, error, hits = tool.make(cg.methods["DP5(4)"], recipe)
     assert hits == 4
     assert (found.order, found.embedded_order, found.pair_exponentials) == (5, 4, 14)

@@ -234,7 +234,7 @@ class TestDeath:
         found = cg.search(3, 3, 3, 5)
         run = found.starts.__getitem__
         path = tmp_path / "runs.db"
-        monkeypatch.setattr(cg.random_search, "completed", ended)
+        monkeypatch.setattr(cg.construction.search.random_search, "completed", ended)
         for store in (None, path):
             again = cg.search(3, 3, 3, 5, store=store)
             assert list(again.starts) == list(found.starts[1:])

@@ -14,7 +14,7 @@ from cg.catalogue import dumps, loads, munthe_kaas, packaged, resolve_method
 from cg.command.showing import _tableau
 from cg.formats import FORMATS, known_digits
 from cg.formats.program import identifier
-from cg.quad import to_decimal
+from cg.support.quads import to_decimal
 
 ALL = [*packaged, *munthe_kaas]
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]

@@ -13,10 +13,10 @@ import pytest
 import cg
 from cg.command import main
 from cg.construction.candidate import Candidate
-from cg.finds import best, families, promote, solutions
-from cg.finds.solutions import OBJECTIVES, connected
+from cg.construction.results import best, families, promote, solutions
+from cg.construction.results.solutions import OBJECTIVES, connected
+from cg.construction.solvers.singular import decompose, retract
 from cg.runs import Store
-from cg.solve.singular import decompose, retract
 
 
 @pytest.fixture(scope="module")
@@ -97,8 +97,8 @@ def test_promotion(store, run, tmp_path):
     assert promoted.certificate is not None, promoted.reason
     assert [path.name for path in promoted.files] == ["Mine.toml", "Mine.certificate.toml"]
     assert cg.catalogue.load(promoted.files[0]) == promoted.method
-    proof = cg.certification.Certificate.load(promoted.files[1])
-    cg.certification.check(proof, promoted.method)
+    proof = cg.proofs.Certificate.load(promoted.files[1])
+    cg.proofs.check(proof, promoted.method)
 
 
 def test_promotion_as_it_stands(store, tmp_path):
@@ -153,7 +153,7 @@ class TestFromAStoreToTheCatalogue:
         found = best(store.run(1), "principal-error", 1)[0]
         made = promote(store.run(1), "Mine", own, number=found.record.number)
         assert cg.methods["Mine"] == made.method
-        assert cg.certification.certificate_of(cg.methods["Mine"]) == made.certificate
+        assert cg.proofs.certificate_of(cg.methods["Mine"]) == made.certificate
         assert made.method.digits(60) is not None
         assert main(["show", "Mine", "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["certificate"] == str(made.certificate)
@@ -164,8 +164,8 @@ class TestFromAStoreToTheCatalogue:
         first = promote(store.run(1), "Mine", own)
         promote(store.run(2), "Other", own)
         (own / "Mine.certificate.toml").write_text((own / "Other.certificate.toml").read_text())
-        with pytest.raises(cg.certification.CertificationError):
-            cg.certification.certificate_of(first.method)
+        with pytest.raises(cg.proofs.CertificationError):
+            cg.proofs.certificate_of(first.method)
 
     def test_a_method_for_the_package(self, store, tmp_path, monkeypatch):
         folder = tmp_path / "catalogue"
@@ -174,7 +174,7 @@ class TestFromAStoreToTheCatalogue:
         assert made.files == (folder / "CF4z.toml", folder / "certificates" / "CF4z.toml")
         catalogue = cg.catalogue.Catalogue(folder)
         assert catalogue["CF4z"] == made.method
-        cg.certification.check(cg.certification.Certificate.load(made.files[1]), made.method)
+        cg.proofs.check(cg.proofs.Certificate.load(made.files[1]), made.method)
 
     @pytest.mark.slow
     def test_its_page(self, store, own, tmp_path, monkeypatch):
@@ -192,11 +192,11 @@ class TestFromAStoreToTheCatalogue:
             assert list((tmp_path / "methods" / "files" / form).iterdir())
 
     def test_a_proof_in_part(self, store, tmp_path, monkeypatch):
-        module = sys.modules["cg.finds.promote"]
+        module = sys.modules["cg.construction.results.promote"]
 
         def whole_only(method, *, small=False):
             if not small:
-                raise cg.certification.CertificationError("two conditions are left")
+                raise cg.proofs.CertificationError("two conditions are left")
             return certify(method)
 
         certify = module.certify

@@ -8,10 +8,10 @@ import pytest
 from flint import fmpq, fmpq_mat
 
 import cg
-from cg.certification import CertificationError, certify, check
-from cg.certification.flat_rows import FlatRows
-from cg.certification.weights import Quantity, Weights
-from cg.certification.words import reciprocal_density
+from cg.proofs import CertificationError, certify, check
+from cg.proofs.dependent.flat_rows import FlatRows
+from cg.proofs.dependent.words import reciprocal_density
+from cg.proofs.weights import Quantity, Weights
 
 METHOD = cg.methods["DP5(4)"]
 ORDERS = [5, 4]

@@ -14,8 +14,8 @@ import os, signal, sys, threading, time
 from contextlib import closing
 import cg
 from cg import memory
-from cg.parallel import single_threads
-from cg.precision import working_precision
+from cg.support.parallel import single_threads
+from cg.support.balls import working_precision
 from flint import ctx
 from threadpoolctl import threadpool_info, threadpool_limits
 

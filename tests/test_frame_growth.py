@@ -8,17 +8,7 @@ import pytest
 from flint import acb_mat, arb, arb_mat, ctx
 
 import cg
-from cg.frames import (
-    GL,
-    SE3,
-    SL,
-    SO3,
-    CoadjointOrbit,
-    MatrixFrame,
-    Product,
-    Semidirect,
-    Sp,
-)
+from cg.frames import GL, SE3, SL, SO3, CoadjointOrbit, MatrixFrame, Product, Semidirect, Sp
 from cg.frames.matrix_functions import determinant_correction, symplectic_correction
 
 GROUPS = [

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from frame_examples import HEISENBERG
 
-from cg.convergence import final_errors, observed_order
+from cg.analysis.convergence import final_errors, observed_order
 from cg.frames import (
     GL,
     SE3,

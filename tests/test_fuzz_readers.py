@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 import cg
 from cg.catalogue import dumps, loads, munthe_kaas
-from cg.certification import Certificate, CertificationError, certificate_of
 from cg.impossibility import ImpossibilityError
 from cg.impossibility.proof import Proof
-from cg.trees import OrderedTree
+from cg.proofs import Certificate, CertificationError, certificate_of
+from cg.trees.ordered import OrderedTree
 
 MANY = int(os.environ.get("CG_FUZZ", "1"))
 METHODS = [

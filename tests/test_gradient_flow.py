@@ -7,9 +7,7 @@ import pytest
 
 from cg.frames import SU
 from cg.integration import integrate
-from cg.problems import (
-    GradientFlow,
-)
+from cg.problems import GradientFlow
 
 LATTICE = GradientFlow((2, 2))
 

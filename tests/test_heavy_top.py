@@ -8,8 +8,8 @@ import pytest
 from flint import arb
 from scipy.integrate import solve_ivp
 
+from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
-from cg.convergence import observed_order
 from cg.frames import SO3, Euclidean, Product, hat
 from cg.integration import integrate
 from cg.problems import HeavyTop, StateDependentRotation

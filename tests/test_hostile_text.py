@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 
 import cg
-from cg import quad
 from cg.catalogue import dumps, load, loads, save
-from cg.certification import Certificate, CertificationError, certificate_of, check
-from cg.certification.__main__ import main
-from cg.certification.words import parse
-from cg.points import MethodError
 from cg.problems import HeavyTop
+from cg.proofs import Certificate, CertificationError, certificate_of, check
+from cg.proofs.__main__ import main
+from cg.proofs.dependent.words import parse
 from cg.reproduce.built_in import integrate_heavy_top
-from cg.texts import file_in, read_fraction
+from cg.structure.points import MethodError
+from cg.support import quads as quad
+from cg.support.parsing import file_in, read_fraction
 
 METHOD = cg.methods["CG3"]
 CERTIFICATE = certificate_of(METHOD)

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cg
-from cg.convergence import observed_order
+from cg.analysis.convergence import observed_order
 from cg.frames import SO3, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
-from cg.points import START, Point
+from cg.structure.points import START, Point
 
 FRAMES = [SO3(), UnitQuaternion(), Sphere(2), Product(SO3(), Euclidean(2)), Stiefel(3, 2)]
 NAMES = ["CF3", "CF4", "CG3", "BS3(2)", "CG2(3)"]

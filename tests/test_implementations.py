@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import cg
-from cg.tableau import Tableau
+from cg.method.tableau import Tableau
 
 TOOLS = Path(__file__).parent.parent / "tools"
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import cg
-from cg.convergence import final_errors, observed_order
+from cg.analysis.convergence import final_errors, observed_order
 from cg.frames import SE3, SO3, CoadjointOrbit, Euclidean, Product, Sphere
 from cg.integration.step.implicit import STAGE_SOLVERS
+from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
-from cg.tableau import Tableau
 
 MIDPOINT = Tableau([["1/2"]], ["1"], name="implicit midpoint")
 TRAPEZOIDAL = Tableau([["0", "0"], ["1/2", "1/2"]], ["1/2", "1/2"], name="trapezoidal")

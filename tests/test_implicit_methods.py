@@ -9,15 +9,15 @@ import pytest
 
 import cg
 from cg import conditions
+from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
 from cg.conditions import Rows, count, residuals, residuals_exact
-from cg.convergence import observed_order
+from cg.construction.search.random_search import search
 from cg.frames import SO3, Euclidean, Product
-from cg.points import tree_of_rows
+from cg.method.tableau import Tableau
 from cg.problems import Spacecraft, StateDependentRotation
-from cg.random_search import search
-from cg.tableau import Tableau
-from cg.trees import forest
+from cg.structure.points import tree_of_rows
+from cg.trees.ordered import forest
 
 # order, stages, exponentials
 KNOWN = {

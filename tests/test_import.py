@@ -25,14 +25,14 @@ def loaded_after(code):
 def test_the_package_loads_nothing_until_it_is_used():
     modules = loaded_after("import cg; dir(cg)")
     assert not HEAVY & modules
-    assert {name for name in modules if name.startswith("cg.")} == {"cg.installation"}
+    assert {name for name in modules if name.startswith("cg.")} == {"cg.support.installation"}
 
 
 def test_methods_need_neither_scipy_nor_flint():
     modules = loaded_after("import cg; cg.methods['CG4a'].a; list(cg.methods); cg.Tableau")
     assert "numpy" in modules
     assert not {"flint", "matplotlib", "scipy"} & modules
-    assert "cg.certification" not in modules
+    assert "cg.proofs" not in modules
 
 
 def test_integration_loads_no_more_than_it_uses():
@@ -44,7 +44,13 @@ def test_integration_loads_no_more_than_it_uses():
         "             method='CG4a')\n"
         "cg.solve_ivp(f, (0, 1), [[1, 0, 0], [0, 1, 0], [0, 0, 1]], frame=frame)"
     )
-    unused = {"cg.certification", "cg.construction", "cg.lifting", "cg.problems", "matplotlib"}
+    unused = {
+        "cg.proofs",
+        "cg.construction",
+        "cg.construction.lifting",
+        "cg.problems",
+        "matplotlib",
+    }
     unused |= {"cg.jax", "jax", "diffrax"}
     unused |= {f"scipy.{part}" for part in ("integrate", "interpolate", "optimize", "sparse")}
     assert not unused & modules

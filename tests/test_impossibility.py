@@ -26,8 +26,8 @@ from cg.impossibility import (
 )
 from cg.impossibility.__main__ import main
 from cg.impossibility.ring import Ring
-from cg.points import Point, PointTree
-from cg.trees import OrderedTree, catalan, forest
+from cg.structure.points import Point, PointTree
+from cg.trees.ordered import OrderedTree, catalan, forest
 
 
 def test_all_proofs_hold_and_say_what_they_prove() -> None:

@@ -13,7 +13,7 @@ import pytest
 import cg
 import crouch_grossman
 import crouch_grossman.frames.so3
-from cg.installation import check_folder
+from cg.support.installation import check_folder
 
 ROOT = Path(cg.__file__).parents[1]
 ALIAS = ROOT / "crouch_grossman"

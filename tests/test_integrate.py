@@ -12,8 +12,8 @@ from cg.catalogue import methods
 from cg.frames import SO3, Euclidean, Product, Stiefel
 from cg.integration import Solution, integrate
 from cg.integration.step.paths import paths_of
+from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
-from cg.tableau import Tableau
 
 IMPLICIT = Tableau([["1/2"]], ["1"])
 EXPLICIT = [name for name, tableau in methods.items() if tableau.explicit]

@@ -10,17 +10,19 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from cg import _core_r64, _core_r128, _minimum_norm, parallel, quad
+from cg import _core_r64, _core_r128, _minimum_norm
 from cg.conditions import table_rows
 from cg.construction import construct
-from cg.layout import Layout
-from cg.parallel import Stopped, stoppable
-from cg.random_search import search
+from cg.construction.search.random_search import search
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
 from cg.runs import Store, as_finished, execution
-from cg.shared_numbers import MinimumNormStatus, Status
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem
+from cg.structure.layout import Layout
+from cg.support import parallel
+from cg.support import quads as quad
+from cg.support.parallel import Stopped, stoppable
+from cg.support.shared_numbers import MinimumNormStatus, Status
 
 FOREVER = 10**9  # iterations; no run of the tests waits for them
 ORDER, STAGES = 7, 36  # one iteration of the fast solver takes some 50 ms here
@@ -179,8 +181,8 @@ def workers():
 SCRIPT = """
 import sys
 import cg
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.system import ConditionSystem
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.system import ConditionSystem
 import numpy as np
 
 system = ConditionSystem.tableau(7, 27)

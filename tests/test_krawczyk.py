@@ -11,9 +11,9 @@ import pytest
 from flint import arb, arb_mat
 from independent_verifier import NotProvedError, verify
 
-from cg.certification.digits import _rounded
-from cg.certification.krawczyk import KrawczykTest, krawczyk
-from cg.precision import working_precision
+from cg.proofs.digits import _rounded
+from cg.proofs.krawczyk import KrawczykTest, krawczyk
+from cg.support.balls import working_precision
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 import cg
-from cg import facts
 from cg.catalogue import save
+from cg.catalogue import summary as facts
+from cg.catalogue.summary import compute_facts
 from cg.command import main
-from cg.facts import compute_facts
-from cg.stability import too_large
+from cg.method.stability import too_large
 
 
 def dense(stages: int) -> cg.Tableau:

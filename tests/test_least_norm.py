@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cg import conditions
-from cg.layout import Layout
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.system import ConditionSystem
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.system import ConditionSystem
+from cg.structure.layout import Layout
 
 ORDER, STAGES = 4, 5
 PROBE, MOST_BEND = 0.1, 0.75

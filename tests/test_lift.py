@@ -11,10 +11,10 @@ from scipy.integrate._ivp import dop853_coefficients
 import cg
 from cg import conditions
 from cg.catalogue import methods
-from cg.flat import flat_order, rooted_trees, stage_orders
+from cg.construction.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
 from cg.integration.step.plan import error_exponent
-from cg.layout import Layout
-from cg.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
+from cg.method.flat import flat_order, rooted_trees, stage_orders
+from cg.structure.layout import Layout
 
 KUTTA = cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"], name="Kutta")
 CLASSICAL = cg.Tableau(

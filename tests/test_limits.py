@@ -13,11 +13,11 @@ import pytest
 
 import cg
 from cg import conditions
-from cg.certification.identities import MiddleAbscissae, StageOrderTwo
-from cg.certification.relations import kept_words
+from cg.construction.solvers.system import ConditionSystem, Structure
 from cg.construction.start import default_start
-from cg.solve.system import ConditionSystem, Structure
-from cg.trees import OrderedTree
+from cg.proofs.dependent.identities import MiddleAbscissae, StageOrderTwo
+from cg.proofs.dependent.relations import kept_words
+from cg.trees.ordered import OrderedTree
 
 
 def test_a_construction_of_the_highest_order_begins() -> None:

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import leastsq
 
 import cg
-from cg.shared_numbers import Status
+from cg.support.shared_numbers import Status
 
 EPS = float(np.finfo(float).eps)
 BY_NAME = {problem.name: problem for problem in PROBLEMS}

@@ -12,8 +12,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import cg
-from cg.shared_numbers import Status
-from cg.solve.lmdif import LmdifResult
+from cg.construction.solvers.lmdif import LmdifResult
+from cg.support.shared_numbers import Status
 
 START = [-1.2, 1.0]
 

@@ -9,9 +9,11 @@ from more_garbow_hillstrom import PROBLEMS
 from numpy.testing import assert_array_equal
 
 import cg
-from cg import conditions, quad, random_start
-from cg.layout import Layout
-from cg.shared_numbers import Status
+from cg import conditions
+from cg.construction.search import start as random_start
+from cg.structure.layout import Layout
+from cg.support import quads as quad
+from cg.support.shared_numbers import Status
 
 EPS = float(np.finfo(float).eps)
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
@@ -162,8 +164,10 @@ def test_searches_stop_where_the_solver_does():
         return rows
 
     for index in range(6):
-        guess = cg.random_search.random_start(0, index, layout.size, settings.width)
+        guess = cg.construction.search.random_search.random_start(
+            0, index, layout.size, settings.width
+        )
         fit = cg.lmdif(residual, guess, ftol=1e-18, xtol=1e-18, maxfev=settings.maxfev)
-        start = cg.random_search.run_start(settings, index)
+        start = cg.construction.search.random_search.run_start(settings, index)
         assert (start.double.info, start.double.nfev) == (fit.info, fit.nfev)
         assert_array_equal(start.double.f, fit.fvec @ fit.fvec)

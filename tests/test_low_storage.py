@@ -23,12 +23,17 @@ from cg.conditions import exact_weights
 from cg.integration import integrate, solve_ivp
 from cg.integration.step import plan
 from cg.integration.step.paths import paths_of
-from cg.low_storage import flat_residuals, from_two_registers, rooted_trees, two_registers
-from cg.points import Point, PointTree
-from cg.quad import to_decimal
+from cg.method.low_storage import (
+    flat_residuals,
+    from_two_registers,
+    rooted_trees,
+    two_registers,
+)
 from cg.reproduce import built_in
 from cg.reproduce.built_in import integrate_affine
-from cg.trees import forest
+from cg.structure.points import Point, PointTree
+from cg.support.quads import to_decimal
+from cg.trees.ordered import forest
 
 WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
 NAMES = [name for name, method in methods.items() if two_registers(method)]

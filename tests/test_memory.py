@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from cg.memory import reserved
+from cg.support.memory import reserved
 
 resource = pytest.importorskip("resource")
 
@@ -17,8 +17,8 @@ _RUNNER = """
 import os, resource, sys, traceback
 import numpy as np
 import cg
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.system import ConditionSystem
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.system import ConditionSystem
 
 def in_use():
     with open("/proc/self/statm") as statm:
@@ -87,8 +87,8 @@ def test_large_methods_are_refused_below_a_limit_of_4_gib(case: str) -> None:
 
 # before the call itself, so that what Python allocates isn't part of it
 _PREPARED = """
-layout = cg.layout.Layout.tableau(50)
-small = cg.layout.Layout.tableau(18)
+layout = cg.structure.layout.Layout.tableau(50)
+small = cg.structure.layout.Layout.tableau(18)
 system = ConditionSystem(7, layout)
 x = np.zeros(layout.size)
 trees, owner = system.conditions(True)
@@ -143,7 +143,7 @@ def test_the_refusal_says_what_was_asked_for() -> None:
 def test_a_call_waits_for_others_if_there_is_too_little_for_both(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cg.memory.memory", lambda: 100e6)
+    monkeypatch.setattr("cg.support.memory.memory", lambda: 100e6)
     running, most = 0, 0
 
     def call() -> None:

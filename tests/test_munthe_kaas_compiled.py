@@ -10,8 +10,8 @@ from python_steps import Step, uncompiled
 from test_munthe_kaas import METHODS, generic
 
 import cg
+from cg.analysis.convergence import observed_order
 from cg.catalogue import resolve_method
-from cg.convergence import observed_order
 from cg.frames import SE3, SO, SO3, SU, Power, U, UnitQuaternion
 from cg.frames.dexpinv import series_dexpinv
 from cg.integration.step.flows import dexpinv_of

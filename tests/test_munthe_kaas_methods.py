@@ -10,8 +10,8 @@ from test_munthe_kaas import METHODS, generic
 import cg
 from cg.catalogue import dumps, load, loads, resolve_method, save
 from cg.frames import SO3
-from cg.low_storage import from_two_registers
-from cg.points import MethodError
+from cg.method.low_storage import from_two_registers
+from cg.structure.points import MethodError
 
 EULER = cg.Tableau([[]], [1])
 HEUN = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0], name="Heun")

@@ -11,7 +11,7 @@ from tests_of_pages import power_of_ten, words_of
 
 import cg
 from cg import conditions
-from cg.certification import certificate_of, proved
+from cg.proofs import certificate_of, proved
 from cg.reproduce import evidence
 from cg.reproduce.appendix_a import nearest_exact
 

@@ -16,12 +16,12 @@ import pytest
 from extended_steps import ExtendedProblem, left_flow, right_flow, similarity_flow
 from reversed_flows import reverse_flows
 
+from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
-from cg.convergence import observed_order
 from cg.frames import SE3, SO3, SU, FieldFrame, Frame, MatrixFrame, Sphere, UnitQuaternion
 from cg.integration import integrate
+from cg.method.tableau import Tableau
 from cg.problems.affine import AffineField
-from cg.tableau import Tableau
 
 EXACT = {name: tableau for name, tableau in methods.items() if not tableau.approximate}
 WEIGHTS = {

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from reversed_flows import reverse_flows
 
+from cg.analysis.convergence import final_errors, observed_order, slopes
 from cg.catalogue import methods
-from cg.convergence import final_errors, observed_order, slopes
 from cg.frames import SE3, SO3, Sphere, UnitQuaternion
+from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
 from cg.problems.affine import AffineField
 from cg.reproduce.built_in import integrate_affine
-from cg.tableau import Tableau
 
 CONVENTIONS = ["body", "space"]
 

@@ -8,16 +8,16 @@ import pytest
 from flint import arb, fmpq
 
 import cg
-from cg.certification import CertificationError, certify, check
-from cg.certification.explain import names_of_left_out, read_left_out
-from cg.certification.holes import HOLE, basis, depth, moments, outer_nodes
-from cg.certification.orthogonality import conditions_of, find_relations, follow
-from cg.certification.pairings import pairings
-from cg.certification.reduction import Reduction
-from cg.certification.systems import exact_residuals
-from cg.certification.weights import Quantity, Weights
-from cg.certification.words import condition_words, parse, reciprocal_density
-from cg.precision import working_precision as precision
+from cg.proofs import CertificationError, certify, check
+from cg.proofs.dependent.holes import HOLE, basis, depth, moments, outer_nodes
+from cg.proofs.dependent.orthogonality import conditions_of, find_relations, follow
+from cg.proofs.dependent.pairings import pairings
+from cg.proofs.dependent.reduction import Reduction
+from cg.proofs.dependent.words import condition_words, parse, reciprocal_density
+from cg.proofs.explain import names_of_left_out, read_left_out
+from cg.proofs.systems import exact_residuals
+from cg.proofs.weights import Quantity, Weights
+from cg.support.balls import working_precision as precision
 
 METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]
 
@@ -152,7 +152,7 @@ def test_conditions_that_follow_since_moments_are_zero(monkeypatch):
                         vector[m] = vector[m] + arb(0, 1e-60)
             return both
 
-        monkeypatch.setattr("cg.certification.orthogonality.pairings", changed)
+        monkeypatch.setattr("cg.proofs.dependent.orthogonality.pairings", changed)
         with precision(320):
             return find_relations(method.layout, [6], balls(method), 113 - rank)
 
@@ -164,7 +164,7 @@ def test_conditions_that_follow_since_moments_are_zero(monkeypatch):
     def doubled(hole):
         return {word: 2 * m if m < 0 else m for word, m in moments(hole).items()}
 
-    monkeypatch.setattr("cg.certification.pairings.moments", doubled)
+    monkeypatch.setattr("cg.proofs.dependent.pairings.moments", doubled)
     assert np.abs(found() @ jacobian).max() > 1e-3
 
 

@@ -13,9 +13,9 @@ import pytest
 
 import cg
 from cg.catalogue import dumps, own_folders
-from cg.certification import CertificationError, certificate_of, check, proved
 from cg.command import main
-from cg.points import MethodError
+from cg.proofs import CertificationError, certificate_of, check, proved
+from cg.structure.points import MethodError
 
 MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
 

@@ -8,8 +8,8 @@ import pytest
 
 from cg import conditions
 from cg.catalogue import methods
+from cg.method.tableau import Tableau
 from cg.reproduce.appendix_a import compare, nearest_exact, printed
-from cg.tableau import Tableau
 
 UNIT = Fraction(1, 10**16)
 FLOOR = Fraction(1, 10**34)

@@ -8,9 +8,9 @@ import pytest
 
 import cg
 from cg import conditions
-from cg.low_storage import flat_residuals
+from cg.method.low_storage import flat_residuals
 from cg.problems import HeavyTop
-from cg.trees import forest
+from cg.trees.ordered import forest
 
 NODES = 8
 

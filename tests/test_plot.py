@@ -10,7 +10,7 @@ import cg
 from cg.plot.stability import growth
 from cg.plot.style import COLOURS, curve_style
 from cg.plot.trees import layout
-from cg.trees import OrderedTree
+from cg.trees.ordered import OrderedTree
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")

@@ -13,13 +13,13 @@ from strategies import dyadics, point_trees, rationals, tableaux
 
 from cg import CommutatorFree, conditions
 from cg.catalogue import methods
-from cg.certification.krawczyk import to_double
-from cg.certification.systems import exact_residuals, order_system
-from cg.certification.weights import Quantity, Weights
-from cg.certification.words import condition_words
-from cg.layout import Layout
-from cg.points import START, PointTree, tree_of_rows
-from cg.trees import forest
+from cg.proofs.dependent.words import condition_words
+from cg.proofs.krawczyk import to_double
+from cg.proofs.systems import exact_residuals, order_system
+from cg.proofs.weights import Quantity, Weights
+from cg.structure.layout import Layout
+from cg.structure.points import START, PointTree, tree_of_rows
+from cg.trees.ordered import forest
 
 CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
 

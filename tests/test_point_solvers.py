@@ -12,7 +12,6 @@ from strategies import point_trees
 import cg
 from cg import CommutatorFree, MethodError, conditions
 from cg.catalogue import dumps, methods
-from cg.certification import certify
 from cg.construction import (
     Candidate,
     Goals,
@@ -24,13 +23,14 @@ from cg.construction import (
     to_method,
 )
 from cg.construction.drop import solve_start
-from cg.layout import Layout, Rows
-from cg.quad import decode, encode
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.polish import polish
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem
-from cg.tree_shapes import layout_of
+from cg.construction.search.shapes import layout_of
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.polish import polish
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.proofs import certify
+from cg.structure.layout import Layout, Rows
+from cg.support.quads import decode, encode
 
 CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
 
@@ -93,13 +93,13 @@ class TestSolvers:
             if fit.f < 1e-26 and np.abs(fit.x).max() < 5:
                 break
         assert fit.f < 1e-26
-        refined = refine(cg.quad.from_float(fit.x), system)
+        refined = refine(cg.support.quads.from_float(fit.x), system)
         assert refined.largest_residual < 1e-31
         polished = polish(decode(refined.x), system)
         assert polished.largest_residual < Fraction(1, 10**44)
         points = zip(
             system.layout.parents,
-            system.layout.point_weights([cg.quad.to_decimal(v) for v in polished.x]),
+            system.layout.point_weights([cg.support.quads.to_decimal(v) for v in polished.x]),
             strict=True,
         )
         method = CommutatorFree(points, system.layout.stage_points, name="found")
@@ -119,7 +119,7 @@ class TestSolvers:
         scale = 1 + max(map(abs, exact))
         found = system.residual(floats(tree))
         np.testing.assert_allclose(found, np.array(exact, float), rtol=0, atol=1e-13 * scale)
-        found = cg.quad.to_float(encode(exact))
+        found = cg.support.quads.to_float(encode(exact))
         bits = system.residual_quad(encode(values(tree)), independent=True)
         np.testing.assert_allclose(bits, found, rtol=0, atol=1e-14 * float(scale))
         jacobian, steps = system.jacobian(floats(tree)), np.eye(system.size) * 1e-6

@@ -11,9 +11,9 @@ from strategies import point_trees, rationals
 
 from cg import CommutatorFree, MethodError, Tableau, conditions
 from cg.catalogue import dumps, loads, methods, resolve_method
-from cg.certification import certify
-from cg.pairs import check_order, check_pair
-from cg.points import Point
+from cg.method.warnings import check_order, check_pair
+from cg.proofs import certify
+from cg.structure.points import Point
 
 CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
 

@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
-from cg.convergence import observed_order
 from cg.frames import hat
 from cg.integration import integrate
 from cg.problems import (

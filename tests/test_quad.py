@@ -6,8 +6,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cg import _core_r128
-from cg.layout import Layout
-from cg.quad import decode, encode, from_float, to_decimal, to_float
+from cg.structure.layout import Layout
+from cg.support.quads import decode, encode, from_float, to_decimal, to_float
 
 SMALLEST = Fraction(2) ** -16494
 LARGEST = Fraction(2) ** 16384 - Fraction(2) ** 16271

@@ -5,14 +5,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from cg import conditions, quad
+from cg import conditions
 from cg.catalogue import methods
 from cg.conditions import HIGHEST_ORDER, Rows, residuals_exact, unpack
-from cg.random_search import search
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.polish import polish
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem
+from cg.construction.search.random_search import search
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.polish import polish
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.support import quads as quad
 
 
 @pytest.fixture(scope="module")

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import cg
-from cg.certification import CertificationError, certify, check
-from cg.certification.explain import read_left_out
-from cg.certification.flat_rows import FlatRows
-from cg.certification.reduction import Reduction
-from cg.certification.registers import TwoRegisters, exchanges
-from cg.certification.systems import exact_residuals
-from cg.certification.words import condition_words, nodes
-from cg.low_storage import from_two_registers
+from cg.method.low_storage import from_two_registers
+from cg.proofs import CertificationError, certify, check
+from cg.proofs.dependent.flat_rows import FlatRows
+from cg.proofs.dependent.reduction import Reduction
+from cg.proofs.dependent.registers import TwoRegisters, exchanges
+from cg.proofs.dependent.words import condition_words, nodes
+from cg.proofs.explain import read_left_out
+from cg.proofs.systems import exact_residuals
 
 METHOD = cg.methods["CF5r"]
 

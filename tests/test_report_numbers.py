@@ -46,18 +46,18 @@ def test_table_of_the_paper():
 
 
 def test_what_a_search_depends_on_is_found():
-    found = set(fingerprint.sources("cg.random_search"))
+    found = set(fingerprint.sources("cg.construction.search.random_search"))
     assert {
         "cg._core_r64",
         "cg._core_r128",
         "cg._minimum_norm",
-        "cg.compiled_conditions",
+        "cg.conditions.compiled",
         "cg.conditions",
-        "cg.quad",
-        "cg.search_records",
-        "cg.solve.polish",
-        "cg.solve.refine",
-        "cg.trees",
+        "cg.support.quads",
+        "cg.construction.search.records",
+        "cg.construction.solvers.polish",
+        "cg.construction.solvers.refine",
+        "cg.trees.ordered",
     } <= found
     assert not any(name.startswith(("cg.reproduce", "cg.integration")) for name in found)
     errors = set(fingerprint.sources("cg.reproduce.quad_orders"))

@@ -13,8 +13,8 @@ from fractions import Fraction
 import pytest
 from test_reproduce import read
 
-from cg.random_search import search
-from cg.random_start import random_start
+from cg.construction.search.random_search import search
+from cg.construction.search.start import random_start
 from cg.reproduce.blocks import Table
 from cg.reproduce.coefficients import labels
 from cg.reproduce.context import Context, Settings

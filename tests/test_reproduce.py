@@ -9,7 +9,6 @@ import pytest
 from tests_of_pages import power_of_ten, words_of
 
 from cg.catalogue import methods
-from cg.quad import to_decimal
 from cg.reproduce import items
 from cg.reproduce import run as run_module
 from cg.reproduce.blocks import Table, number
@@ -21,6 +20,7 @@ from cg.reproduce.report import page
 from cg.reproduce.sections import search as search_section
 from cg.reproduce.sections import table3_2
 from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
+from cg.support.quads import to_decimal
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
 

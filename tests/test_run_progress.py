@@ -164,7 +164,7 @@ class TestCommand:
             raise KeyboardInterrupt
             yield
 
-        monkeypatch.setattr(cg.random_search, "completed", interrupted)
+        monkeypatch.setattr(cg.construction.search.random_search, "completed", interrupted)
         path = tmp_path / "runs.db"
         assert main([*self.ARGUMENTS, "--store", str(path)]) == 130
         assert capsys.readouterr().err.splitlines()[-1] == (

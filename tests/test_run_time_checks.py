@@ -5,9 +5,9 @@ import subprocess
 import pytest
 from minpack_libraries import FLAGS, HAS_COMPILER, KINDS, SOURCES, TESTS
 
-from cg.shared_numbers import fortran_module
-from cg.tables import fortran_tables
-from cg.trees import forest
+from cg.support.shared_numbers import fortran_module
+from cg.trees.ordered import forest
+from cg.trees.tables import fortran_tables
 
 MODULES = (
     *("kinds", "stop_flag", "least_squares", "linalg", "levenberg_marquardt", "lmdif"),

@@ -13,9 +13,9 @@ import cg
 from cg import conditions
 from cg.catalogue import methods
 from cg.conditions import HIGHEST_ORDER, Rows, residuals_exact, unknowns, unpack
-from cg.layout import Layout
-from cg.random_search import EXACT, random_start, run_start, search
-from cg.shared_numbers import MinimumNormStatus, Status
+from cg.construction.search.random_search import EXACT, random_start, run_start, search
+from cg.structure.layout import Layout
+from cg.support.shared_numbers import MinimumNormStatus, Status
 
 ORDER_FOUR = {"order": 4, "stages": 5, "starts": 24, "seed": 3}
 
@@ -30,7 +30,7 @@ PATTERNS = {"explicit": Rows.EXPLICIT, "diagonal": Rows.DIAGONAL, "full": Rows.F
 
 
 search_module = importlib.import_module(
-    "cg.random_search"
+    "cg.construction.search.random_search"
 )  # the package's attribute is the function
 
 

@@ -11,8 +11,8 @@ import scipy.integrate
 import cg
 from cg.frames import SO3, Euclidean
 from cg.integration import DenseOutput, Solution
+from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
-from cg.tableau import Tableau
 
 PROBLEM = StateDependentRotation()
 SCIPY_FIELDS = ("t", "y", "sol", "t_events", "y_events", "nfev", "njev", "nlu", "status")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cg
-from cg.stability import stability_function, stability_limits
+from cg.method.stability import stability_function, stability_limits
 
 
 def classical(order):

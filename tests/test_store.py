@@ -21,8 +21,8 @@ import pytest
 
 import cg
 import cg.command
-import cg.random_search as search_module
-from cg.random_search import run_start, search
+import cg.construction.search.random_search as search_module
+from cg.construction.search.random_search import run_start, search
 from cg.runs import Failure, Record, Store, database, schema, store
 
 SMALL: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5}

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 import cg
-from cg import quad
-from cg.certification.explain import augment
-from cg.certification.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
-from cg.certification.relations import kept_words
-from cg.layout import Layout, Rows
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem, Structure
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.proofs.dependent.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
+from cg.proofs.dependent.relations import kept_words
+from cg.proofs.explain import augment
+from cg.structure.layout import Layout, Rows
+from cg.support import quads as quad
 
 
 def random_x(system, seed=0):

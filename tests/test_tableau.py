@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from strategies import rationals, tableaux
 
 from cg import conditions
-from cg.coefficients import Coefficient
 from cg.conditions import Rows
-from cg.layout import Layout
-from cg.tableau import Tableau, TableauError
+from cg.method.coefficients import Coefficient
+from cg.method.tableau import Tableau, TableauError
+from cg.structure.layout import Layout
 
 MIDPOINT = Tableau([[], ["1/2"]], [0, 1], name="midpoint")
 

@@ -12,7 +12,7 @@ import cg
 from cg.catalogue import dumps, dumps_json, loads
 from cg.command import main
 from cg.formats import FORMATS
-from cg.texts import visible
+from cg.support.parsing import visible
 
 CODE = ["python", "jax", "c", "fortran", "julia", "matlab"]
 TEXTS = {

@@ -11,9 +11,9 @@ from flint import arb, ctx
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import cg
-from cg.parallel import available_cores, single_threads
-from cg.precision import working_precision
 from cg.runs import as_finished
+from cg.support.balls import working_precision
+from cg.support.parallel import available_cores, single_threads
 
 
 def _blas_threads() -> list[int]:
@@ -103,7 +103,9 @@ def test_searches_in_two_threads_give_what_each_gives_alone() -> None:
 def test_a_start_run_alone_is_that_of_the_search() -> None:
     with threadpool_limits(2):
         found = cg.search(5, 9, 2, seed=1, workers=2)
-        assert [cg.random_search.run_start(found.settings, k) for k in (0, 1)] == list(found.starts)
+        assert [
+            cg.construction.search.random_search.run_start(found.settings, k) for k in (0, 1)
+        ] == list(found.starts)
 
 
 def test_the_precision_is_one_thread_s_at_a_time() -> None:

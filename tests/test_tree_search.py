@@ -15,12 +15,12 @@ from cg.construction import (
     pack_method,
     solved,
 )
-from cg.layout import Layout
-from cg.points import START, MethodError, check_tree
-from cg.random_search import run_start, start_layout
+from cg.construction.search.random_search import run_start, start_layout
+from cg.construction.search.shapes import draw_layout, layout_of
+from cg.construction.solvers.singular import decompose, finish, retract
 from cg.runs import Store
-from cg.solve.singular import decompose, finish, retract
-from cg.tree_shapes import draw_layout, layout_of
+from cg.structure.layout import Layout
+from cg.structure.points import START, MethodError, check_tree
 
 CHAIN = (tuple(range(-1, 8)), (-1, 0, 1, 3, 4, 7))
 FIVE = {"order": 5, "stages": 6, "seed": 1}

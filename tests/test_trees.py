@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from strategies import trees
 
-from cg.trees import OrderedTree, catalan, forest, is_lyndon
+from cg.trees.ordered import OrderedTree, catalan, forest, is_lyndon
 
 
 def test_counts_are_catalan_numbers():

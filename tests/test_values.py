@@ -10,7 +10,7 @@ import cg
 
 # They work for one run alone
 CHANGE = {
-    "cg.certification.spanned.Spanned",
+    "cg.proofs.dependent.spanned.Spanned",
     "cg.construction.construct._Told",
 }
 

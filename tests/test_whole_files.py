@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 import cg
-from cg import facts, texts
 from cg.catalogue import save
-from cg.certification import certificate_of
+from cg.catalogue import summary as facts
 from cg.command import main
+from cg.proofs import certificate_of
+from cg.support import parsing as texts
 
 METHOD = cg.methods["CG3"]
 WRITERS: dict[str, Callable[[Path], object]] = {

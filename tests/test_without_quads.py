@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import cg
-from cg import quad
 from cg.conditions import residuals_of
-from cg.quad import MissingQuadsError
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
 from cg.reproduce.built_in import integrate_heavy_top
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem
+from cg.support import quads as quad
+from cg.support.quads import MissingQuadsError
 
 
 @pytest.fixture(autouse=True)

@@ -24,8 +24,8 @@ from typing import Any
 from cg.conditions import condition_trees
 from cg.impossibility import PointsShape, point_shapes
 from cg.impossibility.ring import Ring
-from cg.points import START
-from cg.trees import forest
+from cg.structure.points import START
+from cg.trees.ordered import forest
 
 FEWEST_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: cg.impossibility
 

@@ -21,7 +21,6 @@ from threadpoolctl import threadpool_limits
 
 import cg
 from cg.catalogue import save
-from cg.certification import CertificationError, certify
 from cg.construction import (
     Candidate,
     ConditionSystem,
@@ -37,8 +36,9 @@ from cg.construction import (
     solved,
     to_method,
 )
-from cg.random_search import start_layout
-from cg.tree_shapes import held_weights, layout_of
+from cg.construction.search.random_search import start_layout
+from cg.construction.search.shapes import held_weights, layout_of
+from cg.proofs import CertificationError, certify
 
 SEED = 1
 GOALS = Goals(coefficients=2e-4, abscissae=0.2, bound_weight=0.03)

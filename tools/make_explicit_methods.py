@@ -21,7 +21,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cg.catalogue import save
-from cg.certification import CertificationError, certify
 from cg.conditions import count, residuals
 from cg.construction import (
     Candidate,
@@ -38,12 +37,13 @@ from cg.construction import (
     to_method,
 )
 from cg.construction.drop import solve_start
+from cg.construction.search.random_search import random_start
+from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.start import default_start, random_candidate
-from cg.parallel import available_cores
-from cg.random_search import random_start
+from cg.method.tableau import Tableau
+from cg.proofs import CertificationError, certify
 from cg.runs import as_finished
-from cg.solve.minimum_norm import fit_conditions
-from cg.tableau import Tableau
+from cg.support.parallel import available_cores
 
 SEED = 1
 LARGEST = 4.0  # coefficients of what is worth moving along

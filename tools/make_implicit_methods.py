@@ -21,12 +21,12 @@ import numpy as np
 
 from cg.catalogue import save
 from cg.construction import Candidate, Goals, optimise, principal_error
-from cg.layout import Rows
-from cg.random_search import random_start
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.polish import polish
-from cg.solve.system import ConditionSystem
-from cg.tableau import Tableau
+from cg.construction.search.random_search import random_start
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.polish import polish
+from cg.construction.solvers.system import ConditionSystem
+from cg.method.tableau import Tableau
+from cg.structure.layout import Rows
 
 DIGITS = 36
 SEED, STARTS = 1, 20

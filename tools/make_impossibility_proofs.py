@@ -15,7 +15,7 @@ from typing import Any
 
 from cg.conditions import condition_trees
 from cg.impossibility.shapes import PathShape, Shape, TableauShape, point_shapes
-from cg.trees import forest
+from cg.trees.ordered import forest
 
 
 def lift(

@@ -23,12 +23,12 @@ from threadpoolctl import threadpool_limits
 
 import cg
 from cg.catalogue import save
-from cg.flat import stage_orders
-from cg.layout import Layout
-from cg.lifting.exact import refined
-from cg.lifting.lift import split_method
-from cg.lifting.splitting import FlatRows, Splitting
-from cg.quad import DECIMAL_DIGITS, to_decimal
+from cg.construction.lifting.exact import refined
+from cg.construction.lifting.lift import split_method
+from cg.construction.lifting.splitting import FlatRows, Splitting
+from cg.method.flat import stage_orders
+from cg.structure.layout import Layout
+from cg.support.quads import DECIMAL_DIGITS, to_decimal
 
 HERE = Path(__file__).parent
 FLAT = HERE / "flat_pairs.toml"

@@ -19,10 +19,10 @@ from typing import Any
 from flint import arb, arb_mat, ctx, fmpq
 
 from cg.catalogue import methods, munthe_kaas
-from cg.method import Method
-from cg.munthe_kaas import MuntheKaas
-from cg.points import START
-from cg.quad import to_decimal
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.structure.points import START
+from cg.support.quads import to_decimal
 
 FILE = Path(__file__).parent.parent / "cg" / "catalogue" / "reference_steps.json"
 BITS = 512

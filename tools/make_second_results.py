@@ -23,15 +23,15 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import cg
-from cg import compiled_conditions
 from cg.catalogue import save
+from cg.conditions import compiled as compiled_conditions
 from cg.conditions import condition_trees
-from cg.layout import Layout
-from cg.lifting.exact import refined
-from cg.lifting.lift import split_method
-from cg.lifting.solver import fit
-from cg.lifting.splitting import FlatRows, Splitting, _equations, _solved
-from cg.points import START
+from cg.construction.lifting.exact import refined
+from cg.construction.lifting.lift import split_method
+from cg.construction.lifting.solver import fit
+from cg.construction.lifting.splitting import FlatRows, Splitting, _equations, _solved
+from cg.structure.layout import Layout
+from cg.structure.points import START
 
 _WIDTH = 0.6
 _ITERATIONS = 100

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.catalogue import save
-from cg.commutator_free import CommutatorFree
 from cg.conditions import exact_residuals_of, jacobian_at
-from cg.low_storage import from_two_registers
-from cg.quad import to_decimal
+from cg.method.commutator_free import CommutatorFree
+from cg.method.low_storage import from_two_registers
+from cg.support.quads import to_decimal
 
 FOUND = (
     "found by a search of this project: a chain of two registers from a random start in A and B, "

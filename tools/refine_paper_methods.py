@@ -20,8 +20,8 @@ import numpy as np
 
 from cg import conditions
 from cg.catalogue import save
+from cg.method.tableau import Tableau
 from cg.reproduce.appendix_a import Printed, printed
-from cg.tableau import Tableau
 
 PAPER = (
     "Z. Jackiewicz, A. Marthinsen, B. Owren: Construction of Runge–Kutta methods of "

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from cg.finds import Solution, best, families, promote, solutions
-from cg.finds.solutions import OBJECTIVES
+from cg.construction.results import Solution, best, families, promote, solutions
+from cg.construction.results.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
 
 from .arguments import as_json, check_output, json_option, say

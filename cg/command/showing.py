@@ -8,14 +8,14 @@ from typing import Any
 
 import click
 
+from cg.analysis.diagnosis import draw_points
 from cg.catalogue import packaged
-from cg.coefficients import Coefficient
-from cg.commutator_free import CommutatorFree
-from cg.diagnosis import draw_points
-from cg.facts import Facts, facts_of
+from cg.catalogue.summary import Facts, facts_of
 from cg.formats import export
-from cg.method import Method
-from cg.texts import visible
+from cg.method.coefficients import Coefficient
+from cg.method.commutator_free import CommutatorFree
+from cg.method.method import Method
+from cg.support.parsing import visible
 
 from .arguments import METHOD, as_json, certificate_of_file, json_option, say
 from .listing import table
@@ -96,7 +96,7 @@ def _number(x: float | None, other: str) -> str:
 
 
 def _certificate(method: Method) -> str | None:
-    from cg.certification import CertificationError, certificate_of, check
+    from cg.proofs import CertificationError, certificate_of, check
 
     try:
         certificate = certificate_of_file(method)

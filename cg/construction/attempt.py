@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import quad
-from ..checks import LARGEST_COUNT
 from ..conditions import count
-from ..layout import Layout
-from ..method import Method
+from ..method.method import Method
 from ..runs import Record
-from ..solve.system import ConditionSystem
-from ..tree_shapes import draw_layout
+from ..structure.layout import Layout
+from ..support import quads as quad
+from ..support.checks import LARGEST_COUNT
 from .candidate import Candidate, NotExactError, refinable, solved, to_method
 from .drop import solve_start
 from .drop_flow import drop_flow
 from .eliminate import eliminate, walk
+from .search.shapes import draw_layout
 from .settings import ConstructionSettings
+from .solvers.system import ConditionSystem
 from .start import random_candidate
 
 __all__ = ["Attempt", "arrived", "refined", "run_attempt"]

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .. import quad
-from ..commutator_free import CommutatorFree
 from ..conditions import count
-from ..layout import Layout
-from ..method import Method
-from ..random_start import EXACT
-from ..solve.minimum_norm import fit_conditions
-from ..solve.polish import polish_zeros
-from ..solve.refine import refine
-from ..solve.system import ConditionSystem
-from ..tableau import Tableau
+from ..method.commutator_free import CommutatorFree
+from ..method.method import Method
+from ..method.tableau import Tableau
+from ..structure.layout import Layout
+from ..support import quads as quad
+from .search.start import EXACT
+from .solvers.minimum_norm import fit_conditions
+from .solvers.polish import polish_zeros
+from .solvers.refine import refine
+from .solvers.system import ConditionSystem
 
 __all__ = [
     "Candidate",
@@ -116,7 +116,8 @@ def correct(
     frozen : sequence of int, optional
         Entries that must keep their values.
     ftol, damping, max_iterations, accurate
-        As for `cg.solve.minimum_norm.fit_conditions`; accurate from order 7 on by default.
+        As for `cg.construction.solvers.minimum_norm.fit_conditions`; accurate from order 7 on
+        by default.
 
     Returns
     -------

@@ -9,10 +9,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
-from .. import quad
-from ..checks import LARGEST_COUNT, check_flag, check_integer
-from ..method import Method
-from ..parallel import single_threads
+from ..method.method import Method
 from ..runs import (
     ExecutorLike,
     Failure,
@@ -25,9 +22,12 @@ from ..runs import (
     completed,
     stored_run,
 )
-from ..solve.system import Structure
+from ..support import quads as quad
+from ..support.checks import LARGEST_COUNT, check_flag, check_integer
+from ..support.parallel import single_threads
 from .attempt import Attempt, arrived, check_attempt, refined, run_attempt
 from .settings import ConstructionSettings, tableau_settings, tree_settings
+from .solvers.system import Structure
 
 __all__ = ["Construction", "construct"]
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..checks import WIDEST, check_generator, check_integer, check_real
-from ..solve.system import Structure
+from ..support.checks import WIDEST, check_generator, check_integer, check_real
 from .candidate import Candidate, check_candidate, correct, solved
 from .drop import drop_stage, held
+from .solvers.system import Structure
 
 __all__ = ["eliminate", "eliminate_stage", "walk"]
 

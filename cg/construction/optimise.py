@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .. import compiled_conditions
-from ..checks import check_integer, check_real
+from ..conditions import compiled as compiled_conditions
 from ..conditions import condition_trees, count
-from ..solve.singular import Decomposition, decompose, retract
+from ..support.checks import check_integer, check_real
 from .candidate import Candidate, check_candidate, correct, movable, solved
+from .solvers.singular import Decomposition, decompose, retract
 
 __all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
 

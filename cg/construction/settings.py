@@ -5,11 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..checks import LARGEST_COUNT, MOST_STAGES, WIDEST, check_flag, check_integer, check_real
-from ..layout import Layout
-from ..points import START
-from ..solve.system import ConditionSystem, Structure
-from ..tree_shapes import check_order, check_points
+from ..structure.layout import Layout
+from ..structure.points import START
+from ..support.checks import (
+    LARGEST_COUNT,
+    MOST_STAGES,
+    WIDEST,
+    check_flag,
+    check_integer,
+    check_real,
+)
+from .search.shapes import check_order, check_points
+from .solvers.system import ConditionSystem, Structure
 from .start import default_start, likely_structure, tree_start
 
 __all__ = ["ConstructionSettings", "tableau_settings", "tree_settings"]

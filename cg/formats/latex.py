@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
-from ..coefficients import Coefficient
-from ..commutator_free import CommutatorFree
-from ..method import Method
-from ..quad import to_decimal
+from ..method.coefficients import Coefficient
+from ..method.commutator_free import CommutatorFree
+from ..method.method import Method
+from ..support.quads import to_decimal
 from .digits import Numbers
 
 __all__ = ["short_numbers", "to_array", "to_latex"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from html import escape
 from itertools import islice
 
-from ..commutator_free import CommutatorFree
-from ..method import Method
-from ..texts import visible
+from ..method.commutator_free import CommutatorFree
+from ..method.method import Method
+from ..support.parsing import visible
 from .latex import short_numbers, to_array
 
 __all__ = ["to_formula", "to_html"]

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.checks import check_integer
 from cg.frames.arrays import Array, is_array, real_array
 from cg.frames.dexpinv import frobenius, series_dexpinv
+from cg.support.checks import check_integer
 
 # Up to this dimension products of coefficients with structure constants take less time than those
 # of matrices.

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.checks import check_generator
+from cg.support.checks import check_generator
 
 __all__ = [
     "Array",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cg.shared_numbers import BlockKind, BlockOption
+from cg.support.shared_numbers import BlockKind, BlockOption
 
 __all__ = ["SCALAR_FIRST", "SPACE_AXES", "BlockKind", "Blocks", "compared_by_entries"]
 

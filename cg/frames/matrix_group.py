@@ -11,7 +11,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.checks import memory
 from cg.frames.algebra import MOST_CONSTANTS
 from cg.frames.arrays import (
     Array,
@@ -34,6 +33,7 @@ from cg.frames.matrix_functions import (
     newton_schulz,
     random_unitary,
 )
+from cg.support.checks import memory
 
 # Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,
 # and is large relative to it. It turns a point by no more than this in a unit of time.

@@ -14,8 +14,8 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Any
 
-from ..texts import read_toml
-from ..trees import OrderedTree
+from ..support.parsing import read_toml
+from ..trees.ordered import OrderedTree
 from .ring import Polynomial, Ring
 from .shapes import Shape, TableauShape, orderings, point_shapes, read_shape
 

@@ -16,10 +16,10 @@ from functools import cached_property
 from itertools import permutations, product
 from math import factorial, prod
 
-from ..checks import MOST_STAGES, check_integer
 from ..conditions import condition_trees, exact_weights, right_sides
-from ..points import START, Point, PointTree
-from ..trees import OrderedTree, forest
+from ..structure.points import START, Point, PointTree
+from ..support.checks import MOST_STAGES, check_integer
+from ..trees.ordered import OrderedTree, forest
 from .ring import Polynomial, Ring
 
 __all__ = [

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.catalogue import resolve_method
-from cg.checks import memory
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.integration.step.plan import Plan
-from cg.method import Method
+from cg.method.method import Method
+from cg.support.checks import memory
 
 DEFAULT_MAX_STEPS = 10**6
 """The number of adaptive steps, rejected ones included, after which it is given up."""

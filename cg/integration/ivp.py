@@ -26,8 +26,8 @@ from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import Plan
-from cg.method import Method
-from cg.shared_numbers import Stop
+from cg.method.method import Method
+from cg.support.shared_numbers import Stop
 
 __all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
 

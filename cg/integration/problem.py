@@ -9,7 +9,6 @@ from typing import Any, cast
 
 from numpy.typing import ArrayLike
 
-from cg.checks import check_flag
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.integration.arguments import (
@@ -33,9 +32,10 @@ from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import check_stage_solver
 from cg.integration.step.plan import Plan, has_brackets, plan_of
-from cg.method import Method
-from cg.munthe_kaas import MuntheKaas
-from cg.pairs import check_order, check_pair
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.method.warnings import check_order, check_pair
+from cg.support.checks import check_flag
 
 __all__ = ["Problem", "make_control", "make_problem", "make_rhs"]
 

@@ -11,8 +11,8 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
-from cg.later import Later
-from cg.method import Method
+from cg.method.method import Method
+from cg.support.later import Later
 
 
 class _ReadOnly:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..checks import check_flag
-from ..trees import OrderedTree
+from ..support.checks import check_flag
+from ..trees.ordered import OrderedTree
 from .style import COLOURS, axes_for, blank
 
 __all__ = ["layout", "tree"]

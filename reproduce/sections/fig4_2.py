@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cg.convergence import observed_order
+from cg.analysis.convergence import observed_order
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places

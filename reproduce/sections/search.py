@@ -16,10 +16,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cg.conditions import unknowns
-from cg.random_search import RandomStart, SearchResult, search
+from cg.construction.search.random_search import RandomStart, SearchResult, search
+from cg.method.tableau import Tableau
 from cg.runs import Store
-from cg.shared_numbers import Status
-from cg.tableau import Tableau
+from cg.support.shared_numbers import Status
 
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number

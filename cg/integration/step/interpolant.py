@@ -74,9 +74,9 @@ from numpy.polynomial import Legendre, Polynomial
 
 from cg.frames.arrays import Array
 from cg.integration.step.paths import paths_of
-from cg.low_storage import rooted_trees
-from cg.method import Method, remembered
-from cg.munthe_kaas import MuntheKaas
+from cg.method.low_storage import rooted_trees
+from cg.method.method import Method, remembered
+from cg.method.munthe_kaas import MuntheKaas
 
 __all__ = [
     "Extension",

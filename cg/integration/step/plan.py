@@ -20,9 +20,9 @@ from cg.integration.step.interpolant import (
     series_order,
 )
 from cg.integration.step.paths import paths_of
-from cg.method import Method, remembered
-from cg.munthe_kaas import MuntheKaas
-from cg.shared_numbers import BlockKind
+from cg.method.method import Method, remembered
+from cg.method.munthe_kaas import MuntheKaas
+from cg.support.shared_numbers import BlockKind
 
 __all__ = ["Plan", "error_exponent", "has_brackets", "plan_of"]
 

@@ -1,0 +1,1 @@
+"""Ordered trees and the Fortran tables that are made of them."""
