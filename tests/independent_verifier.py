@@ -1,8 +1,8 @@
 """A second proof of certificates without identities, which shares no code with `cg.proofs`.
 
 From the text of a method and of its certificate, with the trees of `cg.trees.ordered`: weights by
-their definition and derivatives carried along, in balls; then Krawczyk's test in the certificate's box.
-Conditions of Lyndon words imply all others. ``python tests/independent_verifier.py FOLDER`` proves
+their definition and derivatives carried along, in balls; then Krawczyk's test in the certificate's
+box. Conditions of Lyndon words imply all others. ``python tests/independent_verifier.py FOLDER`` proves
 all that are there: methods in it, certificates in ``certificates`` below.
 """
 

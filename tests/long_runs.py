@@ -24,16 +24,16 @@ LONG: dict[str, tuple[str, str, Command]] = {
         "Random tableaux and trees of points, explicit and implicit, orders 1 to 7: the compiled "
         "core in both kinds against exact arithmetic",
         "`test_differential.py`",
-        _tests("-m", "slow", "tests/test_differential.py"),
+        _tests("-m", "slow", "tests/conditions/test_differential.py"),
     ),
     "fuzz": (
         "Spoilt files of methods, certificates and stores; functions that raise or return "
         "something else at any call; hostile arguments of everything public",
         "`test_fuzz_*.py`",
         _tests(
-            "tests/test_fuzz_readers.py",
-            "tests/test_fuzz_callbacks.py",
-            "tests/test_fuzz_arguments.py",
+            "tests/package/test_fuzz_readers.py",
+            "tests/package/test_fuzz_callbacks.py",
+            "tests/package/test_fuzz_arguments.py",
             "--hypothesis-profile=nightly",
             CG_FUZZ=str(FUZZ),
         ),
@@ -41,18 +41,20 @@ LONG: dict[str, tuple[str, str, Command]] = {
     "kills": (
         "Searches, constructions and reproductions killed at random moments",
         "`test_kills.py`",
-        _tests("tests/test_kills.py", CG_KILLS=str(KILLS), CG_KILLS_REPORT="{folder}/kills.jsonl"),
+        _tests(
+            "tests/runs/test_kills.py", CG_KILLS=str(KILLS), CG_KILLS_REPORT="{folder}/kills.jsonl"
+        ),
     ),
     "engines": (
         "Searches in processes and on Dask: the run, a worker or the scheduler killed at random "
         "moments",
         "`test_kills_engines.py`",
-        _tests("tests/test_kills_engines.py", CG_KILLS=str(ENGINE_KILLS)),
+        _tests("tests/runs/test_kills_engines.py", CG_KILLS=str(ENGINE_KILLS)),
     ),
     "together": (
         "Eight threads, and eight processes by fork, spawn and forkserver",
         "`test_together.py`",
-        _tests("tests/test_together.py"),
+        _tests("tests/package/test_together.py"),
     ),
     "sanitizers": (
         "The compiled core with the sanitizers of addresses and undefined behaviour",

@@ -299,8 +299,8 @@ def file_of(module: str) -> Path:
 
 def tests_of(module: str) -> list[str]:
     """Return the files of tests of a module that exist."""
-    files = [ROOT / "tests" / f"test_{name}.py" for name in TESTS[module].split()]
-    return [str(file) for file in files if file.exists()]
+    files = [(ROOT / "tests").glob(f"*/test_{name}.py") for name in TESTS[module].split()]
+    return [str(file) for found in files for file in found]
 
 
 def run_child(module: str, number: int | None, log: Path) -> None:
