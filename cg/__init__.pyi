@@ -33,6 +33,7 @@ from .method.munthe_kaas import MuntheKaas
 from .method.tableau import Tableau, TableauError
 from .proofs import Certificate, CertificationError, certify
 from .structure.points import MethodError
+from .support.quads import MissingQuadsError
 
 __all__ = [
     "Certificate",
@@ -49,6 +50,7 @@ __all__ = [
     "Lifted",
     "Method",
     "MethodError",
+    "MissingQuadsError",
     "MuntheKaas",
     "Solution",
     "StepTooLongError",

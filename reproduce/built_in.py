@@ -21,7 +21,7 @@ from cg.integration.step.paths import paths_of
 from cg.method.method import Method
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
-from cg.support import quads as quad
+from cg.support import quads
 from cg.support.checks import memory
 from cg.support.parsing import read_fraction
 from cg.support.shared_numbers import Stop
@@ -63,7 +63,7 @@ class CompiledTrajectory:
         """Return the exact values of the entries of point ``k``; negative counts from the end."""
         if self.kind == "real64":
             return tuple(map(Fraction, self.raw[k].ravel().tolist()))
-        return tuple(quad.decode(self.raw[k].reshape(-1, 16)))
+        return tuple(quads.decode(self.raw[k].reshape(-1, 16)))
 
 
 def integrate_heavy_top(
@@ -205,8 +205,8 @@ def _integrate(
         t = float(failed_at[0])
     else:
         raw = np.ascontiguousarray(np.transpose(columns, (2, 1, 0)))
-        points = quad.to_float(raw)
-        t = float(quad.to_float(np.ascontiguousarray(failed_at.T))[0])
+        points = quads.to_float(raw)
+        t = float(quads.to_float(np.ascontiguousarray(failed_at.T))[0])
     if status != Stop.FINISHED:
         raise OverflowError(f"the solution is no longer finite at t = {t:.17g}")
     times = np.array([float(k * size) for k in range(steps + 1)])
@@ -219,7 +219,7 @@ def _integrate(
 
 def _core_of(kind: Kind) -> tuple[Any, _Convert]:
     if kind == "real128":
-        return quad.core('kind="real128"'), _quads
+        return quads.core('kind="real128"'), _quads
     from cg import _core_r64
 
     return _core_r64, _doubles
@@ -243,6 +243,6 @@ def _doubles(values: Iterable[Fraction], shape: tuple[int, ...] = (-1,)) -> Arra
     return np.array([float(x) for x in values]).reshape(shape)
 
 
-def _quads(values: Iterable[Fraction], shape: tuple[int, ...] = (-1,)) -> quad.Quads:
+def _quads(values: Iterable[Fraction], shape: tuple[int, ...] = (-1,)) -> quads.Quads:
     """Return binary128 numbers with their bytes along the first axis, as Fortran has them."""
-    return np.moveaxis(quad.encode(values).reshape(*shape, 16), -1, 0)
+    return np.moveaxis(quads.encode(values).reshape(*shape, 16), -1, 0)

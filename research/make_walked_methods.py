@@ -1,8 +1,8 @@
 """Move methods of the literature along the solution set, their tableaux too, as in the catalogue.
 
 `research/make_lifted_methods.py` splits the rows of flat tableaux into flows and holds the
-tableaux. Here these move as well: from a lifted method all weights change, down the principal error and
-towards small weights.
+tableaux. Here these move as well: from a lifted method all weights change, down the principal error
+and towards small weights.
 
     python research/make_walked_methods.py FOLDER [NAME ...]
 """

@@ -2,8 +2,8 @@
 
 From the text of a method and of its certificate, with the trees of `cg.trees.ordered`: weights by
 their definition and derivatives carried along, in balls; then Krawczyk's test in the certificate's
-box. Conditions of Lyndon words imply all others. ``python tests/independent_verifier.py FOLDER`` proves
-all that are there: methods in it, certificates in ``certificates`` below.
+box. Conditions of Lyndon words imply all others. ``python tests/independent_verifier.py FOLDER``
+proves all that are there: methods in it, certificates in ``certificates`` below.
 """
 
 import sys

@@ -1,10 +1,10 @@
 """Order conditions of Runge–Kutta methods on manifolds.
 
 A method has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q + 1 nodes, (2.4) of
-Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg.structure.points`): the flow
-to point m starts from its parent and has weights α_mk on the fields of stages k, and Φ is the
-weight at the result. At each point weights are a character χ of words of trees, with the leftmost child on the
-flow that comes first::
+Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg.structure.points`): the flow to
+point m starts from its parent and has weights α_mk on the fields of stages k, and Φ is the weight
+at the result. At each point weights are a character χ of words of trees, with the leftmost child on
+the flow that comes first::
 
     χ_m(w) = Σ_{w = u v} χ_parent(m)(u) ℓ_m(v_1) … ℓ_m(v_n) / n!,    n the length of v
     ℓ_m(t) = Σ_k α_mk Φ_k(t),    Φ_k(t) = χ(children of t) at the point of stage k

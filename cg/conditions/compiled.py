@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .. import _core_r64, _minimum_norm
 from ..structure.layout import Layout
-from ..support import quads as quad
+from ..support import quads
 from ..support.memory import reserved
 from ..support.parallel import StopFlag
 from ..trees.ordered import catalan
@@ -64,10 +64,10 @@ def residuals(
 
 
 def residuals_quad(
-    order: int, layout: Layout, x: quad.Quads, trees: Trees, owner: Trees
-) -> quad.Quads:
+    order: int, layout: Layout, x: quads.Quads, trees: Trees, owner: Trees
+) -> quads.Quads:
     """Return the residuals in real(16), shape (m, 16)."""
-    core = quad.core("a residual in real(16)")
+    core = quads.core("a residual in real(16)")
     with reserved(_evaluation(order, layout, trees.size, 16), _what("residuals", order, layout)):
         found = core.residuals(order, layout.code, x.T, trees, owner=owner)
     return np.ascontiguousarray(found.T)
@@ -105,7 +105,7 @@ def fit_lmdif(
     stop_flag : ndarray of intc, shape (1,)
     """
     m, n = trees.size, layout.size
-    core, size = (_core_r64, 8) if x.ndim == 1 else (quad.core("lmdif in real(16)"), 16)
+    core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("lmdif in real(16)"), 16)
     needed = _evaluation(order, layout, m, size) + size * (m * n + 6 * m + 16 * n)
     with reserved(needed, _what("lmdif", order, layout)):
         found: tuple[Any, ...] = core.fit_lmdif(

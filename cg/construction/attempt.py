@@ -14,7 +14,7 @@ from ..conditions import count
 from ..method.method import Method
 from ..runs import Record
 from ..structure.layout import Layout
-from ..support import quads as quad
+from ..support import quads
 from ..support.checks import LARGEST_COUNT
 from .candidate import Candidate, NotExactError, refinable, solved, to_method
 from .drop import solve_start
@@ -74,7 +74,7 @@ class Attempt:
             refined_evaluations=None,
             largest_residual=None,
             solved=self.solved,
-            coefficients=quad.from_float(self.x).tobytes(),
+            coefficients=quads.from_float(self.x).tobytes(),
             seconds=seconds,
         )
 
@@ -89,7 +89,7 @@ class Attempt:
                 stages=record.stages,
                 solved=record.solved,
                 f=record.f,
-                x=tuple(quad.to_float(bits).tolist()),
+                x=tuple(quads.to_float(bits).tolist()),
                 flows=record.flows,
                 tree=None if record.tree is None else _layout(json.loads(record.tree)),
             )

@@ -22,7 +22,7 @@ from ..runs import (
     completed,
     stored_run,
 )
-from ..support import quads as quad
+from ..support import quads
 from ..support.checks import LARGEST_COUNT, check_flag, check_integer
 from ..support.parallel import single_threads
 from .attempt import Attempt, arrived, check_attempt, refined, run_attempt
@@ -184,7 +184,7 @@ def construct(
         raise ValueError("first_same_as_last needs a number of flows, got one of tableaux")
     else:
         settings = tableau_settings(*common, width, iterations, force)
-    quad.core("cg.construct")
+    quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, LARGEST_COUNT)
     call, line = check_progress(progress)
     executor, workers = check_executor(executor, workers)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..structure.layout import Layout
 from ..structure.points import MethodError, Point, PointTree, check_tree
-from ..support import quads as quad
+from ..support import quads
 from .coefficients import Coefficient
 from .flat import flat_order
 from .method import Method, read_coefficient, read_texts
@@ -136,7 +136,7 @@ class CommutatorFree(Method):
             Of a tree of points.
         name, source : str, optional
         """
-        texts = [entry if isinstance(entry, str) else quad.to_decimal(entry) for entry in x]
+        texts = [entry if isinstance(entry, str) else quads.to_decimal(entry) for entry in x]
         return cls(
             zip(layout.parents, layout.point_weights(texts), strict=True),
             layout.stage_points,
@@ -200,7 +200,7 @@ class CommutatorFree(Method):
         if self.third_weights is None:
             return None
         # Sums of weights that are rounded are right to their last place.
-        rows = [[quad.to_decimal(entry) for entry in row] for row in self.exact[0]]
+        rows = [[quads.to_decimal(entry) for entry in row] for row in self.exact[0]]
         return flat_order(Tableau(rows, self.third_weights))
 
 

@@ -50,10 +50,11 @@ class MissingQuadsError(RuntimeError):
 
     Examples
     --------
-    >>> from cg import quad
+    >>> import cg
+    >>> from cg.support import quads
     >>> try:
-    ...     core = quad.core("refinement")
-    ... except quad.MissingQuadsError:
+    ...     core = quads.core("refinement")
+    ... except cg.MissingQuadsError:
     ...     print("built with -Dquad=disabled: double precision only")
     """
 

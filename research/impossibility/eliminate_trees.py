@@ -1,9 +1,9 @@
 """Ask Singular for each tree of points whether its order conditions have a common zero.
 
-``python -m research.impossibility.eliminate_trees ORDER POINTS`` goes through all
-trees of so many points that are stages but for the last, the result, and prints whether 1 is in the ideal of the conditions, over
-the rational numbers or modulo a prime. These are Gröbner bases: fast, but nothing is left that
-could be checked without Singular, as `research.impossibility` does with its proofs.
+``python -m research.impossibility.eliminate_trees ORDER POINTS`` goes through all trees of so many
+points that are stages but for the last, the result, and prints whether 1 is in the ideal of the
+conditions, over the rational numbers or modulo a prime. These are Gröbner bases: fast, but nothing
+is left that could be checked without Singular, as `research.impossibility` does with its proofs.
 
 Unknowns are the weights of each point on all stages but the first, their sum with the first, the
 letters with two or three nodes on the flows to the result, and Φ_i([τ]) at the stages. With names

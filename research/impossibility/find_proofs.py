@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from cg.conditions import condition_trees
-from cg.impossibility.shapes import PathShape, Shape, TableauShape, point_shapes
 from cg.trees.ordered import forest
+from research.impossibility.shapes import PathShape, Shape, TableauShape, point_shapes
 
 
 def lift(

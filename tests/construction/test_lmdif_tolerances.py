@@ -12,7 +12,7 @@ import cg
 from cg import conditions
 from cg.construction.search import start as random_start
 from cg.structure.layout import Layout
-from cg.support import quads as quad
+from cg.support import quads
 from cg.support.shared_numbers import Status
 
 pytestmark = pytest.mark.sanitize
@@ -145,11 +145,11 @@ def test_tolerances_of_the_papers_search(monkeypatch):
     found = cg.search(3, 3, 3, seed=0, algorithm="lmdif", workers=1, refine_below=1.0)
     assert any(start.quad is not None for start in found.starts)
     doubles = [tolerance for tolerance in given if tolerance.dtype == np.float64]
-    quads = [tolerance for tolerance in given if tolerance.dtype != np.float64]
+    others = [tolerance for tolerance in given if tolerance.dtype != np.float64]
     assert len(doubles) == 3
-    assert quads
+    assert others
     assert {float(tolerance[0]) for tolerance in doubles} == {1e-18}
-    assert {quad.to_float(tolerance.T)[0] for tolerance in quads} == {1e-32}
+    assert {quads.to_float(tolerance.T)[0] for tolerance in others} == {1e-32}
 
 
 def test_searches_stop_where_the_solver_does():

@@ -13,7 +13,7 @@ from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.support import quads as quad
+from cg.support import quads
 
 
 @pytest.fixture(scope="module")
@@ -34,30 +34,30 @@ class TestRefine:
         near = np.array(packed("CG5a"), float)
         near += size * np.random.default_rng(1).standard_normal(near.size)
         fit = fit_conditions(near, ConditionSystem.tableau(5, 9))
-        found = refine(quad.from_float(fit.x), ConditionSystem.tableau(5, 9))
+        found = refine(quads.from_float(fit.x), ConditionSystem.tableau(5, 9))
         assert found.rank == 37 < conditions.count(5, independent=True)
         assert found.largest_residual < 2e-33
-        moved = np.abs(quad.to_float(found.x) - near).max()
+        moved = np.abs(quads.to_float(found.x) - near).max()
         assert moved < 1000 * size
 
     def test_a_random_explicit_method(self, order_four):
         start = next(start for start in order_four.starts if start.exact)
         near = np.array([float(entry) for entry in start.x])
-        found = refine(quad.from_float(near + 1e-9), ConditionSystem.tableau(4, 5))
+        found = refine(quads.from_float(near + 1e-9), ConditionSystem.tableau(4, 5))
         assert found.rank in {12, 13}
         assert found.largest_residual < 1e-32
 
     def test_entries_that_must_stay(self):
-        near = quad.encode(packed("CG4a"))
+        near = quads.encode(packed("CG4a"))
         free = [k for k in range(15) if k not in (0, 7)]
-        moved = quad.from_float(quad.to_float(near))
+        moved = quads.from_float(quads.to_float(near))
         found = refine(moved, ConditionSystem.tableau(4, 5), free=free)
         assert found.largest_residual < 1e-32
         np.testing.assert_array_equal(found.x[[0, 7]], moved[[0, 7]])
         assert (found.x != moved).any()
 
     def test_order_of_free_entries_does_not_matter(self):
-        near = quad.from_float(np.array(packed("CG4a"), float))
+        near = quads.from_float(np.array(packed("CG4a"), float))
         expected = refine(near, ConditionSystem.tableau(4, 5), free=[1, 3, 4, *range(8, 15)])
         found = refine(near, ConditionSystem.tableau(4, 5), free=[*range(14, 7, -1), 4, 4, 3, 1, 1])
         np.testing.assert_array_equal(found.x, expected.x)
@@ -67,8 +67,8 @@ class TestRefine:
         np.testing.assert_array_equal(
             fit_conditions(near, ConditionSystem.tableau(3, 3), free=[]).x, near
         )
-        found = refine(quad.from_float(near), ConditionSystem.tableau(3, 3), free=[])
-        np.testing.assert_array_equal(quad.to_float(found.x), near)
+        found = refine(quads.from_float(near), ConditionSystem.tableau(3, 3), free=[])
+        np.testing.assert_array_equal(quads.to_float(found.x), near)
 
     @pytest.mark.parametrize("solver", ["refine", "fit"])
     @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ class TestRefine:
     def test_bad_arguments(self, solver, changes, message):
         x = changes.get("x", np.full(6, 0.3))
         if solver == "refine":
-            x = quad.from_float(x)
+            x = quads.from_float(x)
         with pytest.raises(ValueError, match=message):
             {"refine": refine, "fit": fit_conditions}[solver](
                 x,

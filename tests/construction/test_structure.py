@@ -11,7 +11,7 @@ from cg.proofs.dependent.identities import MiddleAbscissae, OfFirstWeights, Stag
 from cg.proofs.dependent.relations import kept_words
 from cg.proofs.explain import augment
 from cg.structure.layout import Layout, Rows
-from cg.support import quads as quad
+from cg.support import quads
 
 pytestmark = pytest.mark.sanitize
 
@@ -39,7 +39,7 @@ class TestEquations:
         system = ConditionSystem.tableau(5, 6, structure=structure)
         x = random_x(system)
         np.testing.assert_allclose(
-            system.residual_quad(quad.from_float(x), independent=True),
+            system.residual_quad(quads.from_float(x), independent=True),
             system.residual(x),
             atol=1e-14,
         )
@@ -120,7 +120,7 @@ def test_rank_is_the_count_of_equations_that_remain():
     assert fit.f < 1e-26
     values = np.linalg.svd(system.jacobian(fit.x)[:, system.free], compute_uv=False)
     assert np.sum(values > 1e-9 * values[0]) == rank
-    refined = refine(quad.from_float(fit.x), system)
+    refined = refine(quads.from_float(fit.x), system)
     assert refined.largest_residual < 1e-32
 
 

@@ -124,8 +124,8 @@ def test_what_is_public_is_found():
     names = set(public())
     assert {"cg.Tableau", "cg.frames.Sphere", "cg.plot.tree", "cg.conditions.count"} <= names
     assert {
-        "cg.trees.ordered.OrderedTree",
-        "cg.support.quads.MissingQuadsError",
+        "cg.trees.OrderedTree",
+        "cg.MissingQuadsError",
         "cg.methods",
     } <= names
     assert len(names) > 100
@@ -136,7 +136,7 @@ def test_an_object_without_example_is_found():
     from cg.support.checks import check_real
 
     assert without_example({"Beyond": Beyond, "check_real": check_real}) == ["Beyond", "check_real"]
-    assert without_example({"OrderedTree": cg.trees.ordered.OrderedTree}) == []
+    assert without_example({"OrderedTree": cg.trees.OrderedTree}) == []
 
 
 def test_all_that_is_public_has_an_example():

@@ -12,8 +12,8 @@ from cg import catalogue, conditions, construction, frames, plot
 from cg import proofs as certification
 from cg.analysis import diagnosis
 from cg.method import low_storage, stability
-from cg.support import quads as quad
-from cg.trees.ordered import ordered as trees
+from cg.support import quads
+from cg.trees import ordered as trees
 from research import impossibility
 
 
@@ -366,9 +366,9 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     ),
     "OrderedTree.parse": Call(trees.OrderedTree.parse, {"text": "[[]]"}),
     "forest": Call(trees.forest, {"max_nodes": 4}),
-    "quad.encode": Call(quad.encode, {"values": ["1/3", 2, 0.5]}),
-    "quad.to_decimal": Call(quad.to_decimal, {"value": Fraction(1, 3), "digits": 9}),
-    "quad.from_float": Call(quad.from_float, {"values": [1.0, 0.5]}),
+    "quads.encode": Call(quads.encode, {"values": ["1/3", 2, 0.5]}),
+    "quads.to_decimal": Call(quads.to_decimal, {"value": Fraction(1, 3), "digits": 9}),
+    "quads.from_float": Call(quads.from_float, {"values": [1.0, 0.5]}),
     "stability.stability_function": Call(stability.stability_function, {"method": CG3}),
     "stability.stability_limits": Call(stability.stability_limits, {"method": CG3}),
     "stability.too_large": Call(stability.too_large, {"method": CG3}),

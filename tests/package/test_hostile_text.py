@@ -16,7 +16,7 @@ from cg.proofs.__main__ import main
 from cg.proofs.dependent.words import parse
 from cg.reproduce.built_in import integrate_heavy_top
 from cg.structure.points import MethodError
-from cg.support import quads as quad
+from cg.support import quads
 from cg.support.parsing import file_in, read_fraction
 
 pytestmark = pytest.mark.no_core
@@ -98,7 +98,7 @@ def test_numbers_beyond_reason_are_refused(text: str | Decimal) -> None:
     with pytest.raises(ValueError, match=r"exponents must be at most|Exceeds the limit"):
         read_fraction(text)
     with pytest.raises(ValueError, match="values must be finite real numbers"):
-        quad.encode([text])  # type: ignore[list-item]
+        quads.encode([text])  # type: ignore[list-item]
     with pytest.raises(ValueError, match="row 1 of a must hold finite real numbers"):
         cg.conditions.residuals_exact([[text]], [1], 1)
     with pytest.raises(ValueError, match="b must hold finite real numbers"):

@@ -8,7 +8,7 @@ from cg.conditions import residuals_of
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.reproduce.built_in import integrate_heavy_top
-from cg.support import quads as quad
+from cg.support import quads
 from cg.support.quads import MissingQuadsError
 
 pytestmark = pytest.mark.no_core
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.no_core
 
 @pytest.fixture(autouse=True)
 def without(monkeypatch):
-    monkeypatch.setattr(quad, "_compiled", lambda: None)
+    monkeypatch.setattr(quads, "_compiled", lambda: None)
 
 
 @pytest.mark.parametrize(
@@ -24,9 +24,9 @@ def without(monkeypatch):
     [
         (lambda: cg.search(order=2, stages=2, starts=1, seed=1), r"cg\.search"),
         (lambda: cg.construct(order=3, stages=3, seed=1), r"cg\.construct"),
-        (lambda: quad.from_float([1.0]), r"cg\.quad\.from_float"),
-        (lambda: quad.to_float(quad.encode([1])), r"cg\.quad\.to_float"),
-        (lambda: refine(quad.encode([0, 1, 1]), ConditionSystem.tableau(2, 2)), "refinement"),
+        (lambda: quads.from_float([1.0]), r"cg\.support\.quads\.from_float"),
+        (lambda: quads.to_float(quads.encode([1])), r"cg\.support\.quads\.to_float"),
+        (lambda: refine(quads.encode([0, 1, 1]), ConditionSystem.tableau(2, 2)), "refinement"),
         (
             lambda: integrate_heavy_top(
                 cg.problems.HeavyTop(), method="CG3", h="1/100", steps=2, kind="real128"
@@ -50,4 +50,4 @@ def test_doubles_work():
     assert cg.lift(cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"])).method.order == 3
     fit = cg.lmdif(lambda x: np.array([x[0] - 1, 10 * (x[1] - x[0] ** 2)]), [2.0, 2.0])
     np.testing.assert_allclose(fit.x, 1.0, atol=1e-10)
-    assert quad.decode(quad.encode(["1/3"]))[0].denominator == 2**114
+    assert quads.decode(quads.encode(["1/3"]))[0].denominator == 2**114

@@ -19,8 +19,7 @@ from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
 from cg.runs import Store, as_finished, execution
 from cg.structure.layout import Layout
-from cg.support import parallel
-from cg.support import quads as quad
+from cg.support import parallel, quads
 from cg.support.parallel import Stopped, stoppable
 from cg.support.shared_numbers import MinimumNormStatus, Status
 
@@ -49,7 +48,7 @@ def fit_lmdif(stop_flag, quadruple=False):
     trees = np.array(table_rows(ORDER), dtype=np.intc)
     if not quadruple:
         return _core_r64.fit_lmdif(ORDER, LAYOUT.code, x0, trees, [0], [0], FOREVER, stop_flag)
-    bits, zero = quad.from_float(x0).T, quad.from_float([0.0]).T
+    bits, zero = quads.from_float(x0).T, quads.from_float([0.0]).T
     return _core_r128.fit_lmdif(ORDER, LAYOUT.code, bits, trees, zero, zero, FOREVER, stop_flag)
 
 
@@ -84,7 +83,7 @@ class TestFlag:
     @pytest.mark.parametrize("entry", ENTRIES)
     def test_a_flag_that_is_set_already(self, entry):
         result = ENTRIES[entry](np.ones(1, dtype=np.intc))
-        x = result[0] if entry != "lmdif in real(16)" else quad.to_float(result[0].T.copy())
+        x = result[0] if entry != "lmdif in real(16)" else quads.to_float(result[0].T.copy())
         np.testing.assert_array_equal(x, guess(TOO_FEW))
 
     @pytest.mark.parametrize("entry", ENTRIES)
@@ -136,7 +135,7 @@ class TestThreads:
         assert ends == ["stopped"]
 
     def test_refinement_ends(self):
-        x = quad.from_float(guess())
+        x = quads.from_float(guess())
 
         def work(_):
             parallel._worker.stop_flag[0] = 1

@@ -13,7 +13,7 @@ CHILD = """
 import os, signal, sys, threading, time
 from contextlib import closing
 import cg
-from cg import memory
+from cg.support import memory
 from cg.support.parallel import single_threads
 from cg.support.balls import working_precision
 from flint import ctx

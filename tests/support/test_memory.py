@@ -87,18 +87,20 @@ def test_large_methods_are_refused_below_a_limit_of_4_gib(case: str) -> None:
 
 # before the call itself, so that what Python allocates isn't part of it
 _PREPARED = """
-layout = cg.structure.layout.Layout.tableau(50)
-small = cg.structure.layout.Layout.tableau(18)
+from cg.structure.layout import Layout
+layout = Layout.tableau(50)
+small = Layout.tableau(18)
 system = ConditionSystem(7, layout)
 x = np.zeros(layout.size)
 trees, owner = system.conditions(True)
 flag = np.zeros(1, dtype=np.intc)
 free = np.arange(1, layout.size + 1, dtype=np.intc)
-from cg import compiled_conditions as door, quad
+from cg.conditions import compiled as door
+from cg.support import quads
 start = np.zeros(small.size)
 enough = np.resize(ConditionSystem(5, small).conditions(True)[0], small.size)
-start_quad = quad.from_float(start)
-bits, tolerance = quad.from_float(x), quad.from_float([1e-9]).T
+start_quad = quads.from_float(start)
+bits, tolerance = quads.from_float(x), quads.from_float([1e-9]).T
 cases = {
     "door.weights(7, layout, x, trees)": door._evaluation(7, layout, trees.size),
     "door.residuals(7, layout, x, trees, owner)": door._evaluation(7, layout, trees.size),

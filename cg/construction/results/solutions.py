@@ -13,7 +13,7 @@ import numpy as np
 
 from ...runs import Record, StoredRun
 from ...structure.layout import Layout, Rows
-from ...support import quads as quad
+from ...support import quads
 from ...support.checks import check_integer
 from ...support.parallel import single_threads
 from ..candidate import Candidate
@@ -212,7 +212,7 @@ def _candidate(settings: dict[str, Any], record: Record) -> Candidate:
     structure = Structure(settings.get("structure", 0))
     system = ConditionSystem(settings["order"], _layout(settings, record), structure)
     bits = np.frombuffer(record.coefficients, np.int8).reshape(-1, 16)
-    x = quad.to_float(bits)
+    x = quads.to_float(bits)
     if x.size != system.size:
         raise ValueError(f"not the record of a start: {x.size} coefficients at {record.number}")
     return Candidate(system, x)

@@ -29,7 +29,7 @@ from ...runs import (
     completed,
     stored_run,
 )
-from ...support import quads as quad
+from ...support import quads
 from ...support.checks import LARGEST_COUNT, check_integer
 from .records import Phase, RandomStart
 from .result import SearchResult, StoredStarts
@@ -179,7 +179,7 @@ def search(
         embedded,
         first_same_as_last,
     )
-    quad.core("cg.search")
+    quads.core("cg.search")
     starts = check_integer("starts", starts, 1, LARGEST_COUNT)
     call, line = check_progress(progress)
     executor, workers = check_executor(executor, workers)

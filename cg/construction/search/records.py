@@ -9,7 +9,7 @@ import numpy as np
 
 from ...runs import Record
 from ...structure.layout import Layout
-from ...support import quads as quad
+from ...support import quads
 
 __all__ = ["Phase", "RandomStart"]
 
@@ -81,7 +81,7 @@ class RandomStart:
         seconds : float, optional
             That it took.
         """
-        bits = quad.encode(self.x)
+        bits = quads.encode(self.x)
         return Record(
             number=self.index,
             stages=len(layout.stage_points),
@@ -119,10 +119,10 @@ class RandomStart:
                 refined = _phase(
                     record.refined_f, record.refined_status, record.refined_evaluations
                 )
-                x = tuple(map(quad.to_decimal, quad.decode(bits)))
+                x = tuple(map(quads.to_decimal, quads.decode(bits)))
             else:
                 # doubles, whose decimals take less time without fractions
-                x = tuple(f"{entry:.35e}" for entry in quad.to_float(bits).tolist())
+                x = tuple(f"{entry:.35e}" for entry in quads.to_float(bits).tolist())
             return cls(
                 index=record.number,
                 double=_phase(record.f, record.status, record.evaluations),

@@ -15,7 +15,7 @@ from ...method.method import Method
 from ...method.tableau import Tableau
 from ...runs import Failure, Store
 from ...structure.layout import Layout
-from ...support import quads as quad
+from ...support import quads
 from ...support.parallel import single_threads
 from ..solvers.polish import polish_zeros
 from ..solvers.system import ConditionSystem
@@ -150,7 +150,7 @@ class SearchResult:
             x,
             settings.stages,
             settings.rows,
-            digits=quad.DECIMAL_DIGITS,
+            digits=quads.DECIMAL_DIGITS,
             name=name,
             source=source,
         )

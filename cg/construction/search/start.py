@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...conditions import count, table_rows
 from ...conditions.compiled import fit_lmdif
 from ...structure.layout import Layout
-from ...support import quads as quad
+from ...support import quads
 from ...support.checks import LARGEST_COUNT
 from ...support.parallel import single_threads, stoppable
 from ..solvers.minimum_norm import fit_conditions
@@ -94,7 +94,7 @@ def check_start(settings: SearchSettings, start: RandomStart) -> RandomStart:
         raise ValueError(f"{where} can't be")
     system = ConditionSystem(settings.order, start_layout(settings, start.index))
     try:
-        bits = quad.encode(start.x)
+        bits = quads.encode(start.x)
     except (ValueError, OverflowError) as error:
         raise ValueError(f"{where}: {error}") from None
     if len(bits) != system.size:
@@ -108,12 +108,12 @@ def check_start(settings: SearchSettings, start: RandomStart) -> RandomStart:
     return start
 
 
-def _judged(system: ConditionSystem, bits: quad.Quads) -> tuple[float, bool]:
+def _judged(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
     """Return the largest residual at binary128 coefficients, and whether they are exact."""
     largest = float(np.abs(system.residual_quad(bits)).max())
     if not np.isfinite(largest):
         largest = np.inf
-    scale = max(1.0, float(np.abs(quad.to_float(bits)).max()))
+    scale = max(1.0, float(np.abs(quads.to_float(bits)).max()))
     return largest, largest <= EXACT * scale
 
 
@@ -146,16 +146,16 @@ def run_start(settings: SearchSettings, index: int) -> RandomStart:
         double, refined, bits = _run_minimum_norm(settings, system, guess, held)
     if refined is None:
         # doubles, whose decimals take less time without fractions; most starts end here
-        decimals = tuple(f"{entry:.35e}" for entry in quad.to_float(bits).tolist())
+        decimals = tuple(f"{entry:.35e}" for entry in quads.to_float(bits).tolist())
     else:
-        decimals = tuple(map(quad.to_decimal, quad.decode(bits)))
-        bits = quad.encode(map(Fraction, decimals))
+        decimals = tuple(map(quads.to_decimal, quads.decode(bits)))
+        bits = quads.encode(map(Fraction, decimals))
     return RandomStart(index, double, refined, decimals, *_judged(system, bits))
 
 
 def _run_lmdif(
     settings: SearchSettings, layout: Layout, guess: NDArray[np.float64]
-) -> tuple[Phase, Phase | None, quad.Quads]:
+) -> tuple[Phase, Phase | None, quads.Quads]:
     trees = np.array(table_rows(settings.order), dtype=np.intc)
     # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
@@ -166,18 +166,18 @@ def _run_lmdif(
         )
     )
     double = Phase(_finite(f[0]), int(info), int(nfev))
-    bits = quad.from_float(x if np.isfinite(x).all() else guess)
+    bits = quads.from_float(x if np.isfinite(x).all() else guess)
     if double.f > settings.refine_below:
         return double, None, bits
-    tolerance = quad.from_float([1e-32]).T
+    tolerance = quads.from_float([1e-32]).T
     found, f, info, nfev = stoppable(
         lambda stop_flag: fit_lmdif(
             *shape, bits.T, trees, tolerance, settings.refine_maxfev, stop_flag
         )
     )
-    refined = Phase(_finite(quad.to_float(f.T)[0]), int(info), int(nfev))
+    refined = Phase(_finite(quads.to_float(f.T)[0]), int(info), int(nfev))
     found = np.ascontiguousarray(found.T)
-    return double, refined, found if np.isfinite(quad.to_float(found)).all() else bits
+    return double, refined, found if np.isfinite(quads.to_float(found)).all() else bits
 
 
 def _run_minimum_norm(
@@ -185,7 +185,7 @@ def _run_minimum_norm(
     system: ConditionSystem,
     guess: NDArray[np.float64],
     held: list[int],
-) -> tuple[Phase, Phase | None, quad.Quads]:
+) -> tuple[Phase, Phase | None, quads.Quads]:
     """Solve, with some unknowns held until refinement."""
     free = np.setdiff1d(system.free, held)
     fit = fit_conditions(
@@ -197,7 +197,7 @@ def _run_minimum_norm(
     x, f = fit.x, fit.f
     if system.rows is None and _SOLVED < f <= _PROMISING:
         x, f = finish(system, x, free)
-    double, bits = Phase(_finite(f), int(fit.status), fit.evaluations), quad.from_float(x)
+    double, bits = Phase(_finite(f), int(fit.status), fit.evaluations), quads.from_float(x)
     if double.f > settings.refine_below:
         return double, None, bits
     refined = refine(bits, system)

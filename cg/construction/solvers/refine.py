@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ...support import quads as quad
+from ...support import quads
 from ...support.parallel import raise_if_stopped
 from .system import ConditionSystem
 
@@ -37,14 +37,14 @@ class Refined:
         Corrections that were applied.
     """
 
-    x: quad.Quads
+    x: quads.Quads
     largest_residual: float
     rank: int
     iterations: int
 
 
 def refine(
-    x: quad.Quads,
+    x: quads.Quads,
     system: ConditionSystem,
     *,
     free: Sequence[int] | NDArray[np.intp] | None = None,
@@ -77,10 +77,10 @@ def refine(
     MissingQuadsError
         If the package was built without quadruple precision.
     """
-    core = quad.core("refinement")
+    core = quads.core("refinement")
     if x.shape != (system.size, 16):
         raise ValueError(f"x must have shape ({system.size}, 16), got {x.shape}")
-    start = quad.to_float(x)
+    start = quads.to_float(x)
     if not np.isfinite(start).all():
         raise ValueError(f"x must be finite, got {start}")
     moving = system.moving(free)

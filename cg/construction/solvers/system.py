@@ -15,7 +15,7 @@ from ...conditions import HIGHEST_ORDER, condition_trees
 from ...conditions import compiled as compiled_conditions
 from ...structure.layout import Layout, Rows
 from ...structure.points import check_tree
-from ...support import quads as quad
+from ...support import quads
 from ...support.checks import check_integer
 from ...support.shared_numbers import ConditionOwner, StageEquation
 from ...trees.ordered import OrderedTree, forest
@@ -215,9 +215,9 @@ class ConditionSystem:
         trees, owner = self.conditions(independent)
         return compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
 
-    def residual_quad(self, x: quad.Quads, independent: bool = False) -> NDArray[np.float64]:
+    def residual_quad(self, x: quads.Quads, independent: bool = False) -> NDArray[np.float64]:
         """Return the residuals as computed in real(16), rounded to double."""
         trees, owner = self.conditions(independent)
-        return quad.to_float(
+        return quads.to_float(
             compiled_conditions.residuals_quad(self.order, self.layout, x, trees, owner)
         )
