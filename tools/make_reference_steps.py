@@ -36,7 +36,7 @@ LINEAR = (
     (-1, 4, 1, 3, -2, -1, 2, 2, -4),
     (2, 1, -3, 1, 3, -2, -4, 1, 2),
 )
-_MOST_ITERATIONS = 2000
+_MAX_ITERATIONS = 2000
 _SOLVED = Fraction(1, 2**400)
 
 Vector = list[arb]
@@ -142,7 +142,7 @@ def _implicit_step(method: Method) -> arb_mat:
                 y = y * exponential([(ball(STEP * weight) * x).mid() for x in fields[k]])
         return y
 
-    for _ in range(_MOST_ITERATIONS):
+    for _ in range(_MAX_ITERATIONS):
         before = [*fields]
         for i, row in enumerate(a):
             fields[i] = [x.mid() for x in field(times[i], end(row))]

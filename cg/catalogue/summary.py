@@ -10,7 +10,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from ..conditions import HIGHEST_ORDER
+from ..conditions import MAX_ORDER
 from ..method.commutator_free import CommutatorFree
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
@@ -79,7 +79,7 @@ def compute_facts(method: Method, *, stability: bool = True) -> Facts:
         limits = stability_limits(method)
         real, imaginary = _finite(limits.real), _finite(limits.imaginary)
     principal = None
-    if method.order < HIGHEST_ORDER:
+    if method.order < MAX_ORDER:
         principal = _short(method.principal_error())
     return Facts(
         method.name,

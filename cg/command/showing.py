@@ -22,7 +22,7 @@ from .listing import table
 
 __all__ = ["show_command"]
 
-_MOST_BITS = 128  # more than the most digits that are shown
+_MAX_BITS = 128  # more than the most digits that are shown
 
 
 @click.command("show", short_help="Show all of one method.")
@@ -136,7 +136,7 @@ def _tableau(method: Any, digits: int) -> str:
 def _sum(row: Sequence[Fraction], digits: int) -> str:
     total = sum(row, Fraction(0))
     # a longer one isn't shown as it is, and Python may refuse to write it
-    text = str(total) if total.denominator.bit_length() <= _MOST_BITS else ""
+    text = str(total) if total.denominator.bit_length() <= _MAX_BITS else ""
     return text if 0 < len(text) <= digits + 1 else f"{float(total):.{digits}g}"
 
 

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..structure.layout import Layout, Rows, check_length, check_rows, rows_of, unknowns
 from . import compiled as compiled_conditions
 from .counts import (
-    HIGHEST_ORDER,
+    MAX_ORDER,
     check_order,
     condition_trees,
     count,
@@ -45,7 +45,7 @@ from .exact import (
 )
 
 __all__ = [
-    "HIGHEST_ORDER",
+    "MAX_ORDER",
     "Rows",
     "ball_residuals_of",
     "check_rows",
@@ -144,7 +144,7 @@ def residuals(
         Any real matrix; implicit tableaux are those with entries on or above the diagonal.
     b : array_like, shape (s,)
     order : int
-        Between 1 and `HIGHEST_ORDER`.
+        Between 1 and `MAX_ORDER`.
     independent : bool, optional
         Only the conditions that don't follow from others of lower order.
 
@@ -225,7 +225,7 @@ def residuals_at(
     x : ndarray, shape (layout.size,)
         Packed weights.
     order : int
-        Between 1 and `HIGHEST_ORDER`.
+        Between 1 and `MAX_ORDER`.
     independent : bool, optional
         As for `residuals`.
 

@@ -37,7 +37,7 @@ def weights(order: int, layout: Layout, x: Vector, trees: Trees) -> Vector:
     Parameters
     ----------
     order : int
-        Between 1 and `cg.conditions.HIGHEST_ORDER`.
+        Between 1 and `cg.conditions.MAX_ORDER`.
     layout : Layout
     x : ndarray, shape (layout.size,)
     trees : ndarray of intc, shape (m,)

@@ -7,10 +7,10 @@ from functools import cache
 
 from .. import _core_r64
 from ..support.checks import check_flag, check_integer
-from ..trees.ordered import MOST_NODES, forest
+from ..trees.ordered import MAX_NODES, forest
 
 __all__ = [
-    "HIGHEST_ORDER",
+    "MAX_ORDER",
     "check_order",
     "condition_trees",
     "count",
@@ -19,16 +19,16 @@ __all__ = [
     "table_rows",
 ]
 
-HIGHEST_ORDER: int = int(_core_r64.highest_order())
+MAX_ORDER: int = int(_core_r64.highest_order())
 """Highest order that the compiled tables of trees hold (a build option)."""
 
-_MOST_TREES_ORDER = MOST_NODES - 1
-_MOST_CLASSICAL = 2000
+_MAX_TREES_ORDER = MAX_NODES - 1
+_MAX_CLASSICAL = 2000
 
 
-def check_order(order: int, highest: int | None = HIGHEST_ORDER) -> int:
+def check_order(order: int, highest: int | None = MAX_ORDER) -> int:
     """Return `order` as an int, between 1 and `highest`; None for what trees there are."""
-    checked = check_integer("order", order, 1, None if highest else _MOST_TREES_ORDER)
+    checked = check_integer("order", order, 1, None if highest else _MAX_TREES_ORDER)
     if highest is not None and checked > highest:
         raise ValueError(
             f"order must be at most {highest}, the highest that the tables were built for "
@@ -106,7 +106,7 @@ def count_classical(order: int) -> int:
     >>> [count_classical(order) for order in range(1, 9)]
     [1, 2, 4, 8, 17, 37, 85, 200]
     """
-    order = check_integer("order", order, 1, _MOST_CLASSICAL)
+    order = check_integer("order", order, 1, _MAX_CLASSICAL)
     trees = [0, 1]
     of_size = [0] * (order + 1)  # Σ d t_d over the divisors d of each k
     for n in range(1, order):

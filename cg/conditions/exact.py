@@ -34,7 +34,7 @@ __all__ = [
 
 ExactRows = Sequence[Sequence[Any]]
 
-_MOST_BITS = 1_000_000  # beyond, a sum of products would take hours
+_MAX_BITS = 1_000_000  # beyond, a sum of products would take hours
 
 
 class HasTree(Protocol):
@@ -151,7 +151,7 @@ def ball_residuals_of(
     """
     order = check_order(order, None)
     tree = result_tree(method, False)
-    bits = check_integer("bits", bits, 2, _MOST_BITS)
+    bits = check_integer("bits", bits, 2, _MAX_BITS)
     with working_precision(bits):
         found = exact_weights(tree, order, condition_trees(order, independent), _ball)
         sides = right_sides(order, independent)

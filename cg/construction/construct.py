@@ -23,7 +23,7 @@ from ..runs import (
     stored_run,
 )
 from ..support import quads
-from ..support.checks import LARGEST_COUNT, check_flag, check_integer
+from ..support.checks import MAX_COUNT, check_flag, check_integer
 from ..support.parallel import single_threads
 from .attempt import Attempt, arrived, check_attempt, refined, run_attempt
 from .settings import ConstructionSettings, tableau_settings, tree_settings
@@ -185,7 +185,7 @@ def construct(
     else:
         settings = tableau_settings(*common, width, iterations, force)
     quads.core("cg.construct")
-    tries = check_integer("tries", tries, 1, LARGEST_COUNT)
+    tries = check_integer("tries", tries, 1, MAX_COUNT)
     call, line = check_progress(progress)
     executor, workers = check_executor(executor, workers)
     told = partial(_Told, settings, call, Tally(line, "tries", tries))

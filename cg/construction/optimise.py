@@ -22,7 +22,7 @@ from .solvers.singular import Decomposition, decompose, retract
 
 __all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
 
-_LONGEST_STEP = 1.0
+_MAX_STEP = 1.0
 _ZEROS_FTOL = 1e-29  # with few entries left a near miss can look like a solution: ask for more
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -148,7 +148,7 @@ def _back(
     candidate: Candidate, free: NDArray[np.intp], near: Decomposition, step: NDArray[np.float64]
 ) -> Candidate | None:
     """Take a step along the tangent space and return to the set; None if that fails."""
-    if float(np.linalg.norm(step)) > _LONGEST_STEP:
+    if float(np.linalg.norm(step)) > _MAX_STEP:
         return None
     x = candidate.x.copy()
     x[free] += step

@@ -8,8 +8,8 @@ from typing import Any
 from ..structure.layout import Layout
 from ..structure.points import START
 from ..support.checks import (
-    LARGEST_COUNT,
-    MOST_STAGES,
+    MAX_COUNT,
+    MAX_STAGES,
     WIDEST,
     check_flag,
     check_integer,
@@ -59,7 +59,7 @@ def tableau_settings(
 ) -> ConstructionSettings:
     """Return the settings for a tableau, from arguments of `construct`."""
     order = check_order(order)
-    stages = check_integer("stages", stages, 1, MOST_STAGES)
+    stages = check_integer("stages", stages, 1, MAX_STAGES)
     full_rank = check_flag("full_rank", full_rank)
     if structure is None:
         structure = Structure.GENERAL if full_rank else likely_structure(order, stages)
@@ -75,7 +75,7 @@ def tableau_settings(
     start = default_start(order, system.structure)
     if first_stages is None:
         first_stages = max(stages, start.stages)
-    first_stages = check_integer("first_stages", first_stages, stages, MOST_STAGES)
+    first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
     if width is None:
         width = start.width
     if iterations is None:
@@ -87,7 +87,7 @@ def tableau_settings(
         system.structure,
         first_stages,
         check_real("width", width, positive=True, most=WIDEST),
-        check_integer("iterations", iterations, 1, LARGEST_COUNT),
+        check_integer("iterations", iterations, 1, MAX_COUNT),
         start.promising,
         check_real("largest", largest, positive=True),
         check_integer("restarts", restarts, 0),
@@ -115,7 +115,7 @@ def tree_settings(
 ) -> ConstructionSettings:
     """Return the settings for a method of points, from arguments of `construct`."""
     order = check_order(order)
-    stages = check_integer("stages", stages, 1, MOST_STAGES)
+    stages = check_integer("stages", stages, 1, MAX_STAGES)
     for name, value in (("structure", structure), ("first_stages", first_stages)):
         if value:
             raise ValueError(f"{name} is for tableaux, got {value!r} with a tree")
@@ -142,14 +142,14 @@ def tree_settings(
         stages,
         check_real("width", start.width if width is None else width, positive=True, most=WIDEST),
         check_integer(
-            "iterations", start.iterations if iterations is None else iterations, 1, LARGEST_COUNT
+            "iterations", start.iterations if iterations is None else iterations, 1, MAX_COUNT
         ),
         start.promising,
         check_real("largest", largest, positive=True),
         check_integer("restarts", restarts, 0),
         check_flag("full_rank", full_rank),
         flows,
-        check_integer("first_flows", first_flows, flows, 10 * MOST_STAGES),
+        check_integer("first_flows", first_flows, flows, 10 * MAX_STAGES),
         check_flag("embedded", embedded),
         layout,
         check_flag("first_same_as_last", first_same_as_last),

@@ -20,9 +20,9 @@ from ..support.quads import DECIMAL_DIGITS, to_decimal
 if TYPE_CHECKING:
     from ..proofs import Certificate
 
-__all__ = ["MOST_DIGITS", "Numbers", "known_digits", "numbers_of"]
+__all__ = ["MAX_DIGITS", "Numbers", "known_digits", "numbers_of"]
 
-MOST_DIGITS = 4000
+MAX_DIGITS = 4000
 """More decimal digits of an integer Python doesn't write by default."""
 
 _GUARD_DIGITS = 10
@@ -140,7 +140,7 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     stored = tuple(given.value for given in method.coefficients)
     if digits is None:
         return Numbers(method, stored, None)
-    digits = check_integer("digits", digits, 1, MOST_DIGITS)
+    digits = check_integer("digits", digits, 1, MAX_DIGITS)
     known = known_digits(method)
     if known is None or digits <= known:
         return Numbers(method, stored, digits)
@@ -155,7 +155,7 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
         raise ValueError(
             f"digits must be at most {known}, which are stored, since {problem}; got {digits}"
         ) from None
-    wanted = min(digits + _GUARD_DIGITS, MOST_DIGITS)
+    wanted = min(digits + _GUARD_DIGITS, MAX_DIGITS)
     texts = refined_digits(method, certificate, wanted)
     return Numbers(method, tuple(map(Fraction, texts)), digits)
 

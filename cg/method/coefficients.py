@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["FEWEST_ROUNDED_PLACES", "Coefficient"]
+__all__ = ["MIN_ROUNDED_PLACES", "Coefficient"]
 
-FEWEST_ROUNDED_PLACES = 8
+MIN_ROUNDED_PLACES = 8
 """A decimal with fewer places than this, such as 0.25, is taken as exact."""
 
 _QUAD_UNIT = Fraction(1, 2**112)  # refinement works in binary128: no digits beyond it are meant
@@ -40,7 +40,7 @@ class Coefficient:
         double as ``float.hex`` writes it.
     unit : Fraction
         How far the number that was meant may be from `value`: nothing for zero, integers,
-        rationals and decimals with fewer than `FEWEST_ROUNDED_PLACES` places, one unit
+        rationals and decimals with fewer than `MIN_ROUNDED_PLACES` places, one unit
         in the last place for other decimals (so that either truncation or rounding may
         have made them) but no less than ``2**-112`` of the magnitude, ``2**-53`` of the
         magnitude for doubles.
@@ -92,7 +92,7 @@ class Coefficient:
             if value == 0:
                 return cls(value, "0", Fraction(0))
             places = len(match["part"] or "") - int(match["exponent"] or 0)
-            if places < FEWEST_ROUNDED_PLACES:
+            if places < MIN_ROUNDED_PLACES:
                 return cls(value, text, Fraction(0))
             return cls(value, text, max(Fraction(1, 10**places), abs(value) * _QUAD_UNIT))
         if _BINARY.fullmatch(text):

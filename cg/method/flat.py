@@ -7,7 +7,7 @@ from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING
 
-from ..conditions import HIGHEST_ORDER
+from ..conditions import MAX_ORDER
 from .coefficients import Coefficient
 from .tableau import Tableau
 
@@ -66,7 +66,7 @@ def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
     Returns
     -------
     int
-        At most ``conditions.HIGHEST_ORDER``.
+        At most ``conditions.MAX_ORDER``.
     """
     weights = tableau.embedded_weights if embedded else tableau.weights
     if weights is None:
@@ -77,10 +77,10 @@ def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
 def _order(
     entries: Sequence[Sequence[Coefficient]], weights: Sequence[Coefficient], end: Fraction
 ) -> int:
-    for order in range(1, HIGHEST_ORDER + 1):
+    for order in range(1, MAX_ORDER + 1):
         if _failing(entries, weights, end, order):
             return order - 1
-    return HIGHEST_ORDER
+    return MAX_ORDER
 
 
 def failing_rooted(tableau: Tableau, order: int) -> list[tuple[Rooted, Fraction, Fraction]]:

@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any
 from ..conditions.exact import HasTree
 from ..structure.points import MethodError
 from ..support.checks import check_integer
-from ..trees.ordered import MOST_NODES
-from .coefficients import FEWEST_ROUNDED_PLACES, Coefficient
+from ..trees.ordered import MAX_NODES
+from .coefficients import MIN_ROUNDED_PLACES, Coefficient
 from .commutator_free import CommutatorFree
 from .method import TOLERANCE_FACTOR, Method, read_coefficient
 
@@ -110,7 +110,7 @@ def _text(value: Fraction, unit: Fraction) -> Fraction | str:
     """Return an exact number, or the decimal with as many places as are known."""
     if not unit:
         return value
-    places = FEWEST_ROUNDED_PLACES  # with fewer it would be read as exact
+    places = MIN_ROUNDED_PLACES  # with fewer it would be read as exact
     while unit * 10 ** (places + 1) <= 1:
         places += 1
     digits = str(abs(round(value * 10**places))).zfill(places + 1)
@@ -192,7 +192,7 @@ def rooted_trees(order: int) -> tuple[RootedTree, ...]:
     tuple of nested tuples
         1, 1, 2, 4, 9, 20, … of them have 1, 2, 3, 4, 5, 6, … nodes.
     """
-    return _rooted_trees(check_integer("order", order, 1, MOST_NODES))
+    return _rooted_trees(check_integer("order", order, 1, MAX_NODES))
 
 
 @cache

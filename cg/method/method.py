@@ -30,8 +30,8 @@ TOLERANCE_FACTOR = 2
 """What a residual may exceed the first-order effect of the coefficients' last places by."""
 
 _DOUBLE_ROUNDING = 2.0**-40  # far above what rounding in double can do to a weight, relatively
-_MOST_IN_PASSING = 200  # coefficients of a method whose order is computed to show it: half a second
-_LEAST_UNIT = float(np.finfo(np.float64).tiny)
+_MAX_IN_PASSING = 200  # coefficients of a method whose order is computed to show it: half a second
+_MIN_UNIT = float(np.finfo(np.float64).tiny)
 _PROBE = 2.0**-20  # of the largest unit, for a difference quotient
 
 
@@ -128,7 +128,7 @@ class Method(ABC):
 
     @property
     def _order_is_cheap(self) -> bool:
-        return len(self.coefficients) <= _MOST_IN_PASSING or "exact_order" in self.__dict__
+        return len(self.coefficients) <= _MAX_IN_PASSING or "exact_order" in self.__dict__
 
     @property
     def explicit(self) -> bool:
@@ -250,12 +250,12 @@ class Method(ABC):
     def exact_order(self) -> int:
         """The order that the coefficients have, as far as their stored places can tell.
 
-        The largest q (0 to ``conditions.HIGHEST_ORDER``) such that every condition through
+        The largest q (0 to ``conditions.MAX_ORDER``) such that every condition through
         order q has an exact residual no larger than `TOLERANCE_FACTOR` times
         ``Σ_k |∂Φ/∂x_k| u_k``, where u_k is how far coefficient k may be off
         (`Coefficient.unit`). Nothing is allowed for rational coefficients.
         """
-        orders = range(1, conditions.HIGHEST_ORDER + 1)
+        orders = range(1, conditions.MAX_ORDER + 1)
         return next((q - 1 for q in orders if not self.satisfies(q)), orders[-1])
 
     @property
@@ -285,12 +285,12 @@ class Method(ABC):
         Raises
         ------
         ValueError
-            If q + 1 is above ``conditions.HIGHEST_ORDER``.
+            If q + 1 is above ``conditions.MAX_ORDER``.
         """
         if order is None:
             order = self.order
         else:
-            order = check_integer("order", order, 0, conditions.HIGHEST_ORDER - 1)
+            order = check_integer("order", order, 0, conditions.MAX_ORDER - 1)
         residuals = conditions.residuals_of(self.tree, order + 1)
         lower = conditions.count(order) if order else 0
         return float(np.linalg.norm(residuals[lower:]))
@@ -345,7 +345,7 @@ class Method(ABC):
     def _units(self) -> NDArray[np.float64]:
         # those beyond doubles aren't nothing
         units = [coefficient.unit for coefficient in self.coefficients]
-        return np.array([max(float(unit), _LEAST_UNIT) if unit else 0.0 for unit in units])
+        return np.array([max(float(unit), _MIN_UNIT) if unit else 0.0 for unit in units])
 
     def tolerance(self, order: int) -> NDArray[np.float64]:
         """Return what residuals may be for all that the stored places can tell.

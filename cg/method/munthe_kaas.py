@@ -158,7 +158,7 @@ class MuntheKaas(Method):
     def exact_order(self) -> int:
         """The order of the tableau on vector spaces, as far as its stored places can tell.
 
-        At most ``conditions.HIGHEST_ORDER``.
+        At most ``conditions.MAX_ORDER``.
         """
         return flat_order(self.tableau)
 

@@ -19,7 +19,7 @@ __all__ = ["StabilityLimits", "stability_function", "stability_limits", "too_lar
 Polynomial = tuple[Fraction, ...]
 """Coefficients, the constant first."""
 
-_MOST_WORK = 5e9
+_MAX_WORK = 5e9
 """Of exact polynomials, s⁴ times the bits of the coefficients and some more: 2 to 15 seconds."""
 
 _NOISE = 10**4  # last places of coefficients, which rounding them can change sums of products by
@@ -147,7 +147,7 @@ def too_large(method: Method) -> str | None:
         denominator = math.lcm(denominator, x.denominator)
         size = max(size, x.numerator.bit_length() - x.denominator.bit_length())
         bits = denominator.bit_length()
-        if s**4 * (bits + size + 8) > _MOST_WORK:
+        if s**4 * (bits + size + 8) > _MAX_WORK:
             return (
                 f"limits of stability, since with {s} stages and a common denominator of {bits} "
                 "bits or more the exact polynomials would take too long"

@@ -7,13 +7,13 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conditions import HIGHEST_ORDER, residuals_of
+from ..conditions import MAX_ORDER, residuals_of
 from .method import Method, remembered
 from .munthe_kaas import MuntheKaas
 
 __all__ = ["check_order", "check_pair"]
 
-LEAST_DIFFERENCE = 1e-6
+MIN_DIFFERENCE = 1e-6
 """Of elementary weights of both results, through the order of the estimate: less says nothing."""
 
 
@@ -76,9 +76,9 @@ def _fault(method: Method) -> str:
     order, second = method.order, method.embedded_order
     assert second is not None
     trees = min(order, second) + 1
-    if trees <= HIGHEST_ORDER:
+    if trees <= MAX_ORDER:
         results = [_residuals(method, trees, embedded) for embedded in (False, True)]
-        if np.abs(np.subtract(*results)).max() < LEAST_DIFFERENCE:
+        if np.abs(np.subtract(*results)).max() < MIN_DIFFERENCE:
             return "its results nearly coincide, so that the error estimate is next to nothing"
     if second == 0:
         return "its second result has order 0, so that the error estimate stays large"

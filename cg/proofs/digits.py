@@ -18,9 +18,9 @@ from .krawczyk import krawczyk
 from .statement import Packed, box, fitting, free_of, start, system_of
 from .zero import check_rational, prove_box
 
-__all__ = ["MOST_DIGITS", "refined_digits"]
+__all__ = ["MAX_DIGITS", "refined_digits"]
 
-MOST_DIGITS = 4000
+MAX_DIGITS = 4000
 """More decimal digits of an integer Python doesn't write by default."""
 
 _GUARD_DIGITS = 15
@@ -35,7 +35,7 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     certificate : Certificate
         It is proved once more, since all digits hang on it.
     digits : int
-        Significant digits of the free coefficients, at most `MOST_DIGITS`.
+        Significant digits of the free coefficients, at most `MAX_DIGITS`.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def refined_digits(method: Method, certificate: Certificate, digits: int) -> lis
     CertificationError
         If the certificate isn't one of the method.
     """
-    digits = check_integer("digits", digits, 1, MOST_DIGITS)
+    digits = check_integer("digits", digits, 1, MAX_DIGITS)
     if not isinstance(certificate, Certificate):
         raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
     packed = fitting(certificate, method)

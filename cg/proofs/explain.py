@@ -30,7 +30,7 @@ from .systems import Equation, EquationSystem, condition
 from .weights import Quantity, Weights
 
 __all__ = [
-    "LARGEST_SMALL",
+    "MAX_SMALL",
     "STRUCTURES",
     "Structure",
     "augment",
@@ -50,7 +50,7 @@ _DIGITS = 60  # of parameters
 _ORTHOGONAL = "orthogonality:"
 _SMALL_ONLY = "only small, below"
 
-LARGEST_SMALL = Fraction(1, 10**40)
+MAX_SMALL = Fraction(1, 10**40)
 """Larger bounds don't tell conditions that hold from coefficients that are rounded."""
 
 STRUCTURES: dict[str, type[FlatRows | TwoRegisters]] = {
@@ -277,7 +277,7 @@ def read_small(names: Sequence[str]) -> tuple[list[Condition], Fraction | None]:
     if not heading.startswith(f"{_SMALL_ONLY} "):
         return [], None
     bound = read_fraction(heading.removeprefix(_SMALL_ONLY).strip())
-    if len(names) > 1 or not 0 < bound <= LARGEST_SMALL:
+    if len(names) > 1 or not 0 < bound <= MAX_SMALL:
         raise ValueError("conditions that are only small need a small bound, and nothing else")
     found = [(int(one.startswith("*")), parse(one.removeprefix("*"))) for one in trees.split()]
     return found, bound

@@ -6,7 +6,7 @@ import math
 from fractions import Fraction
 
 from ..catalogue import resolve_method
-from ..conditions import HIGHEST_ORDER
+from ..conditions import MAX_ORDER
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..support.balls import working_precision as precision
@@ -62,7 +62,7 @@ def certify(method: Method | str, order: int | None = None, *, small: bool = Fal
     small = check_flag("small", small)
     if isinstance(method, MuntheKaas):
         raise TypeError(f"method must be a Tableau or CommutatorFree, got {method!r}")
-    order = method.order if order is None else check_integer("order", order, 1, HIGHEST_ORDER)
+    order = method.order if order is None else check_integer("order", order, 1, MAX_ORDER)
     if order < 1:
         raise CertificationError(
             f"{method.name or 'the method'}: the coefficients satisfy no order conditions"

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 from flint import arb, fmpq
 
-from ..conditions import HIGHEST_ORDER
+from ..conditions import MAX_ORDER
 from ..method.coefficients import Coefficient
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
@@ -41,8 +41,8 @@ __all__ = [
     "system_of",
 ]
 
-_MOST_BITS = 1 << 14
-_MOST_IDENTITIES = 100
+_MAX_BITS = 1 << 14
+_MAX_IDENTITIES = 100
 
 
 @dataclass(frozen=True)
@@ -94,12 +94,12 @@ def fitting(certificate: Certificate, method: Method) -> Packed:
     if pair != method.layout.pair:
         faults.append("second weights must be proved, and those of pairs only")
     orders = orders_of(certificate)
-    if not all(type(order) is int and 1 <= order <= HIGHEST_ORDER for order in orders):
-        faults.append(f"orders must be between 1 and {HIGHEST_ORDER}")
-    if not 53 <= certificate.bits <= _MOST_BITS:
-        faults.append(f"bits must be between 53 and {_MOST_BITS}, got {certificate.bits}")
-    if len(certificate.identities) > _MOST_IDENTITIES:
-        faults.append(f"there may be at most {_MOST_IDENTITIES} identities")
+    if not all(type(order) is int and 1 <= order <= MAX_ORDER for order in orders):
+        faults.append(f"orders must be between 1 and {MAX_ORDER}")
+    if not 53 <= certificate.bits <= _MAX_BITS:
+        faults.append(f"bits must be between 53 and {_MAX_BITS}, got {certificate.bits}")
+    if len(certificate.identities) > _MAX_IDENTITIES:
+        faults.append(f"there may be at most {_MAX_IDENTITIES} identities")
     if faults:
         raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
     packed = Packed.of(method)

@@ -17,7 +17,7 @@ from .weights import Quantity, Weights
 
 __all__ = ["check_beyond", "find_beyond"]
 
-_LEAST_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
+_MIN_BOUND = Fraction(1, 10**9)  # a smaller violation is a slip in the coefficients
 
 
 def find_beyond(packed: Packed, draft: Certificate) -> Certificate:
@@ -27,7 +27,7 @@ def find_beyond(packed: Packed, draft: Certificate) -> Certificate:
         words = [w for w in condition_words(order + 1) if nodes(w) == order + 1]
         bounds = _bounds(packed, draft, words, packed.layout.stages + r)
         best = max(range(len(words)), key=lambda k: bounds[k])
-        if bounds[best] < _LEAST_BOUND:
+        if bounds[best] < _MIN_BOUND:
             raise CertificationError(
                 f"{draft.name}: no condition of order {order + 1} is violated by much, "
                 f"so order {order} isn't the highest, or coefficients are wrong",
@@ -53,7 +53,7 @@ def check_beyond(packed: Packed, certificate: Certificate) -> None:
                 f"{claim.tree} must have {order + 2} nodes to tell of order {order + 1}"
             )
         bound = _bounds(packed, certificate, [word], packed.layout.stages + r)[0]
-        if not bound >= Fraction(claim.bound) >= _LEAST_BOUND:
+        if not bound >= Fraction(claim.bound) >= _MIN_BOUND:
             raise CertificationError(
                 f"{certificate.name}: the condition of {claim.tree} isn't violated by as much as "
                 f"{claim.bound}",

@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 _SHARP = "1e-45"  # radius of balls that hold a zero
-_MOST_IMAGES = 3
+_MAX_IMAGES = 3
 
 
 def prove_box(packed: Packed, certificate: Certificate) -> None:
@@ -86,7 +86,7 @@ def zero_of(packed: Packed, certificate: Certificate, attempt: KrawczykTest) -> 
     free = free_of(packed, certificate)
     zero = start(packed, certificate)
     image = attempt.image
-    for _ in range(_MOST_IMAGES):
+    for _ in range(_MAX_IMAGES):
         widest = max((ball.rad() for ball in image), key=float)
         if widest < arb(_SHARP):
             break

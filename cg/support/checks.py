@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 __all__ = [
-    "LARGEST_COUNT",
-    "MOST_STAGES",
+    "MAX_COUNT",
+    "MAX_STAGES",
     "WIDEST",
     "check_flag",
     "check_generator",
@@ -21,11 +21,11 @@ __all__ = [
     "memory",
 ]
 
-LARGEST_COUNT = 2**31 - 1
+MAX_COUNT = 2**31 - 1
 """Counts cross into Fortran as integers of 32 bits."""
 
 
-MOST_STAGES = 1000
+MAX_STAGES = 1000
 """Solvers hold a matrix with a column for each of the s (s + 1) / 2 coefficients: beyond this
 many stages it wouldn't fit into memory."""
 

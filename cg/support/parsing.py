@@ -17,8 +17,8 @@ from typing import Any
 from unicodedata import category
 
 __all__ = [
-    "MOST_CHARACTERS",
-    "MOST_EXPONENT",
+    "MAX_CHARACTERS",
+    "MAX_POWER_OF_TEN",
     "file_in",
     "quoted",
     "read_fraction",
@@ -30,15 +30,15 @@ __all__ = [
     "write_file",
 ]
 
-MOST_CHARACTERS = 10_000_000
+MAX_CHARACTERS = 10_000_000
 """Of a file; a method of 200 stages whose coefficients have 200 digits has four million."""
 
-MOST_EXPONENT = 9999
+MAX_POWER_OF_TEN = 9999
 """Of ten, in a number: binary128 ends at 4932, and larger powers only take time and memory."""
 
 _EXPONENT = re.compile(r"[eE]([+-]?[\d_]+)\s*$")
 _DEEPEST = 20
-_LONGEST_NAME = 200  # bytes; file systems take 255, with suffixes
+_MAX_NAME = 200  # bytes; file systems take 255, with suffixes
 _UNFIT = re.compile(r'[/\\:*?"<>|\x00-\x1f\x7f]')
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
@@ -104,7 +104,7 @@ def read_fraction(value: Any) -> Fraction:
     Raises
     ------
     TypeError, ValueError, OverflowError, ZeroDivisionError
-        As from `fractions.Fraction`; ValueError also where an exponent exceeds `MOST_EXPONENT`
+        As from `fractions.Fraction`; ValueError also where an exponent exceeds `MAX_POWER_OF_TEN`
         or there are more digits than Python reads.
     """
     exponent = 0
@@ -115,8 +115,8 @@ def read_fraction(value: Any) -> Fraction:
             exponent = int(digits or 0) if len(digits) < 10 else 10**10
     elif isinstance(value, Decimal) and value.is_finite():
         exponent = abs(int(value.as_tuple().exponent))
-    if exponent > MOST_EXPONENT:
-        raise ValueError(f"exponents must be at most {MOST_EXPONENT}, got {str(value)[:80]!r}")
+    if exponent > MAX_POWER_OF_TEN:
+        raise ValueError(f"exponents must be at most {MAX_POWER_OF_TEN}, got {str(value)[:80]!r}")
     return Fraction(value)
 
 
@@ -127,13 +127,13 @@ def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, An
     ----------
     text : str
     error : type of exception
-        Raised where the text isn't TOML, is longer than `MOST_CHARACTERS`, has a number of too
+        Raised where the text isn't TOML, is longer than `MAX_CHARACTERS`, has a number of too
         many digits, or is nested too deeply.
     **options
         Those of `tomllib.loads`.
     """
-    if len(text) > MOST_CHARACTERS:
-        raise error(f"a file must have at most {MOST_CHARACTERS} characters, got {len(text)}")
+    if len(text) > MAX_CHARACTERS:
+        raise error(f"a file must have at most {MAX_CHARACTERS} characters, got {len(text)}")
     try:
         table = tomllib.loads(text, **options)
     except tomllib.TOMLDecodeError as problem:
@@ -152,11 +152,11 @@ def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
     ----------
     text : str
     error : type of exception
-        Raised where the text isn't a JSON object, is longer than `MOST_CHARACTERS`, gives a key
+        Raised where the text isn't a JSON object, is longer than `MAX_CHARACTERS`, gives a key
         twice, has a number that isn't finite or of too many digits, or is nested too deeply.
     """
-    if len(text) > MOST_CHARACTERS:
-        raise error(f"a file must have at most {MOST_CHARACTERS} characters, got {len(text)}")
+    if len(text) > MAX_CHARACTERS:
+        raise error(f"a file must have at most {MAX_CHARACTERS} characters, got {len(text)}")
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         table = dict(pairs)
@@ -205,7 +205,7 @@ def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Pa
         If the name can't be a file's on some system, or would lead out of the folder.
     """
     fit = (
-        0 < len(name.encode("utf-8", "replace")) <= _LONGEST_NAME
+        0 < len(name.encode("utf-8", "replace")) <= _MAX_NAME
         and not _UNFIT.search(name)
         and not name.startswith(".")
         and name.strip(" ") == name

@@ -41,7 +41,7 @@ DECIMAL_DIGITS = 36
 _PRECISION = 113
 _MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
 _MAX_EXPONENT = 16383 - 112
-_MOST_DIGITS = 100_000
+_MAX_DIGITS = 100_000
 _LONGEST = 100  # decimal places up to which numbers are written without an exponent
 
 
@@ -237,7 +237,7 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = F
     """
     if not isinstance(value, Fraction | int) or isinstance(value, bool):
         raise TypeError(f"value must be a Fraction, got {value!r}")
-    digits = check_integer("digits", digits, 1, _MOST_DIGITS)
+    digits = check_integer("digits", digits, 1, _MAX_DIGITS)
     if value == 0:
         return "0"
     magnitude = abs(value)

@@ -122,7 +122,7 @@ class OrderedTree:
         return product
 
 
-MOST_NODES = 14
+MAX_NODES = 14
 """There are a million trees with at most so many nodes, and four times as many with one more."""
 
 
@@ -251,14 +251,14 @@ def forest(max_nodes: int) -> Forest:
     Raises
     ------
     ValueError
-        If `max_nodes` is less than 1 or more than `MOST_NODES`.
+        If `max_nodes` is less than 1 or more than `MAX_NODES`.
     TypeError
         If `max_nodes` isn't an integer.
     """
     if not isinstance(max_nodes, int) or isinstance(max_nodes, bool):
         raise TypeError(f"max_nodes must be an int, got {max_nodes!r}")
-    if not 1 <= max_nodes <= MOST_NODES:
-        raise ValueError(f"max_nodes must be between 1 and {MOST_NODES}, got {max_nodes}")
+    if not 1 <= max_nodes <= MAX_NODES:
+        raise ValueError(f"max_nodes must be between 1 and {MAX_NODES}, got {max_nodes}")
     return _forest(max_nodes)
 
 

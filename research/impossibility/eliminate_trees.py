@@ -27,7 +27,7 @@ from cg.trees.ordered import forest
 from research.impossibility import PointsShape, point_shapes
 from research.impossibility.ring import Ring
 
-FEWEST_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: research.impossibility
+MIN_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: research.impossibility
 
 
 def path(parents: Sequence[int]) -> list[int]:
@@ -127,7 +127,7 @@ def has_none(conditions: Conditions, characteristic: int, seconds: float) -> boo
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 0 if no tree can have a method of the order."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("order", type=int, choices=sorted(FEWEST_FLOWS))
+    parser.add_argument("order", type=int, choices=sorted(MIN_FLOWS))
     parser.add_argument("points", type=int)
     parser.add_argument("--characteristic", type=int, default=0, help="a prime, or 0")
     parser.add_argument("--seconds", type=float, default=15.0, help="for each tree")
@@ -137,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for shape in point_shapes(chosen.points):
         if chosen.parents and chosen.parents.split() != str(shape).split():
             continue
-        if len(path(shape.parents)) < FEWEST_FLOWS[chosen.order]:
+        if len(path(shape.parents)) < MIN_FLOWS[chosen.order]:
             continue
         begin = time.perf_counter()
         none = has_none(Conditions(shape, chosen.order), chosen.characteristic, chosen.seconds)

@@ -18,7 +18,7 @@ from math import factorial, prod
 
 from cg.conditions import condition_trees, exact_weights, right_sides
 from cg.structure.points import START, Point, PointTree
-from cg.support.checks import MOST_STAGES, check_integer
+from cg.support.checks import MAX_STAGES, check_integer
 from cg.trees.ordered import OrderedTree, forest
 
 from .ring import Polynomial, Ring
@@ -263,7 +263,7 @@ def read_shape(text: str, stages: int) -> Shape | PathShape:
     """
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
-    stages = check_integer("stages", stages, 0, MOST_STAGES)
+    stages = check_integer("stages", stages, 0, MAX_STAGES)
     if text == "tableau":
         return TableauShape(stages)
     flows = text.removeprefix("path of ")

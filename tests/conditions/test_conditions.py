@@ -94,14 +94,14 @@ class TestCounts:
 class TestCompiledTables:
     @pytest.mark.parametrize("core", [_core_r64, _core_r128], ids=["r64", "r128"])
     def test_they_equal_the_generator(self, core):
-        trees = forest(conditions.HIGHEST_ORDER + 1)
+        trees = forest(conditions.MAX_ORDER + 1)
         first, rest, prefix, last, condition, density = core.tables(len(trees))
         assert tuple(first) == trees.first
         assert tuple(rest) == trees.rest
         assert tuple(prefix) == trees.prefix
         assert tuple(last) == trees.last
         assert tuple(density) == trees.density
-        assert tuple(condition[1:]) == conditions.table_rows(conditions.HIGHEST_ORDER)
+        assert tuple(condition[1:]) == conditions.table_rows(conditions.MAX_ORDER)
 
     def test_the_kinds_have_their_digits(self):
         assert _core_r64.digits() == 53
@@ -144,7 +144,7 @@ class TestExactOracle:
         assert independent == tuple(residuals[t] for t in chosen)
 
     def test_it_goes_beyond_the_compiled_tables(self):
-        order = conditions.HIGHEST_ORDER + 1
+        order = conditions.MAX_ORDER + 1
         found = conditions.residuals_exact([[0]], [1], order)
         assert len(found) == conditions.count(order)
         assert found[0] == 0
@@ -298,7 +298,7 @@ class TestBadInput:
         [
             (0, ValueError, "order must be at least 1, got 0"),
             (-3, ValueError, "order must be at least 1, got -3"),
-            (conditions.HIGHEST_ORDER + 1, ValueError, "build option highest_order"),
+            (conditions.MAX_ORDER + 1, ValueError, "build option highest_order"),
             (2.0, TypeError, "order must be an integer, got 2.0"),
             ("2", TypeError, "order must be an integer, got '2'"),
         ],

@@ -11,7 +11,7 @@ from cg.structure.layout import Layout
 pytestmark = pytest.mark.sanitize
 
 ORDER, STAGES = 4, 5
-PROBE, MOST_BEND = 0.1, 0.75
+PROBE, MAX_BEND = 0.1, 0.75
 LEAST, MOST = {False: 1e-17, True: 1e-22}, 1e8
 
 
@@ -33,7 +33,7 @@ def reference(x, layout, first_damping, iterations, accurate):
         step = -y @ jac
         second = 2 / PROBE * ((residual(x + PROBE * step) - r) / PROBE - jac @ step)
         acceleration = -np.linalg.solve(matrix, second) @ jac
-        if np.linalg.norm(acceleration) <= MOST_BEND * np.linalg.norm(step):
+        if np.linalg.norm(acceleration) <= MAX_BEND * np.linalg.norm(step):
             step = step + acceleration / 2
         trial = residual(x + step)
         if trial @ trial < f:

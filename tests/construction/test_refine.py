@@ -7,7 +7,7 @@ import pytest
 
 from cg import conditions
 from cg.catalogue import methods
-from cg.conditions import HIGHEST_ORDER, Rows, residuals_exact, unpack
+from cg.conditions import MAX_ORDER, Rows, residuals_exact, unpack
 from cg.construction.search.random_search import search
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
@@ -77,7 +77,7 @@ class TestRefine:
             ({"free": [-1]}, "free must hold indices from 0 to 5"),
             ({"free": [0, 6]}, "free must hold indices from 0 to 5"),
             ({"free": [0.5]}, "free must hold integers"),
-            ({"order": HIGHEST_ORDER + 1}, f"order must be at most {HIGHEST_ORDER}"),
+            ({"order": MAX_ORDER + 1}, f"order must be at most {MAX_ORDER}"),
             ({"order": 0}, "order must be at least 1"),
             ({"stages": 4}, "must have"),
             ({"stages": 0}, "stages must be at least 1"),

@@ -12,7 +12,7 @@ from quad_core import residuals_quad
 import cg
 from cg import conditions
 from cg.catalogue import methods
-from cg.conditions import HIGHEST_ORDER, Rows, residuals_exact, unknowns, unpack
+from cg.conditions import MAX_ORDER, Rows, residuals_exact, unknowns, unpack
 from cg.construction.search.random_search import EXACT, random_start, run_start, search
 from cg.structure.layout import Layout
 from cg.support.shared_numbers import MinimumNormStatus, Status
@@ -255,7 +255,7 @@ class TestArguments:
         ("change", "message"),
         [
             ({"order": 0}, "order must be at least 1, got 0"),
-            ({"order": 99}, f"order must be at most {HIGHEST_ORDER} in this build, got 99"),
+            ({"order": 99}, f"order must be at most {MAX_ORDER} in this build, got 99"),
             ({"stages": 0}, "stages must be at least 1, got 0"),
             ({"starts": 0}, "starts must be at least 1, got 0"),
             ({"starts": -3}, "starts must be at least 1, got -3"),

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from frame_examples import FRAMES, LARGEST_SCALE, name
+from frame_examples import FRAMES, MAX_SCALE, name
 
 from cg.frames import (
     SE3,
@@ -41,7 +41,7 @@ def largest(points, frame):
 def test_nearby_points_are_reached(frame, batch, size):
     rng = np.random.default_rng(71)
     y0 = frame.random_point(rng, batch)
-    v = min(size, size * LARGEST_SCALE.get(frame, 1.0)) * frame.random_vector(rng, batch)
+    v = min(size, size * MAX_SCALE.get(frame, 1.0)) * frame.random_vector(rng, batch)
     y1 = frame.flow(v, y0)
     found = frame.nearby_coordinates(y0, y1)
     assert found.shape == v.shape

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from frame_examples import FLAT, FRAMES, LARGEST_SCALE, OPEN, name
+from frame_examples import FLAT, FRAMES, MAX_SCALE, OPEN, name
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,7 +28,7 @@ axioms = settings(max_examples=15, deadline=None)
 
 
 def capped(frame: Frame, scale: float) -> float:
-    return min(scale, LARGEST_SCALE.get(frame, np.inf))
+    return min(scale, MAX_SCALE.get(frame, np.inf))
 
 
 def sample(frame: Frame, seed: int, scale: float):

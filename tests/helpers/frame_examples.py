@@ -149,7 +149,7 @@ FRAMES = [
     *SMALL_EXPONENTS,
 ]
 # Where flows grow exponentially, or like the square of time, far means not so far.
-LARGEST_SCALE = dict.fromkeys(SMALL_EXPONENTS, 0.3)
+MAX_SCALE = dict.fromkeys(SMALL_EXPONENTS, 0.3)
 
 # All of the array space, up to a set without interior.
 OPEN = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from bracket_examples import HEISENBERG_GROUP, WITH
-from frame_examples import HEISENBERG, LARGEST_SCALE, name
+from frame_examples import HEISENBERG, MAX_SCALE, name
 from python_steps import Step
 
 import cg
@@ -49,7 +49,7 @@ STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}
 @pytest.mark.parametrize("frame", WITH, ids=name)
 def test_order_on_all_frames_with_brackets(frame):
     f, y0 = generic(frame)
-    first = 0.06 if frame in LARGEST_SCALE else 0.125  # flows that grow
+    first = 0.06 if frame in MAX_SCALE else 0.125  # flows that grow
 
     def solution(key, steps):
         options = {"frame": frame, "method": key, "h": first / steps, "save_every": steps}

@@ -163,7 +163,7 @@ class TestOrder:
         assert decimal_euler("1/2").principal_error() == pytest.approx(0.5)
         assert MIDPOINT.principal_error(1) == pytest.approx(0, abs=1e-16)
         with pytest.raises(ValueError, match="at most"):
-            euler.principal_error(conditions.HIGHEST_ORDER)
+            euler.principal_error(conditions.MAX_ORDER)
 
     def test_largest_residual(self):
         assert MIDPOINT.largest_residual() == 0

@@ -28,7 +28,7 @@ def test_a_construction_of_the_highest_order_begins() -> None:
 
 @pytest.mark.parametrize("structure", Structure)
 def test_starts_are_known_up_to_the_highest_order(structure: Structure) -> None:
-    most = conditions.HIGHEST_ORDER if structure is Structure.GENERAL else 8
+    most = conditions.MAX_ORDER if structure is Structure.GENERAL else 8
     for order in range(4, most + 1):
         start = default_start(order, structure)
         system = ConditionSystem.tableau(order, start.stages, structure=structure)

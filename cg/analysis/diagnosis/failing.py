@@ -78,7 +78,7 @@ def first_failing(method: Method) -> FailingCondition | None:
     What coefficients may be off by is allowed for, as in `Method.exact_order`.
     """
     order = method.exact_order + 1
-    if order > conditions.HIGHEST_ORDER:
+    if order > conditions.MAX_ORDER:
         return None
     return _first_flat(method, order) if isinstance(method, MuntheKaas) else _first(method, order)
 

@@ -15,8 +15,8 @@ from ...method.tableau import Tableau
 
 __all__ = ["Likeness", "likeness"]
 
-_MOST_CHANGED = 2
-_FEWEST_ALIKE = 3
+_MAX_CHANGED = 2
+_MIN_ALIKE = 3
 _ROUNDING = Fraction(1, 2**51)
 
 
@@ -79,9 +79,9 @@ def _compare(method: Method, known: Method, within: Fraction) -> Likeness | None
             alike += y.value != 0
         else:
             changed.append((name, x, y))
-        if len(changed) > _MOST_CHANGED:
+        if len(changed) > _MAX_CHANGED:
             return None
-    if changed and alike < max(_FEWEST_ALIKE, 2 * len(changed)):
+    if changed and alike < max(_MIN_ALIKE, 2 * len(changed)):
         return None
     return Likeness(known, tuple(changed)) if alike else None
 

@@ -17,7 +17,7 @@ from .variants import order_on_vector_spaces, reversals, transposed, with_coeffi
 
 __all__ = ["find_all"]
 
-_FEWEST_PLACES, _MOST_PLACES = 5, 12
+_MIN_PLACES, _MAX_PLACES = 5, 12
 """Of coefficients that were cut short: fewer are meant as they are, and more are harmless."""
 
 _FULL_DOUBLE = 15  # significant digits of the shortest text of a double that wasn't cut short
@@ -134,7 +134,7 @@ def _short_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
     places = [p for p in map(_places, coefficients) if p is not None]
     if not places:
         return None
-    if _FEWEST_PLACES <= max(places) <= _MOST_PLACES:
+    if _MIN_PLACES <= max(places) <= _MAX_PLACES:
         return Fraction(1, 10 ** max(places))
     values = [float(k.value) for k in coefficients if k.value != 0]
     with np.errstate(over="ignore"):

@@ -22,7 +22,7 @@ _BITS = 400
 _GRID = 10**80
 _BELOW = 1e-60
 _ZERO = Fraction(1, 10**40)
-_MOST_ITERATIONS = 12
+_MAX_ITERATIONS = 12
 _GAP = 1e-10
 """Singular values below this fraction of the largest count as zero."""
 
@@ -67,7 +67,7 @@ def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
     inverse = splitting.directions[splitting.free] @ inverse
     free = [Fraction(value) for value in x[splitting.free].tolist()]
     best, size = free, np.inf
-    for _ in range(_MOST_ITERATIONS):
+    for _ in range(_MAX_ITERATIONS):
         residuals = _residuals(splitting, free)
         largest = max(map(abs, residuals), default=Fraction(0))
         if not largest < size:

@@ -13,9 +13,9 @@ from .splitting import Splitting
 __all__ = ["improved"]
 
 _GAP = 1e-9  # singular values below this fraction of the largest count as zero
-_MOST_STEPS = 100
-_LEAST_GAIN = 1e-3  # of the squared principal error, in one step
-_MOST_TRIALS = 14
+_MAX_STEPS = 100
+_MIN_GAIN = 1e-3  # of the squared principal error, in one step
+_MAX_TRIALS = 14
 _CORRECTIONS = 40
 _GROWTH = 1.25  # what weights may be larger than the largest entry of the tableau
 
@@ -43,7 +43,7 @@ def improved(splitting: Splitting, end: Fit) -> Fit:
     most = max(float(np.max(np.abs(x))), _GROWTH * largest)
     residual = splitting.principal_residual(x)
     error, damping = float(residual @ residual), 1e-3
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         raise_if_stopped()
         moves = _moves(splitting, x)
         if moves.shape[1] == 0:
@@ -51,7 +51,7 @@ def improved(splitting: Splitting, end: Fit) -> Fit:
         jacobian = splitting.principal_jacobian(x) @ moves
         gram, slope = jacobian.T @ jacobian, jacobian.T @ residual
         size = float(np.max(np.diag(gram)))
-        for _ in range(_MOST_TRIALS):
+        for _ in range(_MAX_TRIALS):
             shifted = gram + damping * size * np.eye(len(gram))
             step = moves @ linalg.solve(shifted, -slope, assume_a="pos")
             trial = fit(splitting, x + step, max_iterations=_CORRECTIONS)
@@ -65,7 +65,7 @@ def improved(splitting: Splitting, end: Fit) -> Fit:
         gain = 1 - float(residual @ residual) / error
         end, x, error = trial, trial.x, float(residual @ residual)
         damping /= 5
-        if gain < _LEAST_GAIN:
+        if gain < _MIN_GAIN:
             break
     return end
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import HIGHEST_ORDER
+from ...conditions import MAX_ORDER
 from ...method.commutator_free import CommutatorFree
 from ...method.flat import flat_order, stage_orders
 from ...method.tableau import Tableau
 from ...structure.layout import Layout
-from ...support.checks import MOST_STAGES, check_flag, check_integer
+from ...support.checks import MAX_STAGES, check_flag, check_integer
 from ...support.parallel import raise_if_stopped
 from .exact import refined
 from .improvement import improved
@@ -186,14 +186,13 @@ def lift(
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
     lengths = _check_shape(rows, order, flows, chains)
     if flows is not None:
-        flows = check_integer("flows", flows, len(rows.own) + 1, MOST_STAGES)
+        flows = check_integer("flows", flows, len(rows.own) + 1, MAX_STAGES)
     seed = check_integer("seed", seed, 0)
     tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
     reduce, improve = check_flag("reduce", reduce), check_flag("improve", improve)
-    if improve and order >= HIGHEST_ORDER:
+    if improve and order >= MAX_ORDER:
         raise ValueError(
-            f"improve: the order must be below {HIGHEST_ORDER}, the highest in this build, "
-            f"got {order}"
+            f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
         )
     if max_iterations is None:
         max_iterations = _ITERATIONS.get(order, _ITERATIONS_BELOW)
@@ -285,7 +284,7 @@ def _check_shape(
             f"chains must have {len(rows.own) + 1} lengths, of stages and the result, "
             f"got {len(lengths)}"
         )
-    return [check_integer("a length in chains", length, 1, MOST_STAGES) for length in lengths]
+    return [check_integer("a length in chains", length, 1, MAX_STAGES) for length in lengths]
 
 
 def _start(splitting: Splitting, generator: np.random.Generator) -> NDArray[np.float64]:

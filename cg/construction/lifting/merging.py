@@ -12,7 +12,7 @@ _FIRST_ITERATIONS = 60  # most merges that succeed do so within these
 _FIRST_PATIENCE = 12
 _FURTHER_PATIENCE = 60
 _FURTHER_SHARE = 4  # one in so many merges gets more iterations
-_LEAST_FURTHER = 6
+_MIN_FURTHER = 6
 
 
 def reduced(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit]:
@@ -57,7 +57,7 @@ def _merged(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitt
             return merged, attempt
         left.append((attempt.f, point, merged, attempt))
     left.sort(key=lambda entry: entry[:2])
-    for _, _, merged, attempt in left[: max(_LEAST_FURTHER, len(left) // _FURTHER_SHARE)]:
+    for _, _, merged, attempt in left[: max(_MIN_FURTHER, len(left) // _FURTHER_SHARE)]:
         raise_if_stopped()
         again = fit(merged, attempt.x, max_iterations=max_iterations, patience=_FURTHER_PATIENCE)
         if again.solved:

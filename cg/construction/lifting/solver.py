@@ -30,15 +30,15 @@ SOLVED = 1e-23
 
 _CLOSE = 1e-10  # the sum from which on steps are made of singular values
 _PROBE = 0.1  # fraction of a step for the second derivative along it
-_MOST_BEND = 0.75  # largest ratio of acceleration and step that is trusted far from a solution
-_LEAST_DAMPING, _MOST_DAMPING = 1e-30, 1e8  # relative to the largest derivative
-_LEAST_GAIN = 1e-6
+_MAX_BEND = 0.75  # largest ratio of acceleration and step that is trusted far from a solution
+_MIN_DAMPING, _MAX_DAMPING = 1e-30, 1e8  # relative to the largest derivative
+_MIN_GAIN = 1e-6
 _MANY = 600  # conditions from which on some are chosen: those of order eight
 _COUNT = 1e-9  # of the largest: pivots of conditions that are chosen
 _VIOLATED = 60  # conditions that are chosen since they are violated most
 _CHOSEN_FOR = 30  # steps
 _LEFT_BEHIND = 4.0  # times the sum over the chosen: the whole sum at which they are chosen again
-_LEAST_CHOSEN_FOR = 4
+_MIN_CHOSEN_FOR = 4
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def fit(
     steps: _Steps | None = None
     reached = [f]
     chosen, taken = _chosen(splitting, x, residual), 0
-    while iterations < max_iterations and f < np.inf and damping < _MOST_DAMPING:
+    while iterations < max_iterations and f < np.inf and damping < _MAX_DAMPING:
         iterations += 1
         close = f < _CLOSE
         if _outdated(chosen, taken, residual):
@@ -107,7 +107,7 @@ def fit(
         moved = directions @ v
         ahead = splitting.residual(x + _PROBE * moved)[chosen]
         a = steps.step(2 / _PROBE * ((ahead - now) / _PROBE - steps.jacobian @ v))
-        straight = np.linalg.norm(a) <= _MOST_BEND * np.linalg.norm(v)
+        straight = np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v)
         trials = [x + moved + directions @ a / 2] if straight else []
         if close:
             trials.append(x + moved)
@@ -120,12 +120,12 @@ def fit(
                 best, residual = trial, trial_residual
                 best_f = float(part @ part)
         gain = 1 - best_f / before_f if before_f else 0.0
-        if f < SOLVED and gain < _LEAST_GAIN:
+        if f < SOLVED and gain < _MIN_GAIN:
             break
         if best_f < before_f:
             x, f, steps = best, float(residual @ residual), None
             taken += 1
-            damping = max(damping / 5, _LEAST_DAMPING)
+            damping = max(damping / 5, _MIN_DAMPING)
         else:
             damping = 3 * max(damping, 1e-20)
         reached.append(f)
@@ -149,7 +149,7 @@ def _chosen(splitting: Splitting, x: Vector, residual: Vector) -> NDArray[np.int
 
 def _outdated(chosen: NDArray[np.intp] | slice, taken: int, residual: Vector) -> bool:
     """Tell whether conditions are to be chosen again after so many steps."""
-    if isinstance(chosen, slice) or taken < _LEAST_CHOSEN_FOR:
+    if isinstance(chosen, slice) or taken < _MIN_CHOSEN_FOR:
         return False
     part = residual[chosen]
     bound = _LEFT_BEHIND * float(part @ part) + SOLVED / _LEFT_BEHIND

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import HIGHEST_ORDER, condition_trees
+from ...conditions import MAX_ORDER, condition_trees
 from ...conditions import compiled as compiled_conditions
 from ...structure.layout import Layout
 from ...structure.points import START
@@ -321,7 +321,7 @@ class Splitting:
     @staticmethod
     def nodes(index: int) -> int:
         """Return the number of nodes of a tree but for its root."""
-        return forest(HIGHEST_ORDER + 1).nodes[index - 1] - 1
+        return forest(MAX_ORDER + 1).nodes[index - 1] - 1
 
     @cached_property
     def scale(self) -> Vector:

@@ -27,7 +27,7 @@ _SAME = 1e-8  # coefficients this close are the same
 _STEPS = 200  # along the solution set from one solution to another
 _NEIGHBOURS = 5  # that a walk leads to from each solution
 _LONGEST, _SHORTEST = 0.3, 1e-3  # of steps
-_LEAST_GAIN = 1e-3  # of a step, relative to the distance that is left
+_MIN_GAIN = 1e-3  # of a step, relative to the distance that is left
 
 _ROUNDING = 1e-8  # in conditions at solutions
 OBJECTIVES = ("principal-error", "largest-coefficient", "flows", "residual", "seconds")
@@ -180,7 +180,7 @@ def connected(here: Candidate, there: Candidate) -> bool:
         near = decompose(system.jacobian(x)[:, system.free])
         along = near.kernel @ (near.kernel.T @ (there.x - x)[system.free])
         step = float(np.linalg.norm(along))
-        if step < _LEAST_GAIN * left or longest < _SHORTEST:
+        if step < _MIN_GAIN * left or longest < _SHORTEST:
             return False
         trial = x.copy()
         trial[system.free] += along * min(1.0, longest / step)

@@ -30,7 +30,7 @@ from ...runs import (
     stored_run,
 )
 from ...support import quads
-from ...support.checks import LARGEST_COUNT, check_integer
+from ...support.checks import MAX_COUNT, check_integer
 from .records import Phase, RandomStart
 from .result import SearchResult, StoredStarts
 from .settings import SearchSettings, checked_settings
@@ -79,7 +79,7 @@ def search(
     Parameters
     ----------
     order : int
-        Order wanted, between 1 and `cg.conditions.HIGHEST_ORDER`.
+        Order wanted, between 1 and `cg.conditions.MAX_ORDER`.
     stages : int
         Number of stages, at most 1000.
     starts : int
@@ -180,7 +180,7 @@ def search(
         first_same_as_last,
     )
     quads.core("cg.search")
-    starts = check_integer("starts", starts, 1, LARGEST_COUNT)
+    starts = check_integer("starts", starts, 1, MAX_COUNT)
     call, line = check_progress(progress)
     executor, workers = check_executor(executor, workers)
     run = partial(_run, settings, starts, workers, executor, call)

@@ -8,8 +8,8 @@ from typing import Any
 from ...conditions import Rows, check_rows, count, unknowns
 from ...structure.layout import Layout
 from ...support.checks import (
-    LARGEST_COUNT,
-    MOST_STAGES,
+    MAX_COUNT,
+    MAX_STAGES,
     WIDEST,
     check_flag,
     check_integer,
@@ -72,7 +72,7 @@ def checked_settings(
 ) -> SearchSettings:
     """Return the settings of a search from the arguments of `cg.search`, checked."""
     order = check_order(order)
-    stages = check_integer("stages", stages, 1, MOST_STAGES)
+    stages = check_integer("stages", stages, 1, MAX_STAGES)
     seed = check_integer("seed", seed, 0)
     if not isinstance(algorithm, str) or algorithm not in ALGORITHMS:
         raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
@@ -107,10 +107,10 @@ def checked_settings(
     if maxfev is None:
         best = _TREE_BOUND if of_points else _BEST_BOUNDS.get(order, _BOUND_ABOVE)
         maxfev = 200 * (size + 1) if algorithm == "lmdif" else best
-    maxfev = check_integer("maxfev", maxfev, 1, LARGEST_COUNT)
+    maxfev = check_integer("maxfev", maxfev, 1, MAX_COUNT)
     if refine_maxfev is None:
         refine_maxfev = 20 * (size + 1)
-    refine_maxfev = check_integer("refine_maxfev", refine_maxfev, 1, LARGEST_COUNT)
+    refine_maxfev = check_integer("refine_maxfev", refine_maxfev, 1, MAX_COUNT)
     return SearchSettings(
         order,
         stages,

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import HIGHEST_ORDER
+from ...conditions import MAX_ORDER
 from ...structure.layout import Layout
 from ...structure.points import START, MethodError, Point, PointTree, check_tree
-from ...support.checks import MOST_STAGES, check_flag, check_integer
+from ...support.checks import MAX_STAGES, check_flag, check_integer
 
 __all__ = [
-    "FEWEST_STAGES",
     "FLAT_CONDITIONS",
+    "MIN_STAGES",
     "check_order",
     "check_points",
     "draw_guess",
@@ -25,7 +25,7 @@ __all__ = [
     "most_unknowns",
 ]
 
-FEWEST_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
+MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
 """The least stages of explicit methods of orders 1, 2, ... where all flows commute [1]_.
 
 References
@@ -183,8 +183,8 @@ def most_unknowns(stages: int, flows: int) -> int:
 def check_order(order: Any) -> int:
     """Return an order that this build has conditions of; TypeError or ValueError otherwise."""
     number = check_integer("order", order, 1)
-    if number > HIGHEST_ORDER:
-        raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {number}")
+    if number > MAX_ORDER:
+        raise ValueError(f"order must be at most {MAX_ORDER} in this build, got {number}")
     return number
 
 
@@ -224,7 +224,7 @@ def check_points(
     else:
         if last:
             check_integer("stages", stages, 2)
-        flows = check_integer("flows", flows, stages - last, 10 * MOST_STAGES)
+        flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
         unknowns = most_unknowns(stages - last, flows)
     if not force:
         _check_counts(order, stages - last, unknowns)
@@ -232,10 +232,10 @@ def check_points(
 
 
 def _check_counts(order: int, stages: int, unknowns: int) -> None:
-    if stages < FEWEST_STAGES[order - 1]:
+    if stages < MIN_STAGES[order - 1]:
         raise ValueError(
             f"stages = {stages} is too few for order {order}, which takes "
-            f"{FEWEST_STAGES[order - 1]} even where flows commute; pass force=True to try all "
+            f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try all "
             "the same"
         )
     if unknowns < FLAT_CONDITIONS[order - 1]:

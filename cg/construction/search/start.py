@@ -11,7 +11,7 @@ from ...conditions import count, table_rows
 from ...conditions.compiled import fit_lmdif
 from ...structure.layout import Layout
 from ...support import quads
-from ...support.checks import LARGEST_COUNT
+from ...support.checks import MAX_COUNT
 from ...support.parallel import single_threads, stoppable
 from ..solvers.minimum_norm import fit_conditions
 from ..solvers.refine import refine
@@ -90,7 +90,7 @@ def check_start(settings: SearchSettings, start: RandomStart) -> RandomStart:
         If its index is none, or the residual of its coefficients is another.
     """
     where = f"not the record of a start: start {start.index}"
-    if not 0 <= start.index <= LARGEST_COUNT:
+    if not 0 <= start.index <= MAX_COUNT:
         raise ValueError(f"{where} can't be")
     system = ConditionSystem(settings.order, start_layout(settings, start.index))
     try:

@@ -17,7 +17,7 @@ from scipy.linalg import cython_blas, cython_lapack
 from cg import _minimum_norm
 
 from ...conditions.compiled import fit_minimum_norm
-from ...support.checks import LARGEST_COUNT, check_flag, check_integer, check_real
+from ...support.checks import MAX_COUNT, check_flag, check_integer, check_real
 from ...support.parallel import stoppable
 from ...support.shared_numbers import MinimumNormStatus
 from .system import ConditionSystem
@@ -101,7 +101,7 @@ def fit_conditions(
     indices = system.moving(free)
     ftol = check_real("ftol", ftol)
     damping = check_real("damping", damping, positive=True)
-    max_iterations = check_integer("max_iterations", max_iterations, 0, LARGEST_COUNT)
+    max_iterations = check_integer("max_iterations", max_iterations, 0, MAX_COUNT)
     accurate = check_flag("accurate", accurate)
     trees, owner = system.conditions(independent=True)
     moving = (indices + 1).astype(np.intc)

@@ -25,9 +25,9 @@ _RANK_TOLERANCE = 1e-11  # of the largest singular value; rounding leaves 1e-15
 _FAR = 1e-4  # sum of squares above which Newton's steps aren't tried
 
 _PROBE = 0.1  # fraction of a step for the second derivative along it
-_MOST_BEND = 0.75  # largest ratio of acceleration and step that is trusted
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-14, 1e-30, 1e-2  # relative
-_PATIENCE, _LEAST_GAIN = 15, 0.05  # so many steps must gain this fraction
+_MAX_BEND = 0.75  # largest ratio of acceleration and step that is trusted
+_FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
+_PATIENCE, _MIN_GAIN = 15, 0.05  # so many steps must gain this fraction
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def finish(
     f = float(residual @ residual)
     damping, history, new = _FIRST_DAMPING, [f], True
     for _ in range(max_iterations):
-        if not ftol < f < np.inf or damping > _MOST_DAMPING:
+        if not ftol < f < np.inf or damping > _MAX_DAMPING:
             break
         if new:
             jac = system.jacobian(x)[:, free]
@@ -164,7 +164,7 @@ def finish(
         new = False
         best = x
         for trial_step in (step + half, step):
-            if trial_step is not step and 2 * linalg.norm(half) > _MOST_BEND * linalg.norm(step):
+            if trial_step is not step and 2 * linalg.norm(half) > _MAX_BEND * linalg.norm(step):
                 continue
             trial = _moved(x, free, trial_step)
             trial_residual = system.residual(trial)
@@ -172,10 +172,10 @@ def finish(
             if trial_f < f:
                 best, residual, f, new = trial, trial_residual, trial_f, True
         x = best
-        damping = max(damping / 5, _LEAST_DAMPING) if new else 4 * max(damping, 1e-20)
+        damping = max(damping / 5, _MIN_DAMPING) if new else 4 * max(damping, 1e-20)
         if new:
             history.append(f)
-            if len(history) > _PATIENCE and history[-_PATIENCE] < (1 + _LEAST_GAIN) * f:
+            if len(history) > _PATIENCE and history[-_PATIENCE] < (1 + _MIN_GAIN) * f:
                 break
     return x, f
 

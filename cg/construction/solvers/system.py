@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import HIGHEST_ORDER, condition_trees
+from ...conditions import MAX_ORDER, condition_trees
 from ...conditions import compiled as compiled_conditions
 from ...structure.layout import Layout, Rows
 from ...structure.points import check_tree
@@ -84,8 +84,8 @@ class ConditionSystem:
     def __post_init__(self) -> None:
         # the compiled core trusts its callers with both
         order = check_integer("order", self.order, 1)
-        if order > HIGHEST_ORDER:
-            raise ValueError(f"order must be at most {HIGHEST_ORDER} in this build, got {order}")
+        if order > MAX_ORDER:
+            raise ValueError(f"order must be at most {MAX_ORDER} in this build, got {order}")
         object.__setattr__(self, "order", order)
         if not isinstance(self.layout, Layout):
             raise TypeError(f"layout must be a Layout, got {self.layout!r}")

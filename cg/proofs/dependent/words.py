@@ -14,7 +14,7 @@ from functools import cache
 from typing import Any
 
 from ...conditions import condition_trees
-from ...trees.ordered import MOST_NODES, OrderedTree, forest
+from ...trees.ordered import MAX_NODES, OrderedTree, forest
 
 __all__ = [
     "Letter",
@@ -113,10 +113,10 @@ def parse(tree: str) -> Word:
     ------
     ValueError
         If the text isn't one tree in balanced brackets, or the tree has more than
-        `cg.trees.ordered.MOST_NODES` nodes.
+        `cg.trees.ordered.MAX_NODES` nodes.
     """
-    if tree.count("[") > MOST_NODES:
-        raise ValueError(f"a tree must have at most {MOST_NODES} nodes, got {tree[:80]!r}")
+    if tree.count("[") > MAX_NODES:
+        raise ValueError(f"a tree must have at most {MAX_NODES} nodes, got {tree[:80]!r}")
 
     def convert(found: OrderedTree) -> Word:
         return tuple(convert(child) for child in found.children)
