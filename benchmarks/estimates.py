@@ -172,11 +172,11 @@ def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -
 
 
 def _defaults(runs: list[Runs], problems: list[Runs]) -> str:
-    """Say which pairs the rule of `cg.integration.choice` takes."""
+    """Say which pairs the rule of `cg.integration.default_method` takes."""
     names = [name for name in problems[0] if _may_be_default(name, runs)]
     curves = _curves(problems)
     lines = [
-        "**By the rule for defaults** (`cg/integration/choice.py`), of "
+        "**By the rule for defaults** (`cg/integration/default_method.py`), of "
         f"{', '.join(f'`{name}`' for name in names)}:",
         "",
         f"| frames | least | {' | '.join(f'for errors of {error:g}' for error in _DECISIVE)} |",

@@ -46,7 +46,7 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.method.commutator_free": "points catalogue",
     "cg.integration.arguments": "integration_input bad_input solve_ivp adaptive integrate",
     "cg.integration.step.callbacks": f"{INTEGRATION} implicit order_on_frames munthe_kaas",
-    "cg.integration.choice": "solve_ivp adaptive integrate",
+    "cg.integration.default_method": "solve_ivp adaptive integrate",
     "cg.integration.rhs.compiled": "compiled compiled_adaptive solve_ensemble",
     "cg.integration.loop.dense": "integration_loop events dense solve_ensemble",
     "cg.integration.ensemble": "solve_ensemble ensemble_executors progress",

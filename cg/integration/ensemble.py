@@ -17,7 +17,7 @@ from cg.catalogue import munthe_kaas, packaged
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.choice import AUTO
+from cg.integration.default_method import AUTO
 from cg.integration.ivp import warn_off_manifold
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput, Steps
 from cg.integration.loop.messages import FINISHED, TERMINAL_EVENT, failed_members

@@ -14,7 +14,7 @@ from scipy import LowLevelCallable
 from cg.frames.arrays import Points
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.integration.arguments import check_count, check_grid, equal_steps
-from cg.integration.choice import AUTO
+from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.loop.messages import FINISHED, LEFT_MANIFOLD, MANY_REJECTIONS, TERMINAL_EVENT
 from cg.integration.loop.progress import Progress

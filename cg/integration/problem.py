@@ -25,7 +25,7 @@ from cg.integration.arguments import (
     check_t_eval,
     check_unused,
 )
-from cg.integration.choice import AUTO, choose_method
+from cg.integration.default_method import AUTO, choose_method
 from cg.integration.loop.run import Control, Output, Run
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable

@@ -108,7 +108,7 @@ class Solution(_ReadOnly):
     method: Method
     frame: Frame
     h: float | None = None
-    to_xarray = Later("cg.integration.labelled", "to_xarray")
+    to_xarray = Later("cg.integration.to_xarray", "to_xarray")
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
@@ -178,7 +178,7 @@ class EnsembleSolution(_ReadOnly):
     method: Method
     frame: Frame
     h: float | None = None
-    to_xarray = Later("cg.integration.labelled", "to_xarray")
+    to_xarray = Later("cg.integration.to_xarray", "to_xarray")
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"

@@ -15,7 +15,7 @@ from scipy import LowLevelCallable
 from cg.frames.arrays import Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_args, check_real_time, check_step, check_stops, is_many
-from cg.integration.choice import AUTO
+from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.run import Output, Run
 from cg.integration.problem import make_problem, make_rhs

@@ -194,7 +194,7 @@ class TestFromAStoreToTheCatalogue:
             assert list((tmp_path / "methods" / "files" / form).iterdir())
 
     def test_a_proof_in_part(self, store, tmp_path, monkeypatch):
-        module = sys.modules["cg.construction.results.promote"]
+        module = sys.modules["cg.construction.results.publish"]
 
         def whole_only(method, *, small=False):
             if not small:

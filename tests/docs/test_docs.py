@@ -10,7 +10,7 @@ import pytest
 from tests_of_pages import blocks_of, run
 
 import cg
-from cg.integration.choice import choose_method
+from cg.integration.default_method import choose_method
 
 pytestmark = pytest.mark.no_core
 

@@ -17,7 +17,7 @@ from cg.integration import integrate
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
-from cg.reproduce.built_in import integrate_affine
+from cg.reproduce.reference_runs import integrate_affine
 from cg.support.shared_numbers import (
     BlockKind,
     ConditionOwner,

@@ -22,7 +22,7 @@ from cg.integration.step.flows import (
 )
 from cg.problems import TodaFlow
 from cg.problems.affine import AffineField
-from cg.reproduce.built_in import integrate_affine
+from cg.reproduce.reference_runs import integrate_affine
 from cg.support.shared_numbers import BlockKind
 
 pytestmark = pytest.mark.sanitize

@@ -10,7 +10,7 @@ from frame_examples import HEISENBERG
 
 import cg
 from cg.frames import SO3, Stiefel
-from cg.integration.choice import choose_method
+from cg.integration.default_method import choose_method
 
 ROOT = Path(__file__).parents[2]
 TOLERANCES = (1e-3, 1e-5, 1e-8)

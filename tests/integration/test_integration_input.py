@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import cg
 from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, UnitQuaternion
 from cg.problems import AffineField
-from cg.reproduce.built_in import integrate_affine
+from cg.reproduce.reference_runs import integrate_affine
 
 ATTITUDE = Product(UnitQuaternion(), Euclidean(3))
 QUATERNION = [0.0, 0.0, 0.0, 1.0]

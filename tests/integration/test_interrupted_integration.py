@@ -13,7 +13,7 @@ import ctypes
 import numpy as np
 import cg
 from cg.frames import Euclidean
-from cg.reproduce.built_in import integrate_heavy_top
+from cg.reproduce.reference_runs import integrate_heavy_top
 
 library = ctypes.CDLL({library!r})
 f = library.growth

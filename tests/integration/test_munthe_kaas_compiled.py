@@ -16,7 +16,7 @@ from cg.frames import SE3, SO, SO3, SU, Power, U, UnitQuaternion
 from cg.frames.dexpinv import series_dexpinv
 from cg.integration.step.flows import dexpinv_of
 from cg.problems.affine import AffineField
-from cg.reproduce.built_in import integrate_affine
+from cg.reproduce.reference_runs import integrate_affine
 
 pytestmark = pytest.mark.sanitize
 

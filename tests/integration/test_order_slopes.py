@@ -10,7 +10,7 @@ from cg.frames import SE3, SO3, Sphere, UnitQuaternion
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
 from cg.problems.affine import AffineField
-from cg.reproduce.built_in import integrate_affine
+from cg.reproduce.reference_runs import integrate_affine
 
 CONVENTIONS = ["body", "space"]
 

@@ -30,7 +30,7 @@ from cg.method.low_storage import (
     two_registers,
 )
 from cg.reproduce import built_in
-from cg.reproduce.built_in import integrate_affine
+from cg.reproduce.reference_runs import integrate_affine
 from cg.structure.points import Point, PointTree
 from cg.support.quads import to_decimal
 from cg.trees.ordered import forest

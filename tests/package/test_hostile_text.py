@@ -14,7 +14,7 @@ from cg.problems import HeavyTop
 from cg.proofs import Certificate, CertificationError, certificate_of, check
 from cg.proofs.__main__ import main
 from cg.proofs.dependent.words import parse
-from cg.reproduce.built_in import integrate_heavy_top
+from cg.reproduce.reference_runs import integrate_heavy_top
 from cg.structure.points import MethodError
 from cg.support import quads
 from cg.support.parsing import file_in, read_fraction

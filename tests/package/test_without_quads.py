@@ -7,7 +7,7 @@ import cg
 from cg.conditions import residuals_of
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.reproduce.built_in import integrate_heavy_top
+from cg.reproduce.reference_runs import integrate_heavy_top
 from cg.support import quads
 from cg.support.quads import MissingQuadsError
 

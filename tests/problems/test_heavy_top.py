@@ -14,7 +14,7 @@ from cg.frames import SO3, Euclidean, Product, hat
 from cg.integration import integrate
 from cg.problems import HeavyTop, StateDependentRotation
 from cg.problems.taylor import QuadraticSystem, reference_solution
-from cg.reproduce.built_in import integrate_heavy_top
+from cg.reproduce.reference_runs import integrate_heavy_top
 
 READINGS = ["momentum", "velocity"]
 TENTHS = [Fraction(k, 10) for k in range(11)]

@@ -63,7 +63,7 @@ def test_what_a_search_depends_on_is_found():
     } <= found
     assert not any(name.startswith(("cg.reproduce", "cg.integration")) for name in found)
     errors = set(fingerprint.sources("cg.reproduce.quad_orders"))
-    assert {"cg.reproduce.top", "cg.reproduce.built_in", "cg.problems.taylor"} <= errors
+    assert {"cg.reproduce.top", "cg.reproduce.reference_runs", "cg.problems.taylor"} <= errors
 
 
 def test_digests_change_with_code_and_arguments(tmp_path, monkeypatch):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .promote import Promotion, promote
+from .publish import Promotion, promote
 from .solutions import Solution, best, families, solutions
 
 __all__ = ["Promotion", "Solution", "best", "families", "promote", "solutions"]

@@ -13,7 +13,7 @@ from scipy import LowLevelCallable
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid
-from cg.integration.choice import AUTO
+from cg.integration.default_method import AUTO
 from cg.integration.ensemble import solve_members
 from cg.integration.ivp import grid_steps, solve_one
 from cg.integration.loop.progress import Progress
