@@ -172,10 +172,27 @@ def test_order_eight_is_proved_whole():
     certificate = certificate_of(method)
     assert certificate.identities[0] == "flat tableau in Q(√21)"
     check(certificate, method)
-    # without one more condition, of which nothing says that it follows
-    structure, names = certificate.identities
-    trees = [text(word) for word in condition_words(8)]
-    kept = next(tree for tree in reversed(trees) if tree not in names.split())
-    for identities in ((names,), ("flat tableau", names), (structure, f"{names} {kept}")):
+    names = certificate.identities[1]
+    for identities in ((names,), ("flat tableau", names), ("flat tableau in Q(√6)", names)):
         with pytest.raises(CertificationError):
             check(replace(certificate, identities=identities), method)
+
+
+def test_one_more_condition_left_out_is_refused():
+    """With one more coefficient held, so that there is a zero of what is left."""
+    certificate = certificate_of(METHOD)
+    structure, names = certificate.identities
+    trees = [text(word) for word in condition_words(5)]
+    kept = [tree for tree in trees if tree not in names.split()]
+    held = set(certificate.fixed)
+    refused = 0
+    for name in [name for name in METHOD.layout.names if name not in held][:6]:
+        forged = replace(
+            certificate,
+            identities=(structure, f"{names} {kept[-1]}"),
+            fixed=(*certificate.fixed, name),
+        )
+        with pytest.raises(CertificationError) as error:
+            check(forged, METHOD)
+        refused += "that conditions follow from others is not proved" in str(error.value)
+    assert refused
