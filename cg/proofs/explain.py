@@ -56,7 +56,6 @@ MAX_SMALL = Fraction(1, 10**40)
 
 STRUCTURES: dict[str, Callable[..., FlatRows | TwoRegisters]] = {
     "flat tableau": FlatRows,
-    "flat tableau in Q(√6)": partial(FlatRows, root=6),
     "flat tableau in Q(√21)": partial(FlatRows, root=21),
     "two registers": TwoRegisters,
 }

@@ -12,7 +12,6 @@ from flint import arb, fmpq, fmpz_mat
 __all__ = ["Quadratic", "dependencies"]
 
 _DIGITS = 33  # of decimals that are recognised
-_DENOMINATOR = 10**16  # of those that are taken for rational numbers
 
 
 class Quadratic:
@@ -36,10 +35,9 @@ class Quadratic:
 
         Nothing tells that it is the one: what is made of it must be checked.
         """
+        if d == 0:
+            return cls(fmpq(x.numerator, x.denominator))
         scale = 10**_DIGITS
-        rational = x.limit_denominator(_DENOMINATOR) if d else x
-        if abs(x - rational) * scale * 10 < 1:
-            return cls(fmpq(rational.numerator, rational.denominator), 0, d)
         known = [x.numerator * scale // x.denominator, scale, isqrt(d * scale * scale)]
         rows = [[int(i == j) for j in range(3)] + [known[i]] for i in range(3)]
         q, a, b = (int(entry) for entry in fmpz_mat(rows).lll().tolist()[0][:3])
