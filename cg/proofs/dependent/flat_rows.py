@@ -72,7 +72,7 @@ class FlatRows:
         )
 
     def equations(self) -> list[Equation]:
-        """Return that sums of weights are what they are, as far as these are independent."""
+        """Return that sums of weights are what they are; of those over the same weights, one."""
         size = self._layout.size
         rows = []
         for i, stage in self._present:
