@@ -1,5 +1,10 @@
 """Steps, errors and output in JAX are those of compiled code."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from jax_setup import diffrax, jax
@@ -367,6 +372,31 @@ class TestTransforms:
         for k, unit in enumerate(np.eye(6)):
             quotient = self.quotient(lambda s, u=unit: exact(INERTIA, frame.flow(s * u, START)))
             assert float(numbers[k]) == pytest.approx(quotient, abs=1e-9)
+
+    def test_flows_are_compiled_once(self):
+        """Without barriers XLA compiles a flow again with each consumer, with other rounding."""
+        frame = UnitQuaternion()
+        ours, _ = term(frame)
+        y0 = point(frame)
+        solver = cg.jax.Solver("CF4(3)", dense="steps")
+
+        def step(y0, first):
+            return solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[:2]
+
+        primitives = [str(e.primitive) for e in jax.make_jaxpr(step)(y0, np.ones(3)).eqns]
+        flows = sum(len(path.flows) for path in solver.steps.paths.paths)
+        assert primitives.count("optimization_barrier") == flows
+
+    @pytest.mark.slow
+    def test_repeated_steps_are_the_same(self):
+        """The default adjoint repeats steps; their sizes follow from differences near rounding.
+
+        Only XLA with its usual optimisations, which tests do without, shows whether they differ.
+        """
+        environment = {name: text for name, text in os.environ.items() if name != "XLA_FLAGS"}
+        command = [sys.executable, Path(__file__).with_name("jax_repetition.py")]
+        done = subprocess.run(command, env=environment, capture_output=True, check=True, text=True)
+        assert abs(float(done.stdout)) < 1e-12
 
     @staticmethod
     def quotient(function, step=5e-3):

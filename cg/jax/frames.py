@@ -56,6 +56,7 @@ _NEAR_IDENTITY = 0.25
 _NEARBY_STEPS = 4
 _RADIUS = (2.0 * np.pi) ** 2  # of the series of dexpinv, squared
 _COMMUTE = 16.0
+_POWERS = 20  # of which the latter half shows how all further ones grow
 
 
 @dataclass(frozen=True, eq=False)
@@ -454,7 +455,10 @@ def _motion_dexpinv(u: JaxArray, v: JaxArray, side: float) -> JaxArray:
 
 
 def _series(frame: Frame) -> Callable[[JaxArray, JaxArray, int], JaxArray]:
-    """Return dexpinv by its series as far as a method of an order needs it."""
+    """Return dexpinv by its series as far as a method of an order needs it.
+
+    It is NaN where the series to infinite order diverges, as in `cg.frames.dexpinv`.
+    """
     constants = frame._adjoint_basis
 
     def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
@@ -469,9 +473,38 @@ def _series(frame: Frame) -> Callable[[JaxArray, JaxArray, int], JaxArray]:
             power = power @ matrix
             if term:
                 total = total + term * power
-        return total
+        return _where_it_converges(matrix, v, total)
 
     return dexpinv
+
+
+def _where_it_converges(matrix: JaxArray, v: JaxArray, total: JaxArray) -> JaxArray:
+    """Return a sum of the series of dexpinv, ``v`` if that commutes, NaN where it diverges."""
+    matrix, fixed = jax.lax.stop_gradient((matrix, v))
+    bound = jnp.sqrt((matrix**2).sum())
+    rounding = _COMMUTE * jnp.finfo(bound.dtype).eps * bound
+
+    def growth() -> tuple[JaxArray, JaxArray]:
+        def multiply(power: JaxArray, _: Any) -> tuple[JaxArray, JaxArray]:
+            power = power @ matrix
+            factor = jnp.sqrt(power @ power)
+            kept = factor > rounding
+            power = jnp.where(kept, power / jnp.where(kept, factor, 1.0), 0.0)
+            return power, jnp.where(kept, factor, 0.0)
+
+        size = jnp.sqrt(fixed @ fixed)
+        unit = fixed / jnp.where(size > 0.0, size, 1.0)
+        factors = jax.lax.scan(multiply, unit, None, length=_POWERS)[1]
+        later = factors[_POWERS // 2 :]
+        return jnp.prod(later) ** (1.0 / len(later)), factors[0] == 0.0
+
+    def near() -> tuple[JaxArray, JaxArray]:
+        return jnp.zeros_like(bound), jnp.zeros((), bool)
+
+    rate, commuting = jax.lax.cond(bound * bound >= _RADIUS, growth, near)
+    # An infinite bound says nothing about eigenvalues.
+    converges = jnp.isfinite(bound) & (rate * rate < _RADIUS)
+    return jnp.where(commuting & jnp.isfinite(bound), v, jnp.where(converges, total, jnp.nan))
 
 
 # Other manifolds
