@@ -37,34 +37,21 @@ test-all: build $(PEERS)
 
 # a second environment, whose core is compiled with run-time checks; without the tests that don't
 # reach compiled code, or only by ways that others go
-UNCOMPILED := benchmarks beyond brackets catalogue certify certify_weights command command_runs \
-  command_search diagnosis docs doctests export export_data export_docs finds flat_rows \
-  frame_coordinates frame_digits frame_facts frame_input frames hostile_text implementations import \
-  impossibility installation judges krawczyk numbers_in_pages order_on_frames orthogonality \
-  other_packages own_methods peers plot readme reference_steps report_figures report_numbers report_search \
-  reproduce tableau trees typing values without_quads
 test-checks:
 	@sh tools/prerequisites.sh
 	test -d $(VENV)-checks || python3 -m venv $(VENV)-checks
 	$(VENV)-checks/bin/python -m pip install --quiet "meson-python>=0.18" "meson>=1.4" ninja "numpy>=2.0"
 	PATH="$(CURDIR)/$(VENV)-checks/bin:$$PATH" $(VENV)-checks/bin/python -m pip install --quiet \
 		--no-build-isolation -Cbuild-dir=build/checks -Csetup-args=-Dchecks=true --editable ".[test]"
-	$(VENV)-checks/bin/python -m pytest --numprocesses auto -m "not slow" \
-		$(foreach name,$(UNCOMPILED),--ignore=tests/test_$(name).py) $(ARGS)
+	$(VENV)-checks/bin/python -m pytest --numprocesses auto -m "not slow and not no_core" $(ARGS)
 
 # the core with the sanitizers of addresses and undefined behaviour; they take memory for themselves,
 # so that tests that measure it mean nothing
-SANITIZED := conditions differential structure least_norm lmdif lmdif_callback lmdif_tolerances \
-  flows frame_product registers compiled compiled_adaptive compiled_output compiled_exponentials \
-  compiled_isospectral munthe_kaas_compiled low_storage integrate solve_ivp events adaptive \
-  solve_ensemble ensemble_executors jumps idle_points dense integration_loop \
-  fuzz_callbacks
-MEASURED := lmdif_callback.py::test_nothing_is_left_behind_by_exceptions \
-  low_storage.py::TestMemory
+MEASURED := construction/test_lmdif_callback.py::test_nothing_is_left_behind_by_exceptions \
+  method/test_low_storage.py::TestMemory
 test-sanitize: build $(PEERS)
-	sh tools/sanitized.sh $(PY) --numprocesses auto -m "not slow" \
-		$(foreach name,$(SANITIZED),tests/test_$(name).py) \
-		$(foreach name,$(MEASURED),--deselect=tests/test_$(name)) $(ARGS)
+	sh tools/sanitized.sh $(PY) --numprocesses auto -m "sanitize and not slow" \
+		$(foreach name,$(MEASURED),--deselect=tests/$(name)) $(ARGS)
 
 # the suite with the oldest versions that pyproject.toml admits; peers aren't installed there, and
 # old packages may use what newer ones of theirs call deprecated

@@ -8,11 +8,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cg import quad
 from cg.conditions import unknowns
-from cg.random_search import EXACT, SearchSettings, random_start, run_start, search
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem
+from cg.construction.search.random_search import (
+    EXACT,
+    SearchSettings,
+    random_start,
+    run_start,
+    search,
+)
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.support import quads
 
 from .leastsq import OutOfTime, PaddedResidual, solve
 
@@ -92,8 +98,8 @@ def _scipy(order: int, stages: int, width: float, most: float) -> Callable[[int]
             return False
         if not f <= 1e-15:
             return False
-        refined = refine(quad.from_float(x), ConditionSystem.tableau(order, stages))
-        scale = max(1.0, float(np.abs(quad.to_float(refined.x)).max()))
+        refined = refine(quads.from_float(x), ConditionSystem.tableau(order, stages))
+        scale = max(1.0, float(np.abs(quads.to_float(refined.x)).max()))
         return refined.largest_residual <= EXACT * scale
 
     return solve_start

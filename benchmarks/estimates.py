@@ -27,7 +27,7 @@ MEDIAN, LARGEST = 5.0, 50.0
 """What the error may be, in tolerances, with a pair that `cg.solve_ivp` takes by default."""
 
 _TOLERANCES = tuple(10.0**-k for k in range(1, 11))
-_LARGEST_TOLERANCE = 1e-3  # above, runs serve to tell the work for large errors
+_MAX_TOLERANCE = 1e-3  # above, runs serve to tell the work for large errors
 _SPINS = 50
 _SEED = 1
 _SLOWEST = 5.0  # seconds, after which smaller tolerances are left out
@@ -82,7 +82,7 @@ def run(quick: bool, figures: Path | None) -> Result:
     names = list(problems[0])
     return Result(
         "Error estimates",
-        f"The error at the end in tolerances, `rtol = atol`, from {_LARGEST_TOLERANCE:g} to "
+        f"The error at the end in tolerances, `rtol = atol`, from {_MAX_TOLERANCE:g} to "
         f"{tolerances[-1]:g}, of all explicit pairs, on the ten problems of `rivals` and on "
         f"{len(turning)} spins: SO(3), f = u + 0.3 times the first row of the rotation, |u| from 5 "
         "to 30, t from 0 to 3. The largest error of an entry counts. A pair that `cg.solve_ivp` "
@@ -116,7 +116,7 @@ def _quotients(name: str, runs: list[Runs]) -> list[float]:
         p.error / tolerance
         for found in runs
         for tolerance, p in found[name].items()
-        if tolerance <= _LARGEST_TOLERANCE
+        if tolerance <= _MAX_TOLERANCE
     ]
 
 
@@ -153,7 +153,7 @@ def write_table(result: Result, page: Path) -> None:
 
 
 def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -> str:
-    shown = [k for k in turning[0][names[0]] if k <= _LARGEST_TOLERANCE]
+    shown = [k for k in turning[0][names[0]] if k <= _MAX_TOLERANCE]
     heads = [f"{kind}, {tolerance:g}" for kind in ("spins", "problems") for tolerance in shown[::2]]
     lines = [
         "**Error in tolerances**, median and largest, by tolerance:",
@@ -172,11 +172,11 @@ def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -
 
 
 def _defaults(runs: list[Runs], problems: list[Runs]) -> str:
-    """Say which pairs the rule of `cg.integration.choice` takes."""
+    """Say which pairs the rule of `cg.integration.default_method` takes."""
     names = [name for name in problems[0] if _may_be_default(name, runs)]
     curves = _curves(problems)
     lines = [
-        "**By the rule for defaults** (`cg/integration/choice.py`), of "
+        "**By the rule for defaults** (`cg/integration/default_method.py`), of "
         f"{', '.join(f'`{name}`' for name in names)}:",
         "",
         f"| frames | least | {' | '.join(f'for errors of {error:g}' for error in _DECISIVE)} |",

@@ -20,9 +20,9 @@ _ONE = """
 import json, resource, sys, time
 import numpy as np
 from cg.conditions import count
-from cg.layout import Layout
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.system import ConditionSystem
+from cg.structure.layout import Layout
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.system import ConditionSystem
 from threadpoolctl import threadpool_limits
 
 order, points, budget = int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3])

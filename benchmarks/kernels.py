@@ -8,12 +8,13 @@ import numpy as np
 from scipy.optimize import leastsq
 
 import cg
-from cg import _core_r64, _core_r128, quad
+from cg import _core_r64, _core_r128
 from cg.conditions import condition_trees, pack, unknowns
-from cg.random_search import random_start
-from cg.solve.minimum_norm import fit_conditions
-from cg.solve.refine import refine
-from cg.solve.system import ConditionSystem
+from cg.construction.search.random_search import random_start
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.support import quads
 
 from .leastsq import PaddedResidual
 from .record import Aim, Result
@@ -61,7 +62,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         iterations["leastsq"] = int(info["nfev"])
 
     method = cg.methods["CG6c"]
-    near = quad.from_float(pack(method.a, method.b))
+    near = quads.from_float(pack(method.a, method.b))
 
     def factored_again() -> float:
         point = near
@@ -72,7 +73,7 @@ def run(quick: bool, figures: Path | None) -> Result:
             if not largest < best:
                 return best
             best = largest
-            jacobian = system.jacobian(quad.to_float(point), independent=False)
+            jacobian = system.jacobian(quads.to_float(point), independent=False)
             step = np.linalg.lstsq(jacobian, residual, rcond=1e-10)[0]
             point = np.ascontiguousarray(_core_r128.subtract_double(point.T, step).T)
 

@@ -10,7 +10,7 @@ from scipy.optimize import leastsq
 
 from cg import _core_r64
 from cg.conditions import table_rows, unknowns
-from cg.layout import Layout
+from cg.structure.layout import Layout
 
 __all__ = ["OutOfTime", "PaddedResidual", "solve"]
 

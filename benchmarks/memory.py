@@ -39,7 +39,7 @@ class Peak:
 _SEARCH = """
 from dataclasses import replace
 from tempfile import TemporaryDirectory
-import cg, cg.random_search as module
+import cg, cg.construction.search.random_search as module
 
 size = int(sys.argv[1])
 first = module.run_start(cg.search(4, 5, 1, 1).settings, 0)

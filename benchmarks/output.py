@@ -26,7 +26,7 @@ _Problem = tuple[Frame, Callable[..., Any], Array, float, Callable[[Array], Arra
 
 _FRACTIONS = np.linspace(0.0, 1.0, 9)
 _TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-_MOST_STEPS = 4000
+_MAX_STEPS = 4000
 # Of numbers of size one: errors at the steps below this are rounding.
 _ROUNDING = 1e-14
 _PAIRS = tuple(n for n, m in packaged.items() if m.exact_embedded is not None)
@@ -82,7 +82,7 @@ def run(quick: bool, figures: Path | None) -> Result:
             for tolerance in _TOLERANCES[:: 2 if quick else 1]:
                 solution = cg.solve_ivp(
                     f, (0.0, end), y0, frame=frame, method=name, rtol=tolerance, atol=tolerance,
-                    max_steps=_MOST_STEPS, dense_output=True,
+                    max_steps=_MAX_STEPS, dense_output=True,
                 )  # fmt: skip
                 if solution.success:
                     found.append(_errors(problem, name, tolerance, solution, frame, exact))
@@ -105,7 +105,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         "Output between steps",
         f"Continuous solutions at {len(_FRACTIONS) - 2} places within every step, against the "
         f"errors at the steps next to them, for tolerances from {_TOLERANCES[0]:g} to "
-        f"{_TOLERANCES[-1]:g}, on {', '.join(_PROBLEMS)}; left out where more than {_MOST_STEPS} "
+        f"{_TOLERANCES[-1]:g}, on {', '.join(_PROBLEMS)}; left out where more than {_MAX_STEPS} "
         f"steps would be needed. Errors below {_ROUNDING:g} count as that.",
         tuple(rows),
         figures=(

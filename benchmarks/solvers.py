@@ -23,7 +23,7 @@ Kind = Literal["pair", "fixed", "rkmk", "rival", "default"]
 """Pairs of the catalogue, methods with fixed steps, Munthe-Kaas methods, other rivals, and what
 `cg.solve_ivp` chooses."""
 
-_LEAST_ORDER = 4
+_MIN_ORDER = 4
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def solvers(case: Case, quick: bool) -> Iterator[Solver]:
         if not method.explicit:
             continue
         kind: Kind = "rkmk" if name in munthe_kaas else "pair"
-        if method.order >= _LEAST_ORDER:
+        if method.order >= _MIN_ORDER:
             steps = _steps(case.budget // (8 if quick else 1), method.stages)
             label = f"{name}, fixed" if method.embedded_order else name
             fixed: Kind = "rkmk" if kind == "rkmk" else "fixed"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.conditions import condition_trees, unpack
-from cg.trees import forest
+from cg.trees.ordered import forest
 
 __all__ = ["NumpyResidual"]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import lazy_loader
 
-from .installation import check_folder
+from .support.installation import check_folder
 
 check_folder(__path__[0])
 

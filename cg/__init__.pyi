@@ -1,11 +1,13 @@
 # What `cg` offers, and where it is: read by type checkers, and by `cg` itself.
 from . import conditions, frames, plot, problems
 from . import jax as jax  # not in __all__: `from cg import *` would import JAX
+from .analysis.diagnosis import Diagnosis, diagnose
 from .catalogue import methods
-from .certification import Certificate, CertificationError, certify
-from .commutator_free import CommutatorFree
 from .construction import construct
-from .diagnosis import Diagnosis, diagnose
+from .construction.lifting import Lifted, LiftError, lift
+from .construction.search.random_search import search
+from .construction.solvers.lmdif import lmdif
+from .construction.solvers.system import Structure
 from .formats import export
 from .integration import (
     CompiledFunction,
@@ -25,14 +27,13 @@ from .integration import (
     solve_variational,
     solve_variational_ensemble,
 )
-from .lifting import Lifted, LiftError, lift
-from .method import Method
-from .munthe_kaas import MuntheKaas
-from .points import MethodError
-from .random_search import search
-from .solve.lmdif import lmdif
-from .solve.system import Structure
-from .tableau import Tableau, TableauError
+from .method.commutator_free import CommutatorFree
+from .method.method import Method
+from .method.munthe_kaas import MuntheKaas
+from .method.tableau import Tableau, TableauError
+from .proofs import Certificate, CertificationError, certify
+from .structure.points import MethodError
+from .support.quads import MissingQuadsError
 
 __all__ = [
     "Certificate",
@@ -49,6 +50,7 @@ __all__ = [
     "Lifted",
     "Method",
     "MethodError",
+    "MissingQuadsError",
     "MuntheKaas",
     "Solution",
     "StepTooLongError",

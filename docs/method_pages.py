@@ -17,9 +17,9 @@ import method_work
 from matplotlib import pyplot
 
 import cg
-from cg.certification import CertificationError, certificate_of
 from cg.formats import FORMATS
-from cg.method import Method
+from cg.method.method import Method
+from cg.proofs import CertificationError, certificate_of
 
 ROOT = Path(__file__).parent.parent
 sys.path.append(str(ROOT))  # of the benchmarks
@@ -31,7 +31,7 @@ KINDS = {
     "implicit": "Implicit methods",
     "other": "Low order",
 }
-MOST_POINTS = 60  # of a tree that can still be read as a picture
+MAX_POINTS = 60  # of a tree that can still be read as a picture
 
 
 def slug(name: str) -> str:
@@ -167,7 +167,7 @@ def page(method: Method) -> str:
     """Write what belongs to a method's page, and return its text."""
     name = slug(method.name)
     pictures = []
-    if method.explicit and len(method.points) <= MOST_POINTS:
+    if method.explicit and len(method.points) <= MAX_POINTS:
         draw(FOLDER / "pictures" / f"{name}_tree.png", cg.plot.points(method))
         pictures.append(
             "## Tree of points\n\nEach line is a flow; circles are stages, the square is the "

@@ -17,7 +17,7 @@ from matplotlib import pyplot
 from matplotlib.ticker import NullLocator
 
 import cg
-from cg.method import Method
+from cg.method.method import Method
 
 TO_COMPARE = ("CG4a", "DOP853", "CF4")
 """The paper's example, what needs the fewest evaluations here, and one in place of either."""

@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 from cg.catalogue import methods
 from cg.conditions import exact_residuals_of, jacobian_at
-from cg.tableau import Tableau
+from cg.method.tableau import Tableau
 
 __all__ = ["Comparison", "Printed", "compare", "nearest_exact", "printed"]
 

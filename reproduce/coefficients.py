@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cg.conditions import jacobian_at
-from cg.method import Method
-from cg.quad import to_decimal
-from cg.tableau import Tableau
+from cg.method.method import Method
+from cg.method.tableau import Tableau
+from cg.support.quads import to_decimal
 
 from .blocks import Data, Table
 
@@ -45,7 +45,7 @@ def fixed(text: str, places: int) -> str:
     Parameters
     ----------
     text : str
-        Decimal, as `cg.quad.to_decimal` writes it.
+        Decimal, as `cg.support.quads.to_decimal` writes it.
     places : int
     """
     rounded = Decimal(text).quantize(Decimal(1).scaleb(-places), context=_WIDE)

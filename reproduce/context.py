@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cg.parallel import available_cores
+from cg.support.parallel import available_cores
 
 from .blocks import Data
 

@@ -9,23 +9,15 @@ from typing import Any, Literal
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from cg.analysis.convergence import final_errors, observed_order
 from cg.catalogue import methods, munthe_kaas
-from cg.conditions import (
-    Rows,
-    count,
-    exact_residuals_of,
-    jacobian,
-    jacobian_at,
-    unknowns,
-    unpack,
-)
-from cg.convergence import final_errors, observed_order
+from cg.conditions import Rows, count, exact_residuals_of, jacobian, jacobian_at, unknowns, unpack
 from cg.frames import Euclidean
 from cg.frames.arrays import Array
 from cg.integration import integrate
-from cg.method import Method
+from cg.method.method import Method
 from cg.problems import HeavyTop, StateDependentRotation
-from cg.trees import catalan, forest
+from cg.trees.ordered import catalan, forest
 
 from .blocks import Data
 from .coefficients import RANK_THRESHOLD, condition_number

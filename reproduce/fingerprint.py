@@ -14,7 +14,7 @@ from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from typing import Any
 
-from cg.certification.files import folder as certificate_folder
+from cg.proofs.files import folder as certificate_folder
 
 __all__ = ["of_code", "of_package", "sources"]
 
@@ -93,7 +93,7 @@ def _data(modules: Container[str]) -> list[bytes]:
     """Return the data that modules read: methods, certificates, the paper's numbers."""
     folders = {
         "cg.catalogue": files("cg.catalogue"),
-        "cg.certification.files": certificate_folder(),
+        "cg.proofs.files": certificate_folder(),
         "cg.reproduce.appendix_a": files("cg.reproduce"),
     }
     return [

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cg.parallel import available_cores
 from cg.runs import StoreError
+from cg.support.parallel import available_cores
 
 from .context import Settings
 from .display import Display, duration

@@ -8,7 +8,7 @@ from contextlib import closing
 from functools import partial
 from typing import Any
 
-from cg.convergence import observed_order, slopes
+from cg.analysis.convergence import observed_order, slopes
 from cg.runs.execution import as_finished
 
 from . import fingerprint, top

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import cg
-from cg.texts import write_file
+from cg.support.parsing import write_file
 
 from . import fingerprint
 from .blocks import Data

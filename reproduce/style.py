@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from cg.texts import write_file
+from cg.support.parsing import write_file
 
 from .blocks import Chart
 
@@ -47,7 +47,7 @@ LINES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 _MARKERS = "so^vPX*"
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (3, 1, 1, 1, 1, 1)))
 
-_LEAST_SCALE = 72.0  # pixels of a page for an inch of a figure
+_MIN_SCALE = 72.0  # pixels of a page for an inch of a figure
 
 _RC: dict[Any, Any] = {
     "font.size": 10.0,
@@ -155,6 +155,6 @@ def _for_page(svg: str, chart: Chart) -> str:
     body = re.sub(r'href="#', f'href="#{prefix}-', body)
     body = re.sub(r"url\(#", f"url(#{prefix}-", body)
     # no narrower than where its letters, of 10 points, can still be read
-    least = round(_LEAST_SCALE * chart.size[0])
+    least = round(_MIN_SCALE * chart.size[0])
     opening = f'<svg role="img" aria-labelledby="{prefix}-description" style="min-width: {least}px"'
     return body.replace("<svg", opening, 1)

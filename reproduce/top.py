@@ -16,7 +16,7 @@ from cg.frames.rotations import rotate
 from cg.integration import integrate
 from cg.problems import HeavyTop
 
-from .built_in import Kind, integrate_heavy_top
+from .reference_runs import Kind, integrate_heavy_top
 
 __all__ = [
     "METHODS",

@@ -4,6 +4,7 @@ import ctypes
 import os
 import signal
 import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -14,6 +15,9 @@ import scipy.linalg  # noqa: F401  # loads the libraries whose threads are limit
 from compiled_examples import DOUBLES
 from scipy import LowLevelCallable
 from threadpoolctl import threadpool_limits
+
+# After installed packages, so that `research` is found and `cg` remains the installed one.
+sys.path.append(str(Path(__file__).parents[1]))
 
 # Methods of whoever runs the tests are none of theirs.
 os.environ["CG_METHODS"] = ""
@@ -40,7 +44,7 @@ hypothesis.settings.load_profile("same")
 @pytest.fixture(scope="session")
 def library(tmp_path_factory):
     target = tmp_path_factory.mktemp("library") / "compiled_rhs.so"
-    source = Path(__file__).parent / "compiled_rhs.c"
+    source = Path(__file__).parent / "helpers" / "compiled_rhs.c"
     subprocess.run(["gcc", "-O2", "-shared", "-fPIC", "-o", target, source, "-lm"], check=True)
     return ctypes.CDLL(str(target))
 

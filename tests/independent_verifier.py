@@ -1,9 +1,9 @@
-"""A second proof of certificates without identities, which shares no code with `cg.certification`.
+"""A second proof of certificates without identities, which shares no code with `cg.proofs`.
 
-From the text of a method and of its certificate, with the trees of `cg.trees`: weights by their
-definition and derivatives carried along, in balls; then Krawczyk's test in the certificate's box.
-Conditions of Lyndon words imply all others. ``python tests/independent_verifier.py FOLDER`` proves
-all that are there: methods in it, certificates in ``certificates`` below.
+From the text of a method and of its certificate, with the trees of `cg.trees.ordered`: weights by
+their definition and derivatives carried along, in balls; then Krawczyk's test in the certificate's
+box. Conditions of Lyndon words imply all others. ``python tests/independent_verifier.py FOLDER``
+proves all that are there: methods in it, certificates in ``certificates`` below.
 """
 
 import sys
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 
-from cg.trees import OrderedTree, forest
+from cg.trees.ordered import OrderedTree, forest
 
 
 class NotProvedError(Exception):

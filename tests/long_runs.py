@@ -24,16 +24,16 @@ LONG: dict[str, tuple[str, str, Command]] = {
         "Random tableaux and trees of points, explicit and implicit, orders 1 to 7: the compiled "
         "core in both kinds against exact arithmetic",
         "`test_differential.py`",
-        _tests("-m", "slow", "tests/test_differential.py"),
+        _tests("-m", "slow", "tests/conditions/test_differential.py"),
     ),
     "fuzz": (
         "Spoilt files of methods, certificates and stores; functions that raise or return "
         "something else at any call; hostile arguments of everything public",
         "`test_fuzz_*.py`",
         _tests(
-            "tests/test_fuzz_readers.py",
-            "tests/test_fuzz_callbacks.py",
-            "tests/test_fuzz_arguments.py",
+            "tests/package/test_fuzz_readers.py",
+            "tests/package/test_fuzz_callbacks.py",
+            "tests/package/test_fuzz_arguments.py",
             "--hypothesis-profile=nightly",
             CG_FUZZ=str(FUZZ),
         ),
@@ -41,18 +41,20 @@ LONG: dict[str, tuple[str, str, Command]] = {
     "kills": (
         "Searches, constructions and reproductions killed at random moments",
         "`test_kills.py`",
-        _tests("tests/test_kills.py", CG_KILLS=str(KILLS), CG_KILLS_REPORT="{folder}/kills.jsonl"),
+        _tests(
+            "tests/runs/test_kills.py", CG_KILLS=str(KILLS), CG_KILLS_REPORT="{folder}/kills.jsonl"
+        ),
     ),
     "engines": (
         "Searches in processes and on Dask: the run, a worker or the scheduler killed at random "
         "moments",
         "`test_kills_engines.py`",
-        _tests("tests/test_kills_engines.py", CG_KILLS=str(ENGINE_KILLS)),
+        _tests("tests/runs/test_kills_engines.py", CG_KILLS=str(ENGINE_KILLS)),
     ),
     "together": (
         "Eight threads, and eight processes by fork, spawn and forkserver",
         "`test_together.py`",
-        _tests("tests/test_together.py"),
+        _tests("tests/package/test_together.py"),
     ),
     "sanitizers": (
         "The compiled core with the sanitizers of addresses and undefined behaviour",
@@ -105,32 +107,32 @@ def figures(name: str, folder: Path) -> dict[str, Any]:
 EQUALITY = ("same", "the class has its own `__eq__` and `__hash__`")
 FROZEN = ("since", "nobody tried to change a value; `test_values.py` does")
 EXPLAINED = {
-    ("cg.trees", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
-    ("cg.points", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
+    ("cg.trees.ordered", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
+    ("cg.structure.points", "@dataclass(frozen=True, eq=False)", "False → True"): EQUALITY,
     (
-        "cg.tableau",
+        "cg.method.tableau",
         "@dataclass(frozen=True, init=False, eq=False, repr=False)",
         "False → True",
     ): EQUALITY,
-    ("cg.certification.certificate", "@dataclass(frozen=True)", "True → False"): FROZEN,
-    ("cg.certification.krawczyk", "@dataclass(frozen=True)", "True → False"): FROZEN,
-    ("cg.certification.systems", "@dataclass(frozen=True)", "True → False"): FROZEN,
+    ("cg.proofs.certificate", "@dataclass(frozen=True)", "True → False"): FROZEN,
+    ("cg.proofs.krawczyk", "@dataclass(frozen=True)", "True → False"): FROZEN,
+    ("cg.proofs.systems", "@dataclass(frozen=True)", "True → False"): FROZEN,
     (
-        "cg.certification.systems",
+        "cg.proofs.systems",
         "for value, word in zip(found, words, strict=True)",
         "True → False",
     ): ("same", "both sequences are made of the same words"),
     (
-        "cg.condition_counts",
+        "cg.conditions.counts",
         "of_size = [0] * (order + 1)  # Σ d t_d over the divisors d of each k",
         "1 → 2",
     ): ("same", "a list is one longer than what is read of it"),
-    ("cg.points", "continue", "continue → break"): (
+    ("cg.structure.points", "continue", "continue → break"): (
         "same",
         "only the last of two results may be missing",
     ),
     (
-        "cg.tableau",
+        "cg.method.tableau",
         'labels = [f"a_{i}{separator}{j}" for j in range(1, stages + 1)]',
         "1 → 2",
     ): ("same", "of the end of a range: one label more than there are entries"),

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from cg.convergence import final_errors, observed_order
-from cg.diagnosis import Diagnosis
-from cg.diagnosis.files import diagnose_tableau
-from cg.method import Method
+from cg.analysis.convergence import final_errors, observed_order
+from cg.analysis.diagnosis import Diagnosis
+from cg.analysis.diagnosis.files import diagnose_tableau
+from cg.method.method import Method
+from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
-from cg.tableau import Tableau
 
 DOCS = Path(__file__).parent.parent / "docs"
 DATA, PAGE = DOCS / "implementations.toml", DOCS / "implementations.md"

@@ -19,10 +19,10 @@ from typing import Any
 from flint import arb, arb_mat, ctx, fmpq
 
 from cg.catalogue import methods, munthe_kaas
-from cg.method import Method
-from cg.munthe_kaas import MuntheKaas
-from cg.points import START
-from cg.quad import to_decimal
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.structure.points import START
+from cg.support.quads import to_decimal
 
 FILE = Path(__file__).parent.parent / "cg" / "catalogue" / "reference_steps.json"
 BITS = 512
@@ -36,7 +36,7 @@ LINEAR = (
     (-1, 4, 1, 3, -2, -1, 2, 2, -4),
     (2, 1, -3, 1, 3, -2, -4, 1, 2),
 )
-_MOST_ITERATIONS = 2000
+_MAX_ITERATIONS = 2000
 _SOLVED = Fraction(1, 2**400)
 
 Vector = list[arb]
@@ -142,7 +142,7 @@ def _implicit_step(method: Method) -> arb_mat:
                 y = y * exponential([(ball(STEP * weight) * x).mid() for x in fields[k]])
         return y
 
-    for _ in range(_MOST_ITERATIONS):
+    for _ in range(_MAX_ITERATIONS):
         before = [*fields]
         for i, row in enumerate(a):
             fields[i] = [x.mid() for x in field(times[i], end(row))]

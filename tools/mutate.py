@@ -37,16 +37,16 @@ INTEGRATION = "integration_loop integration_input events solve_ensemble solve_iv
 # Cases that take long, and see what others see
 LONG = "not Stiefel and not Coadjoint and not second_way and not spacecraft and not slopes"
 TESTS = {  # module: files of tests in the order in which they are run
-    "cg.trees": "trees values conditions",
+    "cg.trees.ordered": "trees values conditions",
     "cg.conditions": "bad_input conditions point_conditions points",
-    "cg.condition_counts": "bad_input conditions trees",
-    "cg.oracle": "bad_input conditions point_conditions points",
-    "cg.points": "points point_conditions",
-    "cg.tableau": "tableau points catalogue",
-    "cg.commutator_free": "points catalogue",
+    "cg.conditions.counts": "bad_input conditions trees",
+    "cg.conditions.exact": "bad_input conditions point_conditions points",
+    "cg.structure.points": "points point_conditions",
+    "cg.method.tableau": "tableau points catalogue",
+    "cg.method.commutator_free": "points catalogue",
     "cg.integration.arguments": "integration_input bad_input solve_ivp adaptive integrate",
     "cg.integration.step.callbacks": f"{INTEGRATION} implicit order_on_frames munthe_kaas",
-    "cg.integration.choice": "solve_ivp adaptive integrate",
+    "cg.integration.default_method": "solve_ivp adaptive integrate",
     "cg.integration.rhs.compiled": "compiled compiled_adaptive solve_ensemble",
     "cg.integration.loop.dense": "integration_loop events dense solve_ensemble",
     "cg.integration.ensemble": "solve_ensemble ensemble_executors progress",
@@ -61,18 +61,18 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.integration.results": "values solve_ivp solve_ensemble",
     "cg.integration.loop.run": f"{INTEGRATION} adaptive limits",
     "cg.integration.stepper": "stepper",
-    "cg.certification.krawczyk": "values krawczyk certify",
-    "cg.certification.find": CERTIFICATION,
-    "cg.certification.prove": CERTIFICATION,
-    "cg.certification.statement": CERTIFICATION,
-    "cg.certification.violated": CERTIFICATION,
-    "cg.certification.zero": CERTIFICATION,
-    "cg.certification.weights": "certify_weights points krawczyk certify",
-    "cg.certification.systems": CERTIFICATION,
-    "cg.certification.identities": "orthogonality flat_rows certify",
-    "cg.certification.certificate": "values hostile_text certify krawczyk",
-    "cg.certification.digits": "krawczyk certify tableau points",
-    "cg.certification.words": CERTIFICATION,
+    "cg.proofs.krawczyk": "values krawczyk certify",
+    "cg.proofs.find": CERTIFICATION,
+    "cg.proofs.prove": CERTIFICATION,
+    "cg.proofs.statement": CERTIFICATION,
+    "cg.proofs.violated": CERTIFICATION,
+    "cg.proofs.zero": CERTIFICATION,
+    "cg.proofs.weights": "certify_weights points krawczyk certify",
+    "cg.proofs.systems": CERTIFICATION,
+    "cg.proofs.dependent.identities": "orthogonality flat_rows certify",
+    "cg.proofs.certificate": "values hostile_text certify krawczyk",
+    "cg.proofs.digits": "krawczyk certify tableau points",
+    "cg.proofs.dependent.words": CERTIFICATION,
     "cg.frames.power": "frame_product compiled gradient_flow problems frames",
     "cg.frames.nearby": "frame_coordinates frame_digits frame_growth",
     "cg.frames.matrix_functions": "frame_digits frame_growth frame_coordinates frames",
@@ -82,7 +82,7 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.problems.reaction_wheels": "problems problem_bodies",
     "cg.problems.body_with_pendulum": "problems problem_bodies",
     "cg.problems.forced_rigid_body": "problems problem_bodies",
-    "cg.munthe_kaas": "munthe_kaas munthe_kaas_methods",
+    "cg.method.munthe_kaas": "munthe_kaas munthe_kaas_methods",
     "cg.frames.dexpinv": "munthe_kaas brackets munthe_kaas_methods",
     "benchmarks.work_curves": "benchmarks",
 }
@@ -299,8 +299,8 @@ def file_of(module: str) -> Path:
 
 def tests_of(module: str) -> list[str]:
     """Return the files of tests of a module that exist."""
-    files = [ROOT / "tests" / f"test_{name}.py" for name in TESTS[module].split()]
-    return [str(file) for file in files if file.exists()]
+    files = [(ROOT / "tests").glob(f"*/test_{name}.py") for name in TESTS[module].split()]
+    return [str(file) for found in files for file in found]
 
 
 def run_child(module: str, number: int | None, log: Path) -> None:

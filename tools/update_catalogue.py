@@ -11,11 +11,11 @@ import sys
 from pathlib import Path
 
 from cg.catalogue import packaged
-from cg.certification import Certificate, CertificationError, certificate_of, certify
-from cg.certification.files import certificate_names
-from cg.certification.statement import fitting
-from cg.facts import write_facts
-from cg.method import Method
+from cg.catalogue.summary import write_facts
+from cg.method.method import Method
+from cg.proofs import Certificate, CertificationError, certificate_of, certify
+from cg.proofs.files import certificate_names
+from cg.proofs.statement import fitting
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.sections.beyond_catalogue import compute, markdown, table
 

@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.commutator_free import CommutatorFree
 from cg.conditions import exact_residuals_of
-from cg.low_storage import flat_residuals, from_two_registers, rooted_trees
+from cg.method.commutator_free import CommutatorFree
+from cg.method.low_storage import flat_residuals, from_two_registers, rooted_trees
 
-METHODS = Path(__file__).with_name("two_register_methods.toml")
+METHODS = Path(__file__).parents[1] / "research" / "two_register_methods.toml"
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 GRID = 10**75  # parameters are multiples of 1/GRID, so that they don't grow
 ENOUGH = Fraction(1, 10**60)

@@ -18,8 +18,8 @@ from difflib import get_close_matches
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
-from ..method import Method
-from ..points import MethodError
+from ..method.method import Method
+from ..structure.points import MethodError
 from .entries import dumps, dumps_json, load, loads, read, save
 from .own import OwnMethods, own_folders
 

@@ -9,13 +9,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..coefficients import Coefficient
-from ..commutator_free import CommutatorFree
-from ..method import Method
-from ..munthe_kaas import MuntheKaas
-from ..points import MethodError
-from ..tableau import Tableau, TableauError
-from ..texts import file_in, quoted, read_json, read_toml, to_json, write_file
+from ..method.coefficients import Coefficient
+from ..method.commutator_free import CommutatorFree
+from ..method.method import Method
+from ..method.munthe_kaas import MuntheKaas
+from ..method.tableau import Tableau, TableauError
+from ..structure.points import MethodError
+from ..support.parsing import file_in, quoted, read_json, read_toml, to_json, write_file
 
 __all__ = [
     "SUFFIXES",

@@ -8,9 +8,9 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from ..method import Method
-from ..points import MethodError
-from ..texts import visible
+from ..method.method import Method
+from ..structure.points import MethodError
+from ..support.parsing import visible
 from .entries import SUFFIXES, read
 
 __all__ = ["PROOF", "VARIABLE", "OwnMethods", "own_folders", "proof_beside"]

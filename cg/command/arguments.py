@@ -12,12 +12,12 @@ import click
 from click.shell_completion import CompletionItem
 
 from cg.catalogue import load, methods, munthe_kaas, near, resolve_method
-from cg.method import Method
-from cg.points import MethodError
-from cg.texts import to_json, visible_lines
+from cg.method.method import Method
+from cg.structure.points import MethodError
+from cg.support.parsing import to_json, visible_lines
 
 if TYPE_CHECKING:
-    from cg.certification import Certificate
+    from cg.proofs import Certificate
 
 __all__ = [
     "METHOD",
@@ -102,7 +102,7 @@ def certificate_of_file(method: Method) -> Certificate | None:
     CertificationError
         If it is none, or another method's.
     """
-    from cg.certification.files import certificate_beside
+    from cg.proofs.files import certificate_beside
 
     file = click.get_current_context().meta.get(_FILE)
     return None if file is None else certificate_beside(file, method)

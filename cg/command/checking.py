@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
-from cg.diagnosis import Diagnosis, diagnose, diagnose_file
-from cg.points import MethodError
+from cg.analysis.diagnosis import Diagnosis, diagnose, diagnose_file
+from cg.structure.points import MethodError
 
 from .arguments import MethodArgument, as_json, is_file, json_option, named, say
 from .main import NO

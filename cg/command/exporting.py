@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from cg.formats import FORMATS, export, known_digits
-from cg.method import Method
-from cg.texts import write_file
+from cg.method.method import Method
+from cg.support.parsing import write_file
 
 from .arguments import METHOD, certificate_of_file, check_output
 

@@ -9,9 +9,9 @@ from typing import Any
 import click
 
 from cg.catalogue import methods, munthe_kaas
-from cg.facts import Facts, facts_of
-from cg.method import Method
-from cg.texts import visible
+from cg.catalogue.summary import Facts, facts_of
+from cg.method.method import Method
+from cg.support.parsing import visible
 
 from .arguments import as_json, json_option, say
 
@@ -80,7 +80,7 @@ def list_command(
     ]
     wanted.sort(key=lambda f: (_KEYS[sort](f), f.evaluations, f.flows, f.name))
     if in_json:
-        from cg.certification import proved
+        from cg.proofs import proved
 
         as_json([facts.as_dict() | {"proved": proved(every[facts.name])} for facts in wanted])
         return

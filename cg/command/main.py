@@ -9,7 +9,7 @@ from importlib import import_module
 
 import click
 
-from cg.texts import visible
+from cg.support.parsing import visible
 
 __all__ = ["COMPLETE", "NO", "PROGRAM", "UNUSABLE", "group", "main"]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from cg.certification import CertificationError, certify
-from cg.method import Method
+from cg.method.method import Method
+from cg.proofs import CertificationError, certify
 
 from .arguments import METHOD, as_json, check_output, json_option, say
 from .main import NO
@@ -27,7 +27,7 @@ def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
 
     Prints the certificate: in a box around the coefficients is exactly one method that has the
     order exactly. Certificates of the catalogue are proved again by
-    `python -m cg.certification --check`.
+    `python -m cg.proofs --check`.
 
     Exits with 1 if the proof fails.
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from cg.finds import Solution, best, families, promote, solutions
-from cg.finds.solutions import OBJECTIVES
+from cg.construction.results import Solution, best, families, promote, solutions
+from cg.construction.results.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
 
 from .arguments import as_json, check_output, json_option, say
@@ -21,7 +21,7 @@ __all__ = ["runs_command"]
 
 _FILE = click.argument("file", metavar="FILE", type=click.Path(exists=True, dir_okay=False))
 _NUMBER = click.argument("number", metavar="RUN", type=click.IntRange(1))
-_MOST_FOR_FAMILIES = 200  # solutions; the time grows with their number
+_MAX_FOR_FAMILIES = 200  # solutions; the time grows with their number
 
 
 @click.group("runs", short_help="Look at what long runs have found, and make methods of it.")
@@ -86,12 +86,12 @@ def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
     """Show one run: its settings, rate, the distribution of f, and how many solutions differ."""
     (summary,) = (each for each in store.runs() if each.number == run.number)
     found = list(solutions(run))
-    groups = families(found[:_MOST_FOR_FAMILIES])
+    groups = families(found[:_MAX_FOR_FAMILIES])
     data = {
         **_data(summary),
         "decades": {str(decade): count for decade, count in run.decades().items()},
         "distinct": len(found),
-        "families_at_most": len(groups) + max(0, len(found) - _MOST_FOR_FAMILIES),
+        "families_at_most": len(groups) + max(0, len(found) - _MAX_FOR_FAMILIES),
         "failures": [[failure.index, failure.message] for failure in run.failures()],
     }
     if in_json:

@@ -11,9 +11,9 @@ import click
 
 from cg.catalogue import dumps, save
 from cg.construction import Construction, construct
+from cg.construction.search.random_search import SearchResult, search
 from cg.formats import export
-from cg.method import Method
-from cg.random_search import SearchResult, search
+from cg.method.method import Method
 
 from .arguments import as_json, check_output, say
 from .engines import engine

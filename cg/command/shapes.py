@@ -9,13 +9,13 @@ from typing import Any
 
 import click
 
-from cg.layout import Layout, Rows
-from cg.method import Method
-from cg.munthe_kaas import MuntheKaas
-from cg.points import MethodError
-from cg.search_settings import ALGORITHMS
-from cg.solve.system import Structure
-from cg.tree_shapes import layout_of
+from cg.construction.search.settings import ALGORITHMS
+from cg.construction.search.shapes import layout_of
+from cg.construction.solvers.system import Structure
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.structure.layout import Layout, Rows
+from cg.structure.points import MethodError
 
 from .arguments import F, NamedMethod, json_option, workers_option
 from .engines import engine_options

@@ -8,21 +8,21 @@ from typing import Any
 
 import click
 
+from cg.analysis.diagnosis import draw_points
 from cg.catalogue import packaged
-from cg.coefficients import Coefficient
-from cg.commutator_free import CommutatorFree
-from cg.diagnosis import draw_points
-from cg.facts import Facts, facts_of
+from cg.catalogue.summary import Facts, facts_of
 from cg.formats import export
-from cg.method import Method
-from cg.texts import visible
+from cg.method.coefficients import Coefficient
+from cg.method.commutator_free import CommutatorFree
+from cg.method.method import Method
+from cg.support.parsing import visible
 
 from .arguments import METHOD, as_json, certificate_of_file, json_option, say
 from .listing import table
 
 __all__ = ["show_command"]
 
-_MOST_BITS = 128  # more than the most digits that are shown
+_MAX_BITS = 128  # more than the most digits that are shown
 
 
 @click.command("show", short_help="Show all of one method.")
@@ -96,7 +96,7 @@ def _number(x: float | None, other: str) -> str:
 
 
 def _certificate(method: Method) -> str | None:
-    from cg.certification import CertificationError, certificate_of, check
+    from cg.proofs import CertificationError, certificate_of, check
 
     try:
         certificate = certificate_of_file(method)
@@ -136,7 +136,7 @@ def _tableau(method: Any, digits: int) -> str:
 def _sum(row: Sequence[Fraction], digits: int) -> str:
     total = sum(row, Fraction(0))
     # a longer one isn't shown as it is, and Python may refuse to write it
-    text = str(total) if total.denominator.bit_length() <= _MOST_BITS else ""
+    text = str(total) if total.denominator.bit_length() <= _MAX_BITS else ""
     return text if 0 < len(text) <= digits + 1 else f"{float(total):.{digits}g}"
 
 

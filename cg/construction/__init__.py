@@ -1,6 +1,5 @@
 """Tools on the set of methods of an order: construct, compose, eliminate, optimise."""
 
-from ..solve.system import ConditionSystem, Structure
 from .attempt import Attempt, run_attempt
 from .candidate import Candidate, NotExactError, correct, pack_method, refinable, solved, to_method
 from .compose import compose, triple_jump
@@ -10,6 +9,7 @@ from .drop_flow import drop_flow, drop_point_stage
 from .eliminate import eliminate, eliminate_stage, walk
 from .optimise import Goals, fewer_exponentials, optimise, principal_error
 from .settings import ConstructionSettings
+from .solvers.system import ConditionSystem, Structure
 
 __all__ = [
     "Attempt",

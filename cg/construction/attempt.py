@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import quad
-from ..checks import LARGEST_COUNT
 from ..conditions import count
-from ..layout import Layout
-from ..method import Method
+from ..method.method import Method
 from ..runs import Record
-from ..solve.system import ConditionSystem
-from ..tree_shapes import draw_layout
+from ..structure.layout import Layout
+from ..support import quads
+from ..support.checks import MAX_COUNT
 from .candidate import Candidate, NotExactError, refinable, solved, to_method
 from .drop import solve_start
 from .drop_flow import drop_flow
 from .eliminate import eliminate, walk
+from .search.shapes import draw_layout
 from .settings import ConstructionSettings
+from .solvers.system import ConditionSystem
 from .start import random_candidate
 
 __all__ = ["Attempt", "arrived", "refined", "run_attempt"]
 
-_LEAST_ESTIMATE = 1e-5  # a pair's second result is as good as the first where stages coincide
+_MIN_ESTIMATE = 1e-5  # a pair's second result is as good as the first where stages coincide
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Attempt:
             refined_evaluations=None,
             largest_residual=None,
             solved=self.solved,
-            coefficients=quad.from_float(self.x).tobytes(),
+            coefficients=quads.from_float(self.x).tobytes(),
             seconds=seconds,
         )
 
@@ -89,7 +89,7 @@ class Attempt:
                 stages=record.stages,
                 solved=record.solved,
                 f=record.f,
-                x=tuple(quad.to_float(bits).tolist()),
+                x=tuple(quads.to_float(bits).tolist()),
                 flows=record.flows,
                 tree=None if record.tree is None else _layout(json.loads(record.tree)),
             )
@@ -109,7 +109,7 @@ def check_attempt(settings: ConstructionSettings, attempt: Attempt) -> Attempt:
     try:
         layout = attempt.tree or Layout.tableau(attempt.stages)
         system = ConditionSystem(settings.order, layout, settings.structure)
-        if not 0 <= attempt.index <= LARGEST_COUNT or len(attempt.x) != system.size:
+        if not 0 <= attempt.index <= MAX_COUNT or len(attempt.x) != system.size:
             raise ValueError("wrong index or number of coefficients")
         again = _attempt(settings, attempt.index, Candidate(system, _array(attempt.x)))
     except (TypeError, ValueError, IndexError) as error:
@@ -186,7 +186,7 @@ def arrived(settings: ConstructionSettings, attempt: Attempt) -> bool:
 def _acceptable(settings: ConstructionSettings, candidate: Candidate) -> bool:
     if not solved(candidate) or candidate.largest > settings.largest or not refinable(candidate):
         return False
-    if settings.embedded and candidate.estimate < _LEAST_ESTIMATE:
+    if settings.embedded and candidate.estimate < _MIN_ESTIMATE:
         return False
     return not settings.full_rank or candidate.rank == count(settings.order, independent=True)
 

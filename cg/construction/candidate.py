@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .. import quad
-from ..commutator_free import CommutatorFree
 from ..conditions import count
-from ..layout import Layout
-from ..method import Method
-from ..random_start import EXACT
-from ..solve.minimum_norm import fit_conditions
-from ..solve.polish import polish_zeros
-from ..solve.refine import refine
-from ..solve.system import ConditionSystem
-from ..tableau import Tableau
+from ..method.commutator_free import CommutatorFree
+from ..method.method import Method
+from ..method.tableau import Tableau
+from ..structure.layout import Layout
+from ..support import quads
+from .search.start import EXACT
+from .solvers.minimum_norm import fit_conditions
+from .solvers.polish import polish_zeros
+from .solvers.refine import refine
+from .solvers.system import ConditionSystem
 
 __all__ = [
     "Candidate",
@@ -116,7 +116,8 @@ def correct(
     frozen : sequence of int, optional
         Entries that must keep their values.
     ftol, damping, max_iterations, accurate
-        As for `cg.solve.minimum_norm.fit_conditions`; accurate from order 7 on by default.
+        As for `cg.construction.solvers.minimum_norm.fit_conditions`; accurate from order 7 on
+        by default.
 
     Returns
     -------
@@ -172,7 +173,7 @@ def solved(candidate: Candidate) -> bool:
 def refinable(candidate: Candidate) -> bool:
     """Tell whether an exact solution is close by: whether refinement in real(16) gets there."""
     refined = refine(
-        quad.from_float(candidate.x),
+        quads.from_float(candidate.x),
         candidate.system,
         free=np.setdiff1d(
             candidate.system.free, np.flatnonzero(candidate.x == 0)
@@ -212,7 +213,7 @@ def to_method(
     system = check_candidate(candidate).system
     free = np.setdiff1d(movable(system, frozen), np.flatnonzero(candidate.x == 0))
     refined = refine(
-        quad.from_float(candidate.x),
+        quads.from_float(candidate.x),
         system,
         free=free,
     )
@@ -222,8 +223,8 @@ def to_method(
             f"largest residual {refined.largest_residual:.2e} after refinement, "
             f"more than {EXACT * scale:.0e}"
         )
-    polished = polish_zeros(quad.decode(refined.x), system, free)
-    decimals = [quad.to_decimal(entry) for entry in polished.x]
+    polished = polish_zeros(quads.decode(refined.x), system, free)
+    decimals = [quads.to_decimal(entry) for entry in polished.x]
     return _method(system.layout, decimals, name, source)
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import check_integer
-from ..coefficients import Coefficient
-from ..quad import to_decimal
-from ..tableau import Tableau
+from ..method.coefficients import Coefficient
+from ..method.tableau import Tableau
+from ..support.checks import check_integer
+from ..support.quads import to_decimal
 
 __all__ = ["compose", "triple_jump"]
 
@@ -32,7 +32,7 @@ def compose(
     methods : sequence of Tableau
         Explicit methods, in the order in which they are applied.
     gammas : sequence of numbers
-        As many; what `cg.coefficients.Coefficient.read` takes: integers, Fractions, text.
+        As many; what `cg.method.coefficients.Coefficient.read` takes: integers, Fractions, text.
     name, source : str, optional
 
     Returns

@@ -9,10 +9,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
-from .. import quad
-from ..checks import LARGEST_COUNT, check_flag, check_integer
-from ..method import Method
-from ..parallel import single_threads
+from ..method.method import Method
 from ..runs import (
     ExecutorLike,
     Failure,
@@ -25,9 +22,12 @@ from ..runs import (
     completed,
     stored_run,
 )
-from ..solve.system import Structure
+from ..support import quads
+from ..support.checks import MAX_COUNT, check_flag, check_integer
+from ..support.parallel import single_threads
 from .attempt import Attempt, arrived, check_attempt, refined, run_attempt
 from .settings import ConstructionSettings, tableau_settings, tree_settings
+from .solvers.system import Structure
 
 __all__ = ["Construction", "construct"]
 
@@ -184,8 +184,8 @@ def construct(
         raise ValueError("first_same_as_last needs a number of flows, got one of tableaux")
     else:
         settings = tableau_settings(*common, width, iterations, force)
-    quad.core("cg.construct")
-    tries = check_integer("tries", tries, 1, LARGEST_COUNT)
+    quads.core("cg.construct")
+    tries = check_integer("tries", tries, 1, MAX_COUNT)
     call, line = check_progress(progress)
     executor, workers = check_executor(executor, workers)
     told = partial(_Told, settings, call, Tally(line, "tries", tries))

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_generator, check_integer, check_real
-from ..solve.singular import finish
-from ..solve.system import ConditionSystem, Structure
-from ..tree_shapes import held_weights
+from ..support.checks import check_generator, check_integer, check_real
 from .candidate import Candidate, check_candidate, correct, movable, solved
+from .search.shapes import held_weights
+from .solvers.singular import finish
+from .solvers.system import ConditionSystem, Structure
 
 __all__ = ["drop_stage", "held", "solve_start"]
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_generator, check_integer, check_real
-from ..layout import Layout
-from ..points import START
+from ..structure.layout import Layout
+from ..structure.points import START
+from ..support.checks import check_generator, check_integer, check_real
 from .candidate import Candidate, check_candidate, solved
 from .drop import solve_start
 

@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..checks import WIDEST, check_generator, check_integer, check_real
-from ..solve.system import Structure
+from ..support.checks import WIDEST, check_generator, check_integer, check_real
 from .candidate import Candidate, check_candidate, correct, solved
 from .drop import drop_stage, held
+from .solvers.system import Structure
 
 __all__ = ["eliminate", "eliminate_stage", "walk"]
 
 _NEARLY_GONE = 1e-2  # from this fraction of the column on, the rest is tried at once
-_SMALLEST_STEP = 2e-3
+_MIN_STEP = 2e-3
 _SHRUNK = 3  # columns that are tried from one candidate
 _INTERMEDIATE = 1e-19  # sum of squares that is good enough on the way
 
@@ -68,7 +68,7 @@ def eliminate_stage(
             candidate, left, step = trial, wanted, min(1.5 * step, 0.5)
             continue
         step /= 2
-        if step < _SMALLEST_STEP or used > budget:
+        if step < _MIN_STEP or used > budget:
             return None
     return candidate.without(stage)
 

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from .. import compiled_conditions
-from ..checks import check_integer, check_real
+from ..conditions import compiled as compiled_conditions
 from ..conditions import condition_trees, count
-from ..solve.singular import Decomposition, decompose, retract
+from ..support.checks import check_integer, check_real
 from .candidate import Candidate, check_candidate, correct, movable, solved
+from .solvers.singular import Decomposition, decompose, retract
 
 __all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
 
-_LONGEST_STEP = 1.0
+_MAX_STEP = 1.0
 _ZEROS_FTOL = 1e-29  # with few entries left a near miss can look like a solution: ask for more
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -148,7 +148,7 @@ def _back(
     candidate: Candidate, free: NDArray[np.intp], near: Decomposition, step: NDArray[np.float64]
 ) -> Candidate | None:
     """Take a step along the tangent space and return to the set; None if that fails."""
-    if float(np.linalg.norm(step)) > _LONGEST_STEP:
+    if float(np.linalg.norm(step)) > _MAX_STEP:
         return None
     x = candidate.x.copy()
     x[free] += step

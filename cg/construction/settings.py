@@ -5,11 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..checks import LARGEST_COUNT, MOST_STAGES, WIDEST, check_flag, check_integer, check_real
-from ..layout import Layout
-from ..points import START
-from ..solve.system import ConditionSystem, Structure
-from ..tree_shapes import check_order, check_points
+from ..structure.layout import Layout
+from ..structure.points import START
+from ..support.checks import (
+    MAX_COUNT,
+    MAX_STAGES,
+    WIDEST,
+    check_flag,
+    check_integer,
+    check_real,
+)
+from .search.shapes import check_order, check_points
+from .solvers.system import ConditionSystem, Structure
 from .start import default_start, likely_structure, tree_start
 
 __all__ = ["ConstructionSettings", "tableau_settings", "tree_settings"]
@@ -52,7 +59,7 @@ def tableau_settings(
 ) -> ConstructionSettings:
     """Return the settings for a tableau, from arguments of `construct`."""
     order = check_order(order)
-    stages = check_integer("stages", stages, 1, MOST_STAGES)
+    stages = check_integer("stages", stages, 1, MAX_STAGES)
     full_rank = check_flag("full_rank", full_rank)
     if structure is None:
         structure = Structure.GENERAL if full_rank else likely_structure(order, stages)
@@ -68,7 +75,7 @@ def tableau_settings(
     start = default_start(order, system.structure)
     if first_stages is None:
         first_stages = max(stages, start.stages)
-    first_stages = check_integer("first_stages", first_stages, stages, MOST_STAGES)
+    first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
     if width is None:
         width = start.width
     if iterations is None:
@@ -80,7 +87,7 @@ def tableau_settings(
         system.structure,
         first_stages,
         check_real("width", width, positive=True, most=WIDEST),
-        check_integer("iterations", iterations, 1, LARGEST_COUNT),
+        check_integer("iterations", iterations, 1, MAX_COUNT),
         start.promising,
         check_real("largest", largest, positive=True),
         check_integer("restarts", restarts, 0),
@@ -108,7 +115,7 @@ def tree_settings(
 ) -> ConstructionSettings:
     """Return the settings for a method of points, from arguments of `construct`."""
     order = check_order(order)
-    stages = check_integer("stages", stages, 1, MOST_STAGES)
+    stages = check_integer("stages", stages, 1, MAX_STAGES)
     for name, value in (("structure", structure), ("first_stages", first_stages)):
         if value:
             raise ValueError(f"{name} is for tableaux, got {value!r} with a tree")
@@ -135,14 +142,14 @@ def tree_settings(
         stages,
         check_real("width", start.width if width is None else width, positive=True, most=WIDEST),
         check_integer(
-            "iterations", start.iterations if iterations is None else iterations, 1, LARGEST_COUNT
+            "iterations", start.iterations if iterations is None else iterations, 1, MAX_COUNT
         ),
         start.promising,
         check_real("largest", largest, positive=True),
         check_integer("restarts", restarts, 0),
         check_flag("full_rank", full_rank),
         flows,
-        check_integer("first_flows", first_flows, flows, 10 * MOST_STAGES),
+        check_integer("first_flows", first_flows, flows, 10 * MAX_STAGES),
         check_flag("embedded", embedded),
         layout,
         check_flag("first_same_as_last", first_same_as_last),

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solve.system import ConditionSystem, Structure
-from ..tree_shapes import draw_guess
 from .candidate import Candidate
 from .drop import held
+from .search.shapes import draw_guess
+from .solvers.system import ConditionSystem, Structure
 
 __all__ = ["StartSettings", "default_start", "likely_structure", "random_candidate", "tree_start"]
 

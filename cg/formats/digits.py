@@ -8,21 +8,21 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from ..checks import check_integer
-from ..coefficients import Coefficient
-from ..commutator_free import CommutatorFree
-from ..method import Method
-from ..munthe_kaas import MuntheKaas
-from ..points import MethodError
-from ..quad import DECIMAL_DIGITS, to_decimal
-from ..tableau import Tableau
+from ..method.coefficients import Coefficient
+from ..method.commutator_free import CommutatorFree
+from ..method.method import Method
+from ..method.munthe_kaas import MuntheKaas
+from ..method.tableau import Tableau
+from ..structure.points import MethodError
+from ..support.checks import check_integer
+from ..support.quads import DECIMAL_DIGITS, to_decimal
 
 if TYPE_CHECKING:
-    from ..certification import Certificate
+    from ..proofs import Certificate
 
-__all__ = ["MOST_DIGITS", "Numbers", "known_digits", "numbers_of"]
+__all__ = ["MAX_DIGITS", "Numbers", "known_digits", "numbers_of"]
 
-MOST_DIGITS = 4000
+MAX_DIGITS = 4000
 """More decimal digits of an integer Python doesn't write by default."""
 
 _GUARD_DIGITS = 10
@@ -133,18 +133,18 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     if certificate is not None:
-        from ..certification import Certificate
+        from ..proofs import Certificate
 
         if not isinstance(certificate, Certificate):
             raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
     stored = tuple(given.value for given in method.coefficients)
     if digits is None:
         return Numbers(method, stored, None)
-    digits = check_integer("digits", digits, 1, MOST_DIGITS)
+    digits = check_integer("digits", digits, 1, MAX_DIGITS)
     known = known_digits(method)
     if known is None or digits <= known:
         return Numbers(method, stored, digits)
-    from ..certification import CertificationError, certificate_of, refined_digits
+    from ..proofs import CertificationError, certificate_of, refined_digits
 
     try:
         if certificate is None:
@@ -155,7 +155,7 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
         raise ValueError(
             f"digits must be at most {known}, which are stored, since {problem}; got {digits}"
         ) from None
-    wanted = min(digits + _GUARD_DIGITS, MOST_DIGITS)
+    wanted = min(digits + _GUARD_DIGITS, MAX_DIGITS)
     texts = refined_digits(method, certificate, wanted)
     return Numbers(method, tuple(map(Fraction, texts)), digits)
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ..catalogue import dumps, dumps_json, resolve_method
-from ..method import Method
-from ..texts import visible
+from ..method.method import Method
+from ..support.parsing import visible
 from .c import to_c
 from .digits import numbers_of
 from .fortran import to_fortran
@@ -18,7 +18,7 @@ from .program import Program, make_program
 from .python import to_jax, to_python
 
 if TYPE_CHECKING:
-    from ..certification import Certificate
+    from ..proofs import Certificate
 
 __all__ = ["FORMATS", "export", "summary"]
 

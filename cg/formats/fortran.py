@@ -9,7 +9,7 @@ from .text import comment, heading, integers, real, wrapped
 
 __all__ = ["to_fortran"]
 
-_MOST_ENTRIES = 200  # in one statement, which older standards end after 255 lines
+_MAX_ENTRIES = 200  # in one statement, which older standards end after 255 lines
 _WIDEST = 120  # of a line, which the standard ends after 132 characters
 
 _MODULE = """module @name@_method
@@ -198,13 +198,13 @@ def _array(kind: str, name: str, entries: Sequence[str]) -> list[str]:
     """Declare an array; a long one in parts."""
     if not entries:
         return [f"  {kind}, parameter :: {name}(0) = [{kind} ::]"]
-    if len(entries) <= _MOST_ENTRIES:
+    if len(entries) <= _MAX_ENTRIES:
         body = wrapped(entries, "    ", end=" &")
         return [f"  {kind}, parameter :: {name}({len(entries)}) = [ &\n{body}]"]
     lines = []
     names = []
-    for number, k in enumerate(range(0, len(entries), _MOST_ENTRIES), 1):
+    for number, k in enumerate(range(0, len(entries), _MAX_ENTRIES), 1):
         names.append(f"{name}_{number}")
-        lines += _array(kind, names[-1], entries[k : k + _MOST_ENTRIES])
+        lines += _array(kind, names[-1], entries[k : k + _MAX_ENTRIES])
     joined = wrapped(names, "    ", end=" &")
     return [*lines, f"  {kind}, parameter :: {name}({len(entries)}) = [ &\n{joined}]"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
-from ..coefficients import Coefficient
-from ..commutator_free import CommutatorFree
-from ..method import Method
-from ..quad import to_decimal
+from ..method.coefficients import Coefficient
+from ..method.commutator_free import CommutatorFree
+from ..method.method import Method
+from ..support.quads import to_decimal
 from .digits import Numbers
 
 __all__ = ["short_numbers", "to_array", "to_latex"]
@@ -18,7 +18,7 @@ _WIDEST = 110
 
 _LONGEST = 40  # rows of a table that stays on one page
 
-_MOST_BITS = 10_000  # of an integer; from 4300 digits on Python refuses to write it
+_MAX_BITS = 10_000  # of an integer; from 4300 digits on Python refuses to write it
 
 _SHORT = 6  # digits in notebooks
 
@@ -112,7 +112,7 @@ def _entries(
 
 def _is_long(value: Fraction) -> bool:
     """Tell whether Python might refuse to write numerator or denominator."""
-    return max(value.numerator.bit_length(), value.denominator.bit_length()) > _MOST_BITS
+    return max(value.numerator.bit_length(), value.denominator.bit_length()) > _MAX_BITS
 
 
 def _tableau(method: Method, numbers: Numbers) -> list[list[str]]:

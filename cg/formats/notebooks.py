@@ -5,14 +5,14 @@ from __future__ import annotations
 from html import escape
 from itertools import islice
 
-from ..commutator_free import CommutatorFree
-from ..method import Method
-from ..texts import visible
+from ..method.commutator_free import CommutatorFree
+from ..method.method import Method
+from ..support.parsing import visible
 from .latex import short_numbers, to_array
 
 __all__ = ["to_formula", "to_html"]
 
-_MOST_ROWS = 40
+_MAX_ROWS = 40
 _CELL = 'style="text-align: right; padding: 0.1em 0.6em'
 _LEFT = f'{_CELL}; border-right: 1px solid"'
 _TEXT = 'class="tex2jax_ignore mathjax_ignore"'  # dollars begin no formula
@@ -36,7 +36,7 @@ def to_html(method: Method) -> str:
 
 def _tableau(method: Method) -> str:
     rows = []
-    for i, (first, *entries) in enumerate(islice(short_numbers(method), _MOST_ROWS)):
+    for i, (first, *entries) in enumerate(islice(short_numbers(method), _MAX_ROWS)):
         cells = "".join(f'<td {_CELL}">{entry}</td>' for entry in entries)
         line = f" {_LINE}" if i == method.stages else ""
         rows.append(f"<tr{line}><td {_LEFT}>{first}</td>{cells}</tr>")
@@ -52,7 +52,7 @@ def _points(method: CommutatorFree) -> str:
     if method.embedded_result is not None:
         roles.setdefault(method.embedded_result, []).append("second result")
     rows = [_row("0", "", "", roles.get(-1, []))]
-    shown = islice(zip(method.points, short_numbers(method), strict=True), _MOST_ROWS - 1)
+    shown = islice(zip(method.points, short_numbers(method), strict=True), _MAX_ROWS - 1)
     for m, (point, numbers) in enumerate(shown):
         terms = " + ".join(
             f"{short} F<sub>{stage + 1}</sub>"

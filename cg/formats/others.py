@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..catalogue import resolve_method
-from ..method import Method
+from ..method.method import Method
 
 __all__ = ["to_diffrax", "to_nodepy"]
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from ..munthe_kaas import MuntheKaas
-from ..points import START, Point, PointTree
+from ..method.munthe_kaas import MuntheKaas
+from ..structure.points import START, Point, PointTree
 from .digits import Numbers
 
 __all__ = ["Move", "Program", "identifier", "make_program"]

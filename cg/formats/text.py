@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from ..texts import visible
+from ..support.parsing import visible
 
 __all__ = ["comment", "heading", "integers", "real", "wrapped"]
 

@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.checks import check_integer
 from cg.frames.arrays import Array, is_array, real_array
 from cg.frames.dexpinv import frobenius, series_dexpinv
+from cg.support.checks import check_integer
 
 # Up to this dimension products of coefficients with structure constants take less time than those
 # of matrices.
-MOST_CONSTANTS = 16
-_MOST_ORDER = 200  # of a Runge-Kutta method, which all the terms of the series serve
+MAX_CONSTANTS = 16
+_MAX_ORDER = 200  # of a Runge-Kutta method, which all the terms of the series serve
 
 
 class FieldAlgebra(ABC):
@@ -95,11 +95,11 @@ class FieldAlgebra(ABC):
         ValueError
             If a last axis hasn't length ``dim``, or ``order`` is no positive integer.
         """
-        order = check_integer("order", order, 1, _MOST_ORDER)
+        order = check_integer("order", order, 1, _MAX_ORDER)
         return self._dexpinv(self._vectors(u, "u"), self._vectors(v), order)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self.dim <= MOST_CONSTANTS:
+        if self.dim <= MAX_CONSTANTS:
             flat = u @ self._adjoint_basis.reshape(self.dim, -1)
             matrix = flat.reshape(*u.shape, self.dim)
             bound = frobenius(matrix)

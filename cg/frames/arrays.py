@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.checks import check_generator
+from cg.support.checks import check_generator
 
 __all__ = [
     "Array",
@@ -33,7 +33,7 @@ Points = NDArray[Any]
 
 Convention = Literal["body", "space"]
 
-_MOST_POINTS = 2**40  # more than fit into any memory
+_MAX_POINTS = 2**40  # more than fit into any memory
 
 Size = int | Sequence[int]
 """The leading axes of random points, or the length of one such axis."""
@@ -114,6 +114,6 @@ def check_random(rng: Any, size: Any) -> tuple[int, ...]:
         raise TypeError(f"size must be an integer or a tuple of integers, got {size!r}")
     if any(n < 0 for n in axes):
         raise ValueError(f"size must not be negative, got {size!r}")
-    if math.prod(map(int, axes)) > _MOST_POINTS:
-        raise ValueError(f"size must be at most {_MOST_POINTS} in all, got {size!r}")
+    if math.prod(map(int, axes)) > _MAX_POINTS:
+        raise ValueError(f"size must be at most {_MAX_POINTS} in all, got {size!r}")
     return tuple(map(int, axes))

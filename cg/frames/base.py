@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.checks import check_generator
 from cg.frames.algebra import FieldAlgebra
 from cg.frames.arrays import (
     Array,
@@ -25,6 +24,7 @@ from cg.frames.arrays import (
 from cg.frames.block_kinds import Blocks
 from cg.frames.checking import problems_of
 from cg.frames.nearby import nearby_coordinates, newton_correction, shortest_coefficients
+from cg.support.checks import check_generator
 
 MEMBERSHIP_TOLERANCE = 1e-8
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cg.shared_numbers import BlockKind, BlockOption
+from cg.support.shared_numbers import BlockKind, BlockOption
 
 __all__ = ["SCALAR_FIRST", "SPACE_AXES", "BlockKind", "Blocks", "compared_by_entries"]
 
@@ -16,7 +16,7 @@ Blocks = tuple[tuple[int, int, int, *tuple[float, ...]], ...]
 """Of every block its kind, its size n (of R^n, SO(n), SU(n), U(n), rows of isospectral matrices; 3
 elsewhere), the sum of its options, and what constants it has: eigenvalues, increasing."""
 
-LARGEST_MATRIX = 12
+MAX_MATRIX = 12
 """Up to this size the flows of matrix groups are compiled; beyond, libraries are faster."""
 
 

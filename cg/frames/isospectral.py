@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points, Size, complex_array, is_complex_array, real_array
 from cg.frames.base import MEMBERSHIP_TOLERANCE
-from cg.frames.block_kinds import LARGEST_MATRIX, BlockKind, Blocks
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
@@ -116,7 +116,7 @@ class IsospectralOrbit(HomogeneousSpace):
 
     def _blocks(self) -> Blocks | None:
         n = len(self.spectrum)
-        if self.hermitian or n > LARGEST_MATRIX:
+        if self.hermitian or n > MAX_MATRIX:
             return None
         return ((BlockKind.ISOSPECTRAL, n, 0, *self.spectrum),)
 

@@ -12,7 +12,7 @@ from cg.frames.arrays import Array, Points
 # Within this 1-norm of the identity z below has norm 1/7, and the terms left out are 1e-18.
 _NEAR = 0.25
 # Squares of so many roots of a matrix of doubles have no digits.
-_MOST_ROOTS = 60
+_MAX_ROOTS = 60
 _ARTANH = [1.0 / (2 * k + 1) for k in range(11)]
 
 
@@ -83,7 +83,7 @@ def _real_logarithm(x: Points) -> Points:
     logarithms = np.log(eigenvalues)
     roots = 0
     while not np.linalg.matrix_norm(root - identity, ord=1) <= _NEAR:
-        if roots == _MOST_ROOTS or not np.isfinite(root).all():
+        if roots == _MAX_ROOTS or not np.isfinite(root).all():
             return nothing
         root = scipy.linalg.sqrtm(root)
         roots += 1

@@ -15,9 +15,9 @@ from cg.frames.base import FlowOverflowError
 _TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
 
 # Up to this size of a matrix products of stacks are faster than SciPy's exponential.
-_LARGEST_TAYLOR = 16
+_MAX_TAYLOR = 16
 
-LARGEST_EXPONENT = 2.0**32
+MAX_EXPONENT = 2.0**32
 """The largest norm of a matrix whose exponential is computed.
 
 Whatever the algorithm, an exponential has an error of the matrix's norm times the rounding unit,
@@ -26,10 +26,10 @@ manifold: at this norm to 5e-9, beyond it would soon be further than a point may
 """
 
 # Of unitary exponentials: repeated squaring loses digits that eigenvalues don't.
-_LARGEST_SQUARED = 1e3
+_MAX_SQUARED = 1e3
 
 # Newton's method from a point nearby doubles the digits each time.
-_MOST_CORRECTIONS = 10
+_MAX_CORRECTIONS = 10
 _ROUNDING = 1e-15
 
 
@@ -49,16 +49,16 @@ def expm(matrix: Points, v: Array) -> Points:
         If a matrix is too large for its exponential to have any correct digits to speak of.
     """
     # One dot product settles it but for what is enormous, or not finite.
-    if not np.vdot(matrix, matrix).real <= LARGEST_EXPONENT**2:
+    if not np.vdot(matrix, matrix).real <= MAX_EXPONENT**2:
         norms = np.linalg.matrix_norm(matrix)
         largest = float(np.max(norms, where=np.isfinite(norms), initial=0.0))
-        if largest > LARGEST_EXPONENT:
+        if largest > MAX_EXPONENT:
             lengths = np.linalg.norm(v, axis=-1)
             longest = float(np.max(lengths, where=np.isfinite(lengths), initial=0.0))
             raise FlowOverflowError(
                 f"the flow of v with |v| = {longest:.3g} can't be computed in double precision: "
                 f"the matrix in its exponential has norm {largest:.3g}, more than "
-                f"{LARGEST_EXPONENT:.3g}"
+                f"{MAX_EXPONENT:.3g}"
             )
     return _expm(matrix)
 
@@ -92,7 +92,7 @@ def _expm(matrix: Points, small: Callable[[Points], Points] = _scipy_expm) -> Po
 def _taylor_expm(matrix: Points) -> Points:
     """Return exponentials of matrices of norm at most one, right to rounding."""
     n = matrix.shape[-1]
-    if n > _LARGEST_TAYLOR:
+    if n > _MAX_TAYLOR:
         return _scipy_expm(matrix)
     # Taylor's polynomial of degree 19, in powers of the fourth power: SciPy goes from one matrix
     # to the next in Python, and solves equations for each.
@@ -117,10 +117,10 @@ def unitary_exponential(matrix: Points, *, special: bool = False) -> Points:
     whose blocks are turned by angles that are reduced one by one: unitary to rounding, and where
     ``special`` of determinant 1.
     """
-    if np.vdot(matrix, matrix).real <= _LARGEST_SQUARED**2:
+    if np.vdot(matrix, matrix).real <= _MAX_SQUARED**2:
         return _expm(matrix, _taylor_expm)
     norms = np.linalg.matrix_norm(matrix)
-    large = np.isfinite(norms) & (norms > _LARGEST_SQUARED)
+    large = np.isfinite(norms) & (norms > _MAX_SQUARED)
     result = _expm(np.where(large[..., None, None], 0.0, matrix), _taylor_expm)
     for index in map(tuple, np.argwhere(large)):
         omega = matrix[index]
@@ -277,7 +277,7 @@ def two_norm(y: Points) -> Array:
 
 def corrected(y: Points, correction: Callable[[Points], Points]) -> Points:
     """Return points after corrections by Newton's method, until nothing but rounding is left."""
-    for _ in range(_MOST_CORRECTIONS):
+    for _ in range(_MAX_CORRECTIONS):
         change = correction(y)
         y = y + change
         if not (np.abs(change).max(initial=0.0) > _ROUNDING * np.abs(y).max(initial=0.0)):

@@ -11,8 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.checks import memory
-from cg.frames.algebra import MOST_CONSTANTS
+from cg.frames.algebra import MAX_CONSTANTS
 from cg.frames.arrays import (
     Array,
     Convention,
@@ -26,7 +25,7 @@ from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.frames.dexpinv import frobenius, series_dexpinv
 from cg.frames.logarithms import real_log1p
 from cg.frames.matrix_functions import (
-    LARGEST_EXPONENT,
+    MAX_EXPONENT,
     combine,
     distance_from_unitary,
     expm,
@@ -34,6 +33,7 @@ from cg.frames.matrix_functions import (
     newton_schulz,
     random_unitary,
 )
+from cg.support.checks import memory
 
 # Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,
 # and is large relative to it. It turns a point by no more than this in a unit of time.
@@ -176,7 +176,7 @@ class MatrixGroup(Frame):
         return self._side * self._algebra_projection(first @ second - second @ first)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self.dim <= MOST_CONSTANTS:
+        if self.dim <= MAX_CONSTANTS:
             return super()._dexpinv(u, v, order)
         generator, side = self.algebra(u), self._side
         bound = 2.0 * frobenius(generator)
@@ -278,7 +278,7 @@ class MatrixGroup(Frame):
 
     def _reaching(self, v: Array, start: Points, end: Points) -> Array:
         """Return coefficients, NaN where their flow doesn't lead to the end."""
-        known = np.asarray(np.linalg.matrix_norm(self.algebra(v)) <= LARGEST_EXPONENT)
+        known = np.asarray(np.linalg.matrix_norm(self.algebra(v)) <= MAX_EXPONENT)
         with np.errstate(over="ignore", invalid="ignore"):
             off = np.linalg.matrix_norm(self.flow(np.where(known[..., None], v, 0.0), start) - end)
             reached = known & (off <= MEMBERSHIP_TOLERANCE * np.linalg.matrix_norm(end))

@@ -14,7 +14,7 @@ from cg.frames.arrays import Array, Points
 _RANK_TOLERANCE = 1e-12
 # Corrections of nearby coordinates by fields shrink by a factor of about |v|, and where that is
 # slow Newton's take over; points that these don't find are not nearby.
-_MOST_CORRECTIONS = 20
+_MAX_CORRECTIONS = 20
 _SLOW = 0.1
 _FAR = 1e9
 # Of the points: some twenty roundings
@@ -81,7 +81,7 @@ def nearby_coordinates(frame: MovingFrame, guess: Array, start: Points, end: Poi
     active = np.flatnonzero(away > np.where(guessed, _REACHED * length, 0.0))
     reached, left = y[active], away[active]
     exact = np.zeros(len(active), dtype=bool)
-    for _ in range(_MOST_CORRECTIONS):
+    for _ in range(_MAX_CORRECTIONS):
         if not len(active):
             break
         tried = frame._correct(v[active], start[active], reached, end[active], exact)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
-from cg.frames.block_kinds import LARGEST_MATRIX, BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
 from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
@@ -111,7 +111,7 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         return super()._dexpinv(u, v, order)
 
     def _blocks(self) -> Blocks | None:
-        if self.n > LARGEST_MATRIX:
+        if self.n > MAX_MATRIX:
             return None
         kind = BlockKind.SO3 if self.n == 3 else BlockKind.SO
         return ((kind, self.n, axes_option(self.convention)),)

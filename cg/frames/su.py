@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import LARGEST_MATRIX, BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
 from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
@@ -86,7 +86,7 @@ class SU(U):
         return super()._dexpinv(u, v, order)
 
     def _blocks(self) -> Blocks | None:
-        if self.n > LARGEST_MATRIX:
+        if self.n > MAX_MATRIX:
             return None
         kind, size = (BlockKind.SU2, 3) if self.n == 2 else (BlockKind.SU, self.n)
         return ((kind, size, axes_option(self.convention)),)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import LARGEST_MATRIX, BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
@@ -68,7 +68,7 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
         return unitary_exponential(self.algebra(v), special=self._special)
 
     def _blocks(self) -> Blocks | None:
-        if self.n > LARGEST_MATRIX:
+        if self.n > MAX_MATRIX:
             return None
         return ((BlockKind.U, self.n, axes_option(self.convention)),)
 

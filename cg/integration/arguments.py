@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.catalogue import resolve_method
-from cg.checks import memory
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.integration.step.plan import Plan
-from cg.method import Method
+from cg.method.method import Method
+from cg.support.checks import memory
 
 DEFAULT_MAX_STEPS = 10**6
 """The number of adaptive steps, rejected ones included, after which it is given up."""
@@ -28,7 +28,7 @@ _MAX_STEPS = 2**53  # a step number must be an exact float, or times would not b
 
 _RTOL, _ATOL = 1e-3, np.array(1e-6)
 _BOOLS = {bool, np.bool_}
-_SMALLEST_RTOL = 100.0 * float(np.finfo(np.float64).eps)
+_MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 
 
 def check_unused(**arguments: object) -> None:
@@ -119,12 +119,12 @@ def check_rtol(rtol: Any) -> float:
     value = as_float(check_number(rtol, "rtol"))
     if not (math.isfinite(value) and value >= 0.0):
         raise ValueError(f"rtol must be finite and not negative, got {rtol!r}")
-    if value < _SMALLEST_RTOL:
+    if value < _MIN_RTOL:
         warnings.warn(
-            f"rtol = {value:g} is too small to be attained and is raised to {_SMALLEST_RTOL:.3g}",
+            f"rtol = {value:g} is too small to be attained and is raised to {_MIN_RTOL:.3g}",
             stacklevel=4,
         )
-    return max(value, _SMALLEST_RTOL)
+    return max(value, _MIN_RTOL)
 
 
 def check_atol(atol: ArrayLike | None) -> Array:

@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.catalogue import munthe_kaas, packaged
-from cg.checks import check_flag
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
-from cg.integration.choice import AUTO
+from cg.integration.default_method import AUTO
 from cg.integration.ivp import warn_off_manifold
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput, Steps
 from cg.integration.loop.messages import FINISHED, TERMINAL_EVENT, failed_members
@@ -30,9 +29,10 @@ from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import plan_of
-from cg.method import Method
+from cg.method.method import Method
 from cg.runs import ExecutorLike, check_executor, completed
-from cg.shared_numbers import Stop
+from cg.support.checks import check_flag
+from cg.support.shared_numbers import Stop
 
 __all__ = ["solve_ensemble", "solve_members"]
 

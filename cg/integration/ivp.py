@@ -14,7 +14,7 @@ from scipy import LowLevelCallable
 from cg.frames.arrays import Points
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.integration.arguments import check_count, check_grid, equal_steps
-from cg.integration.choice import AUTO
+from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.loop.messages import FINISHED, LEFT_MANIFOLD, MANY_REJECTIONS, TERMINAL_EVENT
 from cg.integration.loop.progress import Progress
@@ -26,8 +26,8 @@ from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import Plan
-from cg.method import Method
-from cg.shared_numbers import Stop
+from cg.method.method import Method
+from cg.support.shared_numbers import Stop
 
 __all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
 

@@ -9,7 +9,6 @@ from typing import Any, cast
 
 from numpy.typing import ArrayLike
 
-from cg.checks import check_flag
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.integration.arguments import (
@@ -26,16 +25,17 @@ from cg.integration.arguments import (
     check_t_eval,
     check_unused,
 )
-from cg.integration.choice import AUTO, choose_method
+from cg.integration.default_method import AUTO, choose_method
 from cg.integration.loop.run import Control, Output, Run
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import check_stage_solver
 from cg.integration.step.plan import Plan, has_brackets, plan_of
-from cg.method import Method
-from cg.munthe_kaas import MuntheKaas
-from cg.pairs import check_order, check_pair
+from cg.method.method import Method
+from cg.method.munthe_kaas import MuntheKaas
+from cg.method.warnings import check_order, check_pair
+from cg.support.checks import check_flag
 
 __all__ = ["Problem", "make_control", "make_problem", "make_rhs"]
 

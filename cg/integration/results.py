@@ -11,8 +11,8 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
-from cg.later import Later
-from cg.method import Method
+from cg.method.method import Method
+from cg.support.later import Later
 
 
 class _ReadOnly:
@@ -108,7 +108,7 @@ class Solution(_ReadOnly):
     method: Method
     frame: Frame
     h: float | None = None
-    to_xarray = Later("cg.integration.labelled", "to_xarray")
+    to_xarray = Later("cg.integration.to_xarray", "to_xarray")
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
@@ -178,7 +178,7 @@ class EnsembleSolution(_ReadOnly):
     method: Method
     frame: Frame
     h: float | None = None
-    to_xarray = Later("cg.integration.labelled", "to_xarray")
+    to_xarray = Later("cg.integration.to_xarray", "to_xarray")
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"

@@ -12,17 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.checks import check_flag
 from cg.frames.arrays import Points
 from cg.frames.base import Frame
-from cg.integration.arguments import (
-    check_args,
-    check_real_time,
-    check_step,
-    check_stops,
-    is_many,
-)
-from cg.integration.choice import AUTO
+from cg.integration.arguments import check_args, check_real_time, check_step, check_stops, is_many
+from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.run import Output, Run
 from cg.integration.problem import make_problem, make_rhs
@@ -30,8 +23,9 @@ from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import plan_of
-from cg.method import Method
-from cg.shared_numbers import Stop
+from cg.method.method import Method
+from cg.support.checks import check_flag
+from cg.support.shared_numbers import Stop
 
 __all__ = ["Stepper"]
 

@@ -19,16 +19,16 @@ __all__ = ["FrameController", "controller"]
 
 # These numbers are those of fortran/controller.f90.in, which says where they are from.
 _SAFETY = 0.9
-_SMALLEST_FACTOR = 0.2
-_LARGEST_FACTOR = 5.0
+_MIN_FACTOR = 0.2
+_MAX_FACTOR = 5.0
 _FAILURE_FACTOR = 0.25
 _LAST_POWER = 0.7
 _BEFORE_LAST_POWER = 0.4
-_LEAST_LAST_ERROR = 1e-4
+_MIN_LAST_ERROR = 1e-4
 _FIRST_ERROR = 0.01
 _NOTHING = 1e-5
 _BLIND_FRACTION = 1e-6
-_SMALLEST_STEP = 10.0  # spacings of numbers at the time
+_MIN_STEP = 10.0  # spacings of numbers at the time
 
 
 def controller(
@@ -223,22 +223,22 @@ class FrameController(diffrax.AbstractAdaptiveStepSizeController):
         keep = error <= 1.0
         positive = jnp.where((error > 0.0) & jnp.isfinite(error), error, 1.0)
         grown = positive**-_LAST_POWER * last_error**_BEFORE_LAST_POWER
-        accepted = jnp.clip(_SAFETY * grown**exponent, _SMALLEST_FACTOR, _LARGEST_FACTOR)
-        accepted = jnp.where(error > 0.0, accepted, _LARGEST_FACTOR)
+        accepted = jnp.clip(_SAFETY * grown**exponent, _MIN_FACTOR, _MAX_FACTOR)
+        accepted = jnp.where(error > 0.0, accepted, _MAX_FACTOR)
         accepted = jnp.where(after_rejection, jnp.minimum(accepted, 1.0), accepted)
-        rejected = jnp.maximum(_SMALLEST_FACTOR, _SAFETY * positive**-exponent)
+        rejected = jnp.maximum(_MIN_FACTOR, _SAFETY * positive**-exponent)
         rejected = jnp.where(jnp.isfinite(error), rejected, _FAILURE_FACTOR)
         factor = jnp.where(keep, accepted, rejected)
         size = (t1 - t0) * factor.astype(jnp.result_type(t1))
         start = jnp.where(keep, t1, t0)
         if self.max_step is not None:
             size = jnp.minimum(size, self.max_step)
-        too_small = ~keep & (size < _SMALLEST_STEP * _spacing(t0))
-        size = jnp.where(keep, jnp.maximum(size, _SMALLEST_STEP * _spacing(start)), size)
+        too_small = ~keep & (size < _MIN_STEP * _spacing(t0))
+        size = jnp.where(keep, jnp.maximum(size, _MIN_STEP * _spacing(start)), size)
         result = diffrax.RESULTS.where(
             too_small, diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.successful
         )
-        state = jnp.where(keep, jnp.maximum(error, _LEAST_LAST_ERROR), last_error), ~keep
+        state = jnp.where(keep, jnp.maximum(error, _MIN_LAST_ERROR), last_error), ~keep
         return keep, start, start + size, False, state, result
 
     def _scale(self, x: JaxArray, y: JaxArray) -> JaxArray:

@@ -39,13 +39,7 @@ from cg.frames import (
 from cg.frames.dexpinv import bernoulli_terms
 from cg.frames.quaternion import _generators
 from cg.integration.step.plan import has_brackets
-from cg.jax.entire import (
-    JaxArray,
-    angle_over_sine,
-    dexpinv_factor,
-    motion_factors,
-    stumpff,
-)
+from cg.jax.entire import JaxArray, angle_over_sine, dexpinv_factor, motion_factors, stumpff
 
 __all__ = ["Rules", "rules_of"]
 

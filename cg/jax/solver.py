@@ -22,8 +22,8 @@ from cg.jax.entire import JaxArray
 from cg.jax.frames import Rules
 from cg.jax.term import rules_in
 from cg.jax.within import Within, interpolant
-from cg.method import Method, remembered
-from cg.munthe_kaas import MuntheKaas
+from cg.method.method import Method, remembered
+from cg.method.munthe_kaas import MuntheKaas
 
 __all__ = ["Solver"]
 

@@ -24,8 +24,8 @@ from cg.integration.step.interpolant import (
 )
 from cg.jax.entire import JaxArray
 from cg.jax.frames import Rules
-from cg.method import Method, remembered
-from cg.munthe_kaas import MuntheKaas
+from cg.method.method import Method, remembered
+from cg.method.munthe_kaas import MuntheKaas
 
 __all__ = ["Within", "interpolant"]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_real
+from ..support.checks import check_real
 from .style import FAINT, axes_for, check_label, curve_style
 
 __all__ = ["convergence", "work_precision"]
@@ -28,7 +28,7 @@ def convergence(
     Parameters
     ----------
     h, errors : array_like, shape (n,)
-        Positive numbers, as `cg.convergence.final_errors` returns them; an error of zero is left
+        Positive numbers (`cg.analysis.convergence.final_errors`); an error of zero is left
         out.
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure by default.

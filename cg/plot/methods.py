@@ -7,11 +7,11 @@ from fractions import Fraction
 from typing import Any
 
 from ..catalogue import resolve_method
-from ..checks import check_integer
-from ..commutator_free import CommutatorFree
-from ..method import Method
-from ..points import START, PointTree
-from ..quad import to_decimal
+from ..method.commutator_free import CommutatorFree
+from ..method.method import Method
+from ..structure.points import START, PointTree
+from ..support.checks import check_integer
+from ..support.quads import to_decimal
 from .style import COLOURS, FAINT, axes_for, blank, plain
 
 __all__ = ["points", "tableau"]

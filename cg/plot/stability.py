@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..catalogue import resolve_method
-from ..method import Method
-from ..stability import stability_function, too_large
+from ..method.method import Method
+from ..method.stability import stability_function, too_large
 from .style import COLOURS, axes_for, plain
 
 __all__ = ["growth", "stability_region"]
@@ -89,7 +89,7 @@ def stability_region(
 def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return R(z), what a step of ``y' = λ y`` with ``z = h λ`` multiplies by; of the shape of z.
 
-    See `cg.stability.stability_function`.
+    See `cg.method.stability.stability_function`.
     """
     if problem := too_large(method):
         raise ValueError(f"method must have fewer stages or digits, got {method!r}: {problem}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..texts import visible
+from ..support.parsing import visible
 
 __all__ = [
     "COLOURS",

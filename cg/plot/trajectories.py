@@ -103,7 +103,7 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     >>> ax.name
     '3d'
     """
-    from ..checks import check_integer
+    from ..support.checks import check_integer
 
     matrices = _points(y.as_matrix() if hasattr(y, "as_matrix") else y, (3, 3))
     triads = min(check_integer("triads", triads, 0), len(matrices))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..checks import check_flag
-from ..trees import OrderedTree
+from ..support.checks import check_flag
+from ..trees.ordered import OrderedTree
 from .style import COLOURS, axes_for, blank
 
 __all__ = ["layout", "tree"]
 
-_MOST_NODES = 200
+_MAX_NODES = 200
 
 
 def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
@@ -47,8 +47,8 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
         tree = OrderedTree.parse(tree)
     if not isinstance(tree, OrderedTree):
         raise TypeError(f"tree must be an OrderedTree or its text, got {tree!r}")
-    if tree.nodes > _MOST_NODES:
-        raise ValueError(f"tree must have at most {_MOST_NODES} nodes, got {tree.nodes}")
+    if tree.nodes > _MAX_NODES:
+        raise ValueError(f"tree must have at most {_MAX_NODES} nodes, got {tree.nodes}")
     ax = axes_for(ax)
     nodes, edges = layout(tree)
     for parent, child in edges:

@@ -13,10 +13,10 @@ import numpy as np
 from flint import arb, fmpq
 from numpy.typing import ArrayLike
 
-from cg.checks import check_integer
 from cg.frames import Frame
 from cg.frames.arrays import Array
 from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+from cg.support.checks import check_integer
 
 _UNIT = 8
 

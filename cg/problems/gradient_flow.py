@@ -18,7 +18,7 @@ from cg.problems.extrapolation import State, extrapolated
 from cg.problems.lattice import Lattice
 from cg.problems.taylor import Reference, Time, exact_midpoint, exact_times
 
-from ..precision import working_precision
+from ..support.balls import working_precision
 
 _Links = NDArray[np.complex128]
 

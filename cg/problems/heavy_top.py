@@ -22,8 +22,8 @@ from cg.problems.taylor import (
     reference_solution,
 )
 
-from ..precision import working_precision
-from ..texts import read_fraction
+from ..support.balls import working_precision
+from ..support.parsing import read_fraction
 
 _FRAME = Product(SO3(), Euclidean(3))
 

@@ -46,7 +46,7 @@ class StateDependentRotation:
     Examples
     --------
     >>> import cg
-    >>> from cg.convergence import final_errors, observed_order
+    >>> from cg.analysis.convergence import final_errors, observed_order
     >>> problem = StateDependentRotation()
     >>> exact = cg.integrate(
     ...     problem.f, (0, 1), problem.y0, frame=problem.frame, method="CF6c", h=0.01

@@ -15,8 +15,8 @@ from flint import arb, fmpq
 
 from cg.frames.arrays import Array
 
-from ..precision import working_precision
-from ..texts import read_fraction
+from ..support.balls import working_precision
+from ..support.parsing import read_fraction
 
 Time = Fraction | float | int | str
 

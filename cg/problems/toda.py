@@ -99,7 +99,7 @@ class TodaFlow:
         diagonal.  Long times are divided, so that the exponential stays well conditioned.
         """
         times = times_array(t)
-        most = _MOST_PARTS / max(1.0, self.frame.spectrum[-1] - self.frame.spectrum[0])
+        most = _MAX_PARTS / max(1.0, self.frame.spectrum[-1] - self.frame.spectrum[0])
         if times.size and np.abs(times).max() > most:
             raise ValueError(f"t must be at most {most:.3g}, got {t!r}")
         spread = self.frame.spectrum[-1] - self.frame.spectrum[0]
@@ -113,7 +113,7 @@ class TodaFlow:
         return found
 
 
-_MOST_PARTS = 100_000  # that a time is divided into
+_MAX_PARTS = 100_000  # that a time is divided into
 
 
 def _moved(matrix: Array, t: float) -> Array:

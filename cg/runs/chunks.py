@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["Chunks"]
 
 _CHUNK_SECONDS = 0.25  # that a chunk is to take: far longer than it takes to hand out
-_LEAST_SECONDS = 0.02  # even at the end: about what handing out takes on a cluster
+_MIN_SECONDS = 0.02  # even at the end: about what handing out takes on a cluster
 _TAIL = 4  # chunks that a worker still gets at least, so that all end at about the same time
 _REMEMBERED = 0.3  # weight of one piece in the mean time of a piece
 
@@ -32,7 +32,7 @@ class Chunks:
         if (not self._pool.threads or self._pool.data) and self._mean is not None:
             fair = self._left // (_TAIL * self._pool.workers)
             mean = max(self._mean, 1e-6)
-            least = max(1, int(_LEAST_SECONDS / mean))
+            least = max(1, int(_MIN_SECONDS / mean))
             size = max(least, min(int(_CHUNK_SECONDS / mean), fair))
         chunk = list(islice(self._indices, size))
         self._left -= len(chunk)

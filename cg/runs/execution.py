@@ -23,8 +23,8 @@ from functools import partial
 from multiprocessing import get_context
 from typing import Any, Generic, TypeVar
 
-from ..checks import check_integer
-from ..parallel import available_cores, end_with_parent, new_flag, single_threads, work_for
+from ..support.checks import check_integer
+from ..support.parallel import available_cores, end_with_parent, new_flag, single_threads, work_for
 from .chunks import Chunks
 from .lost import broken_executor, dropped, worker_died
 from .portable import portable

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TextIO
 
-from ..checks import check_real
+from ..support.checks import check_real
 
 __all__ = ["ProgressLine", "Tally", "check_progress", "duration"]
 

@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from cg import integrate, methods
-from cg.convergence import final_errors
+from cg.analysis.convergence import final_errors
 from cg.problems import (
     AffineField,
     BodyWithPendulum,

@@ -15,7 +15,7 @@ from matplotlib import pyplot as plt
 from PIL import Image
 
 import cg
-from cg.convergence import final_errors
+from cg.analysis.convergence import final_errors
 from cg.problems import FreeRigidBody, StateDependentRotation
 
 FOLDER = Path(__file__).parent

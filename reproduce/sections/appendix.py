@@ -9,9 +9,9 @@ from typing import Any
 
 from cg.catalogue import methods
 from cg.conditions import exact_residuals_of
-from cg.method import Method
-from cg.quad import to_decimal
-from cg.tableau import Tableau
+from cg.method.method import Method
+from cg.method.tableau import Tableau
+from cg.support.quads import to_decimal
 
 from ..appendix_a import compare, nearest_exact, printed
 from ..blocks import Block, Data, Table, Text, number

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from cg.catalogue import packaged
-from cg.certification import certificate_of
-from cg.certification.files import certificate_names
 from cg.conditions import count, jacobian_at
-from cg.method import Method
+from cg.method.method import Method
+from cg.proofs import certificate_of
+from cg.proofs.files import certificate_names
 
 from ..blocks import Block, Data, Table, Text, number, places
 from ..coefficients import RANK_THRESHOLD
@@ -32,7 +32,7 @@ _EXPLANATION = (
     "this run. The last column wasn't: it is read from the certificates' files, the radius around "
     "the stored coefficients within which an exact method was proved to exist, 0 if the "
     "coefficients themselves are one; partly where that was proved for independent conditions, "
-    "and of the others that they are tiny. python -m cg.certification --check repeats the proofs."
+    "and of the others that they are tiny. python -m cg.proofs --check repeats the proofs."
 )
 
 

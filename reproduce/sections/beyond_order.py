@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cg.catalogue import methods
-from cg.method import Method
+from cg.method.method import Method
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places

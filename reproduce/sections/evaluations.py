@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from matplotlib.figure import Figure
 
-from cg.random_search import RandomStart, search
+from cg.construction.search.random_search import RandomStart, search
 
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number

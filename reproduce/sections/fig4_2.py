@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cg.convergence import observed_order
+from cg.analysis.convergence import observed_order
 
 from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places
@@ -30,7 +30,7 @@ _ABOVE = 8  # keeps the reference line off the curves
 
 # Slopes are fitted where the leading term of the error rules and rounding doesn't yet.
 _FLOOR = 2e-13
-_LARGEST_H = 0.07
+_MAX_H = 0.07
 
 
 def compute(context: Context) -> Data:
@@ -72,10 +72,10 @@ def compute(context: Context) -> Data:
 
 
 def _slope(h: Sequence[float], error: Sequence[float]) -> tuple[float | None, int]:
-    used = sum(size <= _LARGEST_H and value > _FLOOR for size, value in zip(h, error, strict=True))
+    used = sum(size <= _MAX_H and value > _FLOOR for size, value in zip(h, error, strict=True))
     if used < 2:
         return None, used
-    return observed_order(h, error, floor=_FLOOR, h_range=(0.0, _LARGEST_H)).order, used
+    return observed_order(h, error, floor=_FLOOR, h_range=(0.0, _MAX_H)).order, used
 
 
 def present(data: Data) -> Sequence[Block]:
@@ -125,7 +125,7 @@ def present(data: Data) -> Sequence[Block]:
         blocks.append(
             Table(
                 "Largest distance from SO(3) with a Newton–Schulz step and by flows alone, and "
-                f"least-squares slope over h ≤ {_LARGEST_H} and errors above {_FLOOR:g}; {reading}",
+                f"least-squares slope over h ≤ {_MAX_H} and errors above {_FLOOR:g}; {reading}",
                 ("method", "h = 0.1", "flows alone", long, "flows alone", "slope", "points"),
                 rows,
             )

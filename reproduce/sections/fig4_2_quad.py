@@ -17,7 +17,7 @@ from .fig4_2 import draw_errors, mark_roundoff
 __all__ = ["ITEMS", "compute", "present"]
 
 # Every method as far as a few seconds of one core go.
-_LARGEST_POWER = {"CG4": 16, "CG4a": 16, "CG5a": 14, "CG6a": 11}
+_MAX_POWER = {"CG4": 16, "CG4a": 16, "CG5a": 14, "CG6a": 11}
 _POWERS = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16)
 
 
@@ -37,7 +37,7 @@ def compute(context: Context) -> Data:
         for power in reversed(_POWERS)  # the longest first, so that no core waits at the end
         for reading in chosen
         for method in top.METHODS
-        if power <= _LARGEST_POWER[method]
+        if power <= _MAX_POWER[method]
     ]
     references = {reading: top.reference_end(reading)[1] for reading in chosen}
     errors = end_errors(context, runs)

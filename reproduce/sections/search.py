@@ -16,10 +16,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cg.conditions import unknowns
-from cg.random_search import RandomStart, SearchResult, search
+from cg.construction.search.random_search import RandomStart, SearchResult, search
+from cg.method.tableau import Tableau
 from cg.runs import Store
-from cg.shared_numbers import Status
-from cg.tableau import Tableau
+from cg.support.shared_numbers import Status
 
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number
@@ -32,7 +32,7 @@ from ..style import PALETTE, grid
 __all__ = ["ITEMS", "PLANS", "Plan", "compute", "present"]
 
 _SHOWN = 3
-_SMALLEST_F = 1e-70  # what zero is drawn at
+_MIN_F = 1e-70  # what zero is drawn at
 
 _PAUSE = 60.0  # seconds at least between publications of what was found so far
 _PAUSES = 20.0  # and times what the last one took
@@ -331,7 +331,7 @@ def _draw(figure: Figure, data: Data) -> None:
         ("after real(16)", data["f_quad"], data["paper"]["f_quad"], "blue", "s", "-"),
     )
     for label, values, paper, colour, marker, line in phases:
-        kept = np.sort([max(f, _SMALLEST_F) for f in values if f is not None])
+        kept = np.sort([max(f, _MIN_F) for f in values if f is not None])
         if kept.size:
             fraction = np.arange(1, kept.size + 1) / kept.size
             axes.step(

@@ -7,7 +7,7 @@ import math
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.rhs.python import StageOverflowError, StepTooLongError
-from cg.shared_numbers import Stop
+from cg.support.shared_numbers import Stop
 
 __all__ = [
     "DERIVATIVES",

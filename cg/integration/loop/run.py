@@ -26,10 +26,10 @@ from cg.integration.rhs.python import PythonRhs, StageOverflowError
 from cg.integration.step.callbacks import Callbacks
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ImplicitStages
 from cg.integration.step.plan import Plan
-from cg.memory import reserved
-from cg.parallel import raise_if_stopped
-from cg.shared_numbers import RECORD, Stop
-from cg.tableau import Tableau
+from cg.method.tableau import Tableau
+from cg.support.memory import reserved
+from cg.support.parallel import raise_if_stopped
+from cg.support.shared_numbers import RECORD, Stop
 
 __all__ = ["Control", "Output", "Run"]
 

@@ -20,7 +20,7 @@ from cg.integration.step.flows import (
 )
 from cg.integration.step.implicit import ConvergenceError, ImplicitStages
 from cg.integration.step.plan import Plan
-from cg.shared_numbers import Operation
+from cg.support.shared_numbers import Operation
 
 __all__ = ["Callbacks"]
 
@@ -29,7 +29,7 @@ EventOfMember = Callable[[int, int, float, Points], Any]
 
 
 class Callbacks:
-    """The functions of Python that one run may call, by `cg.shared_numbers.Operation`.
+    """The functions of Python that one run may call, by `cg.support.shared_numbers.Operation`.
 
     Compiled code calls ``callbacks(operation, a, b)`` with two vectors of doubles, and takes a
     vector.

@@ -12,7 +12,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError, Frame
 from cg.integration.rhs.python import StageOverflowError
 from cg.integration.step.flows import flows_of
-from cg.tableau import Tableau
+from cg.method.tableau import Tableau
 
 Row = tuple[tuple[int, float], ...]
 """The coefficients of a row that aren't zero, each after its stage (from 0)."""

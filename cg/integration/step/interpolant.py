@@ -74,9 +74,9 @@ from numpy.polynomial import Legendre, Polynomial
 
 from cg.frames.arrays import Array
 from cg.integration.step.paths import paths_of
-from cg.low_storage import rooted_trees
-from cg.method import Method, remembered
-from cg.munthe_kaas import MuntheKaas
+from cg.method.low_storage import rooted_trees
+from cg.method.method import Method, remembered
+from cg.method.munthe_kaas import MuntheKaas
 
 __all__ = [
     "Extension",
@@ -94,7 +94,7 @@ __all__ = [
 # Nodes of interpolants that use the stages of a method, in this order: a search over grids found
 # them, which made the errors and the weights of those of orders 4 to 8 small.
 _NODES = (0.85, 0.15, 0.25, 0.6, 0.05, 0.7, 0.2, 0.35, 0.45, 0.4)
-_MOST_NODES = 60
+_MAX_NODES = 60
 _SOLVED = 1e-10  # residuals below are rounding
 _NO_RANK = 1e-11
 _NO_WEIGHT = 1e-8
@@ -216,7 +216,7 @@ def _with_stages(method: MuntheKaas) -> Extension:
             if residual > solved:
                 break
             reached, basis = reached + 1, found
-        if reached == order or len(theta) == _MOST_NODES:
+        if reached == order or len(theta) == _MAX_NODES:
             break
         theta.append(next(nodes))
         row = _values(len(basis), theta[-1]) @ basis

@@ -12,11 +12,11 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.low_storage import Registers, two_registers
-from cg.method import Method, remembered
-from cg.munthe_kaas import MuntheKaas
-from cg.points import START
-from cg.tableau import Tableau
+from cg.method.low_storage import Registers, two_registers
+from cg.method.method import Method, remembered
+from cg.method.munthe_kaas import MuntheKaas
+from cg.method.tableau import Tableau
+from cg.structure.points import START
 
 __all__ = ["Flow", "MethodPaths", "Path", "paths_of"]
 

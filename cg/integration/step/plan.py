@@ -20,9 +20,9 @@ from cg.integration.step.interpolant import (
     series_order,
 )
 from cg.integration.step.paths import paths_of
-from cg.method import Method, remembered
-from cg.munthe_kaas import MuntheKaas
-from cg.shared_numbers import BlockKind
+from cg.method.method import Method, remembered
+from cg.method.munthe_kaas import MuntheKaas
+from cg.support.shared_numbers import BlockKind
 
 __all__ = ["Plan", "error_exponent", "has_brackets", "plan_of"]
 
@@ -121,7 +121,7 @@ class Plan:
             elif self.compiled:
                 blocks = frame.compiled_blocks() or ()
                 self._free = all(block[0] != BlockKind.SPHERE for block in blocks)
-            elif frame.dim > _MOST_FIELDS or not has_brackets(frame):
+            elif frame.dim > _MAX_FIELDS or not has_brackets(frame):
                 self._free = False
             else:
                 fields = np.asarray(frame.field(np.eye(frame.dim), point), dtype=frame.dtype)
@@ -169,7 +169,7 @@ class Plan:
 
 
 _MAKING = threading.Lock()
-_MOST_FIELDS = 64  # of a frame in Python whose rank is looked at
+_MAX_FIELDS = 64  # of a frame in Python whose rank is looked at
 
 
 def plan_of(frame: Frame, method: Method) -> Plan:

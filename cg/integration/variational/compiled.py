@@ -15,7 +15,7 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.step.blocks import is_compiled
 from cg.integration.step.plan import Plan
 from cg.integration.variational.field import DIFFERENCE_STEP, VariationalField
-from cg.shared_numbers import VARIATION
+from cg.support.shared_numbers import VARIATION
 
 __all__ = ["CompiledVariation", "compiled_variation"]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.frames.algebra import MOST_CONSTANTS
+from cg.frames.algebra import MAX_CONSTANTS
 from cg.frames.arrays import Array, Points, is_array, real_array
 from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
@@ -294,7 +294,7 @@ def _constants(frame: Frame) -> Array | None:
     Those of ``[E_i, E_j]`` along ``E_k``.
     """
     n = frame.dim
-    if n > MOST_CONSTANTS:
+    if n > MAX_CONSTANTS:
         return None
     basis = np.eye(n)
     constants = frame.bracket(basis[:, None], basis)

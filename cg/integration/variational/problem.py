@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.checks import check_flag
 from cg.frames.arrays import Array, check_finite, real_array
 from cg.integration.problem import Problem, make_rhs
 from cg.integration.rhs.compiled import compiled_rhs
@@ -16,6 +15,7 @@ from cg.integration.step.plan import has_brackets, plan_of
 from cg.integration.variational.compiled import compiled_variation
 from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
+from cg.support.checks import check_flag
 
 __all__ = ["VariationalProblem", "add_derivatives", "check_covariance"]
 

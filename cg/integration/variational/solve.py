@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.checks import check_flag
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid
-from cg.integration.choice import AUTO
+from cg.integration.default_method import AUTO
 from cg.integration.ensemble import solve_members
 from cg.integration.ivp import grid_steps, solve_one
 from cg.integration.loop.progress import Progress
@@ -22,11 +21,7 @@ from cg.integration.problem import make_problem
 from cg.integration.rhs.function import CompiledFunction
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
-from cg.integration.variational.problem import (
-    VariationalProblem,
-    add_derivatives,
-    check_covariance,
-)
+from cg.integration.variational.problem import VariationalProblem, add_derivatives, check_covariance
 from cg.integration.variational.results import (
     EnsembleVariationalOutput,
     EnsembleVariationalSolution,
@@ -34,8 +29,9 @@ from cg.integration.variational.results import (
     VariationalSolution,
     parts_of,
 )
-from cg.method import Method
+from cg.method.method import Method
 from cg.runs import ExecutorLike
+from cg.support.checks import check_flag
 
 __all__ = ["solve_variational", "solve_variational_ensemble"]
 

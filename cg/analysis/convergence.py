@@ -1,0 +1,171 @@
+"""From errors at several step sizes to the observed order of a method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cg.frames.arrays import Array
+from cg.frames.base import Frame
+from cg.integration.ivp import integrate
+from cg.integration.rhs.python import Coefficients
+from cg.method.method import Method
+
+
+@dataclass(frozen=True)
+class Slope:
+    """The slope of log error against log step size.
+
+    Attributes
+    ----------
+    order
+        The least-squares slope over the points that were used.
+    constant
+        The error at step size 1 that the fitted line predicts.
+    spread
+        Largest minus smallest slope between neighbouring points that were used.
+    h, error
+        The points that were used, by decreasing step size, shape ``(n,)``.
+    """
+
+    order: float
+    constant: float
+    spread: float
+    h: Array
+    error: Array
+
+
+def slopes(h: ArrayLike, errors: ArrayLike) -> Array:
+    """Return the slopes of log error against log step size between neighbouring points.
+
+    Parameters
+    ----------
+    h
+        Step sizes, positive and distinct, shape ``(n,)``.
+    errors
+        Errors, positive, shape ``(n,)``.
+
+    Returns
+    -------
+    ndarray
+        Shape ``(n - 1,)``, in the order given.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or a number isn't positive and finite, or two step sizes agree.
+    """
+    steps, sizes = _checked(h, errors)
+    return np.diff(np.log(sizes)) / np.diff(np.log(steps))
+
+
+def observed_order(
+    h: ArrayLike,
+    errors: ArrayLike,
+    *,
+    floor: float = 0.0,
+    h_range: tuple[float, float] = (0.0, np.inf),
+) -> Slope:
+    """Return the least-squares slope of log error against log step size.
+
+    Parameters
+    ----------
+    h
+        Step sizes, positive and distinct, in any order, shape ``(n,)``.
+    errors
+        Errors, shape ``(n,)``.
+    floor
+        Errors at or below it are taken for rounding and left out.
+    h_range
+        Smallest and largest step size in the asymptotic range; points beyond are left out.
+
+    Returns
+    -------
+    Slope
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, a step size or an error that is used isn't positive and finite, or
+        fewer than two points are left.
+
+    Examples
+    --------
+    >>> h = np.array([0.4, 0.2, 0.1, 0.05])
+    >>> round(observed_order(h, 3 * h**4).order, 10)
+    4.0
+    """
+    steps = np.asarray(h, dtype=np.float64)
+    sizes = np.asarray(errors, dtype=np.float64)
+    if steps.ndim != 1 or steps.shape != sizes.shape:
+        raise ValueError(
+            f"h and errors must be vectors of one length, got shapes {steps.shape}, {sizes.shape}"
+        )
+    # Written so that a NaN stays in and is reported, not dropped.
+    used = ~(sizes <= floor) & ~(steps < h_range[0]) & ~(steps > h_range[1])
+    if used.sum() < 2:
+        raise ValueError(
+            f"errors must leave two points above floor = {floor:g} with h in {h_range}, "
+            f"got h = {steps}, errors = {sizes}"
+        )
+    order = np.argsort(-steps[used])
+    steps, sizes = _checked(steps[used][order], sizes[used][order])
+    slope, intercept = np.polyfit(np.log(steps), np.log(sizes), 1)
+    local = slopes(steps, sizes)
+    return Slope(float(slope), float(np.exp(intercept)), float(np.ptp(local)), steps, sizes)
+
+
+def final_errors(
+    f: Coefficients,
+    t_span: tuple[float, float],
+    y0: ArrayLike,
+    exact: ArrayLike,
+    *,
+    frame: Frame,
+    method: str | Method,
+    h: Sequence[float],
+) -> Array:
+    """Return the errors at the end of fixed-step integrations.
+
+    Parameters
+    ----------
+    f, t_span, y0, frame, method
+        As for `cg.integrate`.
+    exact
+        The solution at the end of the span, shape ``frame.point_shape``.
+    h
+        Step sizes.
+
+    Returns
+    -------
+    ndarray
+        The frame's distances from the exact solution, shape ``(len(h),)``.
+
+    Raises
+    ------
+    TypeError, ValueError, OverflowError
+        As `cg.integrate` does.
+    """
+    errors = []
+    for size in h:
+        solution = integrate(f, t_span, y0, frame=frame, method=method, h=size)
+        errors.append(float(frame.distance(solution.y[-1], exact)))
+    return np.array(errors)
+
+
+def _checked(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
+    steps = np.asarray(h, dtype=np.float64)
+    sizes = np.asarray(errors, dtype=np.float64)
+    if steps.ndim != 1 or steps.shape != sizes.shape:
+        raise ValueError(
+            f"h and errors must be vectors of one length, got shapes {steps.shape}, {sizes.shape}"
+        )
+    for name, values in (("h", steps), ("errors", sizes)):
+        if not (np.isfinite(values).all() and (values > 0.0).all()):
+            raise ValueError(f"{name} must be positive and finite, got {values}")
+    if len(np.unique(steps)) < len(steps):
+        raise ValueError(f"h must be distinct, got {steps}")
+    return steps, sizes

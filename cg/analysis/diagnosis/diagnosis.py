@@ -1,0 +1,180 @@
+"""What a method is, in one record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ...catalogue import resolve_method
+from ...method.coefficients import Coefficient
+from ...method.method import Method, read_coefficient
+from ...method.munthe_kaas import MuntheKaas
+from ...structure.points import MethodError
+from ...support.parsing import visible
+from .failing import FailingCondition, first_failing
+from .findings import Finding
+from .mistakes import find_all
+from .variants import order_on_vector_spaces
+
+__all__ = ["Diagnosis", "diagnose"]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a method really is.
+
+    Attributes
+    ----------
+    method : Method
+    order : int
+        That the coefficients have on manifolds, as far as their places tell
+        (`Method.exact_order`); of methods of Munthe-Kaas that of the tableau.
+    flat_order : int
+        The order where flows commute, as in vector spaces.
+    embedded_order : int or None
+        Of the second result of a pair.
+    failing : FailingCondition or None
+        The first order condition that doesn't hold; None if all that can be told hold.
+    findings : tuple of Finding
+        Known mistakes that were recognised, and the method of the catalogue that it is.
+
+    Examples
+    --------
+    The midpoint rule, with the wrong weights:
+
+    >>> import cg
+    >>> found = cg.diagnose(cg.Tableau([[], ["1/2"]], ["1/2", "1/2"], name="mine"))
+    >>> found.order, str(found.failing.tree)
+    (1, '[[[]]]')
+    """
+
+    method: Method
+    order: int
+    flat_order: int
+    embedded_order: int | None
+    failing: FailingCondition | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def mistakes(self) -> tuple[Finding, ...]:
+        """The findings that are mistakes."""
+        return tuple(finding for finding in self.findings if finding.mistake)
+
+    def __str__(self) -> str:
+        method = self.method
+        flows = f"{method.exponentials} flows"
+        kind = "explicit" if method.explicit else "implicit"
+        lines = [
+            f"{visible(method.name) or 'a method'}: {kind}, {method.stages} evaluations, {flows}"
+        ]
+        lines.append(f"order: {self._order}")
+        if self.embedded_order is not None:
+            lines.append(f"order of the second result: {self.embedded_order}")
+        if method.approximate:
+            assert method.nominal_residual is not None
+            lines.append(
+                f"nominal order: {method.nominal_order}, whose conditions it satisfies up to "
+                f"{method.nominal_residual.text} only"
+            )
+        if self.failing is not None:
+            lines += [
+                f"first condition that fails, of order {self.failing.order} "
+                f"({self.failing.failing} of {self.failing.of} do):",
+                *(f"    {line}".rstrip() for line in str(self.failing).splitlines()),
+            ]
+        for finding in self.findings:
+            lines.append(f"{'mistake' if finding.mistake else 'note'}: {finding.message}")
+        if not self.mistakes:
+            lines.append("no known mistake recognised")
+        return "\n".join(lines)
+
+    @property
+    def _order(self) -> str:
+        if isinstance(self.method, MuntheKaas):
+            return f"{self.order}, of the tableau in a Lie algebra"
+        same = "" if self.flat_order == self.order else f", {self.flat_order} where flows commute"
+        return f"{self.order} on manifolds{same}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what JSON can hold."""
+        method = self.method
+        return {
+            "name": method.name,
+            "kind": type(method).__name__,
+            "explicit": method.explicit,
+            "evaluations": method.stages,
+            "flows": method.exponentials,
+            "order": self.order,
+            "flat_order": self.flat_order,
+            "embedded_order": self.embedded_order,
+            "nominal_order": method.nominal_order,
+            "first_failing": None if self.failing is None else self.failing.as_dict(),
+            "findings": [
+                {"kind": f.kind, "mistake": f.mistake, "message": f.message} for f in self.findings
+            ],
+        }
+
+
+def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnosis:
+    """Find out what a method really is, and which known mistake made it so.
+
+    Parameters
+    ----------
+    method : str or Method
+        A method, or the name of one in the catalogue.
+    c : sequence of s numbers, optional
+        Abscissae that the method came with: rows of a must sum to them.
+
+    Returns
+    -------
+    Diagnosis
+        As text it says the order, the first order condition that fails with its tree, and these
+        mistakes if they are recognised: flows of stages in reverse, a transposed, one or two
+        coefficients of a method of the catalogue changed (CG4a's a_54 among them), coefficients
+        cut short, second weights equal to the first, rows that don't sum to c, and a flat
+        tableau used as it stands.
+
+    Raises
+    ------
+    ValueError
+        If no method has that name, or `c` isn't a sequence of as many numbers as there are stages.
+    TypeError
+        If `method` is neither a name nor a method.
+
+    Examples
+    --------
+    >>> import cg
+    >>> heun = cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"], name="Heun's third")
+    >>> found = cg.diagnose(heun)
+    >>> found.order, found.flat_order, [finding.kind for finding in found.mistakes]
+    (2, 3, ['flat'])
+    >>> print(found.failing)
+    ●
+    ├── ●
+    └── ●
+        └── ●
+    [[][[]]]  Φ = 0.3125, 1/γ = 1/3, off by -0.0208
+    """
+    method = resolve_method(method)
+    abscissae = None if c is None else _read_abscissae(c, method)
+    return Diagnosis(
+        method,
+        method.exact_order,
+        method.exact_order if isinstance(method, MuntheKaas) else order_on_vector_spaces(method),
+        method.embedded_order,
+        first_failing(method),
+        tuple(find_all(method, abscissae)),
+    )
+
+
+def _read_abscissae(c: Sequence[Any], method: Method) -> list[Coefficient]:
+    try:
+        if isinstance(c, str):
+            raise TypeError
+        read = [read_coefficient(entry, f"c_{i}") for i, entry in enumerate(c, 1)]
+    except TypeError:
+        raise ValueError(f"c must be a sequence of numbers, got {c!r}") from None
+    if len(read) != method.stages:
+        raise MethodError(f"c must have {method.stages} entries, got {len(read)}")
+    return read

@@ -1,0 +1,88 @@
+"""Trees drawn as text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ...structure.points import START, points_of
+from ...support.checks import check_integer
+from ...trees.ordered import OrderedTree
+
+__all__ = ["draw_points", "draw_tree"]
+
+_NODE = "●"
+
+
+def draw_tree(tree: OrderedTree) -> str:
+    """Return an ordered tree as lines of text: the root on top, children from top to bottom.
+
+    The child on top is the leftmost, whose flow comes first.
+
+    Examples
+    --------
+    >>> print(draw_tree(OrderedTree.parse("[[][[]]]")))
+    ●
+    ├── ●
+    └── ●
+        └── ●
+    """
+    if not isinstance(tree, OrderedTree):
+        raise TypeError(f"tree must be an OrderedTree, got {tree!r}")
+    return _draw(tree, lambda node: node.children, lambda _: _NODE)
+
+
+def draw_points(method: Any, *, digits: int = 6) -> str:
+    """Return the points of a step of an explicit method as lines of text, children below.
+
+    Each line is one flow: the number of the point, the combination of frozen fields, and what is
+    at the point.
+
+    Parameters
+    ----------
+    method : cg.Method or PointTree
+    digits : int, optional
+        Significant digits of weights, at most 17.
+
+    Examples
+    --------
+    >>> import cg
+    >>> print(draw_points(cg.methods["CF3"]))
+    start: stage 1
+    ├── point 1: 0.333333 F1; stage 2
+    │   └── point 3: -0.0833333 F1 + 0.75 F3; result
+    └── point 2: 0.666667 F2; stage 3
+    """
+    tree, digits = points_of(method), check_integer("digits", digits, 1, 17)
+    below: dict[int, list[int]] = {m: [] for m in range(START, len(tree.points))}
+    for m, point in enumerate(tree.points):
+        below[point.parent].append(m)
+    there: dict[int, list[str]] = {m: [] for m in below}
+    for stage, at in enumerate(tree.stage_points, 1):
+        there[at].append(f"stage {stage}")
+    there[tree.result].append("result")
+    if tree.embedded_result is not None:
+        there[tree.embedded_result].append("second result")
+
+    def label(m: int) -> str:
+        if m == START:
+            return f"start: {', '.join(there[m])}" if there[m] else "start"
+        terms = [(f"{float(w):.{digits}g}", k + 1) for k, w in tree.points[m].weights.items()]
+        flow = " + ".join(f"{weight} F{stage}" for weight, stage in terms).replace("+ -", "- ")
+        return "; ".join([f"point {m + 1}: {flow or 'no flow'}", *there[m]])
+
+    return _draw(START, below.__getitem__, label)
+
+
+def _draw(root: Any, children: Callable[[Any], Sequence[Any]], label: Callable[[Any], str]) -> str:
+    lines = []
+    pending = [(root, "", "")]
+    while pending:
+        node, lead, indent = pending.pop()
+        lines.append(lead + label(node))
+        below = list(children(node))
+        for k in reversed(range(len(below))):
+            last = k == len(below) - 1
+            branch, gap = ("└── ", "    ") if last else ("├── ", "│   ")
+            pending.append((below[k], indent + branch, indent + gap))
+    return "\n".join(lines)

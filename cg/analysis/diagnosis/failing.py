@@ -1,0 +1,123 @@
+"""The first order condition that a method doesn't satisfy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from ... import conditions
+from ...method.flat import Rooted, failing_rooted, rooted_trees
+from ...method.method import Method
+from ...method.munthe_kaas import MuntheKaas
+from ...trees.ordered import OrderedTree, forest
+from .drawing import draw_tree
+
+if TYPE_CHECKING:
+    from flint import arb
+
+__all__ = ["FailingCondition", "first_failing"]
+
+
+@dataclass(frozen=True)
+class FailingCondition:
+    """A condition ``Φ(t) = 1/γ(t)`` that doesn't hold.
+
+    Attributes
+    ----------
+    order : int
+        Of the condition.
+    tree : OrderedTree
+        t. For methods of Munthe-Kaas it is a rooted tree, whose children have no order.
+    residual : float
+        ``Φ(t) - 1/γ(t)``, correctly rounded.
+    right_side : Fraction
+        1/γ(t).
+    failing, of : int
+        How many of the independent conditions of that order fail, and how many there are.
+    """
+
+    order: int
+    tree: OrderedTree
+    residual: float
+    right_side: Fraction
+    failing: int
+    of: int
+
+    @property
+    def weight(self) -> float:
+        """Φ(t)."""
+        return self.residual + float(self.right_side)
+
+    def __str__(self) -> str:
+        off = f"{self.residual:.3g}" if self.residual else "less than a double can tell"
+        return (
+            f"{draw_tree(self.tree)}\n"
+            f"{self.tree}  Φ = {self.weight:.10g}, 1/γ = {self.right_side}, "
+            f"off by {off}"
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what JSON can hold."""
+        return {
+            "order": self.order,
+            "tree": str(self.tree),
+            "drawing": draw_tree(self.tree),
+            "weight": self.weight,
+            "right_side": str(self.right_side),
+            "residual": self.residual,
+            "failing": self.failing,
+            "of": self.of,
+        }
+
+
+def first_failing(method: Method) -> FailingCondition | None:
+    """Return the first condition of the first order that fails; None beyond the highest order.
+
+    What coefficients may be off by is allowed for, as in `Method.exact_order`.
+    """
+    order = method.exact_order + 1
+    if order > conditions.MAX_ORDER:
+        return None
+    return _first_flat(method, order) if isinstance(method, MuntheKaas) else _first(method, order)
+
+
+def _first(method: Method, order: int) -> FailingCondition:
+    lower = conditions.count(order - 1, independent=True) if order > 1 else 0
+    trees = conditions.condition_trees(order, independent=True)[lower:]
+    sides = conditions.right_sides(order, independent=True)[lower:]
+    residuals = conditions.ball_residuals_of(method.tree, order, independent=True)[lower:]
+    allowed = method.tolerance(order)[lower:].tolist()
+    failing = [
+        k for k, (r, t) in enumerate(zip(residuals, allowed, strict=True)) if not _within(r, t)
+    ]
+    if failing:
+        residual = float(residuals[failing[0]].mid())
+    else:  # by less than balls can tell
+        exact = conditions.exact_residuals_of(method.tree, order, independent=True)[lower:]
+        pairs = enumerate(zip(exact, allowed, strict=True))
+        failing = [k for k, (r, t) in pairs if abs(r) > Fraction(t)]
+        residual = float(exact[failing[0]])
+    k = failing[0]
+    tree = forest(order + 1).tree(trees[k])
+    return FailingCondition(order, tree, residual, sides[k], len(failing), len(trees))
+
+
+def _within(residual: arb, tolerance: float) -> bool:
+    # infinite ones of huge coefficients decide nothing, as in `Method.satisfies`
+    if not math.isfinite(tolerance):
+        return False
+    return bool(residual.contains(0) or abs(residual) <= tolerance)
+
+
+def _first_flat(method: MuntheKaas, order: int) -> FailingCondition:
+    failing = failing_rooted(method.tableau, order)
+    tree, weight, side = failing[0]
+    trees = len(rooted_trees(order))
+    residual = float(weight - side)
+    return FailingCondition(order, _planted(tree), residual, side, len(failing), trees)
+
+
+def _planted(tree: Rooted) -> OrderedTree:
+    return OrderedTree(tuple(map(_planted, tree)))

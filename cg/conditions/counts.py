@@ -1,0 +1,128 @@
+"""Which trees' conditions give an order, how many there are, and their right-hand sides."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cache
+
+from .. import _core_r64
+from ..support.checks import check_flag, check_integer
+from ..trees.ordered import MAX_NODES, forest
+
+__all__ = [
+    "MAX_ORDER",
+    "check_order",
+    "condition_trees",
+    "count",
+    "count_classical",
+    "right_sides",
+    "table_rows",
+]
+
+MAX_ORDER: int = int(_core_r64.highest_order())
+"""Highest order that the compiled tables of trees hold (a build option)."""
+
+_MAX_TREES_ORDER = MAX_NODES - 1
+_MAX_CLASSICAL = 2000
+
+
+def check_order(order: int, highest: int | None = MAX_ORDER) -> int:
+    """Return `order` as an int, between 1 and `highest`; None for what trees there are."""
+    checked = check_integer("order", order, 1, None if highest else _MAX_TREES_ORDER)
+    if highest is not None and checked > highest:
+        raise ValueError(
+            f"order must be at most {highest}, the highest that the tables were built for "
+            f"(build option highest_order), got {order}"
+        )
+    return checked
+
+
+def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
+    """Return the indices of the trees whose conditions give this order.
+
+    Parameters
+    ----------
+    order : int
+        At least 1.
+    independent : bool, optional
+        Leave out the trees whose condition follows from those of lower order: keep
+        the words of trees that are Lyndon words.
+
+    Examples
+    --------
+    >>> condition_trees(3), condition_trees(3, independent=True)
+    ((2, 3, 4, 5, 6, 7, 8, 9), (2, 4, 6, 8, 9))
+    """
+    return _condition_trees(check_order(order, None), check_flag("independent", independent))
+
+
+@cache
+def _condition_trees(order: int, independent: bool) -> tuple[int, ...]:
+    trees = forest(order + 1)
+    indices = range(2, len(trees) + 1)
+    if not independent:
+        return tuple(indices)
+    return tuple(index for index in indices if trees.is_independent(index))
+
+
+def table_rows(order: int) -> tuple[int, ...]:
+    """Return the paper's integer table: tree indices, zero where a tree can be discarded.
+
+    Examples
+    --------
+    >>> table_rows(3)
+    (2, 0, 4, 0, 6, 0, 8, 9)
+    """
+    independent = set(condition_trees(order, independent=True))
+    return tuple(t if t in independent else 0 for t in condition_trees(order))
+
+
+def count(order: int, independent: bool = False) -> int:
+    """Return the number of order conditions through `order` (``N_CG`` if independent).
+
+    Examples
+    --------
+    >>> [count(order) for order in range(1, 7)]
+    [1, 3, 8, 22, 64, 196]
+    >>> [count(order, independent=True) for order in range(1, 7)]
+    [1, 2, 5, 13, 38, 113]
+    """
+    return len(condition_trees(check_order(order, None), independent))
+
+
+def count_classical(order: int) -> int:
+    """Return ``N_RK``: rooted trees, children unordered, with 1 to `order` nodes.
+
+    A rooted tree is a multiset of rooted trees under a root; this counts such
+    multisets by the usual recurrence over divisors.
+
+    Parameters
+    ----------
+    order : int
+        At most 2000.
+
+    Examples
+    --------
+    >>> [count_classical(order) for order in range(1, 9)]
+    [1, 2, 4, 8, 17, 37, 85, 200]
+    """
+    order = check_integer("order", order, 1, _MAX_CLASSICAL)
+    trees = [0, 1]
+    of_size = [0] * (order + 1)  # Σ d t_d over the divisors d of each k
+    for n in range(1, order):
+        for k in range(n, order + 1, n):
+            of_size[k] += n * trees[n]
+        trees.append(sum(of_size[k] * trees[n - k + 1] for k in range(1, n + 1)) // n)
+    return sum(trees)
+
+
+def right_sides(order: int, independent: bool = False) -> tuple[Fraction, ...]:
+    """Return ``1/γ(t)`` for the trees of `condition_trees`.
+
+    Examples
+    --------
+    >>> [str(side) for side in right_sides(3)]
+    ['1', '1/2', '1/2', '1/6', '1/3', '1/6', '1/6', '1/6']
+    """
+    trees = forest(check_order(order, None) + 1)
+    return tuple(Fraction(1, trees.density[t - 1]) for t in condition_trees(order, independent))

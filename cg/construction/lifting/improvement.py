@@ -1,0 +1,77 @@
+"""Smaller errors: weights are moved along the set of solutions, down the principal error."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from ...support.parallel import raise_if_stopped
+from .solver import Fit, fit
+from .splitting import Splitting
+
+__all__ = ["improved"]
+
+_GAP = 1e-9  # singular values below this fraction of the largest count as zero
+_MAX_STEPS = 100
+_MIN_GAIN = 1e-3  # of the squared principal error, in one step
+_MAX_TRIALS = 14
+_CORRECTIONS = 40
+_GROWTH = 1.25  # what weights may be larger than the largest entry of the tableau
+
+
+def improved(splitting: Splitting, end: Fit) -> Fit:
+    """Move along the set of solutions until the principal error hardly gets smaller.
+
+    Each step is a Levenberg–Marquardt step for the residuals of the next order, among the moves
+    that leave the conditions as they are to first order; a fit then leads back to them. Weights
+    don't get larger than they were, or than a quarter above the entries of the tableau.
+
+    Parameters
+    ----------
+    splitting : Splitting
+    end : Fit
+        A solution.
+
+    Returns
+    -------
+    Fit
+    """
+    x = end.x
+    rows = [*splitting.rows.stages, splitting.rows.result]
+    largest = float(max(abs(entry) for row in rows for entry in row))
+    most = max(float(np.max(np.abs(x))), _GROWTH * largest)
+    residual = splitting.principal_residual(x)
+    error, damping = float(residual @ residual), 1e-3
+    for _ in range(_MAX_STEPS):
+        raise_if_stopped()
+        moves = _moves(splitting, x)
+        if moves.shape[1] == 0:
+            break
+        jacobian = splitting.principal_jacobian(x) @ moves
+        gram, slope = jacobian.T @ jacobian, jacobian.T @ residual
+        size = float(np.max(np.diag(gram)))
+        for _ in range(_MAX_TRIALS):
+            shifted = gram + damping * size * np.eye(len(gram))
+            step = moves @ linalg.solve(shifted, -slope, assume_a="pos")
+            trial = fit(splitting, x + step, max_iterations=_CORRECTIONS)
+            if trial.solved and np.max(np.abs(trial.x)) <= most:
+                residual = splitting.principal_residual(trial.x)
+                if residual @ residual < error:
+                    break
+            damping *= 4
+        else:
+            break
+        gain = 1 - float(residual @ residual) / error
+        end, x, error = trial, trial.x, float(residual @ residual)
+        damping /= 5
+        if gain < _MIN_GAIN:
+            break
+    return end
+
+
+def _moves(splitting: Splitting, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return orthonormal moves that change no condition to first order, shape (size, moves)."""
+    _, values, right = linalg.svd(splitting.jacobian(x))
+    rank = int(np.sum(values > _GAP * values[0])) if values.size else 0
+    return np.asarray(splitting.directions @ right[rank:].T)

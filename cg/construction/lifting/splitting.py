@@ -1,0 +1,393 @@
+"""Splittings of a flat tableau: how its rows are cut into flows, and what stays to be found.
+
+The weights on a stage add up, along the path to each stage and to each result, to the entry of
+the flat tableau. These are linear equations; of the weights in each, the last one on the path is
+the exact remainder of the others, and those others are the unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...conditions import MAX_ORDER, condition_trees
+from ...conditions import compiled as compiled_conditions
+from ...structure.layout import Layout
+from ...structure.points import START
+from ...trees.ordered import forest
+
+__all__ = ["FlatRows", "Splitting", "chains_layout", "random_layout"]
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FlatRows:
+    """The rows of a flat tableau that lead to points of their own.
+
+    Attributes
+    ----------
+    stages : tuple of rows of Fraction
+        Row by row; all of length s.
+    result : row
+    embedded : row or None
+        Second weights of a pair.
+    """
+
+    stages: tuple[tuple[Fraction, ...], ...]
+    result: tuple[Fraction, ...]
+    embedded: tuple[Fraction, ...] | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of stages."""
+        return len(self.stages)
+
+    @cached_property
+    def at_result(self) -> bool:
+        """Whether the last stage is at the result: its row is that of the result."""
+        return self.count > 1 and self.stages[-1] == self.result
+
+    @property
+    def own(self) -> list[int]:
+        """The stages that need points of their own: not the first, nor one at the result."""
+        return list(range(1, self.count - self.at_result))
+
+    def ends(self, layout: Layout) -> list[tuple[int, tuple[Fraction, ...]]]:
+        """Return the points of stages and results with the rows that belong to them."""
+        rows = [*self.stages, self.result]
+        if self.embedded is not None:
+            rows.append(self.embedded)
+        return list(zip(layout.ends, rows, strict=True))
+
+    def layout(
+        self, parents: Sequence[int], at: Sequence[int], result: int, uses: Sequence[set[int]]
+    ) -> Layout:
+        """Return the layout with these points; that of the estimate is added.
+
+        Parameters
+        ----------
+        parents : sequence of int
+            By point.
+        at : sequence of int
+            The points of the stages in `own`.
+        result : int
+        uses : sequence of sets of int
+            The stages that each point has weights on.
+        """
+        parents, weights = list(parents), [tuple(sorted(used)) for used in uses]
+        stage_points = (START, *at, *([result] if self.at_result else []))
+        results = [result]
+        if self.embedded is not None:
+            pairs = zip(self.result, self.embedded, strict=True)
+            parents.append(result)
+            weights.append(tuple(k for k, (b, second) in enumerate(pairs) if b != second))
+            results.append(len(parents) - 1)
+        return Layout(tuple(parents), tuple(weights), stage_points, tuple(results))
+
+
+def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True) -> Layout:
+    """Return the layout in which each stage and the result have chains of their own.
+
+    Parameters
+    ----------
+    rows : FlatRows
+    lengths : sequence of int
+        Flows to each stage in `FlatRows.own`, and to the result.
+    zeros : bool, optional
+        Where an entry is zero, have no weights in the row; otherwise weights that add up to it,
+        in chains of more than one flow.
+    """
+    parents: list[int] = []
+    uses: list[set[int]] = []
+    ends: list[int] = []
+    targets = [*((k, rows.stages[k]) for k in rows.own), (1 + len(rows.own), rows.result)]
+    for (before, row), length in zip(targets, lengths, strict=True):
+        last = START
+        for _ in range(length):
+            parents.append(last)
+            kept = zeros or length == 1
+            uses.append({k for k in range(before) if row[k] or not kept})
+            last = len(parents) - 1
+        ends.append(last)
+    return rows.layout(parents, ends[:-1], ends[-1], uses)
+
+
+def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) -> Layout:
+    """Return a random tree of points with so many flows to the stages and the result.
+
+    Each point starts from the initial point, from the one before or from any other, and all
+    of them lead to a stage or the result. Weights are on the stages that have one in a row
+    further on; trees in which rows couldn't be reached are drawn again.
+    """
+    own = rows.own
+    targets = [*(rows.stages[k] for k in own), rows.result]
+    while True:
+        places = np.sort(generator.choice(flows - 1, len(own), replace=False)).tolist()
+        ends = [*places, flows - 1]
+        parents = []
+        for m in range(flows):
+            kind = generator.random()
+            if m == 0 or kind < 0.35:
+                parents.append(START)
+            elif kind < 0.7:
+                parents.append(m - 1)
+            else:
+                parents.append(int(generator.integers(m)))
+        paths = []
+        for end in ends:
+            path = [end]
+            while parents[path[-1]] != START:
+                path.append(parents[path[-1]])
+            paths.append(set(path))
+        if set().union(*paths) != set(range(flows)):
+            continue
+        uses = []
+        for m in range(flows):
+            leading = [row for row, path in zip(targets, paths, strict=True) if m in path]
+            known = [k for k in range(rows.count) if k == 0 or (k in own and places[k - 1] < m)]
+            uses.append({k for k in known if any(row[k] for row in leading)})
+        if not all(uses):
+            continue
+        layout = rows.layout(parents, places, flows - 1, uses)
+        if Splitting.reachable(rows, layout):
+            return layout
+
+
+def _equations(rows: FlatRows, layout: Layout) -> list[tuple[dict[int, Fraction], Fraction]]:
+    """Return the sums of weights along paths, and what they must be."""
+    found: dict[frozenset[int], Fraction] = {}
+    for end, row in rows.ends(layout):
+        sums: dict[int, list[int]] = {k: [] for k in range(rows.count)}
+        for m in layout.path(end):
+            for index, k in enumerate(layout.weights[m], layout.starts[m]):
+                sums[k].append(index)
+        for k, indices in sums.items():
+            key = frozenset(indices)
+            if (indices or row[k]) and found.setdefault(key, row[k]) != row[k]:
+                raise ArithmeticError("points can't lead to these rows")
+            if not indices and row[k]:
+                raise ArithmeticError("points can't lead to these rows")
+    return [(dict.fromkeys(sorted(key), Fraction(1)), value) for key, value in found.items() if key]
+
+
+def _solved(
+    equations: list[tuple[dict[int, Fraction], Fraction]],
+) -> dict[int, tuple[dict[int, Fraction], Fraction]]:
+    """Solve for the last unknown of each equation: ``x_k = value - Σ factor x_j``."""
+    solved: dict[int, tuple[dict[int, Fraction], Fraction]] = {}
+
+    def add(into: dict[int, Fraction], other: dict[int, Fraction], factor: Fraction) -> None:
+        for j, entry in other.items():
+            into[j] = into.get(j, Fraction(0)) + factor * entry
+            if not into[j]:
+                del into[j]
+
+    for left, right in sorted(equations, key=lambda equation: max(equation[0])):
+        row, value = dict(left), right
+        for k in sorted(set(row) & set(solved)):
+            if k not in row:
+                continue
+            factor = row.pop(k)
+            add(row, solved[k][0], -factor)
+            value -= factor * solved[k][1]
+        if not row:
+            if value:
+                raise ArithmeticError("points can't lead to these rows")
+            continue
+        pivot = max(row)
+        lead = row.pop(pivot)
+        row = {j: entry / lead for j, entry in row.items()}
+        value /= lead
+        for k, (other, known) in list(solved.items()):
+            if pivot in other:
+                factor = other.pop(pivot)
+                add(other, row, -factor)
+                solved[k] = other, known - factor * value
+        solved[pivot] = row, value
+    return solved
+
+
+@dataclass(frozen=True)
+class Splitting:
+    """The conditions on a flat tableau cut into flows.
+
+    Parameters
+    ----------
+    rows : FlatRows
+    layout : Layout
+    order : int
+        Of the result.
+    embedded_order : int
+        Of the second result; 0 without.
+    stage_orders : tuple of int, optional
+        By stage, the order to which it is to be right at its abscissa.
+    """
+
+    rows: FlatRows
+    layout: Layout
+    order: int
+    embedded_order: int = 0
+    stage_orders: tuple[int, ...] = ()
+
+    @staticmethod
+    def reachable(rows: FlatRows, layout: Layout) -> bool:
+        """Tell whether there are weights that add up to the rows."""
+        try:
+            _solved(_equations(rows, layout))
+        except ArithmeticError:
+            return False
+        return True
+
+    @cached_property
+    def remainders(self) -> dict[int, tuple[dict[int, Fraction], Fraction]]:
+        """By each dependent weight, the factors of others and a number: their difference."""
+        return _solved(_equations(self.rows, self.layout))
+
+    @cached_property
+    def free(self) -> NDArray[np.intp]:
+        """Indices of the unknowns, those that are no remainders."""
+        return np.setdiff1d(np.arange(self.layout.size), list(self.remainders))
+
+    @cached_property
+    def span(self) -> Vector:
+        """Derivatives of all weights by the unknowns, shape (size, unknowns)."""
+        column = {int(k): j for j, k in enumerate(self.free)}
+        span = np.zeros((self.layout.size, len(column)))
+        span[self.free, np.arange(len(column))] = 1
+        for k, (factors, _) in self.remainders.items():
+            for j, factor in factors.items():
+                span[k, column[j]] = -float(factor)
+        return span
+
+    @cached_property
+    def directions(self) -> Vector:
+        """An orthonormal basis of what `span` spans."""
+        return np.linalg.qr(self.span)[0]
+
+    @cached_property
+    def _offset(self) -> Vector:
+        offset = np.zeros(self.layout.size)
+        for k, (_, value) in self.remainders.items():
+            offset[k] = float(value)
+        return offset
+
+    def nearest(self, x: Vector) -> Vector:
+        """Return the weights closest to these that add up to the rows."""
+        gap = x - self._offset
+        return np.asarray(self._offset + self.directions @ (self.directions.T @ gap))
+
+    def from_unknowns(self, free: Vector) -> Vector:
+        """Return all weights, given those that are no remainders, in double precision."""
+        return np.asarray(self._offset + self.span @ free)
+
+    def full(self, free: Sequence[Fraction]) -> list[Fraction]:
+        """Return all weights, given those that are no remainders."""
+        x = [Fraction(0)] * self.layout.size
+        for k, value in zip(self.free.tolist(), free, strict=True):
+            x[k] = value
+        for k, (factors, value) in self.remainders.items():
+            x[k] = value - sum((f * x[j] for j, f in factors.items()), Fraction(0))
+        return x
+
+    @property
+    def assumptions(self) -> list[tuple[int, int]]:
+        """Stages, from 0, that are to be right at their abscissae, and to which order."""
+        orders = enumerate(self.stage_orders)
+        # order two follows from the sums: commuting flows or not, there is one word of each kind
+        return [(stage, min(order, self.order - 1)) for stage, order in orders if order > 2]
+
+    @cached_property
+    def conditions(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
+        """Trees, and what each condition is on.
+
+        That is 0 for the result, -1 for the second one, and a stage, from 1, for an assumption.
+        """
+        trees = list(condition_trees(self.order, independent=True))
+        owner = [0] * len(trees)
+        further = [(-1, self.embedded_order)] if self.embedded_order else []
+        further += [(stage + 1, order) for stage, order in self.assumptions]
+        for end, order in further:
+            more = condition_trees(order, independent=True)
+            trees += more
+            owner += [end] * len(more)
+        return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
+
+    @staticmethod
+    def nodes(index: int) -> int:
+        """Return the number of nodes of a tree but for its root."""
+        return forest(MAX_ORDER + 1).nodes[index - 1] - 1
+
+    @cached_property
+    def scale(self) -> Vector:
+        """The square roots of the trees' densities: residuals are multiplied by them."""
+        density = np.array(forest(self.order + 1).density, dtype=np.float64)
+        return np.asarray(np.sqrt(density[self.conditions[0] - 1]))
+
+    def residual(self, x: Vector) -> Vector:
+        """Return the scaled residuals, shape (m,)."""
+        trees, owner = self.conditions
+        found = compiled_conditions.residuals(self.order, self.layout, x, trees, owner)
+        return np.asarray(self.scale * found)
+
+    def jacobian(self, x: Vector, chosen: NDArray[np.intp] | slice = slice(None)) -> Vector:
+        """Return the derivatives of `residual` along `directions`, shape (m, unknowns).
+
+        Of all conditions, or of those that are chosen by their indices.
+        """
+        trees, owner = (entries[chosen] for entries in self.conditions)
+        found = compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
+        return np.asarray(self.scale[chosen, None] * (found @ self.directions))
+
+    @cached_property
+    def _principal(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
+        trees = condition_trees(self.order + 1)[len(condition_trees(self.order)) :]
+        return np.array(trees, dtype=np.intc), np.zeros(len(trees), dtype=np.intc)
+
+    def principal_residual(self, x: Vector) -> Vector:
+        """Return the residuals of the order above, of all words, not scaled."""
+        trees, owner = self._principal
+        return np.asarray(
+            compiled_conditions.residuals(self.order + 1, self.layout, x, trees, owner)
+        )
+
+    def principal_jacobian(self, x: Vector) -> Vector:
+        """Return the derivatives of `principal_residual` by all weights."""
+        trees, owner = self._principal
+        return np.asarray(
+            compiled_conditions.jacobian(self.order + 1, self.layout, x, trees, owner)
+        )
+
+    def merged(self, x: Vector, point: int) -> tuple[Splitting, Vector] | None:
+        """Return the splitting in which a point's flow is one with its parent's, and its weights.
+
+        None if the point starts from the initial one, a stage or a result is at its parent, or
+        others start from there.
+        """
+        layout = self.layout
+        parent = layout.parents[point]
+        if parent == START or parent in layout.ends or layout.parents.count(parent) > 1:
+            return None
+        cut = layout.point_weights(x.tolist())
+        joined = dict(cut[parent])
+        for k, weight in cut[point].items():
+            joined[k] = joined.get(k, 0.0) + weight
+        cut[point] = {k: joined[k] for k in sorted(joined)}
+        kept = [m for m in range(len(cut)) if m != parent]
+        number = {START: START} | {m: i for i, m in enumerate(kept)}
+        number[parent] = number[point]
+        origins = [layout.parents[parent] if m == point else layout.parents[m] for m in kept]
+        smaller = Layout(
+            tuple(number[origin] for origin in origins),
+            tuple(tuple(cut[m]) for m in kept),
+            tuple(number[m] for m in layout.stage_points),
+            tuple(number[m] for m in layout.results),
+        )
+        start = np.array([weight for m in kept for weight in cut[m].values()])
+        found = replace(self, layout=smaller)
+        return found, found.nearest(start)

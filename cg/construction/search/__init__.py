@@ -1,0 +1,1 @@
+"""Random search for methods: settings, starts, records and results."""

@@ -1,0 +1,245 @@
+"""Shapes of trees of points for a search: given by their parents and stages, or drawn at random."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...conditions import MAX_ORDER
+from ...structure.layout import Layout
+from ...structure.points import START, MethodError, Point, PointTree, check_tree
+from ...support.checks import MAX_STAGES, check_flag, check_integer
+
+__all__ = [
+    "FLAT_CONDITIONS",
+    "MIN_STAGES",
+    "check_order",
+    "check_points",
+    "draw_guess",
+    "draw_layout",
+    "held_weights",
+    "layout_of",
+    "most_unknowns",
+]
+
+MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
+"""The least stages of explicit methods of orders 1, 2, ... where all flows commute [1]_.
+
+References
+----------
+.. [1] J. C. Butcher, Numerical Methods for Ordinary Differential Equations, 3rd ed., 2016,
+   Section 324.
+"""
+
+FLAT_CONDITIONS = (1, 2, 4, 8, 17, 37, 85, 200)
+"""How many order conditions orders 1, 2, ... have where all flows commute: unordered trees."""
+
+HELD_FIRST = (0.2, 0.8)
+"""Range of the first weight of a tree, held while solving."""
+
+HELD_ESTIMATE = (0.1, 0.2)
+"""Range of the last weight of an estimate, held while solving."""
+
+_HELD_FROM = 5  # the order from which on the first weight is held
+_BACK = 0.3  # how often a drawn flow starts from any earlier point instead of the one before
+
+
+def layout_of(tree: Any) -> Layout:
+    """Return the layout of a tree of points.
+
+    Parameters
+    ----------
+    tree : PointTree, Layout, method, or sequence
+        A tree or a method has its nonzero weights as unknowns. A sequence is ``(parents,
+        stage_points)``, then the results if they aren't the last point; there, all stages
+        evaluated by then have weights.
+
+    Raises
+    ------
+    TypeError
+        If it is none of these.
+    MethodError
+        If it doesn't make an explicit method, see `cg.structure.points.check_tree`.
+    """
+    if isinstance(tree, Layout):
+        layout = tree
+    elif isinstance(getattr(tree, "tree", None), PointTree):
+        check_tree(tree.tree)
+        return Layout.of_tree(tree.tree)
+    else:
+        layout = _layout_of_places(tree)
+    if layout.rows is not None:
+        raise MethodError("tree must be one of points, got the layout of a tableau")
+    check_tree(layout.tree([1] * layout.size))  # type: ignore[list-item]
+    return layout
+
+
+def _layout_of_places(tree: Any) -> Layout:
+    wanted = "a PointTree, or its parents, the points of stages and maybe results"
+    if isinstance(tree, str | bytes) or not isinstance(tree, Sequence):
+        raise TypeError(f"tree must be {wanted}, got {tree!r}")
+    if not 2 <= len(tree) <= 4:
+        raise TypeError(f"tree must be {wanted}, got {len(tree)} entries")
+    parents, stage_points = _indices("parents", tree[0]), _indices("stage_points", tree[1])
+    results = tuple(_plain(end) for end in tree[2:]) or (len(parents) - 1,)
+    # checked with the weights of the first stage alone: those on others need sound places
+    points = tuple(Point(parent, {0: 1} if stage_points else {}) for parent in parents)  # type: ignore[dict-item]
+    check_tree(PointTree(points, stage_points, *results))
+    weights = tuple(
+        tuple(stage for stage, at in enumerate(stage_points) if at < m) for m in range(len(parents))
+    )
+    return Layout(parents, weights, stage_points, results)
+
+
+def _indices(label: str, values: Any) -> tuple[Any, ...]:
+    if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
+        raise TypeError(f"{label} of tree must be a sequence of integers, got {values!r}")
+    return tuple(map(_plain, values))
+
+
+def _plain(value: Any) -> Any:
+    return int(value) if isinstance(value, np.integer) else value
+
+
+def draw_layout(
+    stages: int,
+    flows: int,
+    random: np.random.Generator,
+    *,
+    embedded: bool = False,
+    first_same_as_last: bool = False,
+) -> Layout:
+    """Draw a tree of points, in which every point leads to a stage or is the result.
+
+    Parameters
+    ----------
+    stages : int
+    flows : int
+        At least as many as stages: all stages but the first are at points of their own, and
+        the result is one more.
+    random : numpy.random.Generator
+    embedded : bool, optional
+        Whether one more flow, from the result, leads to the second result of a pair.
+    first_same_as_last : bool, optional
+        Whether the last stage is at the result, where the next step begins.
+
+    Returns
+    -------
+    Layout
+        Each flow has weights on all stages before it.
+    """
+    inner, own = flows - 1, stages - first_same_as_last
+    while True:
+        places = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, own - 2)])]
+        at = sorted(int(m) for m in places[: own - 1])
+        back = random.random(flows) < _BACK
+        parents = [int(random.integers(START, m)) if back[m] else m - 1 for m in range(flows)]
+        if {*at, *parents, inner} >= set(range(flows)):
+            break
+    results = [inner]
+    if embedded:
+        parents.append(inner)
+        results.append(flows)
+    stage_points = (START, *at, *([inner] if first_same_as_last else []))
+    weights = tuple(
+        tuple(stage for stage, place in enumerate(stage_points) if place < m)
+        for m in range(len(parents))
+    )
+    return Layout(tuple(parents), weights, stage_points, tuple(results))
+
+
+def held_weights(order: int, layout: Layout) -> list[int]:
+    """Return the weights of a tree of points to hold while solving from a random start.
+
+    Where the first one tends to zero are degenerate limits, from order 5 on. The last flow of a
+    pair that starts from the result has weights in which the conditions are homogeneous: it is
+    nothing, or as long as one likes.
+    """
+    held = [0] if order >= _HELD_FROM else []
+    last = len(layout.parents) - 1
+    if layout.pair and layout.results[1] == last and layout.parents[last] == layout.results[0]:
+        held.append(layout.size - 1)
+    return held
+
+
+def draw_guess(
+    order: int, layout: Layout, width: float, random: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return random weights of a tree, uniform in [-width, width] but for those to hold."""
+    guess = random.uniform(-width, width, layout.size)
+    for k in held_weights(order, layout):
+        guess[k] = random.uniform(*(HELD_ESTIMATE if k else HELD_FIRST))
+    return guess
+
+
+def most_unknowns(stages: int, flows: int) -> int:
+    """Return how many weights the flows of a drawn tree have at most, second results left out."""
+    return sum(min(m + 1, stages) for m in range(flows))
+
+
+def check_order(order: Any) -> int:
+    """Return an order that this build has conditions of; TypeError or ValueError otherwise."""
+    number = check_integer("order", order, 1)
+    if number > MAX_ORDER:
+        raise ValueError(f"order must be at most {MAX_ORDER} in this build, got {number}")
+    return number
+
+
+def check_points(
+    order: int,
+    stages: int,
+    tree: Any,
+    flows: Any,
+    embedded: Any,
+    force: bool,
+    first_same_as_last: Any = False,
+) -> tuple[Layout | None, int]:
+    """Return the layout of a given tree, None if trees are drawn, and the number of flows.
+
+    Refused is what can't have the order where flows commute, and so not on a manifold: too few
+    stages, or fewer unknowns than conditions, unless `force` is true.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument isn't what it should be; the message names it.
+    """
+    embedded = check_flag("embedded", embedded)
+    last = int(check_flag("first_same_as_last", first_same_as_last))
+    layout = None
+    if tree is not None:
+        if last:
+            raise ValueError("first_same_as_last must be False with a tree, whose stages tell")
+        if flows is not None:
+            raise ValueError(f"flows must be None with a tree, got {flows!r}")
+        layout = layout_of(tree)
+        if layout.stages != stages:
+            raise ValueError(f"stages must be those of the tree, {layout.stages}, got {stages}")
+        if embedded and not layout.pair:
+            raise ValueError("embedded must be False, as tree has no second result")
+        flows, unknowns = len(layout.parents), layout.size
+    else:
+        if last:
+            check_integer("stages", stages, 2)
+        flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
+        unknowns = most_unknowns(stages - last, flows)
+    if not force:
+        _check_counts(order, stages - last, unknowns)
+    return layout, flows
+
+
+def _check_counts(order: int, stages: int, unknowns: int) -> None:
+    if stages < MIN_STAGES[order - 1]:
+        raise ValueError(
+            f"stages = {stages} is too few for order {order}, which takes "
+            f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try all "
+            "the same"
+        )
+    if unknowns < FLAT_CONDITIONS[order - 1]:
+        raise ValueError(
+            f"the flows have {unknowns} unknowns for {FLAT_CONDITIONS[order - 1]} conditions of "
+            f"order {order} where flows commute; pass force=True to try all the same"
+        )

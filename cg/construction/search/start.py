@@ -1,0 +1,211 @@
+"""One random start of a search, run alone: a function of settings and index."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...conditions import count, table_rows
+from ...conditions.compiled import fit_lmdif
+from ...structure.layout import Layout
+from ...support import quads
+from ...support.checks import MAX_COUNT
+from ...support.parallel import single_threads, stoppable
+from ..solvers.minimum_norm import fit_conditions
+from ..solvers.refine import refine
+from ..solvers.singular import finish
+from ..solvers.system import ConditionSystem
+from .records import Phase, RandomStart
+from .settings import SearchSettings
+from .shapes import draw_guess, draw_layout, held_weights
+
+__all__ = ["EXACT", "check_start", "random_start", "run_start", "start_layout"]
+
+EXACT = 1e-31
+"""A method is exact if no residual of its order conditions, computed in real(16), exceeds
+this, relative to its largest coefficient where that is above 1."""
+
+_SOLVED = 1e-25
+_PROMISING = 1e-11  # sum of squares from which on the last stretch is tried, with trees
+
+
+def start_layout(settings: SearchSettings, index: int) -> Layout:
+    """Return the shape of the methods that a start looks for.
+
+    It is drawn with the start if the settings have flows, so that it depends on the seed and
+    the index alone.
+    """
+    if settings.flows is not None:
+        return _drawn(settings, index)[0]
+    return settings.tree or Layout.tableau(settings.stages, settings.rows)
+
+
+def _drawn(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.float64]]:
+    """Return the shape of a start with a tree, and its random weights."""
+    generator = _generator(settings.seed, index)
+    layout = settings.tree
+    if settings.flows is not None:
+        layout = draw_layout(
+            settings.stages,
+            settings.flows,
+            generator,
+            embedded=settings.embedded,
+            first_same_as_last=settings.first_same_as_last,
+        )
+    assert layout is not None
+    return layout, draw_guess(settings.order, layout, settings.width, generator)
+
+
+def _generator(seed: int, index: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+
+
+def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.float64]:
+    """Return the random guess of one start, uniform in [-width, width].
+
+    Parameters
+    ----------
+    seed, index : int
+        The generator's seed is spawned from `seed` for each `index`.
+    size : int
+        Number of unknowns.
+    width : float
+        Half the side of the cube of guesses.
+
+    Returns
+    -------
+    ndarray, shape (size,)
+    """
+    return _generator(seed, index).uniform(-width, width, size)
+
+
+def check_start(settings: SearchSettings, start: RandomStart) -> RandomStart:
+    """Return a start that was read, after computing again what it says of its coefficients.
+
+    Raises
+    ------
+    ValueError
+        If its index is none, or the residual of its coefficients is another.
+    """
+    where = f"not the record of a start: start {start.index}"
+    if not 0 <= start.index <= MAX_COUNT:
+        raise ValueError(f"{where} can't be")
+    system = ConditionSystem(settings.order, start_layout(settings, start.index))
+    try:
+        bits = quads.encode(start.x)
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{where}: {error}") from None
+    if len(bits) != system.size:
+        raise ValueError(f"{where} has {len(bits)} coefficients, not {system.size}")
+    largest, exact = _judged(system, bits)
+    if (largest, exact) != (start.largest_residual, start.exact):
+        raise ValueError(
+            f"{where} says that its largest residual is {start.largest_residual!r}, exact: "
+            f"{start.exact}; it is {largest!r}, exact: {exact}"
+        )
+    return start
+
+
+def _judged(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
+    """Return the largest residual at binary128 coefficients, and whether they are exact."""
+    largest = float(np.abs(system.residual_quad(bits)).max())
+    if not np.isfinite(largest):
+        largest = np.inf
+    scale = max(1.0, float(np.abs(quads.to_float(bits)).max()))
+    return largest, largest <= EXACT * scale
+
+
+@single_threads()
+def run_start(settings: SearchSettings, index: int) -> RandomStart:
+    """Run one start alone: guess, solve in double, refine in real(16).
+
+    Parameters
+    ----------
+    settings : SearchSettings
+        From `SearchResult.settings`.
+    index : int
+        Number of the start.
+
+    Returns
+    -------
+    RandomStart
+    """
+    if settings.flows is None and settings.tree is None:
+        layout = Layout.tableau(settings.stages, settings.rows)
+        guess = random_start(settings.seed, index, layout.size, settings.width)
+        held = []
+    else:
+        layout, guess = _drawn(settings, index)
+        held = held_weights(settings.order, layout)
+    system = ConditionSystem(settings.order, layout)
+    if settings.algorithm == "lmdif":
+        double, refined, bits = _run_lmdif(settings, layout, guess)
+    else:
+        double, refined, bits = _run_minimum_norm(settings, system, guess, held)
+    if refined is None:
+        # doubles, whose decimals take less time without fractions; most starts end here
+        decimals = tuple(f"{entry:.35e}" for entry in quads.to_float(bits).tolist())
+    else:
+        decimals = tuple(map(quads.to_decimal, quads.decode(bits)))
+        bits = quads.encode(map(Fraction, decimals))
+    return RandomStart(index, double, refined, decimals, *_judged(system, bits))
+
+
+def _run_lmdif(
+    settings: SearchSettings, layout: Layout, guess: NDArray[np.float64]
+) -> tuple[Phase, Phase | None, quads.Quads]:
+    trees = np.array(table_rows(settings.order), dtype=np.intc)
+    # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
+    trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
+    shape = settings.order, layout
+    x, f, info, nfev = stoppable(
+        lambda stop_flag: fit_lmdif(
+            *shape, guess, trees, np.array([1e-18]), settings.maxfev, stop_flag
+        )
+    )
+    double = Phase(_finite(f[0]), int(info), int(nfev))
+    bits = quads.from_float(x if np.isfinite(x).all() else guess)
+    if double.f > settings.refine_below:
+        return double, None, bits
+    tolerance = quads.from_float([1e-32]).T
+    found, f, info, nfev = stoppable(
+        lambda stop_flag: fit_lmdif(
+            *shape, bits.T, trees, tolerance, settings.refine_maxfev, stop_flag
+        )
+    )
+    refined = Phase(_finite(quads.to_float(f.T)[0]), int(info), int(nfev))
+    found = np.ascontiguousarray(found.T)
+    return double, refined, found if np.isfinite(quads.to_float(found)).all() else bits
+
+
+def _run_minimum_norm(
+    settings: SearchSettings,
+    system: ConditionSystem,
+    guess: NDArray[np.float64],
+    held: list[int],
+) -> tuple[Phase, Phase | None, quads.Quads]:
+    """Solve, with some unknowns held until refinement."""
+    free = np.setdiff1d(system.free, held)
+    fit = fit_conditions(
+        guess,
+        system,
+        free=free,
+        max_iterations=max(1, settings.maxfev // 2),
+    )
+    x, f = fit.x, fit.f
+    if system.rows is None and _SOLVED < f <= _PROMISING:
+        x, f = finish(system, x, free)
+    double, bits = Phase(_finite(f), int(fit.status), fit.evaluations), quads.from_float(x)
+    if double.f > settings.refine_below:
+        return double, None, bits
+    refined = refine(bits, system)
+    count_all = count(settings.order)
+    bound = count_all * refined.largest_residual**2
+    return double, Phase(bound, int(fit.status), refined.iterations + 1), refined.x
+
+
+def _finite(f: float) -> float:
+    """Return a sum of squares, infinite where it overflowed or isn't a number."""
+    return float(f) if np.isfinite(f) else np.inf

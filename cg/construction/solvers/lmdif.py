@@ -1,0 +1,297 @@
+"""MINPACK's ``lmdif`` on a Python function, in double precision."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cg._lmdif import lmdif as _compiled_lmdif
+from cg.support.shared_numbers import Status
+
+Vector = NDArray[np.float64]
+Residual = Callable[[Vector], ArrayLike]
+
+_EPS = float(np.finfo(np.float64).eps)
+_SCALE_BY_COLUMNS, _SCALE_AS_GIVEN = 1, 2
+
+
+@dataclass(frozen=True, eq=False)
+class LmdifResult:
+    """Where ``lmdif`` stopped, and why. All arrays are read-only.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n,)
+        The last accepted point.
+    fvec : ndarray, shape (m,)
+        ``f(x)``.
+    info : Status
+        Why the solver stopped, MINPACK's code; compares equal to the integer.
+    nfev : int
+        How often ``f`` was called, differences included.
+    fjac : ndarray, shape (m, n)
+        The last Jacobian ``J`` factored as ``J[:, ipvt] = Q R``: ``R`` in the upper triangle of
+        the first ``n`` rows, diagonal elements of decreasing magnitude.
+    ipvt : ndarray of int, shape (n,)
+        The columns of ``J`` in the order of ``R``, counted from 0.
+    qtf : ndarray, shape (n,)
+        The first ``n`` elements of ``Q^T f(x)``, with the ``x`` of the last Jacobian.
+    """
+
+    x: Vector
+    fvec: Vector
+    info: Status
+    nfev: int
+    fjac: Vector
+    ipvt: NDArray[np.intp]
+    qtf: Vector
+
+    @property
+    def success(self) -> bool:
+        """Whether one of the requested convergence tests was met."""
+        return self.info.converged
+
+    @property
+    def message(self) -> str:
+        """Why the solver stopped, as a sentence."""
+        return self.info.message
+
+    @property
+    def residual_norm(self) -> float:
+        """The Euclidean norm of ``fvec``."""
+        return math.hypot(*self.fvec)
+
+
+def lmdif(
+    f: Residual,
+    x0: ArrayLike,
+    *,
+    ftol: float = math.sqrt(_EPS),
+    xtol: float = math.sqrt(_EPS),
+    gtol: float = 0.0,
+    maxfev: int | None = None,
+    epsfcn: float = _EPS,
+    factor: float = 100.0,
+    diag: ArrayLike | None = None,
+) -> LmdifResult:
+    """Minimise the sum of squares of ``f`` by the Levenberg–Marquardt algorithm.
+
+    The Jacobian is estimated by forward differences. The algorithm, its tests of convergence
+    and its status codes are those of MINPACK's subroutine of the same name [1]_, [2]_.
+
+    Parameters
+    ----------
+    f : callable
+        ``f(x)`` with ``x`` of shape (n,) returns the residuals, finite, of shape (m,), m ≥ n.
+    x0 : array_like, shape (n,)
+        The start.
+    ftol : float, optional
+        Relative reduction of the sum of squares at which to stop, ≥ 0.
+    xtol : float, optional
+        Relative change between two iterates at which to stop, ≥ 0.
+    gtol : float, optional
+        Cosine of the angle between the residual and the columns of the Jacobian at which to
+        stop, ≥ 0.
+    maxfev : int, optional
+        Number of calls of ``f`` after which no further iteration starts, > 0; by default
+        200 (n + 1).
+    epsfcn : float, optional
+        Relative error of ``f``, ≥ 0, from which the steps of the differences are found; below
+        the machine precision that is taken.
+    factor : float, optional
+        The first step has at most the length ``factor * |diag * x0|``, > 0.
+    diag : array_like, shape (n,), optional
+        Positive scale factors of the unknowns; by default the largest norms so far of the
+        columns of the Jacobian.
+
+    Returns
+    -------
+    LmdifResult
+
+    Raises
+    ------
+    TypeError
+        If an argument, or what ``f`` returns, isn't of a type listed here.
+    ValueError
+        If an argument is out of its range, or ``f`` returns an array that isn't finite, has
+        another shape than at ``x0``, or has fewer elements than ``x0``, or varies so much that
+        its differences overflow.
+    BaseException
+        Whatever ``f`` raises ends the call and is raised again.
+
+    References
+    ----------
+    .. [1] J. J. Moré, B. S. Garbow, K. E. Hillstrom, User Guide for MINPACK-1,
+       Argonne National Laboratory report ANL-80-74 (1980).
+    .. [2] J. J. Moré, The Levenberg–Marquardt algorithm: implementation and theory,
+       Lecture Notes in Mathematics 630 (1978) 105–116.
+
+    Examples
+    --------
+    >>> from cg.construction.solvers.lmdif import lmdif
+    >>> fit = lmdif(lambda x: [10 * (x[1] - x[0] ** 2), 1 - x[0]], [-1.2, 1.0])
+    >>> fit.x
+    array([1., 1.])
+    >>> fit.info.name, fit.nfev
+    ('SMALL_STEP', 54)
+    """
+    if not callable(f):
+        raise TypeError(f"f must be callable, got {f!r}")
+    start = _vector("x0", x0)
+    scale = None if diag is None else _scale_factors(diag, start.size)
+    limit = 200 * (start.size + 1) if maxfev is None else _positive_integer("maxfev", maxfev)
+    arguments = (
+        _tolerance("ftol", ftol),
+        _tolerance("xtol", xtol),
+        _tolerance("gtol", gtol),
+        limit,
+        _tolerance("epsfcn", epsfcn),
+        np.ones(start.size) if scale is None else scale,
+        _SCALE_BY_COLUMNS if scale is None else _SCALE_AS_GIVEN,
+        _positive("factor", factor),
+    )
+
+    callback = _Callback(f, start)
+    x, fvec, info, nfev, fjac, ipvt, qtf = _compiled_lmdif(
+        callback.evaluate, callback.rows, start, *arguments
+    )
+    callback.raise_failure()
+    if not np.isfinite(fjac).all():
+        raise ValueError(f"f varies too much: its differences overflow near x = {x}")
+
+    result = LmdifResult(
+        x=x,
+        fvec=fvec,
+        info=Status(info),
+        nfev=int(nfev),
+        fjac=fjac,
+        ipvt=ipvt.astype(np.intp) - 1,
+        qtf=qtf,
+    )
+    for array in (result.x, result.fvec, result.fjac, result.ipvt, result.qtf):
+        array.setflags(write=False)
+    return result
+
+
+class _Callback:
+    """The user's function as the compiled solver calls it: no exception leaves `evaluate`."""
+
+    def __init__(self, f: Residual, start: Vector) -> None:
+        self._f = f
+        # The solver's first call is at the start: what is known from here is not computed again.
+        self._first: Vector | None = _residuals(f, start, None)
+        self.rows = self._first.size
+        self._failure: BaseException | None = None
+        if self.rows < start.size:
+            raise ValueError(
+                f"f must return at least as many residuals as x0 has elements: "
+                f"{self.rows} residuals, {start.size} unknowns"
+            )
+
+    def evaluate(self, x: Vector) -> tuple[Vector, int]:
+        try:
+            if self._first is not None:
+                values, self._first = self._first, None
+            else:
+                values = _residuals(self._f, x, self.rows)
+        except BaseException as error:
+            self._failure = error
+            return np.zeros(self.rows), int(Status.STOPPED_BY_USER)
+        return values, 0
+
+    def raise_failure(self) -> None:
+        """Raise again what ended the solve, if anything did."""
+        failure, self._failure = self._failure, None
+        try:
+            if failure is not None:
+                raise failure
+        finally:
+            # Its traceback leads back here: kept, the solver's arrays would wait for the
+            # collector of cycles.
+            del failure
+
+
+def _residuals(f: Residual, x: Vector, rows: int | None) -> Vector:
+    """Return a checked copy of ``f(x)``; `x` may be the solver's memory, so f gets a copy."""
+    if not np.isfinite(x).all():
+        raise ValueError(f"f varies too much: the next point would be x = {x}")
+    returned: Any = f(x.copy())
+    try:
+        values = np.asarray(returned)
+    except ValueError as error:
+        raise ValueError(f"f must return an array of shape (m,), got {returned!r}") from error
+    if values.dtype.kind not in "biuf" or np.ma.is_masked(returned):
+        raise TypeError(f"f must return real numbers, got {returned!r}")
+    if values.ndim != 1:
+        raise ValueError(f"f must return an array of shape (m,), got shape {values.shape}")
+    if rows is not None and values.size != rows:
+        raise ValueError(f"f must return {rows} residuals as it did at x0, got {values.size}")
+    checked = values.astype(np.float64)
+    if not np.isfinite(checked).all():
+        index = int(np.flatnonzero(~np.isfinite(checked))[0])
+        where = "x0" if rows is None else "x"
+        raise ValueError(
+            f"f must return finite residuals, got f[{index}] = {checked[index]} at {where} = {x}"
+        )
+    return checked
+
+
+def _vector(name: str, value: ArrayLike) -> Vector:
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{name} must be an array of shape (n,), got {value!r}") from error
+    if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
+        raise TypeError(f"{name} must hold real numbers, got {value!r}")
+    if array.ndim != 1 or array.size == 0:
+        raise ValueError(f"{name} must have shape (n,) with n > 0, got shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite, got {value!r}")
+    return array.astype(np.float64)
+
+
+def _scale_factors(diag: ArrayLike, n: int) -> Vector:
+    array = _vector("diag", diag)
+    if array.size != n:
+        raise ValueError(f"diag must have shape ({n},) as x0 has, got shape {array.shape}")
+    if not (array > 0).all():
+        raise ValueError(f"diag must be positive, got {diag!r}")
+    return array
+
+
+def _real(name: str, value: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a real number, got {value!r}")
+    try:
+        number = float(value)
+    except OverflowError:  # an int beyond all doubles
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"{name} must be finite, got {value!r}")
+    return number
+
+
+def _tolerance(name: str, value: float) -> float:
+    if (number := _real(name, value)) < 0:
+        raise ValueError(f"{name} must be at least 0, got {value!r}")
+    return number
+
+
+def _positive(name: str, value: float) -> float:
+    if (number := _real(name, value)) <= 0:
+        raise ValueError(f"{name} must be positive, got {value!r}")
+    return number
+
+
+def _positive_integer(name: str, value: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be an integer, got {value!r}")
+    if not 0 < value <= np.iinfo(np.intc).max:
+        raise ValueError(f"{name} must be between 1 and {np.iinfo(np.intc).max}, got {value!r}")
+    return int(value)

@@ -1,0 +1,106 @@
+"""Refinement of a zero of the order conditions to the floor of binary128.
+
+The residual is computed in real(16), the correction by a pseudo-inverse of the double
+Jacobian that is factored once. Truncated singular values make it work where the
+Jacobian loses rank, as long as the system is consistent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from ...support import quads
+from ...support.parallel import raise_if_stopped
+from .system import ConditionSystem
+
+__all__ = ["Refined", "refine"]
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A refined point.
+
+    Attributes
+    ----------
+    x : ndarray of int8, shape (n, 16)
+        Packed weights in binary128, see `cg.support.quads`.
+    largest_residual : float
+        Over all order conditions, dependent ones included, computed in real(16).
+    rank : int
+        Singular values of the Jacobian above the threshold.
+    iterations : int
+        Corrections that were applied.
+    """
+
+    x: quads.Quads
+    largest_residual: float
+    rank: int
+    iterations: int
+
+
+def refine(
+    x: quads.Quads,
+    system: ConditionSystem,
+    *,
+    free: Sequence[int] | NDArray[np.intp] | None = None,
+    rcond: float = 1e-10,
+    max_iterations: int = 40,
+) -> Refined:
+    """Correct packed weights until its residuals stop getting smaller.
+
+    Parameters
+    ----------
+    x : ndarray of int8, shape (n, 16)
+        From `cg.support.quads.encode` or `cg.support.quads.from_float`, close to a zero.
+    system : ConditionSystem
+        Simplifying assumptions of its structure are kept up.
+    free : sequence of int, optional
+        Indices of the entries that may change; by default all that aren't zero by definition.
+    rcond : float, optional
+        Singular values below this fraction of the largest count as zero.
+    max_iterations : int, optional
+
+    Returns
+    -------
+    Refined
+        The best point seen.
+
+    Raises
+    ------
+    ValueError
+        If `x` doesn't fit the system or isn't finite, or `free` has a wrong index.
+    MissingQuadsError
+        If the package was built without quadruple precision.
+    """
+    core = quads.core("refinement")
+    if x.shape != (system.size, 16):
+        raise ValueError(f"x must have shape ({system.size}, 16), got {x.shape}")
+    start = quads.to_float(x)
+    if not np.isfinite(start).all():
+        raise ValueError(f"x must be finite, got {start}")
+    moving = system.moving(free)
+    jac = system.jacobian(start, independent=False)[:, moving]
+    rank, inverse = 0, np.zeros(jac.T.shape)
+    if moving.size and np.isfinite(jac).all():  # else there is no correction
+        left, values, right = linalg.svd(jac, full_matrices=False, lapack_driver="gesdd")
+        rank = int(np.sum(values > rcond * values[0]))
+        inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+
+    best, best_size, iterations = x, np.inf, 0
+    for iterations in range(max_iterations + 1):  # noqa: B007
+        raise_if_stopped()
+        residual = system.residual_quad(x)
+        largest = float(np.abs(residual).max())
+        # the last digits jitter: stop at the first correction that doesn't help
+        if not largest < best_size:
+            break
+        best, best_size = x, largest
+        step = np.zeros(system.size)
+        step[moving] = inverse @ residual
+        x = np.ascontiguousarray(core.subtract_double(x.T, step).T)
+    return Refined(best, best_size, rank, iterations)

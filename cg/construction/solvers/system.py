@@ -1,0 +1,223 @@
+"""A system of order conditions: which conditions, on which weights of a method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...conditions import MAX_ORDER, condition_trees
+from ...conditions import compiled as compiled_conditions
+from ...structure.layout import Layout, Rows
+from ...structure.points import check_tree
+from ...support import quads
+from ...support.checks import check_integer
+from ...support.shared_numbers import ConditionOwner, StageEquation
+from ...trees.ordered import OrderedTree, forest
+
+__all__ = ["ConditionSystem", "Structure"]
+
+_STAGE_ORDER_TWO = forest(3).index(OrderedTree.parse("[[[]]]"))
+_REMAINING = {
+    1: (1, 1, 2, 6, 19, 56, 176, 550),
+    2: (1, 0, 1, 4, 12, 36, 112, 352),
+}
+"""Conditions on 1, 2, ... nodes that don't follow from a structure and smaller ones."""
+
+
+class Structure(IntEnum):
+    """Simplifying assumptions on explicit methods, which are equations of their own.
+
+    They make many order conditions depend on each other: with order six and 13 stages 76
+    independent equations remain for 89 unknowns, where there are 113 without.
+
+    - ``GENERAL``: none.
+    - ``STAGE_ORDER_TWO``: C(2), Σ_j a_ij c_j = c_i²/2, at all stages but the second, and
+      b_2 = 0.
+    - ``MIDDLE``: that, b_1 = 0, and abscissae in the middle of the pieces of the step,
+      c_k = Σ_{j<k} b_j + b_k/2 for k > 2.
+
+    Examples
+    --------
+    >>> import cg
+    >>> found = cg.construct(order=4, stages=6, seed=1, structure=cg.Structure.STAGE_ORDER_TWO)
+    >>> c = found.method.c
+    >>> bool(abs(found.method.a[2:] @ c - c[2:] ** 2 / 2).max() < 1e-15)
+    True
+    """
+
+    GENERAL = 0
+    STAGE_ORDER_TWO = 1
+    MIDDLE = 2
+
+
+@dataclass(frozen=True)
+class ConditionSystem:
+    """The conditions of an order for a method, or for an embedded pair.
+
+    Parameters
+    ----------
+    order : int
+        Order q of the method. Second results of pairs have order q - 1.
+    layout : Layout
+        The unknowns.
+    structure : Structure, optional
+        Simplifying assumptions that belong to it, on explicit tableaux of order 4 or more.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is none of these, or out of its range.
+    MethodError
+        If the layout isn't that of a method: see `cg.structure.points.check_tree`.
+    """
+
+    order: int
+    layout: Layout
+    structure: Structure = Structure.GENERAL
+
+    def __post_init__(self) -> None:
+        # the compiled core trusts its callers with both
+        order = check_integer("order", self.order, 1)
+        if order > MAX_ORDER:
+            raise ValueError(f"order must be at most {MAX_ORDER} in this build, got {order}")
+        object.__setattr__(self, "order", order)
+        if not isinstance(self.layout, Layout):
+            raise TypeError(f"layout must be a Layout, got {self.layout!r}")
+        if self.rows is None:
+            check_tree(self.layout.tree([Fraction(1)] * self.size))
+        if self.embedded and self.order < 2:
+            raise ValueError(f"order must be at least 2 for an embedded pair, got {self.order}")
+        try:
+            structure = Structure(self.structure)
+        except (TypeError, ValueError):
+            names = ", ".join(map(str, Structure.__members__))
+            raise ValueError(f"structure must be one of {names}, got {self.structure!r}") from None
+        object.__setattr__(self, "structure", structure)
+        if structure and (self.rows is not Rows.EXPLICIT or order < 4):
+            raise ValueError(
+                f"structure = {structure.name} is for explicit tableaux of order 4 or more, "
+                f"got order {order}, rows {self.rows!r}"
+            )
+        if structure and order > len(_REMAINING[structure]):
+            raise ValueError(
+                f"order must be at most {len(_REMAINING[structure])} with a structure, got {order}"
+            )
+        if structure and self.stages < 3:
+            raise ValueError(f"stages must be at least 3 with a structure, got {self.stages}")
+
+    @classmethod
+    def tableau(
+        cls,
+        order: int,
+        stages: int,
+        rows: Rows | str | int = Rows.EXPLICIT,
+        embedded: bool = False,
+        structure: Structure = Structure.GENERAL,
+    ) -> ConditionSystem:
+        """Return the conditions on a Crouch–Grossman tableau."""
+        return cls(order, Layout.tableau(stages, rows, embedded), structure)
+
+    @property
+    def stages(self) -> int:
+        """Stages of the method."""
+        return self.layout.stages
+
+    @property
+    def rows(self) -> Rows | None:
+        """The pattern of a tableau; None of other methods."""
+        return self.layout.rows
+
+    @property
+    def embedded(self) -> bool:
+        """Whether a second result, of order q - 1, belongs to it."""
+        return self.layout.pair
+
+    @property
+    def size(self) -> int:
+        """Number of packed entries."""
+        return self.layout.size
+
+    @cached_property
+    def free(self) -> NDArray[np.intp]:
+        """Indices of the entries that aren't zero by definition."""
+        fixed = list(self.layout.held)
+        weights = [self.layout.row(self.stages + r) for r in range(len(self.layout.results))]
+        if self.structure >= Structure.STAGE_ORDER_TWO:
+            fixed += [row[1] for row in weights]
+        if self.structure >= Structure.MIDDLE:
+            fixed.append(weights[0][0])
+        return np.setdiff1d(np.arange(self.size), fixed)
+
+    @property
+    def equations(self) -> int:
+        """Number of equations that are independent of each other in general."""
+        trees, _ = self.conditions(independent=True)
+        if not self.structure:
+            return len(trees)
+        remaining = _REMAINING[self.structure]
+        assumptions = int(self.structure) * (self.stages - 2)
+        second = sum(_REMAINING[1][: self.order - 1]) if self.embedded else 0
+        return sum(remaining[: self.order]) + second + assumptions
+
+    def moving(self, free: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
+        """Return the indices of entries that may change, sorted; `free` if None is given.
+
+        Raises
+        ------
+        ValueError
+            If an index isn't an integer or is out of range.
+        """
+        if free is None:
+            return self.free
+        given = np.asarray(free)
+        if given.size == 0:
+            return np.empty(0, dtype=np.intp)
+        if given.dtype.kind not in "iu":
+            raise ValueError(f"free must hold integers, got {free!r}")
+        indices = np.unique(given).astype(np.intp)
+        if indices[0] < 0 or indices[-1] >= self.size:
+            raise ValueError(f"free must hold indices from 0 to {self.size - 1}, got {free!r}")
+        return indices
+
+    def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
+        """Return trees, and what each condition is on, both (m,).
+
+        That is 0 for the result, -1 for the second one, and a stage, from 1, for a simplifying
+        assumption at it.
+        """
+        trees = condition_trees(self.order, independent)
+        second = condition_trees(self.order - 1, independent) if self.embedded else ()
+        owner: list[int] = [*[ConditionOwner.FIRST_RESULT] * len(trees)]
+        owner += [ConditionOwner.SECOND_RESULT] * len(second)
+        trees = (*trees, *second)
+        for level, equation in (
+            (Structure.STAGE_ORDER_TWO, _STAGE_ORDER_TWO),
+            (Structure.MIDDLE, StageEquation.MIDDLE),
+        ):
+            if self.structure >= level:
+                trees += (equation,) * (self.stages - 2)
+                owner += range(3, self.stages + 1)
+        return np.array(trees, dtype=np.intc), np.array(owner, dtype=np.intc)
+
+    def residual(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
+        """Return the residuals at packed entries, shape (m,)."""
+        trees, owner = self.conditions(independent)
+        return compiled_conditions.residuals(self.order, self.layout, x, trees, owner)
+
+    def jacobian(self, x: NDArray[np.float64], independent: bool = True) -> NDArray[np.float64]:
+        """Return the derivatives of `residual`, shape (m, size)."""
+        trees, owner = self.conditions(independent)
+        return compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
+
+    def residual_quad(self, x: quads.Quads, independent: bool = False) -> NDArray[np.float64]:
+        """Return the residuals as computed in real(16), rounded to double."""
+        trees, owner = self.conditions(independent)
+        return quads.to_float(
+            compiled_conditions.residuals_quad(self.order, self.layout, x, trees, owner)
+        )

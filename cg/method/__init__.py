@@ -1,0 +1,1 @@
+"""Methods: coefficients, tableaux, commutator-free and Munthe-Kaas methods, stability."""

@@ -1,0 +1,103 @@
+"""Coefficients as they are written down: exact value, text, and how well they are known."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from numbers import Integral, Rational
+from typing import Any
+
+import numpy as np
+
+__all__ = ["MIN_ROUNDED_PLACES", "Coefficient"]
+
+MIN_ROUNDED_PLACES = 8
+"""A decimal with fewer places than this, such as 0.25, is taken as exact."""
+
+_QUAD_UNIT = Fraction(1, 2**112)  # refinement works in binary128: no digits beyond it are meant
+
+_RATIONAL = re.compile(r"[+-]?\d+(/\d+)?", re.ASCII)
+_DECIMAL = re.compile(
+    r"[+-]? (?=\.?\d) \d* (\.(?P<part>\d*))? ([eE](?P<exponent>[+-]?\d{1,4}))?",
+    re.ASCII | re.VERBOSE,
+)
+_BINARY = re.compile(r"[+-]?0x[01](\.[0-9a-f]*)?p[+-]?\d{1,4}", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A number of a tableau.
+
+    Attributes
+    ----------
+    value : Fraction
+        What `text` says, exactly.
+    text : str
+        An integer, a rational like ``"119/216"``, a decimal with all its digits, or a
+        double as ``float.hex`` writes it.
+    unit : Fraction
+        How far the number that was meant may be from `value`: nothing for zero, integers,
+        rationals and decimals with fewer than `MIN_ROUNDED_PLACES` places, one unit
+        in the last place for other decimals (so that either truncation or rounding may
+        have made them) but no less than ``2**-112`` of the magnitude, ``2**-53`` of the
+        magnitude for doubles.
+    """
+
+    value: Fraction
+    text: str
+    unit: Fraction
+
+    @classmethod
+    def read(cls, number: Any) -> Coefficient:
+        """Take a string, Fraction, integer, float, Decimal or another Coefficient.
+
+        Raises
+        ------
+        ValueError
+            If it isn't a finite real number.
+        OverflowError
+            If it is hexadecimal and beyond the range of doubles.
+        """
+        if isinstance(number, Coefficient):
+            return number
+        if isinstance(number, str):
+            return cls._from_text(number.strip())
+        if isinstance(number, Decimal):
+            return cls._from_text(str(number))
+        if isinstance(number, (bool, np.bool)):
+            raise ValueError(f"expected a finite real number, got {number!r}")
+        if isinstance(number, Integral):
+            return cls._from_text(str(int(number)))
+        if isinstance(number, Rational):
+            return cls._from_text(f"{int(number.numerator)}/{int(number.denominator)}")
+        if isinstance(number, (float, np.floating)) and math.isfinite(number):
+            if float(number) == number:
+                return cls._from_text(float(number).hex())
+            raise ValueError(f"expected a number no more precise than a double, got {number!r}")
+        raise ValueError(f"expected a finite real number, got {number!r}")
+
+    @classmethod
+    def _from_text(cls, text: str) -> Coefficient:
+        if _RATIONAL.fullmatch(text):
+            numerator, _, denominator = text.partition("/")
+            if denominator and int(denominator) == 0:
+                raise ValueError(f"expected a finite real number, got {text!r}")
+            value = Fraction(int(numerator), int(denominator or 1))
+            return cls(value, str(value), Fraction(0))
+        if match := _DECIMAL.fullmatch(text):
+            value = Fraction(text)
+            if value == 0:
+                return cls(value, "0", Fraction(0))
+            places = len(match["part"] or "") - int(match["exponent"] or 0)
+            if places < MIN_ROUNDED_PLACES:
+                return cls(value, text, Fraction(0))
+            return cls(value, text, max(Fraction(1, 10**places), abs(value) * _QUAD_UNIT))
+        if _BINARY.fullmatch(text):
+            double = float.fromhex(text)
+            if double == 0:
+                return cls(Fraction(0), "0", Fraction(0))
+            return cls(Fraction(double), double.hex(), abs(Fraction(double)) / 2**53)
+        raise ValueError(f"expected a finite real number, got {text!r}")

@@ -1,0 +1,276 @@
+r"""Methods of two registers, which big states ask for.
+
+Where a Runge–Kutta method keeps the fields of all its stages, one of two registers [1]_ keeps one
+combination of them, Z, beside the point that it moves:
+
+.. math:: Z_i = A_i Z_{i-1} + F_i, \qquad y_i = \exp(h B_i Z_i)\, y_{i-1},
+
+with :math:`F_i` frozen at :math:`y_{i-1}`. As a tree of points it is a chain, with a stage at every
+point but the last, whose weights are products of A and B.
+
+References
+----------
+.. [1] J. H. Williamson, "Low-storage Runge–Kutta schemes", J. Comput. Phys. 35 (1980), 48-56. As
+   methods on manifolds: A. Bazavov, "Commutator-free Lie group methods with minimum storage
+   requirements and reuse of exponentials", BIT Numer. Math. 62 (2022), arXiv:2007.04225.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from functools import cache
+from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING, Any
+
+from ..conditions.exact import HasTree
+from ..structure.points import MethodError
+from ..support.checks import check_integer
+from ..trees.ordered import MAX_NODES
+from .coefficients import MIN_ROUNDED_PLACES, Coefficient
+from .commutator_free import CommutatorFree
+from .method import TOLERANCE_FACTOR, Method, read_coefficient
+
+if TYPE_CHECKING:
+    from flint import fmpq
+
+__all__ = ["RootedTree", "flat_residuals", "from_two_registers", "rooted_trees", "two_registers"]
+
+RootedTree = tuple["RootedTree", ...]
+"""The children of the root, in a fixed order that says nothing."""
+
+Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
+
+
+def from_two_registers(
+    a: Iterable[Any], b: Iterable[Any], *, name: str = "", source: str = ""
+) -> CommutatorFree:
+    """Return the method with coefficients A and B of two registers.
+
+    Parameters
+    ----------
+    a : sequence of s numbers
+        The first one multiplies nothing and must be 0, as it is in print. Numbers as
+        `cg.method.coefficients.Coefficient.read` takes them.
+    b : sequence of s numbers
+        None of them may be 0: such a stage repeats the one before.
+    name, source : str, optional
+
+    Returns
+    -------
+    CommutatorFree
+        With exact rational weights if all numbers are exact. Otherwise weights have the decimal
+        places that errors in the last places of A and B leave them.
+
+    Raises
+    ------
+    MethodError
+        If a number isn't finite, lengths differ, or a zero is missing or in the wrong place.
+
+    Examples
+    --------
+    >>> from_two_registers(["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]).order
+    3
+    """
+    factors = [read_coefficient(x, f"a[{i}]") for i, x in enumerate(_listed(a, "a"))]
+    steps = [read_coefficient(x, f"b[{i}]") for i, x in enumerate(_listed(b, "b"))]
+    if not steps or len(factors) != len(steps):
+        raise MethodError(
+            f"a and b must have the same length, at least 1, got {len(factors)} and {len(steps)}"
+        )
+    if factors[0].value != 0:
+        raise MethodError(f"a[0] must be 0, since it multiplies nothing, got {factors[0].text}")
+    for i, step in enumerate(steps):
+        if step.value == 0:
+            raise MethodError(f"b[{i}] must not be 0, or the next stage repeats stage {i}")
+    register: list[tuple[Fraction, Fraction]] = []  # weights on stages, and what they are off by
+    points = []
+    for i, (factor, step) in enumerate(zip(factors, steps, strict=True)):
+        register = [*(_product(weight, factor) for weight in register), (Fraction(1), Fraction(0))]
+        weights = {k: _text(*_product(weight, step)) for k, weight in enumerate(register)}
+        points.append((i - 1, weights))
+    return CommutatorFree(points, range(-1, len(steps) - 1), name=name, source=source)
+
+
+def _listed(value: Iterable[Any], label: str) -> list[Any]:
+    if isinstance(value, str | bytes):
+        raise MethodError(f"{label} must be a sequence of numbers, got {value!r}")
+    try:
+        return list(value)
+    except TypeError:
+        raise MethodError(f"{label} must be a sequence of numbers, got {value!r}") from None
+
+
+def _product(weight: tuple[Fraction, Fraction], factor: Coefficient) -> tuple[Fraction, Fraction]:
+    value, unit = weight
+    return value * factor.value, unit * abs(factor.value) + abs(value) * factor.unit
+
+
+def _text(value: Fraction, unit: Fraction) -> Fraction | str:
+    """Return an exact number, or the decimal with as many places as are known."""
+    if not unit:
+        return value
+    places = MIN_ROUNDED_PLACES  # with fewer it would be read as exact
+    while unit * 10 ** (places + 1) <= 1:
+        places += 1
+    digits = str(abs(round(value * 10**places))).zfill(places + 1)
+    sign = "-" if value < 0 else ""
+    return f"{sign}{digits[: len(digits) - places]}.{digits[len(digits) - places :]}"
+
+
+def two_registers(method: Method) -> Registers | None:
+    """Return the coefficients A and B of a method of two registers, None for all others.
+
+    Weights that are rounded need to be of this form only as far as their stored places can tell.
+
+    Parameters
+    ----------
+    method : Method
+
+    Returns
+    -------
+    tuple of s Fractions, tuple of s Fractions
+        A, whose first entry is 0, and B.
+
+    Examples
+    --------
+    >>> import cg
+    >>> a, b = two_registers(cg.methods["CF3b"])
+    >>> [str(x) for x in a], [str(x) for x in b]
+    (['0', '-17/32', '-32/27'], ['1/4', '8/9', '3/4'])
+    """
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
+    if not method.explicit or method.embedded_result is not None:
+        return None
+    stages = method.stages
+    chain = tuple(range(-1, stages - 1))
+    if (
+        tuple(point.parent for point in method.points) != chain
+        or method.stage_points != chain
+        or method.result != stages - 1
+        or any(point.weights.get(i, 0) == 0 for i, point in enumerate(method.points))
+    ):
+        return None
+    units = _units(method)
+    b = tuple(point.weights[i] for i, point in enumerate(method.points))
+    a = [Fraction(0)]
+    for i in range(1, stages):
+        now, before = method.points[i], method.points[i - 1]
+        lead, lead_unit = now.weights.get(i - 1, Fraction(0)), units[i].get(i - 1, Fraction(0))
+        for k in range(i - 1):
+            weight, other = now.weights.get(k, Fraction(0)), before.weights.get(k, Fraction(0))
+            off = (
+                units[i].get(k, 0) * abs(b[i - 1])
+                + abs(weight) * units[i - 1].get(i - 1, 0)
+                + lead_unit * abs(other)
+                + abs(lead) * units[i - 1].get(k, 0)
+            )
+            if abs(weight * b[i - 1] - lead * other) > TOLERANCE_FACTOR * off:
+                return None
+        a.append(lead / b[i])
+    return tuple(a), b
+
+
+def _units(method: Method) -> list[dict[int, Fraction]]:
+    """Return by point and stage what weights may be off by; one weight a point needs none."""
+    if not isinstance(method, CommutatorFree):
+        return [{} for _ in method.points]
+    return [{k: w.unit for k, w in row.items()} for row in method.point_coefficients]
+
+
+def rooted_trees(order: int) -> tuple[RootedTree, ...]:
+    """Return the rooted trees with at most so many nodes, children unordered, by their size.
+
+    Parameters
+    ----------
+    order : int
+        At least 1.
+
+    Returns
+    -------
+    tuple of nested tuples
+        1, 1, 2, 4, 9, 20, … of them have 1, 2, 3, 4, 5, 6, … nodes.
+    """
+    return _rooted_trees(check_integer("order", order, 1, MAX_NODES))
+
+
+@cache
+def _rooted_trees(order: int) -> tuple[RootedTree, ...]:
+    by_size: list[list[RootedTree]] = [[], [()]]
+    for nodes in range(2, order + 1):
+        by_size.append(list(_forests(nodes - 1, nodes - 1, by_size)))
+    return tuple(tree for trees in by_size for tree in trees)
+
+
+def _forests(nodes: int, largest: int, by_size: Sequence[Sequence[RootedTree]]) -> Iterable[Any]:
+    """Give the multisets of trees with `nodes` nodes together, each with at most `largest`."""
+    if nodes == 0:
+        yield ()
+    for size in range(min(nodes, largest), 0, -1):
+        for count in range(nodes // size, 0, -1):
+            for first in combinations_with_replacement(by_size[size], count):
+                for rest in _forests(nodes - size * count, size - 1, by_size):
+                    yield first + rest
+
+
+def _nodes(tree: RootedTree) -> int:
+    return 1 + sum(map(_nodes, tree))
+
+
+def _density(tree: RootedTree) -> int:
+    found = _nodes(tree)
+    for child in tree:
+        found *= _density(child)
+    return found
+
+
+def flat_residuals(method: HasTree, order: int) -> tuple[Fraction, ...]:
+    """Return ``Φ(t) - 1/γ(t)`` for the classical order conditions, where all flows commute.
+
+    Parameters
+    ----------
+    method : Method or PointTree
+        An explicit one.
+    order : int
+        At least 1.
+
+    Returns
+    -------
+    tuple of Fraction
+        In the sequence of `rooted_trees`.
+
+    Examples
+    --------
+    >>> import cg
+    >>> max(map(abs, flat_residuals(cg.methods["CG3"], 3)))
+    Fraction(0, 1)
+    """
+    tree = method.tree
+    rows = [[_flint(x) for x in tree.flat_row(m)] for m in (*tree.stage_points, tree.result)]
+    ends: dict[RootedTree, list[Any]] = {}
+
+    def weights(t: RootedTree) -> list[Any]:
+        """Return the weights of the tree planted on a new root, by stage, then at the result."""
+        if t not in ends:
+            inner = [_flint(Fraction(1))] * len(tree.stage_points)
+            for child in t:
+                pairs = zip(inner, weights(child), strict=False)
+                inner = [x * y for x, y in pairs]
+            ends[t] = [_dot(row, inner) for row in rows]
+        return ends[t]
+
+    found = [(weights(t)[-1], _density(t)) for t in rooted_trees(order)]
+    return tuple(Fraction(int(x.p), int(x.q)) - Fraction(1, gamma) for x, gamma in found)
+
+
+def _dot(row: Sequence[Any], values: Sequence[Any]) -> Any:
+    return sum(
+        (x * y for x, y in zip(row, values, strict=True) if x != 0), start=_flint(Fraction(0))
+    )
+
+
+def _flint(value: Fraction) -> fmpq:
+    from flint import fmpq
+
+    return fmpq(value.numerator, value.denominator)

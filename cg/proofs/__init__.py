@@ -1,0 +1,24 @@
+"""Proofs of the order of methods, in ball arithmetic.
+
+`certify` finds a proof and returns a `Certificate`; `check` repeats one from scratch, as
+``python -m cg.proofs --check`` does for the files of the catalogue.
+"""
+
+from __future__ import annotations
+
+from .certificate import Beyond, Certificate, CertificationError
+from .digits import refined_digits
+from .files import certificate_of, check_file, proved
+from .prove import certify, check
+
+__all__ = [
+    "Beyond",
+    "Certificate",
+    "CertificationError",
+    "certificate_of",
+    "certify",
+    "check",
+    "check_file",
+    "proved",
+    "refined_digits",
+]

@@ -1,0 +1,1 @@
+"""Order conditions that follow from others, and the proofs that they do."""

@@ -1,0 +1,369 @@
+"""Conditions that follow since orthogonal vectors fill all stages, or all flows.
+
+Order conditions say that products of surroundings and letters (`pairings`) are what the exact
+solution makes of them. Take some of both, G the matrix of what it makes of their products, U_0
+combinations of the surroundings whose products are all zero for it, and V the letters. With n
+places, let a of U_0 and b of V be independent with a + b = n. Then the span of V is all that is
+orthogonal to U_0, and with v = Σ β_j v_j for another letter and u = Σ δ_i u_i for another
+surrounding,
+
+    (u, v) - Σ β_j (u, v_j) - Σ δ_i (u_i, v) + Σ β_j δ_i (u_i, v_j) = 0
+
+as long as the (u_i, v_j) are zero. Where they aren't, let v = Σ β_j v_j + Σ γ_i u_i, and δ the
+solution of ``(u - Σ δ_i u_i, u_k) = 0`` for all k: the same is true. All products being
+residuals, this is a linear relation between these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from functools import cached_property
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import arb, arb_mat, fmpq
+from numpy.typing import NDArray
+
+from ...structure.layout import Layout
+from ..weights import Quantity, Weights
+from .pairings import Pairing, pairings
+from .reduction import Reduction
+from .relations import regular
+from .spanned import Spanned, doubles, independent_rows
+from .words import Word, condition_words, reciprocal_density
+
+__all__ = ["Condition", "Known", "conditions_of", "find_relations", "follow"]
+
+_NEW = 1e-5  # what must be left of a relation, to count as a new one
+
+Condition = tuple[int, Word]
+"""A row of weights, from 0, and the word of a condition."""
+
+Known = dict[Condition, Fraction]
+"""A combination of residuals of rows and words that is zero."""
+
+_Doubles = NDArray[np.float64]
+
+
+def conditions_of(orders: Sequence[int]) -> list[Condition]:
+    """Return the independent conditions of all rows of weights."""
+    return [(row, word) for row, order in enumerate(orders) for word in condition_words(order)]
+
+
+def follow(
+    layout: Layout,
+    orders: Sequence[int],
+    y: Sequence[arb],
+    left_out: Sequence[Condition],
+    known: Sequence[Known] = (),
+) -> bool:
+    """Tell whether conditions are satisfied wherever all others are, for coefficients in balls.
+
+    Parameters
+    ----------
+    layout : Layout
+    orders : sequence of int
+        Of each row of weights.
+    y : sequence of arb
+        Packed coefficients.
+    left_out : sequence of Condition
+    known : sequence of dict
+        Combinations of residuals of any words that are zero for other reasons.
+    """
+    found = _Relations(layout, orders, y, known)
+    chosen = found.choose(len(left_out), [found.position[one] for one in left_out])
+    if len(chosen) < len(left_out):
+        return False
+    try:
+        rows = found.in_balls(chosen)
+    except ZeroDivisionError:
+        return False
+    return regular(arb_mat([[row.get(one, arb(0)) for one in left_out] for row in rows]))
+
+
+def find_relations(
+    layout: Layout,
+    orders: Sequence[int],
+    y: Sequence[arb],
+    most: int,
+    known: Sequence[Known] = (),
+) -> _Doubles:
+    """Return linear relations between residuals, in double precision; arguments as of `follow`.
+
+    Returns
+    -------
+    ndarray, shape (found, conditions)
+        Orthonormal rows, at most `most`; the conditions as `conditions_of` has them.
+    """
+    found = _Relations(layout, orders, y, known)
+    found.choose(most)
+    return found.span
+
+
+class _Choice(NamedTuple):
+    """A surrounding and a letter, beside those that fill all places."""
+
+    frame: Spanned
+    surrounding: int
+    column: int
+
+
+class _Relations:
+    """What follows from what, for coefficients in balls."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        orders: Sequence[int],
+        y: Sequence[arb],
+        known: Sequence[Known],
+    ) -> None:
+        self._layout, self._orders, self._y, self._known = layout, orders, y, known
+        self.conditions = conditions_of(orders)
+        self.position = {one: k for k, one in enumerate(self.conditions)}
+        self._pairings = pairings(layout, orders, y)
+        self._rough = Reduction(float, lambda word: float(reciprocal_density(word)))
+        self._products: dict[tuple[int, int, int], _Doubles] = {}
+        self.span: _Doubles = np.zeros((0, len(self.conditions)))
+
+    def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice | Known]:
+        """Choose relations that are independent; on some conditions if these are named."""
+        chosen: list[_Choice | Known] = []
+        seen = list(among) or list(range(len(self.conditions)))
+        basis = np.zeros((0, len(seen)))
+        for choices, rows in self._offered():
+            if len(chosen) == most:
+                break
+            sizes = np.linalg.norm(rows, axis=1)
+            rest = rows[:, seen] / np.maximum(sizes, 1e-300)[:, None]
+            rest = rest - rest @ basis.T @ basis
+            while len(chosen) < most:
+                left = np.linalg.norm(rest, axis=1) * (sizes > _NEW * sizes.max())
+                best = int(np.argmax(left))
+                if left[best] < _NEW:
+                    break
+                new = rest[best] / np.linalg.norm(rest[best])
+                new = new - new @ basis.T @ basis
+                new /= np.linalg.norm(new)
+                basis = np.vstack([basis, new])
+                rest = rest - np.outer(rest @ new, new)
+                chosen.append(choices[best])
+        self.span = basis
+        return chosen
+
+    def _offered(self) -> Iterator[tuple[Sequence[_Choice | Known], _Doubles]]:
+        """Yield relations, and what they are in double precision."""
+        if self._known:
+            rows = np.zeros((len(self._known), len(self.conditions)))
+            for vector, combination in zip(rows, self._known, strict=True):
+                largest = max(map(abs, combination.values()))
+                for (row, word), factor in combination.items():
+                    self._add(vector, row, word, float(factor / largest))
+            yield self._known, rows
+        for frame in self._frames():
+            us, vs, rows = self._in_doubles(frame)
+            yield [_Choice(frame, i, j) for i in us for j in vs], rows
+
+    def _add(self, vector: _Doubles, row: int, word: Word, factor: float) -> None:
+        for one, value in self._rough(word).items():
+            vector[self.position[row, one]] += factor * value
+
+    def _frames(self) -> Iterator[Spanned]:
+        """Yield surroundings and letters that fill all places, and have more."""
+        seen: set[tuple[Any, ...]] = set()
+        for which, pairing in enumerate(self._pairings):
+            degrees = np.array([u.degree for u in pairing.surroundings])
+            rows = np.array([u.row for u in pairing.surroundings])
+            sizes = np.array([c.degree for c in pairing.columns])
+            left = doubles(pairing.left)
+            right = doubles(pairing.right)
+            around, within = _nonzero(pairing.left), _nonzero(pairing.right)
+            for few, many, most_of_rows, most in self._cuts(within, around):
+                columns = np.flatnonzero(few & (sizes <= most))
+                surroundings = np.flatnonzero(many & (degrees <= np.array(most_of_rows)[rows]))
+                if not len(columns) or not len(surroundings):
+                    continue
+                inside = around[surroundings].any(axis=0) & within[columns].any(axis=0)
+                places = np.flatnonzero(inside)
+                key = (which, tuple(surroundings), tuple(columns))
+                if key in seen or not len(places):
+                    continue
+                seen.add(key)
+                second = independent_rows(right[np.ix_(columns, places)])
+                rank = len(independent_rows(left[np.ix_(surroundings, places)]))
+                # U_0 has at most `rank` dimensions, and at least as many less those of V's powers
+                if len(second) == len(columns) or rank + len(second) < len(places):
+                    continue
+                frame = Spanned(
+                    pairing,
+                    places.tolist(),
+                    surroundings.tolist(),
+                    columns.tolist(),
+                    second=[int(columns[k]) for k in second],
+                )
+                if frame.complete() and len(frame.first) < len(frame.shares):
+                    yield frame
+
+    def _cuts(
+        self, within: NDArray[np.bool_], around: NDArray[np.bool_]
+    ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_], tuple[int, ...], int]]:
+        """Yield which letters and surroundings to take, and their largest degrees.
+
+        Those that are zero, for any coefficients, at the same places: then these don't count.
+        """
+        for letters, holes in product(_alike(within), _alike(around)):
+            for most in range(1, self._orders[0]):
+                for degrees in self._degrees(most):
+                    yield letters, holes, degrees, most
+
+    def _degrees(self, most: int) -> Iterator[tuple[int, ...]]:
+        """Yield the largest degrees of surroundings of rows, and of their difference."""
+        first = self._orders[0] - 1 - most
+        if len(self._orders) == 1:
+            yield (first,)
+            return
+        others = self._orders[1] - 1 - most
+        for second in range(-1, others + 1):
+            yield first, second, -1
+        if others >= 0:
+            yield -1, -1, others
+
+    def _in_doubles(self, frame: Spanned) -> tuple[list[int], list[int], _Doubles]:
+        """Return surroundings, letters, and the relation of each with each."""
+        us = [i for i in frame.shares if i not in set(frame.first)]
+        vs = [j for j in frame.columns if j not in set(frame.second)]
+        left = {i: np.array([float(x) for x in frame.left(i)]) for i in frame.shares}
+        right = {j: np.array([float(x) for x in frame.right(j)]) for j in frame.columns}
+        delta = _coefficients([left[i] for i in frame.first], [left[i] for i in us])
+        beta = _coefficients([right[j] for j in frame.second], [right[j] for j in vs])
+        products = np.array(
+            [
+                [self._product(frame.pairing, i, j) for j in frame.columns]
+                for i in frame.surroundings
+            ]
+        )
+        at = {i: k for k, i in enumerate(frame.surroundings)}
+        reduced = products.copy()
+        for i, shares in frame.shares.items():
+            for other, share in zip(frame.reference, shares, strict=True):
+                if share != 0:
+                    reduced[at[i]] -= float(share.p) / float(share.q) * products[at[other]]
+        column = {j: k for k, j in enumerate(frame.columns)}
+        rest = reduced[:, [column[j] for j in vs]] - np.einsum(
+            "iqt,jq->ijt", reduced[:, [column[j] for j in frame.second]], beta
+        )
+        found = rest[[at[i] for i in us]] - np.einsum(
+            "pjt,ip->ijt", rest[[at[i] for i in frame.first]], delta
+        )
+        return us, vs, found.reshape(-1, len(self.conditions))
+
+    def _product(self, pairing: Pairing, i: int, j: int) -> _Doubles:
+        key = (id(pairing), i, j)
+        if key not in self._products:
+            vector = np.zeros(len(self.conditions))
+            for (row, word), multiplicity in pairing.words(i, j).items():
+                self._add(vector, row, word, multiplicity)
+            self._products[key] = vector
+        return self._products[key]
+
+    def in_balls(self, chosen: Sequence[_Choice | Known]) -> list[dict[Condition, arb]]:
+        """Return the relations in ball arithmetic; ZeroDivisionError if vectors are dependent."""
+        by_frame: dict[int, list[_Choice]] = {}
+        found = []
+        for one in chosen:
+            if isinstance(one, _Choice):
+                by_frame.setdefault(id(one.frame), []).append(one)
+            else:
+                found.append(self._reduced({key: _ball(value) for key, value in one.items()}))
+        for group in by_frame.values():
+            frame = group[0].frame
+            us = sorted({one.surrounding for one in group})
+            vs = sorted({one.column for one in group})
+            delta, beta = _projections(
+                [frame.left(i) for i in frame.first],
+                [frame.right(j) for j in frame.second],
+                [frame.left(i) for i in us],
+                [frame.right(j) for j in vs],
+            )
+            for one in group:
+                left: dict[int, Any] = {}
+                shares = [arb(1), *(-share for share in delta[us.index(one.surrounding)])]
+                for i, share in zip([one.surrounding, *frame.first], shares, strict=True):
+                    for k, factor in frame.raw(i).items():
+                        left[k] = left.get(k, arb(0)) + share * arb(factor)
+                right = {one.column: arb(1)}
+                for k, j in enumerate(frame.second):
+                    right[j] = -beta[vs.index(one.column)][k]
+                found.append(self._combined(frame.pairing, left, right))
+        return found
+
+    @cached_property
+    def _reductions(self) -> list[Reduction]:
+        """For each row of weights, with the weights that balls of coefficients have."""
+        found = []
+        for row, order in enumerate(self._orders):
+            words = condition_words(order - 1, independent=False) if order > 1 else ()
+            quantities = [Quantity(self._layout.stages + row, word) for word in words]
+            values = Weights(self._layout, quantities).evaluate(self._y[: self._layout.size])
+            known = dict(zip(words, values, strict=True))
+            found.append(Reduction(_ball, known.__getitem__))
+        return found
+
+    def _combined(
+        self, pairing: Pairing, left: dict[int, arb], right: dict[int, arb]
+    ) -> dict[Condition, arb]:
+        found: dict[Condition, arb] = {}
+        for i, a in left.items():
+            for j, b in right.items():
+                product = a * b
+                for key, multiplicity in pairing.words(i, j).items():
+                    found[key] = found.get(key, arb(0)) + product * multiplicity
+        return self._reduced(found)
+
+    def _reduced(self, combination: dict[Condition, arb]) -> dict[Condition, arb]:
+        """Return a combination of residuals of words as one of those of conditions."""
+        found: dict[Condition, arb] = {}
+        for row, reduction in enumerate(self._reductions):
+            terms = [(word, value) for (r, word), value in combination.items() if r == row]
+            for word, value in reduction.total(terms).items():
+                found[row, word] = value
+        return found
+
+
+def _ball(value: Any) -> arb:
+    return arb(fmpq(value.numerator, value.denominator))
+
+
+def _projections(
+    first: list[list[arb]], second: list[list[arb]], us: list[list[arb]], vs: list[list[arb]]
+) -> tuple[list[list[arb]], list[list[arb]]]:
+    """Return by which combinations of the first two other vectors are to be reduced."""
+    both = arb_mat([*second, *first]).transpose()
+    beta = both.solve(arb_mat(vs).transpose()).transpose().tolist()
+    if not first:
+        return [[] for _ in us], beta
+    rows = arb_mat(first)
+    products = rows * arb_mat(us).transpose()
+    return (rows * rows.transpose()).solve(products).transpose().tolist(), beta
+
+
+def _coefficients(basis: Sequence[_Doubles], vectors: Sequence[_Doubles]) -> _Doubles:
+    if not basis:
+        return np.zeros((len(vectors), 0))
+    return np.asarray(np.linalg.lstsq(np.array(basis).T, np.array(vectors).T, rcond=None)[0].T)
+
+
+def _nonzero(vectors: Sequence[Sequence[arb]]) -> NDArray[np.bool_]:
+    return np.array([[not x.is_zero() for x in vector] for vector in vectors])
+
+
+def _alike(nonzero: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Return sets of vectors: all, and those that are zero wherever one of them is."""
+    zeros = sorted({tuple(row) for row in ~nonzero}, key=lambda row: (sum(row), row))
+    found = [np.array([True] * len(nonzero))]
+    for row in zeros:
+        if any(row):
+            found.append(np.array([not any(one) for one in nonzero[:, list(row)]]))
+    return found

@@ -1,0 +1,209 @@
+"""What words surround, and what is put there: vectors over stages or flows, and their products.
+
+A word with a hole is linear in the letter that is put there. So it is a vector over the flows, and
+over the stages, whose product with the vector of a letter's values is the weight of a word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from flint import arb
+
+from ...structure.layout import Layout
+from ...structure.points import START
+from ..weights import Quantity, Weights
+from .holes import HOLE, basis, depth, moments, outer_nodes
+from .relations import fill
+from .words import Word, condition_words, nodes, shuffle
+
+__all__ = ["DIFFERENCE", "Column", "Pairing", "Surrounding", "pairings"]
+
+Vector = list[arb]
+
+
+DIFFERENCE = 2
+"""Instead of a row of weights: the first less the second."""
+
+
+class Surrounding(NamedTuple):
+    """A word with a hole along a row of weights, times the values of a letter at stages."""
+
+    row: int
+    hole: Word
+    factor: Word = ()
+
+    @property
+    def degree(self) -> int:
+        """How many nodes a word has besides the letter in the hole."""
+        return outer_nodes(self.hole) + nodes(self.factor)
+
+
+class Column(NamedTuple):
+    """A letter, given by the children of its tree, of which moments are taken so many times."""
+
+    letter: Word
+    moments: int = 0
+
+    @property
+    def degree(self) -> int:
+        """How many nodes a word has by it besides the letter's root."""
+        return nodes(self.letter) + self.moments
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """Surroundings and letters as vectors over the same places, stages or flows.
+
+    Attributes
+    ----------
+    surroundings : list of Surrounding
+    columns : list of Column
+    left : list of list of arb
+        A vector for each surrounding; exactly zero where it is for all coefficients.
+    right : list of list of arb
+        A vector for each column.
+    """
+
+    surroundings: list[Surrounding]
+    columns: list[Column]
+    left: list[Vector]
+    right: list[Vector]
+
+    def words(self, i: int, j: int) -> dict[tuple[int, Word], int]:
+        """Return the rows and words whose weights add up to the product of two vectors."""
+        u, column = self.surroundings[i], self.columns[j]
+        holes = {u.hole: 1}
+        for _ in range(column.moments):
+            holes = _moments(holes)
+        letters = shuffle(u.factor, column.letter)
+        signs = ((0, 1), (1, -1)) if u.row == DIFFERENCE else ((u.row, 1),)
+        found: dict[tuple[int, Word], int] = {}
+        for hole, factor in holes.items():
+            for letter, multiplicity in letters.items():
+                word = fill(hole, letter)
+                for row, sign in signs:
+                    total = found.get((row, word), 0) + sign * factor * multiplicity
+                    found[row, word] = total
+        return found
+
+
+def _moments(holes: dict[Word, int]) -> dict[Word, int]:
+    found: dict[Word, int] = {}
+    for hole, factor in holes.items():
+        for other, multiplicity in moments(hole).items():
+            found[other] = found.get(other, 0) + factor * multiplicity
+    return found
+
+
+def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[Pairing, Pairing]:
+    """Return the vectors over the stages, and those over the flows.
+
+    Parameters
+    ----------
+    layout : Layout
+    orders : sequence of int
+        Of each row of weights; words have no more nodes.
+    y : sequence of arb
+        Coefficients; the vectors hold those of all coefficients in these balls.
+    """
+    most = orders[0] - 1
+    letters = [(), *condition_words(most, independent=False)]
+    letters.sort(key=nodes)
+    holes = [(row, h) for row, q in enumerate(orders) for h in ((HOLE,), *basis(q - 2))]
+    quantities = [Quantity(j, w) for w in letters for j in range(layout.stages)]
+    flows = range(len(layout.parents))
+    quantities += [
+        Quantity(layout.stages + row, fill(h, layout.stages + m)) for row, h in holes for m in flows
+    ]
+    found = iter(Weights(layout, quantities).evaluate(y[: layout.size]))
+    values = {w: [next(found) for _ in range(layout.stages)] for w in letters}
+    around = {key: [next(found) for _ in flows] for key in holes}
+    if len(orders) > 1:
+        shared = set(layout.path(layout.ends[-2])) & set(layout.path(layout.ends[-1]))
+        for h in [h for row, h in holes if row == 1]:
+            both = zip(around[0, h], around[1, h], strict=True)
+            # at the root the hole comes last, so that what is shared cancels
+            gone = shared if depth(h) == 0 else set()
+            around[DIFFERENCE, h] = [
+                arb(0) if m in gone else a - b for m, (a, b) in enumerate(both)
+            ]
+            holes.append((DIFFERENCE, h))
+
+    of_stages = [
+        Surrounding(row, h, factor)
+        for row, h in holes
+        for factor in letters
+        if outer_nodes(h) + nodes(factor) <= orders[min(row, 1)] - 2
+    ]
+    of_stages.sort(key=lambda u: u.degree)
+    at_stages = {key: _to_stages(layout, y, vector) for key, vector in around.items()}
+    stages = Pairing(
+        of_stages,
+        [Column(w) for w in letters],
+        [
+            [a * b for a, b in zip(at_stages[u.row, u.hole], values[u.factor], strict=True)]
+            for u in of_stages
+        ],
+        [values[w] for w in letters],
+    )
+    of_flows = sorted((Surrounding(row, h) for row, h in holes), key=lambda u: u.degree)
+    columns = sorted(
+        (Column(w, k) for w in letters for k in range(most - nodes(w) + 1)), key=lambda c: c.degree
+    )
+    right: dict[Column, Vector] = {}
+    for w in letters:
+        vector = _to_flows(layout, y, values[w])
+        for k in range(most - nodes(w) + 1):
+            right[Column(w, k)] = vector
+            vector = _moments_of(layout, y, vector)
+    flows_ = Pairing(
+        of_flows,
+        columns,
+        [around[u.row, u.hole] for u in of_flows],
+        [right[c] for c in columns],
+    )
+    return stages, flows_
+
+
+def _terms(layout: Layout, point: int) -> list[tuple[int, int]]:
+    """Return the unknowns of a flow, each with its stage."""
+    return list(enumerate(layout.weights[point], layout.starts[point]))
+
+
+def _to_stages(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
+    found: list[Any] = [arb(0)] * layout.stages
+    for m, value in enumerate(flows):
+        for k, stage in _terms(layout, m):
+            found[stage] = found[stage] + y[k] * value
+    return found
+
+
+def _to_flows(layout: Layout, y: Sequence[arb], stages: Vector) -> Vector:
+    points = range(len(layout.parents))
+    return [sum((y[k] * stages[s] for k, s in _terms(layout, m)), arb(0)) for m in points]
+
+
+def _moments_of(layout: Layout, y: Sequence[arb], flows: Vector) -> Vector:
+    """Return the vector whose products are those of the moments of surroundings with this one.
+
+    On a path, let f be a surrounding, F its integral from a point to the end, and s the weight of
+    τ. Products with the moments are the sums over flows of v times the mean of ``-(s F)'``,
+    ``s f - F`` at the two ends of the flow: f is a vector of means, so that F is known there.
+    """
+    ends: list[Any] = []
+    after: list[Any] = []  # of each flow: the sum of v on the way to its end
+    found: list[Any] = []
+    for m, parent in enumerate(layout.parents):
+        step = sum((y[k] for k, _ in _terms(layout, m)), arb(0))
+        if parent == START:
+            ends.append(step)
+            after.append(flows[m])
+            found.append(arb(0))  # exactly: s v and what is subtracted are the same there
+        else:
+            found.append(ends[parent] * flows[m] - step * after[parent])
+            ends.append(ends[parent] + step)
+            after.append(after[parent] + flows[m])
+    return found

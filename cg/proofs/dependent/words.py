@@ -1,0 +1,124 @@
+"""Words of ordered trees, with marks: the arguments of elementary weights.
+
+Here a tree is the tuple of its children, ``()`` for ``τ``, and a word is a tuple of
+letters; the weight of a tree is that of the word of its children. Besides trees, a
+letter may be a *mark*, the integer k: it stands for the letter that is 1 on stage k
+(from 0) and 0 on all others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+from ...conditions import condition_trees
+from ...trees.ordered import MAX_NODES, OrderedTree, forest
+
+__all__ = [
+    "Letter",
+    "Word",
+    "closure",
+    "condition_words",
+    "nodes",
+    "reciprocal_density",
+    "shuffle",
+    "text",
+]
+
+Letter = Any  # a Word or a mark
+Word = tuple[Letter, ...]
+
+MARK_NODES = 3  # a mark takes the place of a tree with three nodes
+
+
+@cache
+def nodes(word: Word) -> int:
+    """Return the number of nodes of the letters of a word, one less than of its tree."""
+    return sum(MARK_NODES if isinstance(t, int) else 1 + nodes(t) for t in word)
+
+
+@cache
+def reciprocal_density(word: Word) -> Fraction:
+    """Return ``1/γ`` of the tree with these children; zero if there is a mark in it."""
+    product, before = Fraction(1), 0
+    for letter in word:
+        if isinstance(letter, int):
+            return Fraction(0)
+        before += 1 + nodes(letter)
+        product *= reciprocal_density(letter) / before
+    return product
+
+
+@cache
+def condition_words(order: int, independent: bool = True) -> tuple[Word, ...]:
+    """Return the words whose conditions give an order, as `conditions.condition_trees`."""
+    trees = forest(order + 1)
+    made: list[Word] = []
+    for children in trees.children:
+        made.append(tuple(made[child - 1] for child in children))
+    return tuple(made[t - 1] for t in condition_trees(order, independent))
+
+
+@cache
+def shuffle(left: Word, right: Word) -> dict[Word, int]:
+    """Return the shuffle product of two words, as multiplicities of words."""
+    if not left or not right:
+        return {left + right: 1}
+    product: dict[Word, int] = {}
+    for first, parts in (
+        (left[0], shuffle(left[1:], right)),
+        (right[0], shuffle(left, right[1:])),
+    ):
+        for word, multiplicity in parts.items():
+            product[(first, *word)] = product.get((first, *word), 0) + multiplicity
+    return product
+
+
+def closure(words: Iterable[Word]) -> list[Word]:
+    """Return all nonempty factors of some words, and of the trees among their letters.
+
+    They come by increasing number of nodes, so that letters stand before words that
+    have them.
+    """
+    found: set[Word] = set()
+
+    def add(word: Word) -> None:
+        for begin in range(len(word)):
+            for end in range(begin + 1, len(word) + 1):
+                found.add(word[begin:end])
+
+    pending = list(words)
+    seen: set[Word] = set(pending)
+    while pending:
+        word = pending.pop()
+        add(word)
+        for letter in word:
+            if not isinstance(letter, int) and letter and letter not in seen:
+                seen.add(letter)
+                pending.append(letter)
+    return sorted(found, key=nodes)
+
+
+def text(word: Word) -> str:
+    """Write a word as the tree with these children, in brackets; marks as ``(k)``, from 1."""
+    return "[" + "".join(f"({t + 1})" if isinstance(t, int) else text(t) for t in word) + "]"
+
+
+def parse(tree: str) -> Word:
+    """Read what `text` writes for words without marks.
+
+    Raises
+    ------
+    ValueError
+        If the text isn't one tree in balanced brackets, or the tree has more than
+        `cg.trees.ordered.MAX_NODES` nodes.
+    """
+    if tree.count("[") > MAX_NODES:
+        raise ValueError(f"a tree must have at most {MAX_NODES} nodes, got {tree[:80]!r}")
+
+    def convert(found: OrderedTree) -> Word:
+        return tuple(convert(child) for child in found.children)
+
+    return convert(OrderedTree.parse(tree))

@@ -1,0 +1,159 @@
+"""Coefficients to any number of digits, by Newton's method in the box of a certificate."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Any
+
+from flint import arb, arb_mat
+
+from ..method.method import Method
+from ..support.balls import working_precision as precision
+from ..support.checks import check_flag, check_integer
+from ..support.quads import to_decimal
+from .certificate import Certificate, CertificationError
+from .files import certificate_of
+from .krawczyk import krawczyk
+from .statement import Packed, box, fitting, free_of, start, system_of
+from .zero import check_rational, prove_box
+
+__all__ = ["MAX_DIGITS", "refined_digits"]
+
+MAX_DIGITS = 4000
+"""More decimal digits of an integer Python doesn't write by default."""
+
+_GUARD_DIGITS = 15
+
+
+def refined_digits(method: Method, certificate: Certificate, digits: int) -> list[str]:
+    """Return the coefficients of the exact solution that a certificate proves.
+
+    Parameters
+    ----------
+    method : Method
+    certificate : Certificate
+        It is proved once more, since all digits hang on it.
+    digits : int
+        Significant digits of the free coefficients, at most `MAX_DIGITS`.
+
+    Returns
+    -------
+    list of str
+        Packed row by row, second weights last. Fixed coefficients are as stored; all
+        digits of the others are right, the last one is rounded.
+
+    Raises
+    ------
+    TypeError
+        If `digits` isn't an integer, or `certificate` is none.
+    ValueError
+        If `digits` is out of range.
+    CertificationError
+        If the certificate isn't one of the method.
+    """
+    digits = check_integer("digits", digits, 1, MAX_DIGITS)
+    if not isinstance(certificate, Certificate):
+        raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
+    packed = fitting(certificate, method)
+    if not certificate.complete:
+        raise CertificationError(f"{certificate.name}: some conditions are only shown to be small")
+    texts = [coefficient.text for coefficient in packed.coefficients]
+    free = free_of(packed, certificate)
+    if Fraction(certificate.radius) == 0 or not free:
+        check_rational(packed, certificate)
+        return texts
+    # a box for few digits would be wider than the certificate's, and lead to nothing
+    proved = len(str(math.ceil(1 / Fraction(certificate.radius))))
+    with precision(certificate.bits):
+        prove_box(packed, certificate)
+    for guard in (_GUARD_DIGITS, 2 * _GUARD_DIGITS, 4 * _GUARD_DIGITS):
+        places = max(digits, proved) + guard
+        with precision(math.ceil(math.log2(10) * places) + certificate.bits):
+            found = _solve(packed, certificate, free, places)
+            rounded = [_rounded(ball, digits) for ball in found]
+        if all(rounded):
+            for k, text in zip(free, rounded, strict=True):
+                if k < len(texts):
+                    texts[k] = text or ""
+            return texts
+    raise CertificationError(f"{certificate.name}: the last digits couldn't be decided")
+
+
+def digits(
+    self: Method, digits: int, *, certificate: Certificate | None = None, embedded: bool = False
+) -> Any:
+    """Return the coefficients of the exact method, to any number of digits.
+
+    Parameters
+    ----------
+    digits : int
+        Significant digits of the coefficients that the certificate doesn't hold fixed.
+    certificate : cg.Certificate, optional
+        By default the one of the catalogue; see `cg.certify`.
+    embedded : bool, optional
+        Of a tableau: return the second weights in place of b.
+
+    Returns
+    -------
+    a, b : list of s lists of s str, list of s str
+        For a tableau. All digits are right. Fixed coefficients are as they are stored.
+    weights : list of dict from int to str
+        For a commutator-free method: of each point, by stage.
+
+    Raises
+    ------
+    CertificationError
+        If there is no certificate, or it can't be proved.
+    TypeError
+        If an argument isn't of the type listed.
+    ValueError
+        If `digits` is out of range, or there are no second weights.
+    """
+    if check_flag("embedded", embedded) and not self.layout.pair:
+        raise ValueError(f"embedded: {self.name or 'the method'} has no second weights")
+    if certificate is None:
+        certificate = certificate_of(self)
+    found = refined_digits(self, certificate, digits)
+    if self.layout.rows is None:
+        return self.layout.point_weights(found)
+    rows = [[str(entry) for entry in row] for row in self.layout.full_rows(found)]
+    return rows[: self.stages], rows[self.stages + embedded]
+
+
+def _solve(packed: Packed, certificate: Certificate, free: list[int], places: int) -> list[arb]:
+    """Return balls around the solution with so many decimal places."""
+    system = system_of(packed, certificate)
+    z = start(packed, certificate)
+    target = arb(10) ** -places
+    for _ in range(places.bit_length() + 2):
+        values, jacobian = system.linearise(z)
+        columns = arb_mat([[row[k] for k in free] for row in jacobian.tolist()])
+        right = arb_mat([[value] for value in values])
+        step = columns.mid().solve(right.mid(), algorithm="approx").entries()
+        for k, change in zip(free, step, strict=True):
+            z[k] = (z[k] - change).mid()
+        if all(abs(change) < target for change in step):
+            break
+    attempt = krawczyk(system, z, free, target)
+    inside = box(packed, certificate)
+    found = [z[k] + arb(0, target.upper()) for k in free]
+    # unique in either box, and one within the other: the same solution
+    if not attempt.proved or not all(
+        inside[k].contains(ball) for k, ball in zip(free, found, strict=True)
+    ):
+        raise CertificationError(
+            f"{certificate.name}: {places} places aren't proved", ratio=attempt.ratio
+        )
+    return found
+
+
+def _rounded(ball: arb, digits: int) -> str | None:
+    """Write a ball with so many digits; None if they aren't the same at both of its ends."""
+    ends = {to_decimal(_exact(end), digits) for end in (ball.lower(), ball.upper())}
+    return ends.pop() if len(ends) == 1 else None
+
+
+def _exact(value: arb) -> Fraction:
+    mantissa, exponent = value.man_exp()
+    return int(mantissa) * Fraction(2) ** int(exponent)

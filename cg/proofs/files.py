@@ -1,0 +1,132 @@
+"""The certificates of the catalogue: one TOML file for each method that has one."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from os import PathLike
+from pathlib import Path
+
+from ..catalogue import methods, packaged
+from ..catalogue.own import proof_beside
+from ..method.method import Method
+from .certificate import Certificate, CertificationError
+from .prove import check
+from .statement import fitting
+
+__all__ = [
+    "certificate_beside",
+    "certificate_names",
+    "certificate_of",
+    "check_file",
+    "folder",
+    "proved",
+]
+
+
+def folder() -> Traversable:
+    """Return where the certificates are."""
+    return files("cg.catalogue") / "certificates"
+
+
+def certificate_names() -> list[str]:
+    """Return the names of the methods that have certificates."""
+    names = [path.name for path in folder().iterdir()]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def certificate_of(method: Method) -> Certificate:
+    """Return the certificate of a method of the catalogue, or of one of the user's.
+
+    That of a method in a folder of the user is beside its file, which has the same name but for
+    ``.certificate.toml`` at its end. It isn't proved again here: see `check`.
+
+    Raises
+    ------
+    CertificationError
+        If it has none or another one's, or if the method isn't the one that the catalogue has by
+        its name.
+    """
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
+    name = method.name
+    if name not in methods or methods[name] != method:
+        raise CertificationError(f"{name or 'the method'} isn't in the catalogue: see cg.certify")
+    path = folder() / f"{name}.toml" if name in packaged else methods.own.proof(name)
+    if not path.is_file():
+        raise CertificationError(f"{name} has no certificate")
+    if isinstance(path, Path):
+        certificate = Certificate.load(path)
+    else:  # of a package that isn't a folder
+        certificate = Certificate.loads(path.read_text(encoding="utf-8"))
+    if name not in packaged:
+        fitting(certificate, method)
+    return certificate
+
+
+def proved(method: Method) -> str:
+    """Return how much of a method's order its certificate proves.
+
+    Returns
+    -------
+    str
+        ``"whole"``; ``"partly"`` if some conditions are only shown to be small; ``"no"`` without
+        a certificate. That of a method of the user's is proved again, since nothing of it is
+        believed.
+    """
+    try:
+        certificate = certificate_of(method)
+        if method.name not in packaged:
+            check(certificate, method)
+    except CertificationError:
+        return "no"
+    return "whole" if certificate.complete else "partly"
+
+
+def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate | None:
+    """Return the certificate beside the file of a method, None if there is none.
+
+    It isn't proved again here: see `check`.
+
+    Parameters
+    ----------
+    file : path
+        Of the method; see `certificate_of` for the name of the other.
+    method : Method
+
+    Raises
+    ------
+    CertificationError
+        If the file is no certificate, or another method's.
+    """
+    path = proof_beside(Path(file))
+    if not path.is_file():
+        return None
+    certificate = Certificate.load(path)
+    fitting(certificate, method)
+    return certificate
+
+
+def check_file(path: str | PathLike[str], method: Method | None = None) -> Certificate:
+    """Prove what a certificate file says from scratch, and return it.
+
+    Parameters
+    ----------
+    path : path
+    method : Method, optional
+        By default the one of the catalogue that the certificate names.
+
+    Raises
+    ------
+    CertificationError
+        If the file is no certificate, the method isn't known, or the proof fails.
+    OSError
+        If the file can't be read.
+    """
+    certificate = Certificate.load(path)
+    if method is None:
+        if certificate.name not in methods:
+            raise CertificationError(f"{path}: no method is named {certificate.name!r}")
+        method = methods[certificate.name]
+    check(certificate, method)
+    return certificate

@@ -1,0 +1,173 @@
+"""How a proof of a zero is found: what to hold, which radius, which identities."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from .certificate import Certificate, CertificationError
+from .dependent.orthogonality import Known, conditions_of, find_relations
+from .explain import (
+    STRUCTURES,
+    augment,
+    find_identities,
+    name_of,
+    names_of_left_out,
+    names_of_small,
+)
+from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
+from .statement import Packed, names_of, orders_of, start, system_of
+from .systems import EquationSystem, order_system
+from .zero import check_left_out, check_places, largest_residual, quantities, zero_of
+
+__all__ = ["find_zero"]
+
+
+class _Proved(NamedTuple):
+    """A certificate whose zero is proved, and the test that did it."""
+
+    certificate: Certificate
+    attempt: KrawczykTest
+
+
+def find_zero(packed: Packed, draft: Certificate, small: bool = False) -> Certificate:
+    """Find a zero near the stored coefficients that can be proved.
+
+    Parameters
+    ----------
+    packed : Packed
+    draft : Certificate
+        With everything that isn't to be found.
+    small : bool
+        Whether conditions that depend on others need no proof but that they are small.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    CertificationError
+        If none can be proved.
+    """
+    y = packed.balls()
+    system = order_system(packed.layout, draft.order, draft.embedded_order)
+    values, jacobian = system.linearise(y)
+    check_places(packed, system, values, jacobian)
+    found = _try(packed, draft, system, to_double(jacobian))
+    if isinstance(found, _Proved):
+        return found.certificate
+    if small:
+        return _of_independent(packed, draft, to_double(jacobian))
+    tried: list[str] = []
+    if packed.layout.rows is None:
+        extended, relations = _orthogonal(packed, draft, to_double(jacobian))
+        tried.append(f"orthogonality, by which {relations} conditions follow")
+        if extended is not None:
+            system = system_of(packed, extended)
+            again = _try(packed, extended, system, to_double(system.linearise(y)[1]))
+            if isinstance(again, _Proved):
+                check_left_out(packed, *again)
+                return again.certificate
+            found = again
+    for identities in find_identities(packed.layout, y, packed.zeros()):
+        names = tuple(map(name_of, identities))
+        tried.append(" and ".join(identity.heading for identity in identities))
+        extended = replace(draft, identities=names)
+        try:
+            augmented = augment(packed.layout, orders_of(draft), identities, packed.zeros())
+        except ArithmeticError:
+            continue
+        jacobian = augmented.linearise(start(packed, extended))[1]
+        again = _try(packed, extended, augmented, to_double(jacobian))
+        if isinstance(again, _Proved):
+            return again.certificate
+    message = f"{draft.name}: no zero of the conditions of order {draft.order} is proved"
+    if found["rank"] < found["conditions"]:
+        message += ", their derivatives are dependent and no known identities explain that"
+    raise CertificationError(message, **found, tried="; ".join(tried) or "no identities")
+
+
+def _of_independent(
+    packed: Packed, draft: Certificate, jacobian: NDArray[np.float64]
+) -> Certificate:
+    """Prove a zero of as many conditions as are independent, and that the others are small."""
+    nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
+    rank = numerical_rank(jacobian[:, nonzero])[0]
+    pivots = linalg.qr(jacobian[:, nonzero].T, mode="r", pivoting=True)[1]
+    conditions = conditions_of(orders_of(draft))
+    left_out = [conditions[k] for k in sorted(map(int, pivots[rank:]))]
+    draft = replace(draft, identities=names_of_small(left_out, "1e-40"))
+    system = system_of(packed, draft)
+    kept = np.delete(jacobian, [conditions.index(one) for one in left_out], axis=0)
+    found = _try(packed, draft, system, kept)
+    if not isinstance(found, _Proved):
+        raise CertificationError(f"{draft.name}: no zero of independent conditions", **found)
+    proved, attempt = found
+    zero = zero_of(packed, proved, attempt)
+    largest = float(largest_residual(packed, left_out, zero))
+    # a power of ten, with room for another rounding
+    bound = f"1e{math.ceil(math.log10(max(largest, 1e-300))) + 1}"
+    proved = replace(proved, identities=names_of_small(left_out, bound))
+    check_left_out(packed, proved, attempt)
+    return proved
+
+
+def _orthogonal(
+    packed: Packed, draft: Certificate, jacobian: NDArray[np.float64]
+) -> tuple[Certificate | None, int]:
+    """Return a draft that leaves out what follows by orthogonality, and how much does.
+
+    None if the conditions that are left would still depend on each other.
+    """
+    nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
+    orders = orders_of(draft)
+    every = {name: make(packed.layout, orders, packed.values) for name, make in STRUCTURES.items()}
+    name = next((name for name, one in every.items() if one.satisfied()), "")
+    known: list[Known] = []
+    along = jacobian[:, nonzero]
+    if name:
+        known = list(every[name].relations())
+        system = EquationSystem(packed.layout, tuple(every[name].equations()))
+        held = to_double(system.linearise(packed.balls())[1])[:, nonzero]
+        along = along @ linalg.null_space(held)
+    dependent = len(jacobian) - numerical_rank(along)[0]
+    relations = find_relations(packed.layout, orders, packed.balls(), dependent, known)
+    if len(relations) < max(dependent, 1):
+        return None, len(relations)
+    pivots = linalg.qr(relations, mode="r", pivoting=True)[1][:dependent]
+    conditions = conditions_of(orders)
+    left_out = [conditions[k] for k in sorted(map(int, pivots))]
+    return replace(draft, identities=names_of_left_out(left_out, name)), dependent
+
+
+def _try(
+    packed: Packed, draft: Certificate, system: EquationSystem, jacobian: NDArray[np.float64]
+) -> _Proved | dict[str, float]:
+    """Return the certificate with the zero proved, or the quantities that tell why not."""
+    names = names_of(packed, draft)
+    size = len(system.equations)
+    parameters = list(range(packed.layout.size, system.unknowns))
+    rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
+    nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
+    found: dict[str, float] = {}
+    for movable in (rough, nonzero):  # better to hold all that are exact, not zeros only
+        candidates = movable + parameters
+        rank, singular = numerical_rank(jacobian[:, candidates])
+        found = {"conditions": size, "rank": rank, "smallest_singular_value": float(singular[-1])}
+        found["largest_singular_value"] = float(singular[0])
+        if rank < size:
+            continue
+        free = choose_free(jacobian, candidates)
+        attempt = krawczyk(system, start(packed, draft), free)
+        found |= quantities(attempt)
+        if attempt.proved:
+            held = tuple(name for k, name in enumerate(names) if k not in set(free))
+            radius = f"{float(attempt.radius):.1e}"
+            return _Proved(replace(draft, radius=radius, fixed=held), attempt)
+    return found

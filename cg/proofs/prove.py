@@ -1,0 +1,125 @@
+"""Proofs that a method has an order: `certify` finds them, `check` repeats them."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+from ..catalogue import resolve_method
+from ..conditions import MAX_ORDER
+from ..method.method import Method
+from ..method.munthe_kaas import MuntheKaas
+from ..support.balls import working_precision as precision
+from ..support.checks import check_flag, check_integer
+from .certificate import Beyond, Certificate, CertificationError
+from .find import find_zero
+from .statement import Packed, fitting
+from .violated import check_beyond, find_beyond
+from .zero import check_rational, prove_box
+
+__all__ = ["certify", "check"]
+
+_GUARD_BITS = 136  # beyond the stored places: conditioning, and room for a tight radius
+
+
+def certify(method: Method | str, order: int | None = None, *, small: bool = False) -> Certificate:
+    """Prove the order of a method.
+
+    Shows by Krawczyk's test in ball arithmetic that close to the stored coefficients there
+    is an exact solution of the order conditions, and that one of the next order is
+    violated. Rational methods are proved in rational arithmetic.
+
+    Parameters
+    ----------
+    method : Method or str
+        A name is looked up in the catalogue. Second weights of a pair are proved as well.
+    order : int, optional
+        By default the order of the method. It must be the order exactly.
+    small : bool, optional
+        Accept less: as many conditions as are independent have a zero close to the stored
+        coefficients, and the others are below a bound there, which the certificate names.
+        That is no proof of the order; `Certificate.complete` is false then.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    TypeError
+        If `method` is neither a name nor a method, or `order` isn't an integer.
+    ValueError
+        If no method has that name, or `order` is out of range.
+    CertificationError
+        If there is no proof; with the quantities that tell why.
+
+    Examples
+    --------
+    >>> certify("CG3").order
+    3
+    """
+    method = resolve_method(method)
+    small = check_flag("small", small)
+    if isinstance(method, MuntheKaas):
+        raise TypeError(f"method must be a Tableau or CommutatorFree, got {method!r}")
+    order = method.order if order is None else check_integer("order", order, 1, MAX_ORDER)
+    if order < 1:
+        raise CertificationError(
+            f"{method.name or 'the method'}: the coefficients satisfy no order conditions"
+        )
+    pair = method.layout.pair
+    packed = Packed.of(method)
+    embedded_order = method.embedded_order if pair else None
+    if pair and not embedded_order:
+        raise CertificationError(
+            f"{method.name or 'the method'}: the second weights satisfy no order conditions"
+        )
+    digits = max(len(coefficient.text) for coefficient in packed.coefficients)
+    draft = Certificate(
+        name=method.name,
+        order=order,
+        embedded_order=embedded_order,
+        radius="0",
+        bits=64 * math.ceil((math.log2(10) * digits + _GUARD_BITS) / 64),
+        identities=(),
+        fixed=tuple(packed.layout.names),
+        beyond=Beyond("[]", "0"),
+        embedded_beyond=None,
+    )
+    with precision(draft.bits):
+        if any(coefficient.unit for coefficient in packed.coefficients):
+            draft = find_zero(packed, draft, small)
+        else:
+            check_rational(packed, draft)
+        return find_beyond(packed, draft)
+
+
+def check(certificate: Certificate, method: Method) -> None:
+    """Prove what a certificate says from scratch.
+
+    Parameters
+    ----------
+    certificate : Certificate
+        Nothing in it is believed.
+    method : Method
+
+    Raises
+    ------
+    CertificationError
+        If it doesn't belong to the method, or if it can't be proved.
+    """
+    if not isinstance(certificate, Certificate):
+        raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
+    if not isinstance(method, Method):
+        raise TypeError(f"method must be a Method, got {method!r}")
+    packed = fitting(certificate, method)
+    with precision(certificate.bits):
+        if Fraction(certificate.radius) == 0:
+            if len(certificate.fixed) != packed.layout.size:
+                raise CertificationError("a radius of 0 needs all coefficients fixed")
+            if certificate.identities:
+                raise CertificationError("a radius of 0 needs no identities")
+            check_rational(packed, certificate)
+        else:
+            prove_box(packed, certificate)
+        check_beyond(packed, certificate)

@@ -1,0 +1,203 @@
+"""What a certificate says of a method: which equations, which unknowns, which box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from flint import arb, fmpq
+
+from ..conditions import MAX_ORDER
+from ..method.coefficients import Coefficient
+from ..method.method import Method
+from ..method.munthe_kaas import MuntheKaas
+from ..structure.layout import Layout
+from .certificate import Certificate, CertificationError
+from .dependent.orthogonality import Condition
+from .dependent.parametric import RELATION_RADIUS
+from .dependent.relations import Identity
+from .explain import (
+    STRUCTURES,
+    Structure,
+    augment,
+    read_identity,
+    read_left_out,
+    read_small,
+    without,
+)
+from .systems import EquationSystem, order_system
+
+__all__ = [
+    "Packed",
+    "bound_of",
+    "box",
+    "fitting",
+    "free_of",
+    "left_out_of",
+    "names_of",
+    "orders_of",
+    "start",
+    "structure_of",
+    "system_of",
+]
+
+_MAX_BITS = 1 << 14
+_MAX_IDENTITIES = 100
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A method as a vector of coefficients.
+
+    Attributes
+    ----------
+    layout : Layout
+    coefficients : tuple of Coefficient
+        Row by row; second weights last.
+    """
+
+    layout: Layout
+    coefficients: tuple[Coefficient, ...]
+
+    @classmethod
+    def of(cls, method: Method) -> Packed:
+        """Pack a method, with its second result if it is a pair."""
+        return cls(method.layout, method.coefficients)
+
+    @property
+    def values(self) -> list[Fraction]:
+        """The exact values."""
+        return [coefficient.value for coefficient in self.coefficients]
+
+    def balls(self) -> list[arb]:
+        """Return balls, as small as the precision allows, that hold the values."""
+        return [arb(fmpq(v.numerator, v.denominator)) for v in self.values]
+
+    def zeros(self) -> list[frozenset[int]]:
+        """Return at which stages each row of weights is exactly zero."""
+        held = [k for k, coefficient in enumerate(self.coefficients) if coefficient.value == 0]
+        rows = map(self.layout.row, range(self.layout.stages, len(self.layout.ends)))
+        return [frozenset(self.layout.stage_of[k].item() for k in held if k in row) for row in rows]
+
+
+def fitting(certificate: Certificate, method: Method) -> Packed:
+    """Return the method as a certificate sees it; CertificationError if it isn't the one meant."""
+    if isinstance(method, MuntheKaas):
+        raise CertificationError(
+            "the certificate doesn't fit: method must be a Tableau or CommutatorFree, got "
+            f"{method!r}"
+        )
+    pair = certificate.embedded_order is not None
+    faults = []
+    if certificate.name != method.name:
+        faults.append(f"it is for {certificate.name!r}, not for {method.name!r}")
+    if pair != method.layout.pair:
+        faults.append("second weights must be proved, and those of pairs only")
+    orders = orders_of(certificate)
+    if not all(type(order) is int and 1 <= order <= MAX_ORDER for order in orders):
+        faults.append(f"orders must be between 1 and {MAX_ORDER}")
+    if not 53 <= certificate.bits <= _MAX_BITS:
+        faults.append(f"bits must be between 53 and {_MAX_BITS}, got {certificate.bits}")
+    if len(certificate.identities) > _MAX_IDENTITIES:
+        faults.append(f"there may be at most {_MAX_IDENTITIES} identities")
+    if faults:
+        raise CertificationError(f"the certificate doesn't fit: {'; '.join(faults)}")
+    packed = Packed.of(method)
+    names = names_of(packed, certificate)
+    held = set(certificate.fixed)
+    if len(held) != len(certificate.fixed) or not held.issubset(names):
+        raise CertificationError("the fixed coefficients must be distinct ones of the method")
+    for name, coefficient in zip(names, packed.coefficients, strict=False):
+        if coefficient.value == 0 and name not in held:
+            raise CertificationError(f"{name} is exactly zero, so it must be fixed")
+    return packed
+
+
+def system_of(packed: Packed, certificate: Certificate) -> EquationSystem:
+    """Return the equations of a certificate."""
+    if not certificate.identities:
+        return order_system(packed.layout, certificate.order, certificate.embedded_order)
+    left_out, name = left_out_of(certificate)
+    if left_out:
+        structure = structure_of(packed, certificate, name)
+        more = structure.equations() if structure else []
+        try:
+            return without(packed.layout, orders_of(certificate), left_out, more)
+        except ValueError as error:
+            raise CertificationError(str(error)) from None
+    if Fraction(certificate.radius) >= Fraction(RELATION_RADIUS):
+        raise CertificationError("the radius is too large for the relations of identities")
+    try:
+        identities = _identities(certificate)
+        return augment(packed.layout, orders_of(certificate), identities, packed.zeros())
+    except (ValueError, ArithmeticError) as error:
+        raise CertificationError(str(error)) from None
+
+
+def structure_of(packed: Packed, certificate: Certificate, name: str) -> Structure | None:
+    """Return the structure of a method; CertificationError if it hasn't that one."""
+    if not name:
+        return None
+    found: Structure = STRUCTURES[name](packed.layout, orders_of(certificate), packed.values)
+    if not found.satisfied():
+        raise CertificationError(f"{certificate.name}: it has no {name} of this order")
+    return found
+
+
+def left_out_of(certificate: Certificate) -> tuple[list[Condition], str]:
+    """Return the conditions that are no equations, and the name of a structure.
+
+    They follow by orthogonality, or are only small.
+    """
+    try:
+        small = read_small(certificate.identities)[0]
+        return (small, "") if small else read_left_out(certificate.identities)
+    except (ValueError, TypeError, ZeroDivisionError) as error:
+        raise CertificationError(str(error)) from None
+
+
+def bound_of(certificate: Certificate) -> Fraction | None:
+    """Return what conditions that are left out are below; None if they vanish."""
+    return read_small(certificate.identities)[1]
+
+
+def _identities(certificate: Certificate) -> list[Identity]:
+    if left_out_of(certificate)[0]:
+        return []
+    try:
+        return [read_identity(name) for name in certificate.identities]
+    except (ValueError, ZeroDivisionError) as error:
+        raise CertificationError(str(error)) from None
+
+
+def names_of(packed: Packed, certificate: Certificate) -> list[str]:
+    """Return the names of all unknowns: coefficients, and parameters of identities."""
+    count = sum(len(identity.parameters) for identity in _identities(certificate))
+    return [*packed.layout.names, *(f"parameter_{k}" for k in range(1, count + 1))]
+
+
+def start(packed: Packed, certificate: Certificate) -> list[arb]:
+    """Return the stored coefficients, and the parameters of identities, as balls."""
+    parameters = [p for identity in _identities(certificate) for p in identity.parameters]
+    return packed.balls() + [arb(fmpq(p.numerator, p.denominator)) for p in parameters]
+
+
+def orders_of(certificate: Certificate) -> list[int]:
+    """Return the orders of all rows of weights."""
+    embedded = certificate.embedded_order
+    return [certificate.order] if embedded is None else [certificate.order, embedded]
+
+
+def free_of(packed: Packed, certificate: Certificate) -> list[int]:
+    """Return the indices of the coefficients that aren't fixed."""
+    held = set(certificate.fixed)
+    return [k for k, name in enumerate(names_of(packed, certificate)) if name not in held]
+
+
+def box(packed: Packed, certificate: Certificate) -> list[arb]:
+    """Return balls that hold the exact solution, and the parameters of identities."""
+    y = start(packed, certificate)
+    radius = arb(certificate.radius).upper()
+    for k in free_of(packed, certificate):
+        y[k] = y[k] + arb(0, radius)
+    return y

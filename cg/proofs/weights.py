@@ -1,0 +1,350 @@
+"""Weights of words at the points of a method, and their derivatives, in ball arithmetic.
+
+The same recursions as in the compiled core, on numbers of python-flint: balls (``arb``)
+for proofs, rationals (``fmpq``) for exact weights without derivatives. The flow to a point
+acts on words as an exponential after what acted at its parent, so that a word is cut in
+all ways into a part for what is before, and one for the flow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import comb
+from typing import Any, NamedTuple
+
+from flint import arb_mat
+
+from ..structure.layout import Layout
+from ..structure.points import START
+from .dependent.words import Letter, Word, closure, nodes
+
+__all__ = ["Quantity", "Weights"]
+
+Vector = list[Any]
+
+_CHUNK = 128  # quantities that are derived at a time: bounds the memory
+
+
+class Quantity(NamedTuple):
+    """The weight of a word at the end of a row.
+
+    Attributes
+    ----------
+    row : int
+        From 0: the stages, then the result, then the second result.
+    word : Word
+    stop : int or None
+        Only the first so many points on the way count; None for all.
+    """
+
+    row: int
+    word: Word
+    stop: int | None = None
+
+
+class _Segment(NamedTuple):
+    """Points that follow each other, of which only the last has stages or several children."""
+
+    points: list[int]
+    origin: int  # the segment at whose end it begins, -1 for the start
+
+
+def _segments(layout: Layout) -> list[_Segment]:
+    """Return the segments on the paths to the stages, parents first."""
+    inner = sorted({m for at in layout.stage_points for m in layout.path(at)})
+    children = [m for m in inner if layout.parents[m] != START]
+    branches = [layout.parents[m] for m in children]
+    ends = {*layout.stage_points, *(p for p in branches if branches.count(p) > 1)}
+    found: list[_Segment] = []
+    belongs = {START: START}
+    for m in inner:
+        parent = layout.parents[m]
+        if parent == START or parent in ends:
+            belongs[m] = len(found)
+            found.append(_Segment([m], belongs[parent]))
+        else:
+            belongs[m] = belongs[parent]
+            found[belongs[m]].points.append(m)
+    return found
+
+
+class Weights:
+    """Weights of words at points of a method.
+
+    Parameters
+    ----------
+    layout : Layout
+    quantities : sequence of Quantity
+        What to evaluate.
+    """
+
+    def __init__(self, layout: Layout, quantities: Sequence[Quantity]) -> None:
+        self.layout = layout
+        self.quantities = list(quantities)
+        self._paths = [self._path(quantity) for quantity in self.quantities]
+        letters: set[Word] = set()
+        words: set[Word] = set()
+        for (row, word, _), path in zip(self.quantities, self._paths, strict=True):
+            letters.update(t for t in word if not isinstance(t, int) and t)
+            if row < layout.stages or not path:
+                words.add(word)
+        self._segments = _segments(layout)
+        self._stage_words = closure(letters | words)
+        self._letters = self._letters_of(self._stage_words, letters)
+        # by word, the points where it is needed
+        everywhere = [m for segment in self._segments for m in segment.points]
+        needed = {word: set(everywhere) for word in self._stage_words}
+        self._outer: dict[int, list[Word]] = {}
+        wanted: dict[int, set[Word]] = {}
+        for quantity, path in zip(self.quantities, self._paths, strict=True):
+            if path:
+                wanted.setdefault(path[-1], set()).add(quantity.word)
+        for end, own in wanted.items():
+            self._outer[end] = closure(own)
+            for word in self._outer[end]:
+                needed.setdefault(word, set()).update(layout.path(end))
+        self._needed = {word: sorted(needed[word]) for word in sorted(needed, key=nodes)}
+
+    def _path(self, quantity: Quantity) -> list[int]:
+        return self.layout.path(self.layout.ends[quantity.row])[: quantity.stop]
+
+    @staticmethod
+    def _letters_of(words: Iterable[Word], letters: set[Word]) -> list[Word]:
+        found = set(letters)
+        for word in words:
+            found.update(t for t in word if not isinstance(t, int) and t)
+        return sorted(found, key=nodes)
+
+    def evaluate(self, x: Sequence[Any]) -> Vector:
+        """Return the weights at packed unknowns, all ``arb`` or all ``fmpq``."""
+        layout = self.layout
+        points = len(layout.parents)
+        self._x = list(x)
+        self._one = one = x[0] * 0 + 1
+        self._zero = zero = one * 0
+        self._phi: dict[Letter, Vector] = {(): [one] * layout.stages}
+        self._letter: dict[Letter, Vector] = {}
+        # by word: of the flow alone, at the parent, and at the point; the start is last
+        self._flow: dict[Word, Vector] = {(): [one] * points}
+        self._left: dict[Word, Vector] = {(): [one] * points}
+        self._chi: dict[Word, Vector] = {(): [one] * (points + 1)}
+        stage_words = set(self._stage_words)
+        for word, where in self._needed.items():
+            self._add(word, where)
+            if word in stage_words:
+                chi = self._chi[word]
+                self._phi[word] = [chi[at] for at in layout.stage_points]
+        return [
+            self._chi[quantity.word][path[-1]] if path else (zero if quantity.word else one)
+            for quantity, path in zip(self.quantities, self._paths, strict=True)
+        ]
+
+    def _add(self, word: Word, where: Sequence[int]) -> None:
+        """Compute a word whose proper factors are known, at some points with their parents."""
+        count, points = len(word), len(self.layout.parents)
+        rest, letter = self._flow[word[1:]], self._letter_at_points(word[0])
+        flow: Vector = [None] * points
+        left: Vector = [None] * points
+        chi: Vector = [None] * points + [self._zero]
+        cuts = [(self._left[word[:cut]], self._flow[word[cut:]]) for cut in range(1, count)]
+        parents = self.layout.parents
+        for m in where:
+            change = flow[m] = rest[m] * letter[m] / count
+            for head, tail in cuts:
+                change = change + head[m] * tail[m]
+            left[m] = chi[parents[m]]
+            chi[m] = left[m] + change
+        self._flow[word], self._left[word], self._chi[word] = flow, left, chi
+
+    def _values(self, letter: Letter) -> Vector:
+        """Return what a letter is at the stages."""
+        if isinstance(letter, int) and letter not in self._phi:
+            self._phi[letter] = [
+                self._one if j == letter else self._zero for j in range(self.layout.stages)
+            ]
+        return self._phi[letter]
+
+    def _letter_at_points(self, letter: Letter) -> Vector:
+        """Return the combinations of a letter's values that the flows to points have.
+
+        Marks beyond the stages count the points: 1 on one flow and 0 on all others.
+        """
+        if letter not in self._letter:
+            phi, layout = self._values(letter), self.layout
+            found: Vector = []
+            if isinstance(letter, int) and letter >= layout.stages:
+                points = range(layout.stages, layout.stages + len(layout.parents))
+                self._letter[letter] = [self._one if m == letter else self._zero for m in points]
+                return self._letter[letter]
+            for begin, stages in zip(layout.starts, layout.weights, strict=False):
+                terms = [self._x[k] * phi[stage] for k, stage in enumerate(stages, begin)]
+                found.append(sum(terms[1:], start=terms[0]) if terms else self._zero)
+            self._letter[letter] = found
+        return self._letter[letter]
+
+    def _right(
+        self, words: Iterable[Word], path: Sequence[int]
+    ) -> tuple[dict[Word, Vector], dict[Word, Any]]:
+        """Return the products of the flows after each point of a path, and of all of them."""
+        found: dict[Word, Vector] = {(): [self._one] * len(path)}
+        whole: dict[Word, Any] = {(): self._one}
+        for word in words:
+            flow = self._flow[word]
+            cuts = [(self._flow[word[:cut]], found[word[cut:]]) for cut in range(1, len(word))]
+            right, total = [], self._zero
+            for i in range(len(path) - 1, -1, -1):
+                m = path[i]
+                right.append(total)
+                total = total + flow[m]
+                for head, tail in cuts:
+                    total = total + head[m] * tail[i]
+            found[word], whole[word] = right[::-1], total
+        return found, whole
+
+    def _slot(self, word: Word, m: int, path: Sequence[int], right: dict[Word, Vector]) -> Vector:
+        """Return the derivatives of the weight by the letters of points at place m."""
+        z: Vector | None = None
+        for p in range(m + 1):
+            left, flow = self._left[word[: m - p]], self._flow[word[m - p : m]]
+            earlier = [left[i] * flow[i] for i in path]
+            for q in range(len(word) - m):
+                tail = m + 1 + q
+                after, beyond = self._flow[word[m + 1 : tail]], right[word[tail:]]
+                later = [after[i] * b for i, b in zip(path, beyond, strict=True)]
+                share = (p + q + 1) * comb(p + q, p)  # (p + q + 1)! / (p! q!)
+                if z is None:
+                    z = [a * b / share for a, b in zip(earlier, later, strict=True)]
+                else:
+                    z = [c + a * b / share for c, a, b in zip(z, earlier, later, strict=True)]
+        assert z is not None
+        return z
+
+    def jacobian(self) -> arb_mat:
+        """Return the derivatives of the quantities, after `evaluate` on balls.
+
+        Adjoints of weights at the ends of segments are carried from words with many nodes
+        to those with few.
+
+        Returns
+        -------
+        arb_mat, shape (quantities, unknowns)
+        """
+        layout, segments = self.layout, self._segments
+        end_of = {segment.points[-1]: s for s, segment in enumerate(segments)}
+        # by stage: the segment at whose end it is
+        self._segment_of = [end_of.get(at, START) for at in layout.stage_points]
+        self._branched = any(segment.origin != START for segment in segments)
+        self._steps: dict[Word, list[tuple[Word, arb_mat]]] = {}
+        self._direct: dict[Word, list[Vector]] = {}
+        found = [self._right(self._stage_words, segment.points) for segment in segments]
+        self._wholes = [whole for _, whole in found]
+        # words before others matter only where segments begin at others
+        words = self._stage_words if self._branched else self._letters
+        self._swept = sorted(words, key=nodes)
+        for word in self._swept:
+            self._add_steps(word, [right for right, _ in found])
+        blocks: list[Vector] = []
+        for begin in range(0, len(self.quantities), _CHUNK):
+            blocks += self._derive(range(len(self.quantities))[begin : begin + _CHUNK])
+        return arb_mat(blocks)
+
+    def _add_steps(self, word: Word, rights: Sequence[dict[Word, Vector]]) -> None:
+        """Find where the adjoint of a word goes: to weights, to letters, and to first parts."""
+        segments, size = self._segments, len(self._segments)
+        direct = [[self._zero] * len(self._unknowns(segment.points)) for segment in segments]
+        steps: list[tuple[Word, arb_mat]] = []
+        for m, letter in enumerate(word):
+            phi = self._values(letter)
+            table = [[self._zero] * size for _ in segments]
+            for s, (segment, right) in enumerate(zip(segments, rights, strict=True)):
+                z = self._slot(word, m, segment.points, right)
+                i = 0
+                for point, y in zip(segment.points, z, strict=True):
+                    for k, stage in self._point_unknowns(point):
+                        direct[s][i] = direct[s][i] + y * phi[stage]
+                        i += 1
+                        at = self._segment_of[stage]
+                        if at != START:
+                            table[s][at] = table[s][at] + y * self._x[k]
+            if letter != () and not isinstance(letter, int):
+                steps.append((letter, arb_mat(table) if size else arb_mat(0, 0)))
+        if self._branched:
+            for cut in range(1, len(word)):
+                table = [[self._zero] * size for _ in segments]
+                for s, segment in enumerate(segments):
+                    if segment.origin != START:
+                        table[s][segment.origin] = self._wholes[s][word[cut:]]
+                steps.append((word[:cut], arb_mat(table)))
+        self._direct[word], self._steps[word] = direct, steps
+
+    def _point_unknowns(self, point: int) -> Iterable[tuple[int, int]]:
+        """Return the unknowns of a point, each with its stage."""
+        return enumerate(self.layout.weights[point], self.layout.starts[point])
+
+    def _unknowns(self, points: Sequence[int]) -> list[int]:
+        return [k for point in points for k, _ in self._point_unknowns(point)]
+
+    def _derive(self, chosen: Sequence[int]) -> list[Vector]:
+        count, size = len(chosen), len(self._segments)
+        own = [[self._zero] * self.layout.size for _ in range(count)]
+        seeds: dict[Word, dict[int, Vector]] = {}
+        rights: dict[int, dict[Word, Vector]] = {}
+        for c, index in enumerate(chosen):
+            word, path = self.quantities[index].word, self._paths[index]
+            if not path:
+                continue
+            if path[-1] not in rights:
+                rights[path[-1]] = self._right(self._outer[path[-1]], path)[0]
+            for m, letter in enumerate(word):
+                z, phi = self._slot(word, m, path, rights[path[-1]]), self._values(letter)
+                inner = letter != () and not isinstance(letter, int)
+                for point, y in zip(path, z, strict=True):
+                    for k, stage in self._point_unknowns(point):
+                        own[c][k] = own[c][k] + y * phi[stage]
+                        at = self._segment_of[stage]
+                        if inner and at != START:
+                            seed = seeds.setdefault(letter, {}).setdefault(c, [self._zero] * size)
+                            seed[at] = seed[at] + y * self._x[k]
+        return self._sweep(own, seeds)
+
+    def _sweep(self, own: list[Vector], seeds: dict[Word, dict[int, Vector]]) -> list[Vector]:
+        """Carry derivatives by the weights of words down to words with fewer nodes."""
+        count, size = len(own), len(self._segments)
+        empty = [self._zero] * size
+        adjoints: dict[Word, arb_mat] = {
+            word: arb_mat([found.get(c, empty) for c in range(count)])
+            for word, found in seeds.items()
+        }
+        columns: dict[Word, Vector] = {}
+        for word in reversed(self._swept):
+            if word not in adjoints:
+                continue
+            adjoint = self._to_origins(adjoints.pop(word))
+            columns[word] = adjoint.entries()
+            for part, step in self._steps[word]:
+                change = adjoint * step
+                adjoints[part] = adjoints[part] + change if part in adjoints else change
+        words = list(columns)
+        for s, segment in enumerate(self._segments):
+            if not words:
+                break
+            unknowns = self._unknowns(segment.points)
+            by_weight = arb_mat([columns[word][s::size] for word in words]).transpose()
+            block = (by_weight * arb_mat([self._direct[word][s] for word in words])).entries()
+            for c in range(count):
+                slopes = block[c * len(unknowns) : (c + 1) * len(unknowns)]
+                for k, y in zip(unknowns, slopes, strict=True):
+                    own[c][k] = own[c][k] + y
+        return own
+
+    def _to_origins(self, adjoint: arb_mat) -> arb_mat:
+        """Add to each segment what depends on it through the segments that begin at its end."""
+        if not self._branched:
+            return adjoint
+        rows = adjoint.tolist()
+        for s in range(len(self._segments) - 1, -1, -1):
+            origin = self._segments[s].origin
+            if origin != START:
+                for row in rows:
+                    row[origin] = row[origin] + row[s]
+        return arb_mat(rows)

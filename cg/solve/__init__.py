@@ -1,7 +1,0 @@
-"""Solvers of nonlinear least-squares problems."""
-
-from __future__ import annotations
-
-from cg.shared_numbers import Status
-
-__all__ = ["Status"]

@@ -1,0 +1,1 @@
+"""Where the points, stages and coefficients of a method stand."""

@@ -1,0 +1,1 @@
+"""Helpers of all other parts: argument checks, parsing, quadruple precision, parallel calls."""

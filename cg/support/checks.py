@@ -1,0 +1,104 @@
+"""Checks of arguments that several modules share."""
+
+from __future__ import annotations
+
+import math
+import operator
+import os
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+__all__ = [
+    "MAX_COUNT",
+    "MAX_STAGES",
+    "WIDEST",
+    "check_flag",
+    "check_generator",
+    "check_integer",
+    "check_real",
+    "memory",
+]
+
+MAX_COUNT = 2**31 - 1
+"""Counts cross into Fortran as integers of 32 bits."""
+
+
+MAX_STAGES = 1000
+"""Solvers hold a matrix with a column for each of the s (s + 1) / 2 coefficients: beyond this
+many stages it wouldn't fit into memory."""
+
+
+WIDEST = 1e300
+"""Of the cubes that random guesses are in: twice that must be finite."""
+
+
+def check_flag(name: str, value: Any) -> bool:
+    """Return `value` as a bool; TypeError, which names the argument, if it is anything else."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def check_generator(name: str, value: Any) -> np.random.Generator:
+    """Return `value` if it draws random numbers; TypeError, which names the argument, if not."""
+    if not isinstance(value, np.random.Generator):
+        raise TypeError(
+            f"{name} must be a generator such as numpy.random.default_rng(0), got {value!r}"
+        )
+    return value
+
+
+def check_real(name: str, value: Any, *, positive: bool = False, most: float = math.inf) -> float:
+    """Return `value` as a float.
+
+    Raises
+    ------
+    ValueError
+        If it isn't a finite real number, is negative, is zero and must be `positive`, or exceeds
+        `most`; the message names the argument.
+    """
+    number = math.nan
+    if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
+        try:
+            number = float(value)
+        except OverflowError:  # an int beyond all doubles
+            number = math.inf
+    if not (math.isfinite(number) and number >= 0.0 and (number > 0.0 or not positive)):
+        wanted = "finite positive number" if positive else "finite number, not negative"
+        raise ValueError(f"{name} must be a {wanted}, got {value!r}")
+    if number > most:
+        raise ValueError(f"{name} must be at most {most:g}, got {value!r}")
+    return number
+
+
+def check_integer(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """Return `value` as an int.
+
+    Raises
+    ------
+    TypeError
+        If it isn't an integer; the message names the argument.
+    ValueError
+        If it is less than `least`, or more than `most`.
+    """
+    try:
+        if isinstance(value, bool | np.bool_):
+            raise TypeError
+        checked = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} must be an integer, got {value!r}") from None
+    if checked < least:
+        raise ValueError(f"{name} must be at least {least}, got {value}")
+    if most is not None and checked > most:
+        raise ValueError(f"{name} must be at most {most}, got {value}")
+    return checked
+
+
+def memory() -> float:
+    """Return the bytes of memory of the machine, infinite if it doesn't tell."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return math.inf

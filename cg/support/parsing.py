@@ -1,0 +1,259 @@
+"""Texts that are read and written: bounded, escaped, or a clear error."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import secrets
+import shutil
+import tomllib
+from contextlib import suppress
+from decimal import Decimal
+from fractions import Fraction
+from os import PathLike
+from pathlib import Path
+from typing import Any
+from unicodedata import category
+
+__all__ = [
+    "MAX_CHARACTERS",
+    "MAX_POWER_OF_TEN",
+    "file_in",
+    "quoted",
+    "read_fraction",
+    "read_json",
+    "read_toml",
+    "to_json",
+    "visible",
+    "visible_lines",
+    "write_file",
+]
+
+MAX_CHARACTERS = 10_000_000
+"""Of a file; a method of 200 stages whose coefficients have 200 digits has four million."""
+
+MAX_POWER_OF_TEN = 9999
+"""Of ten, in a number: binary128 ends at 4932, and larger powers only take time and memory."""
+
+_EXPONENT = re.compile(r"[eE]([+-]?[\d_]+)\s*$")
+_DEEPEST = 20
+_MAX_NAME = 200  # bytes; file systems take 255, with suffixes
+_UNFIT = re.compile(r'[/\\:*?"<>|\x00-\x1f\x7f]')
+_DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+
+
+def visible(text: str) -> str:
+    r"""Return a text in which what isn't printable, line breaks too, is escaped.
+
+    Examples
+    --------
+    >>> visible("line\nbreak, \x1b[2J"), visible("König 5")
+    ('line\\nbreak, \\x1b[2J', 'König 5')
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter
+        if letter.isprintable() or category(letter) == "Zs"  # spaces of other widths
+        else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
+
+
+def visible_lines(text: str) -> str:
+    """Return a text in which only line breaks are as they were, and the rest is `visible`."""
+    return "\n".join(map(visible, text.split("\n")))
+
+
+def quoted(text: str) -> str:
+    """Return a text as a string of TOML in which everything is printable."""
+    if text.isprintable():
+        return json.dumps(text, ensure_ascii=False)
+    return "".join(
+        letter if letter.isprintable() else f"\\U{ord(letter):08x}"
+        for letter in json.dumps(text, ensure_ascii=False)
+    )
+
+
+def to_json(data: Any, **options: Any) -> str:
+    """Return data as JSON in which everything but line breaks is printable.
+
+    Parameters
+    ----------
+    data : object
+    **options
+        Those of `json.dumps`.
+    """
+    text = json.dumps(data, ensure_ascii=False, allow_nan=False, **options)
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() or letter == "\n" else json.dumps(letter)[1:-1]
+        for letter in text
+    )
+
+
+def read_fraction(value: Any) -> Fraction:
+    """Return what `fractions.Fraction` makes of a value, unless it takes a power beyond reason.
+
+    Parameters
+    ----------
+    value : Fraction, int, float, Decimal or str
+
+    Raises
+    ------
+    TypeError, ValueError, OverflowError, ZeroDivisionError
+        As from `fractions.Fraction`; ValueError also where an exponent exceeds `MAX_POWER_OF_TEN`
+        or there are more digits than Python reads.
+    """
+    exponent = 0
+    if isinstance(value, str):
+        found = _EXPONENT.search(value)
+        if found:
+            digits = found[1].lstrip("+-").replace("_", "").lstrip("0")
+            exponent = int(digits or 0) if len(digits) < 10 else 10**10
+    elif isinstance(value, Decimal) and value.is_finite():
+        exponent = abs(int(value.as_tuple().exponent))
+    if exponent > MAX_POWER_OF_TEN:
+        raise ValueError(f"exponents must be at most {MAX_POWER_OF_TEN}, got {str(value)[:80]!r}")
+    return Fraction(value)
+
+
+def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, Any]:
+    """Return the table that a TOML text is.
+
+    Parameters
+    ----------
+    text : str
+    error : type of exception
+        Raised where the text isn't TOML, is longer than `MAX_CHARACTERS`, has a number of too
+        many digits, or is nested too deeply.
+    **options
+        Those of `tomllib.loads`.
+    """
+    if len(text) > MAX_CHARACTERS:
+        raise error(f"a file must have at most {MAX_CHARACTERS} characters, got {len(text)}")
+    try:
+        table = tomllib.loads(text, **options)
+    except tomllib.TOMLDecodeError as problem:
+        raise error(f"not a TOML file: {problem}") from None
+    except RecursionError:
+        raise error("not a file of this kind: tables or arrays are nested too deeply") from None
+    except ValueError as problem:  # a number with too many digits
+        raise error(f"not a file of this kind: {problem}") from None
+    return _shallow(table, error)
+
+
+def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
+    """Return the object that a JSON text is; numbers that aren't integers stay texts.
+
+    Parameters
+    ----------
+    text : str
+    error : type of exception
+        Raised where the text isn't a JSON object, is longer than `MAX_CHARACTERS`, gives a key
+        twice, has a number that isn't finite or of too many digits, or is nested too deeply.
+    """
+    if len(text) > MAX_CHARACTERS:
+        raise error(f"a file must have at most {MAX_CHARACTERS} characters, got {len(text)}")
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        table = dict(pairs)
+        if len(table) < len(pairs):
+            keys = [key for key, _ in pairs]
+            raise ValueError(f"{max(keys, key=keys.count)!r} is there twice")
+        return table
+
+    def refuse(number: str) -> None:
+        raise ValueError(f"{number} is no number")
+
+    try:
+        table = json.loads(text, parse_float=str, parse_constant=refuse, object_pairs_hook=unique)
+    except json.JSONDecodeError as problem:
+        raise error(f"not a JSON file: {problem}") from None
+    except RecursionError:
+        raise error("not a file of this kind: objects or arrays are nested too deeply") from None
+    except ValueError as problem:
+        raise error(f"not a file of this kind: {problem}") from None
+    if not isinstance(table, dict):
+        raise error(f"not a file of this kind: a JSON object was expected, got {text[:40]!r}")
+    return _shallow(table, error)
+
+
+def _shallow(table: dict[str, Any], error: type[Exception]) -> dict[str, Any]:
+    """Return a table; raise the error if it is nested so deeply that to show it would fail."""
+    level: list[Any] = [table]
+    for _ in range(_DEEPEST):
+        level = [
+            part
+            for whole in level
+            if isinstance(whole, dict | list)
+            for part in (whole.values() if isinstance(whole, dict) else whole)
+        ]
+    if level:
+        raise error("not a file of this kind: tables or arrays are nested too deeply")
+    return table
+
+
+def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Path:
+    """Return the path of the file in a folder that is named like something.
+
+    Raises
+    ------
+    ValueError
+        If the name can't be a file's on some system, or would lead out of the folder.
+    """
+    fit = (
+        0 < len(name.encode("utf-8", "replace")) <= _MAX_NAME
+        and not _UNFIT.search(name)
+        and not name.startswith(".")
+        and name.strip(" ") == name
+        and not name.endswith(".")
+        and not _DEVICE.fullmatch(name)
+    )
+    if not fit:
+        raise ValueError(f"name must be fit for a file's name, got {name[:80]!r}")
+    return Path(folder) / f"{name}{suffix}"
+
+
+def write_file(path: str | PathLike[str], data: str | bytes) -> None:
+    """Write a file as a whole: whatever goes wrong on the way leaves the old one as it was.
+
+    The data go to a file beside it, which takes its place then. Links and permissions stay. What
+    is there and is no regular file, such as a device, is written to.
+
+    Parameters
+    ----------
+    path : path
+    data : str or bytes
+        Texts are written in UTF-8.
+
+    Raises
+    ------
+    OSError
+        If the file can't be written; the message names it.
+    ValueError
+        If UTF-8 can't hold the text.
+    """
+    path, content = Path(path), data.encode("utf-8") if isinstance(data, str) else data
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
+    target = path.resolve()
+    part = target.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        with part.open("xb") as file:
+            if target.exists():
+                target.open("ab").close()  # one that may not be written isn't replaced either
+                shutil.copymode(target, part)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, target)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None
+        raise
+    finally:
+        with suppress(OSError):
+            part.unlink()

@@ -1,0 +1,268 @@
+"""IEEE binary128 numbers as bytes, and their exact values.
+
+The compiled core with ``real(16)`` takes and gives 16 bytes a number, since neither
+NumPy nor C has a portable type for it. Here an array of such numbers is an ``int8``
+array whose last axis has length 16, in the machine's little-endian order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from fractions import Fraction
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .checks import check_integer
+from .parsing import read_fraction
+
+__all__ = [
+    "DECIMAL_DIGITS",
+    "MissingQuadsError",
+    "Quads",
+    "core",
+    "decode",
+    "encode",
+    "from_float",
+    "to_decimal",
+    "to_float",
+]
+
+Quads = NDArray[np.int8]
+"""Array of binary128 numbers, shape (..., 16)."""
+
+DECIMAL_DIGITS = 36
+"""Significant decimal digits that tell any two binary128 numbers apart."""
+
+_PRECISION = 113
+_MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
+_MAX_EXPONENT = 16383 - 112
+_MAX_DIGITS = 100_000
+_LONGEST = 100  # decimal places up to which numbers are written without an exponent
+
+
+class MissingQuadsError(RuntimeError):
+    """What was asked for needs quadruple precision, and this build has none.
+
+    Examples
+    --------
+    >>> import cg
+    >>> from cg.support import quads
+    >>> try:
+    ...     core = quads.core("refinement")
+    ... except cg.MissingQuadsError:
+    ...     print("built with -Dquad=disabled: double precision only")
+    """
+
+
+@cache
+def _compiled() -> Any:
+    try:
+        return import_module("cg._core_r128")
+    except ModuleNotFoundError:
+        return None
+
+
+def core(what: str) -> Any:
+    """Return the compiled core in real(16).
+
+    Parameters
+    ----------
+    what : str
+        Who asks, for the error.
+
+    Raises
+    ------
+    MissingQuadsError
+        If the package was built without, by ``-Dquad=disabled``.
+    """
+    found = _compiled()
+    if found is None:
+        raise MissingQuadsError(
+            f"{what} needs quadruple precision, which this build of crouch-grossman was made "
+            "without (-Dquad=disabled); build it with gfortran to have it"
+        )
+    return found
+
+
+def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
+    """Round exact values to binary128, to nearest, ties to even.
+
+    Parameters
+    ----------
+    values : iterable of Fraction, int, float or str
+        Strings as `fractions.Fraction` reads them: decimal or rational.
+
+    Returns
+    -------
+    ndarray of int8, shape (n, 16)
+
+    Raises
+    ------
+    OverflowError
+        If a value is beyond the largest binary128 number.
+    ValueError
+        If a value isn't a finite number.
+    TypeError
+        If there is no sequence of values.
+    """
+    if not isinstance(values, Iterable) or (isinstance(values, np.ndarray) and values.ndim == 0):
+        raise TypeError(f"values must be a sequence of numbers, got {values!r}")
+    packed = b"".join(_encode_one(_exact(value)) for value in values)
+    return np.frombuffer(packed, dtype=np.int8).reshape(-1, 16).copy()
+
+
+def _exact(value: Any) -> Fraction:
+    try:
+        return read_fraction(value)
+    except (TypeError, ValueError, OverflowError, ZeroDivisionError):
+        raise ValueError(f"values must be finite real numbers, got {value!r}") from None
+
+
+def _encode_one(value: Fraction) -> bytes:
+    sign = int(value < 0)
+    value = abs(value)
+    if value == 0:
+        return bytes(16)
+    exponent = value.numerator.bit_length() - value.denominator.bit_length() - _PRECISION
+    exponent = max(exponent, _MIN_EXPONENT)
+    significand = round(value / Fraction(2) ** exponent)
+    while significand >= 1 << _PRECISION:  # the estimate of the exponent is one too small at most
+        exponent += 1
+        significand = round(value / Fraction(2) ** exponent)
+    if exponent > _MAX_EXPONENT:
+        raise OverflowError(f"value {float(value):.3g} is beyond the range of binary128")
+    normal = significand >> (_PRECISION - 1)
+    biased = exponent - _MIN_EXPONENT + normal if normal else 0
+    fraction = significand - (normal << (_PRECISION - 1))
+    return (sign << 127 | biased << 112 | fraction).to_bytes(16, "little")
+
+
+def decode(quads: Quads) -> list[Fraction]:
+    """Return the exact values of binary128 numbers, of shape (n, 16).
+
+    Raises
+    ------
+    ValueError
+        If one of them is infinite or not a number, or the shape isn't (n, 16).
+    TypeError
+        If `quads` isn't an array of int8.
+    """
+    quads = _checked(quads, "n")
+    data = quads.tobytes()
+    return [_decode_one(data[i : i + 16]) for i in range(0, len(data), 16)]
+
+
+def _decode_one(data: bytes) -> Fraction:
+    bits = int.from_bytes(data, "little")
+    biased = bits >> 112 & 0x7FFF
+    fraction = bits & ((1 << 112) - 1)
+    if biased == 0x7FFF:
+        raise ValueError("a binary128 number is not finite")
+    significand = fraction | (1 << 112 if biased else 0)
+    exponent = max(biased, 1) - 1 + _MIN_EXPONENT
+    magnitude = Fraction(significand) * Fraction(2) ** exponent
+    return -magnitude if bits >> 127 else magnitude
+
+
+def _checked(quads: Any, lead: str) -> Quads:
+    # other kinds of numbers would be cut to their lowest byte
+    if not isinstance(quads, np.ndarray) or quads.dtype != np.int8:
+        kind = quads.dtype if isinstance(quads, np.ndarray) else repr(quads)
+        raise TypeError(f"quads must be an array of int8, got {kind}")
+    if quads.shape[-1:] != (16,) or (lead == "n" and quads.ndim != 2):
+        raise ValueError(f"quads must have shape ({lead}, 16), got {quads.shape}")
+    return np.ascontiguousarray(quads)
+
+
+def to_float(quads: Quads) -> NDArray[np.float64]:
+    """Round binary128 numbers of shape (..., 16) to doubles of shape (...).
+
+    Raises
+    ------
+    ValueError
+        If `quads` has another shape.
+    TypeError
+        If `quads` isn't an array of int8.
+    MissingQuadsError
+        If the package was built without quadruple precision.
+    """
+    quads = _checked(quads, "...")
+    flat = quads.reshape(-1, 16)
+    values: NDArray[np.float64] = core("cg.support.quads.to_float").to_double(flat.T)
+    return values.reshape(quads.shape[:-1])
+
+
+def from_float(values: Any) -> Quads:
+    """Widen doubles of shape (...) to binary128 numbers of shape (..., 16), exactly.
+
+    Raises
+    ------
+    ValueError
+        If `values` aren't real numbers.
+    MissingQuadsError
+        If the package was built without quadruple precision.
+    """
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "iufO":
+            raise TypeError
+        array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"values must be an array of real numbers, got {values!r}") from None
+    quads: Quads = core("cg.support.quads.from_float").from_double(array.ravel())
+    return np.ascontiguousarray(quads.T).reshape(*array.shape, 16)
+
+
+def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = False) -> str:
+    """Write an exact value in decimal, rounded to so many significant digits.
+
+    Parameters
+    ----------
+    value : Fraction or int
+    digits : int, optional
+        From 1 to 100000; 36 keep a binary128 number apart from all others.
+    zeros : bool, optional
+        Keep zeros after the point that are significant digits.
+
+    Returns
+    -------
+    str
+        Without trailing zeros by default, ``"0"`` for zero. Positional, except that magnitudes
+        beyond ``10**±100`` are written as in ``"-1.25e-4950"``.
+    """
+    if not isinstance(value, Fraction | int) or isinstance(value, bool):
+        raise TypeError(f"value must be a Fraction, got {value!r}")
+    digits = check_integer("digits", digits, 1, _MAX_DIGITS)
+    if value == 0:
+        return "0"
+    magnitude = abs(value)
+    exponent = _decimal_exponent(magnitude)
+    sign = "-" if value < 0 else ""
+    if abs(exponent) > _LONGEST:
+        significand = to_decimal(magnitude / Fraction(10) ** exponent, digits, zeros=zeros)
+        return f"{sign}{significand}e{exponent}"
+    places = digits - exponent - 1
+    scaled = round(magnitude * Fraction(10) ** places)
+    if scaled == 10**digits:  # rounded up to one digit more
+        scaled, places = scaled // 10, places - 1
+    if places <= 0:
+        return f"{sign}{scaled * 10**-places}"
+    text = str(scaled).rjust(places + 1, "0")
+    whole, part = text[:-places], text[-places:]
+    if not zeros:
+        part = part.rstrip("0")
+    return f"{sign}{whole}.{part}" if part else f"{sign}{whole}"
+
+
+def _decimal_exponent(value: Fraction) -> int:
+    # from bits, since Python limits how many digits an integer may be written with
+    bits = value.numerator.bit_length() - value.denominator.bit_length()
+    exponent = math.floor((bits - 1) * math.log10(2)) - 1
+    while value >= Fraction(10) ** (exponent + 1):
+        exponent += 1
+    return exponent

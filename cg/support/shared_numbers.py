@@ -1,0 +1,325 @@
+"""Numbers that Python and the compiled core must agree on: one table, of which Fortran is made.
+
+The build runs this file to write the Fortran module ``shared_numbers``, in which a member of an
+enumeration has its own name in lower case, followed by the suffix of the enumeration.
+"""
+
+from __future__ import annotations
+
+import argparse
+from enum import IntEnum
+from pathlib import Path
+
+__all__ = [
+    "BlockKind",
+    "BlockOption",
+    "ConditionOwner",
+    "FieldFlag",
+    "MinimumNormStatus",
+    "Operation",
+    "StageEquation",
+    "Status",
+    "Stop",
+    "c_header",
+    "fortran_module",
+]
+
+
+class Stop(IntEnum):
+    """Why the compiled loop over steps came back."""
+
+    FINISHED = 0
+    STOPPED_BY_FIELD = 1  # it returned a nonzero flag
+    FIELD_NOT_FINITE = 2
+    STAGE_NOT_FINITE = 3  # the point that the field was given
+    SOLUTION_NOT_FINITE = 4
+    OUT_OF_MEMORY = 5
+    PAUSED = 6  # to be called again
+    STEP_TOO_SMALL = 7
+    SLOPE_NOT_FINITE = 8  # relative to the tolerances
+    STEP_TOO_LONG = 9  # coordinates of a stage are beyond the radius of dexp⁻¹
+    TOO_MANY_STEPS = 10
+    STAGES_NOT_SOLVED = 11  # the stage equations of an implicit method
+    TERMINAL_EVENT = 12
+    JUMPS_WITHOUT_PROGRESS = 13
+    RAISED = 14  # an exception of Python
+    # between trajectories and what drives them
+    NEEDS_FIELD = 20  # the coefficients at the requested time and point
+    NEEDS_MINIMUM = 21  # of a step size over trajectories with common steps
+    NEEDS_MAXIMUM = 22  # of an error over them
+    BUFFER_FULL = 23  # output must be taken away
+
+
+class FieldFlag(IntEnum):
+    """What a right-hand side may return that is not a number of its own."""
+
+    RAISED_IN_PYTHON = -(2**31) + 1
+
+
+class BlockKind(IntEnum):
+    """What a block of a compiled frame is."""
+
+    EUCLIDEAN = 1  # R^n with the fields d/dx_i
+    SO3 = 2  # rotation matrices, row by row
+    QUATERNION = 3  # unit quaternions that turn by v
+    SE3 = 4  # 4 x 4 matrices of rigid motions, row by row
+    SPHERE = 5  # the sphere in R^3: y' = v x y
+    SU2 = 6  # complex 2 x 2 matrices, row by row
+    SO = 7  # rotation matrices of any size, row by row
+    SU = 8  # complex matrices of any size, row by row
+    U = 9  # likewise, of any determinant
+    ISOSPECTRAL = 10  # symmetric matrices with given eigenvalues, moved by SO(n)
+    CALLBACK = 11  # whatever functions outside of compiled code make of it
+
+
+class Operation(IntEnum):
+    """What compiled code asks of Python; see ``cg/integration/step/callbacks.py``."""
+
+    FLOW = 1  # points moved along flows, the first one first
+    RESTORE = 2
+    COORDINATES = 3  # of the flow from one point to another
+    NEARBY = 4  # the same by iteration, which every frame has
+    SIZES = 5  # what relative errors are relative to
+    TANGENT = 6  # the value of a field
+    SHORTEST = 7  # coefficients with the same value
+    DEXPINV = 8
+    STAGES = 9  # coefficients at the stages of an implicit method
+    FIELDS = 10  # coefficients at points of several members
+    EVENT = 11
+    JUMP = 12
+
+
+class BlockOption(IntEnum):
+    """Options of a block, which add up."""
+
+    SPACE_AXES = 1  # v acts from the left, not in body axes
+    SCALAR_FIRST = 2  # of a quaternion
+
+
+class Status(IntEnum):
+    """MINPACK's ``info``, by the names that the compiled solver has for it.
+
+    References
+    ----------
+    .. [1] J. J. Moré, B. S. Garbow, K. E. Hillstrom, User Guide for MINPACK-1,
+       Argonne National Laboratory report ANL-80-74 (1980).
+    """
+
+    STOPPED_BY_USER = -1
+    IMPROPER_INPUT = 0
+    SMALL_REDUCTION = 1
+    SMALL_STEP = 2
+    SMALL_REDUCTION_AND_STEP = 3
+    SMALL_GRADIENT = 4
+    TOO_MANY_EVALUATIONS = 5
+    FTOL_TOO_SMALL = 6
+    XTOL_TOO_SMALL = 7
+    GTOL_TOO_SMALL = 8
+
+    @property
+    def converged(self) -> bool:
+        """Whether one of the requested convergence tests was met."""
+        return Status.SMALL_REDUCTION <= self <= Status.SMALL_GRADIENT
+
+    @property
+    def message(self) -> str:
+        """The status as a sentence."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    Status.STOPPED_BY_USER: "The function stopped the solver.",
+    Status.IMPROPER_INPUT: "The solver refused its arguments.",
+    Status.SMALL_REDUCTION: (
+        "The actual and the predicted relative reduction of the sum of squares are at most ftol."
+    ),
+    Status.SMALL_STEP: "The relative change between two iterates is at most xtol.",
+    Status.SMALL_REDUCTION_AND_STEP: (
+        "The relative reductions of the sum of squares are at most ftol, "
+        "and the relative change between two iterates is at most xtol."
+    ),
+    Status.SMALL_GRADIENT: (
+        "The cosines between the residual and the columns of the Jacobian are at most gtol."
+    ),
+    Status.TOO_MANY_EVALUATIONS: "The number of evaluations has reached maxfev.",
+    Status.FTOL_TOO_SMALL: "ftol is too small: the sum of squares can't be reduced further.",
+    Status.XTOL_TOO_SMALL: "xtol is too small: the iterate can't be improved further.",
+    Status.GTOL_TOO_SMALL: (
+        "gtol is too small: the residual is orthogonal to the columns of the Jacobian "
+        "to machine precision."
+    ),
+}
+
+
+class MinimumNormStatus(IntEnum):
+    """Why the minimum-norm solver stopped."""
+
+    SOLVED = 1  # the sum of squares is at most ftol
+    OUT_OF_ITERATIONS = 2
+    NO_DESCENT = 3  # not even a tiny step reduces it
+    NOT_FINITE = 4  # at the start
+    STOPPED = 5  # by another thread
+
+
+class ConditionOwner(IntEnum):
+    """What a condition is on; positive numbers are stages."""
+
+    FIRST_RESULT = 0
+    SECOND_RESULT = -1
+
+
+class StageEquation(IntEnum):
+    """What a condition on a stage may be in place of a tree."""
+
+    MIDDLE = -1  # its abscissa lies in the middle of its piece of the step
+
+
+_SUFFIXES = {
+    Stop: "",
+    FieldFlag: "",
+    BlockKind: "_block",
+    BlockOption: "",
+    Operation: "_operation",
+    Status: "",
+    MinimumNormStatus: "",
+    ConditionOwner: "",
+    StageEquation: "_abscissa",
+}
+
+
+RECORD = {
+    # a run
+    "members": "integer",
+    "lanes": "integer",  # members on their way at the same time
+    "common": "integer",  # whether they all take the same steps
+    "keep_last": "integer",  # whether the solution within the last step may be asked for
+    "free": "integer",  # whether flows of different small coefficients lead to different points
+    "t0": "real",
+    "segments": "integer",
+    "stops": "address",  # ends of segments
+    # functions
+    "context": "address",  # a function of Python for operations
+    "function": "address",  # the right-hand side
+    "together": "integer",  # whether it takes many points at a time, and belongs to the context
+    "data": "address",
+    "data_stride": "integer",  # bytes from one member's data to the next
+    "functions": "integer",  # whose zeros are events
+    "event_table": "address",  # of each: address, data, direction, how often, whether it jumps
+    # steps
+    "h": "real",  # size of equal ones, zero if they are chosen
+    "rtol": "real",
+    "tolerances": "integer",
+    "atol": "address",  # one tolerance, or one for each coordinate or entry
+    "in_entries": "integer",
+    "parts": "integer",  # of an entry: two if it is complex
+    "exponent": "real",  # of an error that sizes are proportional to
+    "max_step": "real",
+    "first_step": "real",  # zero to choose it
+    "max_steps": "integer",
+    # what the driver is given at each call
+    "budget": "integer",  # trial steps of all trajectories until it pauses
+    # what it answers
+    "ended": "integer",  # trajectories that have come to an end
+    "failed": "integer",  # those of them that didn't come to the end of time or a terminal event
+    "raised": "integer",  # whether Python raised an exception
+    "step_size": "real",  # signed, of the last step of a single trajectory
+    # of each member
+    "places": "address",  # the initial point, then the last one; its time; when it failed
+    "tallies": "address",  # its status, flag, evaluations, flows, Jacobians, factorisations, steps,
+    # rejected steps
+    # points at wanted times
+    "wanted": "integer",
+    "times": "address",
+    "y": "address",
+    # ends of steps
+    "every": "integer",
+    "step_capacity": "integer",
+    "steps": "integer",
+    "step_t": "address",
+    "step_y": "address",
+    # interpolants
+    "dense": "integer",
+    "dense_capacity": "integer",
+    "interpolants": "integer",
+    "dense_member": "address",
+    "dense_t": "address",
+    "dense_y": "address",
+    "dense_field": "address",
+    # events
+    "event_capacity": "integer",
+    "events": "integer",
+    "event_of": "address",
+    "event_t": "address",
+    "event_y": "address",
+}
+"""The record by which Python and the compiled loop over steps speak: names and kinds of entries."""
+
+VARIATION = {
+    # functions in C and their data, 0 for none: then there are differences, or data of the members
+    "f": "address",
+    "f_data": "address",
+    "jac": "address",
+    "jac_data": "address",
+    "df_dp": "address",
+    "df_dp_data": "address",
+    "data": "address",  # of functions in C without any, where there are no parameters
+    "frame": "address",  # the plan of the frame alone
+    "dimension": "integer",
+    "width": "integer",  # numbers of a point without its derivatives
+    "parameters": "integer",
+    # structure constants that aren't zero: i, j, k and the coefficient along E_k of [E_i, E_j]
+    "constants": "integer",
+    "index": "address",
+    "constant": "address",
+    "step": "real",  # of differences, relative
+    "nan": "real",
+    "failed": "integer",  # what failed last: 0 for f, 1 for jac, 2 for df_dp, 3 for products
+}
+"""The record of a right-hand side with derivatives: names and kinds of entries."""
+
+_KINDS = {
+    "integer": "integer(c_int64_t)",
+    "real": "real(c_double)",
+    "address": "integer(c_intptr_t)",
+}
+
+
+def record_type(name: str, entries: dict[str, str]) -> list[str]:
+    """Return the Fortran type of a record."""
+    lines = [f"  type, bind(c) :: {name}"]
+    for entry, kind in entries.items():
+        zero = "0.0_c_double" if kind == "real" else "0"
+        lines.append(f"    {_KINDS[kind]} :: {entry} = {zero}")
+    return [*lines, f"  end type {name}"]
+
+
+def fortran_module() -> str:
+    """Return the Fortran module that has all members as parameters."""
+    lines = [
+        "! Made from cg/support/shared_numbers.py",
+        "module shared_numbers",
+        "  use, intrinsic :: iso_c_binding, only: c_double, c_int64_t, c_intptr_t",
+        "  implicit none",
+        "  public",
+    ]
+    for enumeration, suffix in _SUFFIXES.items():
+        for member in enumeration:
+            name = member.name.lower() + suffix
+            lines.append(f"  integer, parameter :: {name} = {member.value}")
+    lines += record_type("record_t", RECORD) + record_type("variation_t", VARIATION)
+    return "\n".join([*lines, "end module shared_numbers", ""])
+
+
+def c_header() -> str:
+    """Return the header that has those numbers that C must know."""
+    members = ", ".join(f"{flag.name} = {flag.value}" for flag in FieldFlag)
+    return f"/* Made from cg/support/shared_numbers.py */\nenum {{ {members} }};\n"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("module", type=Path, help="the Fortran module to write")
+    parser.add_argument("header", type=Path, help="the C header to write")
+    files = parser.parse_args()
+    files.module.write_text(fortran_module(), encoding="utf-8")
+    files.header.write_text(c_header(), encoding="utf-8")

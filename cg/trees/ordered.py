@@ -1,0 +1,290 @@
+"""Ordered rooted trees, the index set of the order conditions.
+
+An ordered tree is the list of its children, ``t = [t_1 ... t_mu]``, from left to
+right; the tree without children is ``τ = []``. This module needs nothing but the
+standard library, since the build runs it too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from math import comb
+
+__all__ = ["Forest", "OrderedTree", "catalan", "forest"]
+
+
+@dataclass(frozen=True, eq=False)
+class OrderedTree:
+    """An ordered rooted tree, immutable and hashable.
+
+    Parameters
+    ----------
+    children : tuple of OrderedTree
+        The subtrees of the root, from left to right.
+
+    Attributes
+    ----------
+    nodes : int
+        Number of nodes ``|t|``, the root included.
+
+    Examples
+    --------
+    >>> t = OrderedTree.parse("[[][[]]]")
+    >>> t.nodes, t.density
+    (4, 3)
+    >>> str(t)
+    '[[][[]]]'
+    """
+
+    children: tuple[OrderedTree, ...] = ()
+    nodes: int = field(init=False, repr=False)
+    _hash: int = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.children, tuple) or not all(
+            isinstance(child, OrderedTree) for child in self.children
+        ):
+            raise TypeError(f"children must be a tuple of OrderedTree, got {self.children!r}")
+        # of the children's own, so that no depth is too large
+        object.__setattr__(self, "_hash", hash(tuple(child._hash for child in self.children)))
+        object.__setattr__(self, "nodes", 1 + sum(child.nodes for child in self.children))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, OrderedTree):
+            return NotImplemented
+        pending = [(self, other)]
+        while pending:
+            left, right = pending.pop()
+            if left is right:
+                continue
+            if left._hash != right._hash or len(left.children) != len(right.children):
+                return False
+            pending += zip(left.children, right.children, strict=True)
+        return True
+
+    @classmethod
+    def parse(cls, text: str) -> OrderedTree:
+        """Read a tree from its text in brackets; white space is ignored.
+
+        Raises
+        ------
+        ValueError
+            If `text` isn't exactly one balanced tree.
+        """
+        if not isinstance(text, str):
+            raise TypeError(f"text must be a str, got {type(text).__name__}")
+        finished: list[list[OrderedTree]] = [[]]
+        for position, character in enumerate(text):
+            if character.isspace():
+                continue
+            if character == "[":
+                finished.append([])
+            elif character == "]" and len(finished) > 1:
+                children = finished.pop()
+                finished[-1].append(cls(tuple(children)))
+            else:
+                raise ValueError(f"text {text!r}: unexpected {character!r} at position {position}")
+        if len(finished) != 1 or len(finished[0]) != 1:
+            raise ValueError(f"text {text!r}: expected exactly one tree in balanced brackets")
+        return finished[0][0]
+
+    def __str__(self) -> str:
+        parts: list[str] = []
+        pending: list[OrderedTree | str] = [self]
+        while pending:
+            part = pending.pop()
+            if isinstance(part, str):
+                parts.append(part)
+            else:
+                parts.append("[")
+                pending += ["]", *reversed(part.children)]
+        return "".join(parts)
+
+    def __repr__(self) -> str:
+        return f"OrderedTree.parse({str(self)!r})"
+
+    @cached_property
+    def density(self) -> int:
+        """Density ``γ(t) = Π_k (|t_1|+…+|t_k|) γ(t_k)``, and 1 for ``τ`` ([13] of the paper)."""
+        product = 1
+        pending = [self]
+        while pending:
+            tree, nodes = pending.pop(), 0
+            for child in tree.children:
+                nodes += child.nodes
+                product *= nodes
+            pending += tree.children
+        return product
+
+
+MAX_NODES = 14
+"""There are a million trees with at most so many nodes, and four times as many with one more."""
+
+
+def catalan(n: int) -> int:
+    """Return the Catalan number ``C_n``, the number of ordered trees with n + 1 nodes."""
+    return comb(2 * n, n) // (n + 1)
+
+
+def is_lyndon(word: Sequence[int]) -> bool:
+    """Tell whether `word` is smaller than each of its proper suffixes (so not empty)."""
+    word = tuple(word)
+    return bool(word) and all(word < word[k:] for k in range(1, len(word)))
+
+
+@dataclass(frozen=True)
+class Forest:
+    """All ordered trees with at most `max_nodes` nodes, each with an integer index.
+
+    Indices start at 1 (``τ``), as in the generated Fortran. Trees with fewer nodes
+    come first; among those with equally many, the one whose first child has the
+    smaller index, and so on. All attributes below are indexed by ``tree index - 1``.
+
+    Since words of trees are what order conditions are made of, a tree is also read
+    as the word of its children; cutting off the first or the last letter gives
+    another, smaller tree.
+
+    Parameters
+    ----------
+    max_nodes : int
+        The largest number of nodes, at least 1.
+
+    Attributes
+    ----------
+    nodes : tuple of int
+        Node counts.
+    first, rest : tuple of int
+        Index of the first child, and of the tree without it; 0, 0 for ``τ``.
+    prefix, last : tuple of int
+        Index of the tree without its last child, and of that child; 0, 0 for ``τ``.
+    children : tuple of tuple of int
+        Indices of the children.
+    density : tuple of int
+        Densities.
+    """
+
+    max_nodes: int
+    nodes: tuple[int, ...]
+    first: tuple[int, ...]
+    rest: tuple[int, ...]
+    prefix: tuple[int, ...]
+    last: tuple[int, ...]
+    children: tuple[tuple[int, ...], ...]
+    density: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def count(self, nodes: int) -> int:
+        """Return how many trees have exactly `nodes` nodes."""
+        return len(self.with_nodes(nodes))
+
+    def with_nodes(self, nodes: int) -> range:
+        """Return the indices of the trees with exactly `nodes` nodes."""
+        if isinstance(nodes, bool) or not isinstance(nodes, int):
+            raise TypeError(f"nodes must be an int, got {nodes!r}")
+        if not 1 <= nodes <= self.max_nodes:
+            raise ValueError(f"nodes must be between 1 and {self.max_nodes}, got {nodes}")
+        start = 1 + sum(catalan(n - 1) for n in range(1, nodes))
+        return range(start, start + catalan(nodes - 1))
+
+    def is_independent(self, index: int) -> bool:
+        """Tell whether the condition of this tree doesn't follow from lower ones.
+
+        ``Φ`` is a character of the shuffle algebra of words of trees, which is freely
+        generated by the Lyndon words (letters ordered by their index). So the
+        condition of any other word is a polynomial in conditions of lower order.
+        """
+        return is_lyndon(self.children[self._position(index)])
+
+    def tree(self, index: int) -> OrderedTree:
+        """Return the tree with this index.
+
+        Raises
+        ------
+        TypeError
+            If `index` isn't an integer.
+        IndexError
+            If there is no such tree.
+        """
+        return self._trees[self._position(index)]
+
+    def index(self, tree: OrderedTree) -> int:
+        """Return the index of `tree`; KeyError if it has more than `max_nodes` nodes."""
+        if not isinstance(tree, OrderedTree):
+            raise TypeError(f"tree must be an OrderedTree, got {tree!r}")
+        try:
+            return self._indices[tree]
+        except KeyError:
+            raise KeyError(f"{tree} has {tree.nodes} nodes, more than {self.max_nodes}") from None
+
+    def __iter__(self) -> Iterator[OrderedTree]:
+        return iter(self._trees)
+
+    def _position(self, index: int) -> int:
+        if isinstance(index, bool) or not isinstance(index, int):
+            raise TypeError(f"index must be an int, got {index!r}")
+        if not 1 <= index <= len(self):
+            raise IndexError(f"index must be between 1 and {len(self)}, got {index}")
+        return index - 1
+
+    @cached_property
+    def _trees(self) -> tuple[OrderedTree, ...]:
+        made: list[OrderedTree] = []
+        for word in self.children:
+            made.append(OrderedTree(tuple(made[letter - 1] for letter in word)))
+        return tuple(made)
+
+    @cached_property
+    def _indices(self) -> dict[OrderedTree, int]:
+        return {tree: index for index, tree in enumerate(self._trees, 1)}
+
+
+def forest(max_nodes: int) -> Forest:
+    """Return the `Forest` of all ordered trees with at most `max_nodes` nodes.
+
+    Raises
+    ------
+    ValueError
+        If `max_nodes` is less than 1 or more than `MAX_NODES`.
+    TypeError
+        If `max_nodes` isn't an integer.
+    """
+    if not isinstance(max_nodes, int) or isinstance(max_nodes, bool):
+        raise TypeError(f"max_nodes must be an int, got {max_nodes!r}")
+    if not 1 <= max_nodes <= MAX_NODES:
+        raise ValueError(f"max_nodes must be between 1 and {MAX_NODES}, got {max_nodes}")
+    return _forest(max_nodes)
+
+
+@cache
+def _forest(max_nodes: int) -> Forest:
+    columns: tuple[list[int], ...] = ([1], [0], [0], [0], [0], [1])
+    nodes, first, rest, prefix, last, density = columns
+    children: list[tuple[int, ...]] = [()]
+    index_of: dict[tuple[int, int], int] = {}
+    start = [0, 1]  # start[n] is the first index with n nodes
+    for n in range(2, max_nodes + 1):
+        start.append(len(nodes) + 1)
+        for size in range(1, n):
+            for head in range(start[size], start[size + 1]):
+                for tail in range(start[n - size], start[n - size + 1]):
+                    word = (head, *children[tail - 1])
+                    index_of[head, tail] = len(nodes) + 1
+                    alone = len(word) == 1
+                    before = 1 if alone else index_of[head, prefix[tail - 1]]
+                    final = head if alone else last[tail - 1]
+                    nodes.append(n)
+                    first.append(head)
+                    rest.append(tail)
+                    prefix.append(before)
+                    last.append(final)
+                    children.append(word)
+                    density.append(density[before - 1] * (n - 1) * density[final - 1])
+    fields = (nodes, first, rest, prefix, last, children, density)
+    return Forest(max_nodes, *map(tuple, fields))  # type: ignore[arg-type]

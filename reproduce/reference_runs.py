@@ -1,0 +1,248 @@
+"""Built-in problems integrated wholly in compiled code, in double or quadruple precision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.catalogue import resolve_method
+from cg.frames.arrays import Array
+from cg.frames.base import Frame
+from cg.integration.arguments import check_count
+from cg.integration.loop.step_budget import StepBudget
+from cg.integration.step.blocks import block_constants, describe_blocks
+from cg.integration.step.paths import paths_of
+from cg.method.method import Method
+from cg.problems.affine import AffineField
+from cg.problems.heavy_top import HeavyTop
+from cg.support import quads
+from cg.support.checks import memory
+from cg.support.parsing import read_fraction
+from cg.support.shared_numbers import Stop
+
+Kind = Literal["real64", "real128"]
+
+# Rounds exact numbers to a kind, as Fortran has them.
+_Convert = Callable[..., Any]
+# Takes some steps of a method.
+_Call = Callable[..., tuple[int, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledTrajectory:
+    """A solution from the compiled stepper.
+
+    Attributes
+    ----------
+    t
+        Times rounded to float64, shape ``(steps + 1,)``, read-only.
+    y
+        Points rounded to float64, shape ``(steps + 1, *point_shape)``, read-only.
+    raw
+        Points in the kind that was computed with: ``y`` itself, or the bytes of binary128
+        numbers as `cg.support.quads` has them, shape ``(steps + 1, *point_shape, 16)``, read-only.
+    kind
+        ``"real64"`` or ``"real128"``.
+    """
+
+    t: Array
+    y: Array
+    raw: NDArray[Any]
+    kind: Kind
+
+    def __repr__(self) -> str:
+        return f"CompiledTrajectory(t=0...{self.t[-1]:g}, steps={len(self.t) - 1}, {self.kind})"
+
+    def exact(self, k: int) -> tuple[Fraction, ...]:
+        """Return the exact values of the entries of point ``k``; negative counts from the end."""
+        if self.kind == "real64":
+            return tuple(map(Fraction, self.raw[k].ravel().tolist()))
+        return tuple(quads.decode(self.raw[k].reshape(-1, 16)))
+
+
+def integrate_heavy_top(
+    problem: HeavyTop,
+    *,
+    method: str | Method,
+    h: Fraction | float | str,
+    steps: int,
+    kind: Kind = "real64",
+) -> CompiledTrajectory:
+    """Integrate the spinning top from time zero, with a given number of equal steps.
+
+    All constants, the method's exact coefficients among them, are rounded once to the kind.
+    Python's global lock is released meanwhile.
+
+    Parameters
+    ----------
+    problem
+        The top.
+    method
+        Name of an explicit method of the catalogue, or a tableau.
+    h
+        Step size, positive; a float means its exact binary value, a string a decimal or a
+        quotient.
+    steps
+        Number of steps, positive.
+    kind
+        ``"real64"`` or ``"real128"``, 53 or 113 binary digits.
+
+    Returns
+    -------
+    CompiledTrajectory
+
+    Raises
+    ------
+    TypeError
+        If ``problem`` or ``method`` has another type.
+    ValueError
+        If ``method`` is unknown or implicit, or another argument has an impossible value.
+    OverflowError
+        If the solution exceeds the range of floating point.
+    MissingQuadsError
+        If ``kind`` is ``"real128"`` and the package was built without it.
+    """
+    if not isinstance(problem, HeavyTop):
+        raise TypeError(f"problem must be a HeavyTop, got {problem!r}")
+
+    def prepare(core: Any, convert: _Convert) -> _Call:
+        return partial(core.heavy_top, convert(problem.inertia), convert([problem.mgl]))
+
+    return _integrate(prepare, problem.y0_exact, problem.frame, method, h, steps, kind)
+
+
+def integrate_affine(
+    problem: AffineField,
+    *,
+    method: str | Method,
+    h: Fraction | float | str,
+    steps: int,
+    kind: Kind = "real64",
+) -> CompiledTrajectory:
+    """Integrate a field with affine coefficients from time zero, with a given number of steps.
+
+    Parameters and results are those of `integrate_heavy_top`.
+
+    Raises
+    ------
+    TypeError
+        If ``problem`` or ``method`` has another type.
+    ValueError
+        If the frame is not compiled, ``method`` is unknown or implicit, or another argument has
+        an impossible value.
+    OverflowError
+        If the solution exceeds the range of floating point.
+    MissingQuadsError
+        If ``kind`` is ``"real128"`` and the package was built without it.
+    """
+    if not isinstance(problem, AffineField):
+        raise TypeError(f"problem must be an AffineField, got {problem!r}")
+    description = describe_blocks(problem.frame)
+
+    def prepare(core: Any, convert: _Convert) -> _Call:
+        constant, slope = (convert(_fractions(x)) for x in (problem.constant, problem.slope))
+        linear = convert(_fractions(problem.linear), problem.linear.shape)
+        constants = convert(_fractions(block_constants(problem.frame)))
+        return partial(core.affine_field, description, constants, constant, linear, slope)
+
+    return _integrate(prepare, _fractions(problem.y0), problem.frame, method, h, steps, kind)
+
+
+def _integrate(
+    prepare: Callable[[Any, _Convert], _Call],
+    y0: Sequence[Fraction],
+    frame: Frame,
+    method: str | Method,
+    h: Fraction | float | str,
+    steps: int,
+    kind: Kind,
+) -> CompiledTrajectory:
+    """Check what all built-in problems share, and make a trajectory of what the calls give.
+
+    Python can be interrupted between them.
+    """
+    tableau = resolve_method(method)
+    if not tableau.explicit:
+        raise ValueError(f"method must be explicit, got the implicit {method!r}")
+    try:
+        if isinstance(h, bool | np.bool_):
+            raise TypeError
+        size = read_fraction(h)
+        float(size)
+    except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
+        raise ValueError(f"h must be a finite number, got {h!r}") from error
+    if size <= 0:
+        raise ValueError(f"h must be positive, got {h!r}")
+    steps = check_count(steps, "steps")
+    if kind not in ("real64", "real128"):
+        raise ValueError(f'kind must be "real64" or "real128", got {kind!r}')
+
+    core, convert = _core_of(kind)
+    _check_memory(steps, len(y0), kind)
+    paths = paths_of(tableau)
+    weights, c, size_of_step = convert(paths.weights), convert(paths.c), convert([size])
+    call = prepare(core, convert)
+    start = convert(y0)
+    columns = np.zeros((*start.shape, steps + 1), dtype=start.dtype, order="F")
+    columns[..., 0] = start
+    budget = StepBudget()
+    done = status = 0
+    failed_at: Any = [0.0]
+    while done < steps and status in (Stop.FINISHED, Stop.PAUSED):
+        count = min(budget.start(), steps - done)
+        status, failed_at = call(paths.integers, weights, c, size_of_step, done, count, columns)
+        budget.stop(count)
+        done += count
+    if kind == "real64":
+        raw: NDArray[Any] = np.ascontiguousarray(columns.T)
+        points = raw
+        t = float(failed_at[0])
+    else:
+        raw = np.ascontiguousarray(np.transpose(columns, (2, 1, 0)))
+        points = quads.to_float(raw)
+        t = float(quads.to_float(np.ascontiguousarray(failed_at.T))[0])
+    if status != Stop.FINISHED:
+        raise OverflowError(f"the solution is no longer finite at t = {t:.17g}")
+    times = np.array([float(k * size) for k in range(steps + 1)])
+    raw = raw.reshape(steps + 1, *frame.point_shape, *raw.shape[2:])
+    points = points.reshape(steps + 1, *frame.point_shape)
+    for array in (times, points, raw):
+        array.flags.writeable = False
+    return CompiledTrajectory(times, points, raw, kind)
+
+
+def _core_of(kind: Kind) -> tuple[Any, _Convert]:
+    if kind == "real128":
+        return quads.core('kind="real128"'), _quads
+    from cg import _core_r64
+
+    return _core_r64, _doubles
+
+
+def _check_memory(steps: int, entries: int, kind: Kind) -> None:
+    # rows for Fortran and for Python, the points in double precision, and the times
+    needed = steps * (entries * (16 if kind == "real64" else 40) + 8)
+    if needed > memory():
+        raise ValueError(
+            f"steps = {steps} need {needed / 2**30:.3g} GiB of memory, and there are "
+            f"{memory() / 2**30:.3g} GiB"
+        )
+
+
+def _fractions(values: Array) -> list[Fraction]:
+    return [Fraction(x) for x in values.ravel().tolist()]
+
+
+def _doubles(values: Iterable[Fraction], shape: tuple[int, ...] = (-1,)) -> Array:
+    return np.array([float(x) for x in values]).reshape(shape)
+
+
+def _quads(values: Iterable[Fraction], shape: tuple[int, ...] = (-1,)) -> quads.Quads:
+    """Return binary128 numbers with their bytes along the first axis, as Fortran has them."""
+    return np.moveaxis(quads.encode(values).reshape(*shape, 16), -1, 0)

@@ -1,0 +1,1 @@
+"""Programs that made the catalogue, and proofs that methods don't exist; not installed."""

@@ -1,0 +1,151 @@
+"""Ask Singular for each tree of points whether its order conditions have a common zero.
+
+``python -m research.impossibility.eliminate_trees ORDER POINTS`` goes through all trees of so many
+points that are stages but for the last, the result, and prints whether 1 is in the ideal of the
+conditions, over the rational numbers or modulo a prime. These are Gröbner bases: fast, but nothing
+is left that could be checked without Singular, as `research.impossibility` does with its proofs.
+
+Unknowns are the weights of each point on all stages but the first, their sum with the first, the
+letters with two or three nodes on the flows to the result, and Φ_i([τ]) at the stages. With names
+of their own for these, conditions have low degrees.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from math import factorial
+from typing import Any
+
+from cg.conditions import condition_trees
+from cg.structure.points import START
+from cg.trees.ordered import forest
+from research.impossibility import PointsShape, point_shapes
+from research.impossibility.ring import Ring
+
+MIN_FLOWS = {3: 2, 4: 2, 5: 3, 6: 4, 7: 5}  # to the result, by the order: research.impossibility
+
+
+def path(parents: Sequence[int]) -> list[int]:
+    """Return the points from the start to the last one."""
+    found = [len(parents) - 1]
+    while parents[found[-1]] != START:
+        found.append(parents[found[-1]])
+    return found[::-1]
+
+
+class Conditions:
+    """Order conditions of a tree of points, with names for what occurs in them.
+
+    Attributes
+    ----------
+    ring : Ring
+    equations : list of polynomials
+        That the names stand for what they name, and the conditions.
+    """
+
+    def __init__(self, shape: PointsShape, order: int) -> None:
+        trees = forest(order + 1)
+        points = range(shape.stages)
+        self.parents, self.way = shape.parents, path(shape.parents)
+        named = [t for t in range(2, len(trees) + 1) if trees.nodes[t - 1] <= 3]
+        self.ring = Ring(
+            [
+                *(f"w{m}_{k}" for m in reversed(points) for k in range(m, 0, -1)),
+                *(f"q{i}" for i in reversed(points) if i >= 2),
+                *(f"z{t}_{m}" for m in reversed(self.way) for t in reversed(named)),
+                *(f"e{m}" for m in reversed(points)),
+            ]
+        )
+        zero, one = self.ring.number(0), self.ring.number(1)
+        self.equations: list[Any] = []
+        weights = []
+        for m in points:
+            others = [self.ring[f"w{m}_{k}"] for k in range(1, m + 1)]
+            weights.append([self.ring[f"e{m}"] - sum(others, zero), *others])
+        letters: dict[int, list[Any]] = {}
+        for t in range(1, trees.with_nodes(order).stop):
+            word = trees.children[t - 1]
+            at = self._weights(word, letters)
+            phi = [at[i - 1] for i in points]
+            if word == (2,):
+                phi[2:] = [self._name(f"q{i}", phi[i]) for i in points[2:]]
+            letters[t] = []
+            for m in points:
+                value = sum((w * phi[k] for k, w in enumerate(weights[m])), zero)
+                if t in named and m in self.way:
+                    value = self._name(f"z{t}_{m}", value)
+                letters[t].append(value)
+        for t in condition_trees(order, independent=True):
+            end = self._weights(trees.children[t - 1], letters)[shape.stages - 1]
+            self.equations.append(end - one / trees.density[t - 1])
+
+    def _name(self, name: str, value: Any) -> Any:
+        self.equations.append(self.ring[name] - value)
+        return self.ring[name]
+
+    def _weights(self, word: Sequence[int], letters: dict[int, list[Any]]) -> dict[int, Any]:
+        zero, one = self.ring.number(0), self.ring.number(1)
+        taken = {START: [one] + [zero] * len(word)}
+        for m, parent in enumerate(self.parents):
+            taken[m] = list(taken[parent])
+            for end in range(1, len(word) + 1):
+                product = one
+                for begin in range(end - 1, -1, -1):
+                    product *= letters[word[begin]][m]
+                    taken[m][end] += taken[parent][begin] * product / factorial(end - begin)
+        return {m: row[-1] for m, row in taken.items()}
+
+
+def has_none(conditions: Conditions, characteristic: int, seconds: float) -> bool | None:
+    """Return whether 1 is in the ideal; None if that takes too long."""
+    program = (
+        f"ring r = {characteristic}, ({','.join(conditions.ring.names)}), dp;\n"
+        f"ideal I = {','.join(map(str, conditions.equations))};\n"
+        "print(slimgb(I)); quit;\n"
+    )
+    try:
+        run = subprocess.run(
+            ["Singular", "-q"],
+            input=program,
+            capture_output=True,
+            text=True,
+            timeout=seconds,
+            check=True,
+        )
+    except subprocess.TimeoutExpired:
+        return None
+    if "?" in run.stdout:
+        raise RuntimeError(f"Singular: {run.stdout[:300]}")
+    return run.stdout.strip() == "1"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return 0 if no tree can have a method of the order."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("order", type=int, choices=sorted(MIN_FLOWS))
+    parser.add_argument("points", type=int)
+    parser.add_argument("--characteristic", type=int, default=0, help="a prime, or 0")
+    parser.add_argument("--seconds", type=float, default=15.0, help="for each tree")
+    parser.add_argument("--parents", help="only this tree, as in '-1 -1 0 2'")
+    chosen = parser.parse_args(arguments)
+    left = 0
+    for shape in point_shapes(chosen.points):
+        if chosen.parents and chosen.parents.split() != str(shape).split():
+            continue
+        if len(path(shape.parents)) < MIN_FLOWS[chosen.order]:
+            continue
+        begin = time.perf_counter()
+        none = has_none(Conditions(shape, chosen.order), chosen.characteristic, chosen.seconds)
+        left += none is not True
+        took = round(time.perf_counter() - begin, 2)
+        print(json.dumps({"parents": shape.parents, "none": none, "seconds": took}), flush=True)
+    return 1 if left else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

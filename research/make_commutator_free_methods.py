@@ -1,0 +1,363 @@
+"""Find commutator-free methods like the catalogue's of orders four to seven, from random starts.
+
+A recipe has the tree of points that a search over drawn trees (``cg.search(..., flows=n)``)
+found to have methods, or the numbers of starts whose drawn trees do. The conditions are solved from
+seeded random weights, points are left out until the wanted number of flows is left, and what is
+found moves along the solution set to a small principal error. The best is written.
+
+    python research/make_commutator_free_methods.py FOLDER [NAME ...]
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+import cg
+from cg.catalogue import save
+from cg.construction import (
+    Candidate,
+    ConditionSystem,
+    ConstructionSettings,
+    Goals,
+    NotExactError,
+    Structure,
+    drop_flow,
+    drop_point_stage,
+    optimise,
+    principal_error,
+    run_attempt,
+    solved,
+    to_method,
+)
+from cg.construction.search.random_search import start_layout
+from cg.construction.search.shapes import held_weights, layout_of
+from cg.proofs import CertificationError, certify
+
+SEED = 1
+GOALS = Goals(coefficients=2e-4, abscissae=0.2, bound_weight=0.03)
+ITERATIONS = 150
+LARGEST = 6.0  # weights of what is worth moving along
+NOTHING = 1e-12  # weights that are zero at a solution stay so
+CLEARLY = 3e-3  # least norm of the residuals of order q of a pair's second result, over its weights
+ESTIMATE = 10.0  # that norm over the principal error, where it can be chosen
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to find a method.
+
+    Attributes
+    ----------
+    name : str
+    order : int
+    tree : tuple or None
+        Parents, the points of stages, and results if there are two; None if it is drawn.
+    starts : int or sequence of int
+        How many random starts, or which.
+    certified : bool
+        Whether only what has a certificate counts.
+    flows : int or None
+        How many are to be left; None for those of the tree.
+    stages : int
+        Of trees that are drawn; with a given tree how many are to be left, or 0 for all.
+    first_flows : int
+        Of trees that are drawn.
+    pair : bool
+        Whether drawn trees have one more flow for an estimate, which uses the stage at the
+        result too; it is not among `stages`.
+    goals : Goals
+    seed : int
+        Of the starts.
+    """
+
+    name: str
+    order: int
+    tree: tuple[tuple[int, ...] | int, ...] | None
+    starts: int | Sequence[int]
+    certified: bool = True
+    flows: int | None = None
+    stages: int = 0
+    first_flows: int | None = None
+    pair: bool = False
+    goals: Goals = GOALS
+    seed: int = SEED
+
+
+SEVEN = (
+    (
+        *(-1, -1, -1, 2, 3, -1, 5, 6, 6, 8, 9, 10, -1, 12),
+        *(12, 14, 15, 0, 17, 18, 17, *range(20, 29)),
+    ),
+    (-1, 0, 1, 4, 7, 9, 11, 13, 16, 19, 20),
+)
+"""The tree of points that order seven starts from: 11 stages, 30 flows."""
+
+RECIPES = (
+    Recipe(
+        "CF4(3)",
+        4,
+        ((-1, 0, 1, 2, 3, 4, 1), (-1, 0, 1, 3, 4), 5, 6),
+        60,
+    ),
+    Recipe("CF4c", 4, ((-1, 0, 1, 2, 3), (-1, 0, 1, 2, 3)), 60, certified=True),
+    Recipe("CF4d", 4, ((-1, 0, 0, -1, 3), (-1, 0, 1, 2)), 60),
+    Recipe("CF5e", 5, None, (25, 174), flows=10, stages=7, first_flows=10),
+    Recipe("CF5d", 5, ((-1, 0, 1, 2, 3, 4, 5, 6, 7), (-1, 0, 1, 2, 3, 4, 7)), 200),
+    Recipe(
+        "CF5a",
+        5,
+        ((-1, 0, 1, 2, 3, 4, 5, 5, 7), (-1, 0, 1, 2, 3, 6)),
+        120,
+    ),
+    Recipe(
+        "CF5b",
+        5,
+        ((-1, 0, 1, 2, 3, 4, 0, 6, 7), (-1, 0, 1, 2, 3, 5)),
+        120,
+    ),
+    Recipe(
+        "CF5c",
+        5,
+        ((-1, 0, 1, 0, 3, 0, 5, 6), (-1, 0, 1, 2, 3, 4)),
+        400,
+    ),
+    Recipe(
+        "CF5(4)",
+        5,
+        ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 7), (-1, 0, 1, 3, 4, 5, 7), 8, 9),
+        120,
+    ),
+    Recipe(
+        "CF6d",
+        6,
+        None,
+        (98,),
+        flows=13,
+        stages=9,
+        first_flows=18,
+        goals=Goals(coefficients=1e-4, abscissae=1.0, bound_weight=0.03),
+    ),
+    Recipe(
+        "CF6(5)", 6, None, (88,), flows=17, stages=8, first_flows=22, pair=True, certified=False
+    ),
+    Recipe(
+        "CF7a",
+        7,
+        SEVEN,
+        (13,),
+        flows=26,
+    ),
+    Recipe("CF7b", 7, SEVEN, (12,), flows=25, stages=10, certified=False),
+    Recipe("CF7c", 7, SEVEN, (13,), flows=28, stages=9),
+    Recipe(
+        "CF6a",
+        6,
+        None,
+        27,
+        stages=7,
+        first_flows=16,
+        seed=101,
+    ),
+    Recipe(
+        "CF6b",
+        6,
+        ((-1, 0, 1, 2, 3, 4, 5, 6, 7, 8, -1, 10, 11, 12), (-1, 0, 1, 3, 4, 7, 9)),
+        400,
+    ),
+    Recipe(
+        "CF6c",
+        6,
+        ((-1, 0, -1, 2, 3, -1, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14), (-1, 0, 1, 2, 3, 4, 9, 12)),
+        60,
+    ),
+)
+
+
+def fewer(recipe: Recipe) -> list[tuple[int, Candidate]]:
+    """Return what is left of the starts with a given tree when stages and flows are left out."""
+    assert recipe.tree is not None
+    assert recipe.flows is not None
+    all_flows = replace(recipe, flows=len(layout_of(recipe.tree).parents), stages=0)
+    found = []
+    for k, start in attempts(all_flows):
+        random = np.random.default_rng(k)
+        candidate: Candidate | None = start
+        while candidate and candidate.system.stages > recipe.stages:
+            candidate = drop_point_stage(candidate, random, largest=LARGEST)
+        while candidate and len(candidate.system.layout.parents) > recipe.flows:
+            candidate = drop_flow(candidate, random, largest=LARGEST)
+        if candidate:
+            found.append((k, candidate))
+    return found
+
+
+def attempts(recipe: Recipe) -> list[tuple[int, Candidate]]:
+    """Return the starts that reach the wanted number of flows, and their numbers."""
+    layout = None if recipe.tree is None else layout_of(recipe.tree)
+    if layout is not None and 0 < recipe.stages < layout.stages:
+        return fewer(recipe)
+    settings = ConstructionSettings(
+        order=recipe.order,
+        stages=recipe.stages + recipe.pair if layout is None else layout.stages,
+        seed=recipe.seed,
+        structure=Structure.GENERAL,
+        first_stages=recipe.stages,
+        width=0.4,
+        iterations=700 if recipe.order > 6 else 400,
+        promising=1e-11,
+        largest=LARGEST,
+        restarts=2,
+        full_rank=False,
+        flows=recipe.flows,
+        first_flows=recipe.first_flows if layout is None else len(layout.parents) - layout.pair,
+        embedded=recipe.pair,
+        tree=layout,
+        first_same_as_last=recipe.pair,
+    )
+    starts = range(recipe.starts) if isinstance(recipe.starts, int) else recipe.starts
+    tried = [run_attempt(settings, k) for k in starts]
+    return [
+        (one.index, Candidate(ConditionSystem(recipe.order, one.tree), np.array(one.x)))
+        for one in tried
+        if one.solved and one.flows == recipe.flows and one.tree is not None
+    ]
+
+
+def held_estimate(candidate: Candidate) -> list[int]:
+    """Return the weight of an estimate that is held, since only their ratios count."""
+    return [k for k in held_weights(candidate.system.order, candidate.system.layout) if k]
+
+
+def scaled(candidate: Candidate) -> Candidate:
+    """Return a pair whose estimate has a fitting size, where its last flow may have any."""
+    layout = candidate.system.layout
+    if not held_estimate(candidate):
+        return candidate
+    x = candidate.x.copy()
+    # homogeneous conditions: the estimate is linear in these weights
+    x[layout.starts[-2] :] *= ESTIMATE * principal_error(candidate) / candidate.estimate
+    return Candidate(candidate.system, x)
+
+
+def solutions(recipe: Recipe) -> list[tuple[int, Candidate]]:
+    """Return where the starts that reach the solution set end, and their numbers."""
+    if recipe.flows is not None:
+        return attempts(recipe)
+    assert isinstance(recipe.starts, int)
+    stages = recipe.stages if recipe.tree is None else layout_of(recipe.tree).stages
+    drawn = {"flows": recipe.first_flows} if recipe.tree is None else {"tree": recipe.tree}
+    found = cg.search(recipe.order, stages, recipe.starts, recipe.seed, **drawn)
+    candidates = []
+    for start in found.starts:
+        if start.exact:
+            system = ConditionSystem(recipe.order, start_layout(found.settings, start.index))
+            x = np.array(start.x, dtype=float)
+            x[np.abs(x) < NOTHING] = 0
+            candidates.append((start.index, Candidate(system, x)))
+    return [(k, p) for k, p in candidates if p.largest <= LARGEST and solved(p)]
+
+
+def merit(candidate: Candidate) -> float:
+    """Return the principal error, more where weights or abscissae are large."""
+    layout = candidate.system.layout
+    sums = np.array([candidate.x[layout.row(k)].sum() for k in range(layout.stages)])
+    outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
+    large = max(0.0, candidate.largest - 1.5)
+    return float(principal_error(candidate) * (1 + large + 2 * outside))
+
+
+def along(candidate: Candidate, goals: Goals) -> Candidate:
+    """Return where the way along the solution set leads."""
+    return optimise(
+        candidate,
+        goals,
+        frozen=[*held_estimate(candidate), *np.flatnonzero(candidate.x == 0)],
+        max_iterations=ITERATIONS,
+        tolerance=1e-3,
+    )
+
+
+def method(recipe: Recipe) -> cg.CommutatorFree:
+    """Return the best method."""
+    found = solutions(recipe)
+    print(f"{recipe.name}: {len(found)} of {recipe.starts} starts", flush=True)
+    moved = [(k, scaled(along(p, recipe.goals))) for k, p in found]
+    if moved and moved[0][1].system.embedded and not recipe.pair:
+        moved = [(k, p) for k, p in moved if p.estimate >= CLEARLY]
+    for k, candidate in sorted(moved, key=lambda one: merit(one[1])):
+        source = (
+            f"random start {k} of seed {recipe.seed} with a tree that was drawn at random, "
+            "moved along the solution set to a small principal error"
+        )
+        if recipe.flows is not None:
+            most = recipe.first_flows or len(layout_of(recipe.tree).parents)
+            left = f"flows left out down to {recipe.flows}, " if most > recipe.flows else ""
+            if recipe.tree is not None and recipe.stages:
+                left = f"stages left out down to {recipe.stages}, {left}"
+            source = (
+                f"random start {k} of seed {recipe.seed} with a tree of {most} flows that was "
+                f"drawn at random, {left}moved along the solution set to a small principal error"
+            )
+        if candidate.system.embedded:
+            source = f"both results solved for jointly, {source}"
+        try:
+            best = without_idle_stages(to_method(candidate, name=recipe.name, source=source))
+            if recipe.certified:
+                certify(best)
+        except (NotExactError, CertificationError):
+            continue
+        return best
+    raise RuntimeError(f"{recipe.name}: no start led to a method")
+
+
+def without_idle_stages(method: cg.Method) -> cg.CommutatorFree:
+    """Return the method without the stages that no flow is along."""
+    stages = sorted({k for point in method.points for k in point.weights})
+    texts = method.layout.point_weights([entry.text for entry in method.coefficients])
+    return cg.CommutatorFree(
+        [
+            (point.parent, {stages.index(k): row[k] for k in point.weights})
+            for point, row in zip(method.points, texts, strict=True)
+        ],
+        [method.stage_points[k] for k in stages],
+        method.result,
+        embedded_result=method.embedded_result,
+        name=method.name,
+        source=method.source,
+    )
+
+
+def main(folder: str, *names: str) -> None:
+    """Write the files and say what they hold."""
+    known = {recipe.name: recipe for recipe in RECIPES}
+    if unknown := set(names) - set(known):
+        raise SystemExit(
+            f"no recipe for {', '.join(sorted(unknown))}; there are {', '.join(known)}"
+        )
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    with threadpool_limits(1):
+        for name in names or known:
+            begun = time.process_time()
+            found = method(known[name])
+            save(found, Path(folder) / f"{name}.toml")
+            largest = max(abs(float(entry.value)) for entry in found.coefficients)
+            print(
+                f"{name}: order {found.order}, {found.stages} stages, "
+                f"{found.exponentials} exponentials, largest weight {largest:.4f}, "
+                f"principal error {found.principal_error():.4g}; "
+                f"{time.process_time() - begun:.0f} s of a core",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        raise SystemExit(__doc__)
+    main(*sys.argv[1:])

@@ -1,0 +1,227 @@
+"""Find methods like the catalogue's explicit ones of orders three to six, from random starts.
+
+Each recipe solves the order conditions from seeded random guesses and moves along the
+solution set: to a small principal error, or by driving coefficients to exact zeros. The best
+candidate with a certificate is written. CG5(4), CG5e, CG6f and CG6g of the catalogue are from here;
+for the others, which came from such runs with other guesses, digits and errors differ a little.
+
+    python research/make_explicit_methods.py FOLDER [NAME ...]
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from cg.catalogue import save
+from cg.conditions import count, residuals
+from cg.construction import (
+    Candidate,
+    ConditionSystem,
+    Goals,
+    NotExactError,
+    Structure,
+    eliminate,
+    fewer_exponentials,
+    optimise,
+    principal_error,
+    refinable,
+    solved,
+    to_method,
+)
+from cg.construction.drop import solve_start
+from cg.construction.search.random_search import random_start
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.start import default_start, random_candidate
+from cg.method.tableau import Tableau
+from cg.proofs import CertificationError, certify
+from cg.runs import as_finished
+from cg.support.parallel import available_cores
+
+SEED = 1
+LARGEST = 4.0  # coefficients of what is worth moving along
+CLEARLY = 2e-3  # least norm of the residuals of order q of a pair's second weights
+SINGLE = Goals(bound_weight=0.05)
+STRUCTURED = Goals(coefficients=1e-4, abscissae=0.2, bound_weight=0.05)
+PAIR = Goals(coefficients=0.02, abscissae=0.2)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to find a method.
+
+    Attributes
+    ----------
+    name : str
+    system : ConditionSystem
+    starts, iterations : int
+        Random guesses, and steps of the solver from each; with a structure, steps are as
+        many as `cg.construct` takes.
+    aim : str
+        A small "error", few "flows", which are coefficients that aren't zero, or a small
+        "effort", flows times the q-th root of the error.
+    """
+
+    name: str
+    system: ConditionSystem
+    starts: int
+    iterations: int
+    aim: str = "error"
+
+    @property
+    def source(self) -> str:
+        """Where a method comes from, for its file."""
+        kind = "moved along the solution set to a small principal error"
+        if self.system.structure:
+            kind = f"structure {self.system.structure.name}, stages dropped, {kind}"
+        if self.system.embedded:
+            kind = f"both weights solved for jointly, {kind}"
+        if self.aim != "error":
+            kind += ", then coefficients driven to exact zeros"
+        return f"random start of seed {SEED}, {kind}"
+
+
+RECIPES = (
+    Recipe("CG3(2)", ConditionSystem.tableau(3, 3, embedded=True), 100, 200),
+    Recipe("CG4b", ConditionSystem.tableau(4, 5), 1500, 60),
+    Recipe("CG4c", ConditionSystem.tableau(4, 5), 1500, 60, "flows"),
+    Recipe("CG4(3)", ConditionSystem.tableau(4, 6, embedded=True), 100, 200),
+    Recipe("CG4(3)b", ConditionSystem.tableau(4, 5, embedded=True), 400, 200),
+    Recipe("CG5b", ConditionSystem.tableau(5, 9), 2000, 250),
+    Recipe("CG5c", ConditionSystem.tableau(5, 9), 2000, 250, "flows"),
+    Recipe("CG5e", ConditionSystem.tableau(5, 9), 2000, 250, "effort"),
+    Recipe("CG5d", ConditionSystem.tableau(5, 8), 3000, 400),
+    Recipe("CG5(4)", ConditionSystem.tableau(5, 10, embedded=True), 500, 400),
+    Recipe("CG6f", ConditionSystem.tableau(6, 13, structure=Structure.MIDDLE), 150, 0),
+    Recipe("CG6g", ConditionSystem.tableau(6, 12, structure=Structure.MIDDLE), 150, 0),
+)
+
+
+def solutions(recipe: Recipe) -> list[Candidate]:
+    """Return the candidates of the solution set that random starts reach, by their number."""
+    system = recipe.system
+    fixed = np.setdiff1d(np.arange(system.size), system.free)
+
+    def run(index: int) -> tuple[int, Candidate]:
+        if system.structure:
+            return index, _constructed(system, index)
+        guess = random_start(SEED, index, system.size, 1.0)
+        guess[fixed] = 0
+        fit = fit_conditions(
+            guess,
+            system,
+            max_iterations=recipe.iterations,
+        )
+        return index, Candidate(system, fit.x)
+
+    found = dict(as_finished(run, range(recipe.starts), available_cores()))
+    candidates = [found[index] for index in range(recipe.starts)]
+    return [p for p in candidates if p.largest <= LARGEST and solved(p)]
+
+
+def _constructed(system: ConditionSystem, index: int) -> Candidate:
+    """Return where a start with easily enough stages ends after as many are dropped."""
+    random = np.random.default_rng([SEED, index])
+    start = default_start(system.order, system.structure)
+    stages = max(system.stages, start.stages)
+    wide = ConditionSystem.tableau(system.order, stages, structure=system.structure)
+    guess = random_candidate(wide, start.width, random)
+    candidate = solve_start(guess, start.iterations, promising=start.promising)
+    if solved(candidate) and refinable(candidate):
+        for smaller in eliminate(
+            candidate, system.stages, random=random, restarts=1, accept=refinable
+        ):
+            candidate = smaller
+    short = candidate.system.stages != system.stages
+    return Candidate(system, np.full(system.size, np.inf)) if short else candidate
+
+
+def candidates(recipe: Recipe) -> Iterator[Candidate]:
+    """Yield what becomes of the solutions, the best first."""
+    candidates = solutions(recipe)
+    print(f"{recipe.name}: {len(candidates)} of {recipe.starts} starts reach the solution set")
+    if recipe.system.embedded:  # the tools along the set want all conditions independent
+        candidates = [p for p in candidates if p.rank == len(p.system.conditions(True)[0])]
+        moved = [optimise(p, PAIR, tolerance=1e-5) for p in candidates]
+        moved = [p for p in moved if second_residual(p) >= CLEARLY]
+    else:
+        goals = STRUCTURED if recipe.system.structure else SINGLE
+        moved = [optimise(p, goals) for p in candidates]
+    if recipe.aim != "error":
+        thinned = [fewer_exponentials(p, largest=3.0) for p in moved]
+        moved = [optimise(p, SINGLE, frozen=zeros) for p, zeros in thinned if solved(p)]
+    yield from sorted(moved, key=KEYS[recipe.aim])
+
+
+def merit(candidate: Candidate) -> float:
+    """Return the principal error, more where coefficients or abscissae are large."""
+    system = candidate.system
+    sums = np.array([candidate.x[system.layout.row(k)].sum() for k in range(system.stages)])
+    outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
+    return principal_error(candidate) * (1 + max(0.0, candidate.largest - 1.5) + 2 * outside)
+
+
+def second_residual(candidate: Candidate) -> float:
+    """Return the norm of the residuals of order q of a pair's second weights."""
+    order = candidate.system.order
+    *a, _, second = candidate.system.layout.full_rows(candidate.x)
+    return float(np.linalg.norm(residuals(a, second, order)[count(order - 1) :]))
+
+
+def flows(candidate: Candidate) -> int:
+    """Return how many coefficients aren't zero."""
+    return int(np.count_nonzero(candidate.x))
+
+
+KEYS: dict[str, Callable[[Candidate], Any]] = {
+    "error": merit,
+    "flows": lambda p: (flows(p), merit(p)),
+    "effort": lambda p: flows(p) * merit(p) ** (1 / p.system.order),
+}
+
+
+def method(recipe: Recipe) -> Tableau:
+    """Return the best candidate that is exact and has a certificate."""
+    for candidate in candidates(recipe):
+        try:
+            found = to_method(candidate, name=recipe.name, source=recipe.source)
+            certify(found)
+        except (NotExactError, CertificationError):
+            continue
+        return found
+    raise RuntimeError(f"{recipe.name}: no start led to a method with a certificate")
+
+
+def main(folder: str, *names: str) -> None:
+    """Write the files and say what they hold."""
+    known = {recipe.name: recipe for recipe in RECIPES}
+    if unknown := set(names) - set(known):
+        raise SystemExit(
+            f"no recipe for {', '.join(sorted(unknown))}; there are {', '.join(known)}"
+        )
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    with threadpool_limits(1):
+        for name in names or known:
+            begun = time.process_time()
+            found = method(known[name])
+            save(found, Path(folder) / f"{name}.toml")
+            largest = max(np.abs(found.a).max(), np.abs(found.b).max())
+            print(
+                f"{name}: order {found.order}, {found.stages} stages, "
+                f"{found.exponentials} exponentials, largest coefficient {largest:.4f}, "
+                f"principal error {found.principal_error():.4g}; "
+                f"{time.process_time() - begun:.0f} s of a core"
+            )
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        raise SystemExit(__doc__)
+    main(*sys.argv[1:])

@@ -1,0 +1,150 @@
+"""Bring the flat methods of `flat_pairs.toml` to manifolds, as they are in the catalogue.
+
+Those up to order seven are found from random starts by `cg.lift`. The splittings of order eight
+took long to find; files beside this one have them in double precision, and they are refined from
+there.
+
+    python research/make_lifted_methods.py FOLDER [NAME ...]
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+import tomllib
+from fractions import Fraction
+from math import isqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+import cg
+from cg.catalogue import save
+from cg.construction.lifting.exact import refined
+from cg.construction.lifting.lift import split_method
+from cg.construction.lifting.splitting import FlatRows, Splitting
+from cg.method.flat import stage_orders
+from cg.structure.layout import Layout
+from cg.support.quads import DECIMAL_DIGITS, to_decimal
+
+HERE = Path(__file__).parent
+FLAT = HERE / "flat_pairs.toml"
+STARTS = {
+    "DOP853": HERE / "dop853_order8_start.toml",
+    "CooperVerner8": HERE / "cooper_verner8_start.toml",
+    "Verner8(7)": HERE / "verner8(7)_start.toml",
+}
+
+RECIPES: dict[str, dict[str, Any]] = {
+    "DVERK6(5)": {"chains": [1, 2, 3, 3, 3, 3, 3, 5], "hits": 4, "improve": True},
+    "Verner7(6)": {"chains": [1, 1, 2, 3, 3, 3, 3, 3, 3, 8]},
+}
+NOTE = "; lifted: the flat pair stays exact, its rows split into flows"
+_IRRATIONAL = re.compile(r"(?P<p>\S+) (?P<sign>[+-]) (?P<q>\S+) r(?P<square>\d+)")
+
+
+def main() -> None:
+    """Write what is asked for."""
+    folder, *names = sys.argv[1:]
+    for name, flat in tableaux().items():
+        if names and name not in names:
+            continue
+        start = time.process_time()
+        if name in STARTS:
+            method = from_start(flat)
+        else:
+            lifted = cg.lift(flat, **RECIPES[name])
+            print(f"{name}: start {lifted.index} of {lifted.starts}, {lifted.hits} hits")
+            method = lifted.method
+        if (third := third_weights(name)) is not None:
+            method = with_third(method, third)
+        save(method, Path(folder) / f"{name}.toml")
+        seconds = time.process_time() - start
+        print(
+            f"{name}: order {orders_of(method)}, {method.exponentials} flows, "
+            f"principal error {method.principal_error():.2e}, {seconds:.0f} s"
+        )
+
+
+def tableaux() -> dict[str, cg.Tableau]:
+    """Return the flat methods by their names."""
+    pairs = tomllib.loads(FLAT.read_text(encoding="utf-8"))
+    return {
+        name: cg.Tableau(
+            [[number(text) for text in row] for row in pair["a"]],
+            [number(text) for text in pair["b"]],
+            b_embedded=pair.get("b_embedded"),
+            name=name,
+            source=pair["source"] + NOTE,
+        )
+        for name, pair in pairs.items()
+    }
+
+
+def orders_of(method: cg.CommutatorFree) -> str:
+    """Return the orders as in names of pairs."""
+    second = method.embedded_order
+    return str(method.order) if second is None else f"{method.order}({second})"
+
+
+def third_weights(name: str) -> list[str] | None:
+    """Return the third weights of a flat pair, if it has any."""
+    found: list[str] | None = tomllib.loads(FLAT.read_text(encoding="utf-8"))[name].get("b_third")
+    return found
+
+
+def with_third(method: cg.CommutatorFree, third: list[str]) -> cg.CommutatorFree:
+    """Return a method with third weights."""
+    parents = [point.parent for point in method.points]
+    return cg.CommutatorFree(
+        zip(parents, method.point_coefficients, strict=True),
+        method.stage_points,
+        method.result,
+        embedded_result=method.embedded_result,
+        third=third,
+        name=method.name,
+        source=method.source,
+    )
+
+
+def number(text: str) -> str:
+    """Return a rational number as it is, and ``p + q r6``, with the root of 6, with 36 digits."""
+    found = _IRRATIONAL.fullmatch(text)
+    if found is None:
+        return text
+    q = Fraction(found["q"]) * (-1 if found["sign"] == "-" else 1)
+    root = Fraction(isqrt(int(found["square"]) * 10**160), 10**80)
+    return to_decimal(Fraction(found["p"]) + q * root, DECIMAL_DIGITS)
+
+
+def start_of(flat: cg.Tableau) -> tuple[Splitting, np.ndarray]:
+    """Return a splitting that is kept in double precision."""
+    found = tomllib.loads(STARTS[flat.name].read_text(encoding="utf-8"))
+    weights = [{int(k): w for k, w in point["weights"].items()} for point in found["points"]]
+    layout = Layout(
+        tuple(point["parent"] for point in found["points"]),
+        tuple(tuple(sorted(row)) for row in weights),
+        tuple(found["stage_points"]),
+        tuple(found[key] for key in ("result", "embedded_result") if key in found),
+    )
+    x = np.array([float.fromhex(row[k]) for row in weights for k in sorted(row)])
+    rows = FlatRows(*flat.exact, flat.exact_embedded)
+    orders = found["order"], found.get("embedded_order", 0)
+    splitting = Splitting(rows, layout, *orders, stage_orders(flat))
+    return splitting, splitting.nearest(x)
+
+
+def from_start(flat: cg.Tableau) -> cg.CommutatorFree:
+    """Refine what is kept in double precision."""
+    splitting, x = start_of(flat)
+    exact = refined(splitting, x)
+    print(f"{flat.name}: rank {exact.rank}, residuals {exact.largest_residual:.0e}")
+    return split_method(splitting.layout, exact.weights, flat.name, flat.source)
+
+
+if __name__ == "__main__":
+    with threadpool_limits(1):
+        main()

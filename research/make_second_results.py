@@ -1,0 +1,150 @@
+"""Give lifted pairs second results by flows of their own, which see what splitting rows adds.
+
+The difference of both results by one frozen combination, Σ (b̂ - b) F, is the estimate of the flat
+pair, whatever the splitting. Here the second result starts from a point on the way to the first
+one, and its weights add up to b̂. Of all starts that lead to one, the least principal error counts.
+
+    python research/make_second_results.py FOLDER [NAME ...]
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+import cg
+from cg.catalogue import save
+from cg.conditions import compiled as compiled_conditions
+from cg.conditions import condition_trees
+from cg.construction.lifting.exact import refined
+from cg.construction.lifting.lift import split_method
+from cg.construction.lifting.solver import fit
+from cg.construction.lifting.splitting import FlatRows, Splitting, _equations, _solved
+from cg.structure.layout import Layout
+from cg.structure.points import START
+
+_WIDTH = 0.6
+_ITERATIONS = 100
+_SEED = 1
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How the second result of a pair is found: from which point, by how many flows and starts."""
+
+    parent: int
+    flows: int
+    tries: int
+
+
+RECIPES = {
+    "BS3(2)": Recipe(START, 1, 1),
+    "DP5(4)": Recipe(START, 2, 150),
+    "DVERK6(5)": Recipe(START, 4, 100),
+    "Verner7(6)": Recipe(26, 4, 20),
+    "Verner8(7)": Recipe(45, 7, 2),
+}
+NOTE = "; the second result by flows of its own"
+
+
+@dataclass(frozen=True)
+class SecondResult(Splitting):
+    """The conditions on a second result, where the first one and the stages are held."""
+
+    held: tuple[Fraction, ...] = ()
+
+    @cached_property
+    def remainders(self) -> dict[int, tuple[dict[int, Fraction], Fraction]]:
+        """By each weight that is held or dependent, the factors of others and a number."""
+        held = [({k: Fraction(1)}, value) for k, value in enumerate(self.held)]
+        return _solved([*_equations(self.rows, self.layout), *held])
+
+    def second_error(self, x: NDArray[np.float64]) -> float:
+        """Return the principal error of the second result."""
+        order = self.embedded_order + 1
+        trees = np.array(condition_trees(order)[len(condition_trees(order - 1)) :], dtype=np.intc)
+        owner = np.full(len(trees), -1, dtype=np.intc)
+        found = compiled_conditions.residuals(order, self.layout, x, trees, owner)
+        return float(np.linalg.norm(found))
+
+
+def flat_estimate(pair: cg.CommutatorFree) -> cg.CommutatorFree:
+    """Return a pair with its flat estimate: the second result is one flow from the first."""
+    assert pair.exact_embedded is not None
+    count = pair.result + 1
+    rows = zip(pair.points[:count], pair.point_coefficients, strict=False)
+    points: list[tuple[int, Mapping[int, Any]]] = [(point.parent, row) for point, row in rows]
+    weights = zip(pair.exact_embedded, pair.exact[1], strict=True)
+    points.append((pair.result, {k: second - b for k, (second, b) in enumerate(weights)}))
+    return cg.CommutatorFree(
+        points, pair.stage_points, pair.result, embedded_result=count, name=pair.name
+    )
+
+
+def splitting_of(method: cg.CommutatorFree, recipe: Recipe) -> SecondResult:
+    """Return what is to be solved for a second result with the same flat weights."""
+    tree, count = method.tree, method.result + 1
+    assert method.embedded_result is not None
+    assert method.embedded_order is not None
+    second = tree.flat_row(method.embedded_result)
+    begun = tree.flat_row(recipe.parent)
+    used = tuple(k for k in range(method.stages) if second[k] or begun[k])
+    chain = [recipe.parent, *range(count, count + recipe.flows - 1)]
+    layout = Layout(
+        (*(point.parent for point in tree.points[:count]), *chain),
+        (*(tuple(point.weights) for point in tree.points[:count]), *[used] * recipe.flows),
+        tree.stage_points,
+        (method.result, count + recipe.flows - 1),
+    )
+    held = tuple(w for point in tree.points[:count] for w in point.weights.values())
+    rows = FlatRows(*method.exact, second)
+    return SecondResult(rows, layout, method.order, method.embedded_order, held=held)
+
+
+def make(method: cg.CommutatorFree, recipe: Recipe) -> tuple[cg.CommutatorFree, float, int]:
+    """Return the pair, the principal error of its second result, and how many starts led to one."""
+    splitting = splitting_of(method, recipe)
+    found = []
+    for index in range(recipe.tries):
+        generator = np.random.default_rng(np.random.SeedSequence(_SEED, spawn_key=(index,)))
+        start = generator.uniform(-_WIDTH, _WIDTH, splitting.free.size)
+        end = fit(splitting, splitting.from_unknowns(start), max_iterations=_ITERATIONS)
+        if end.solved:
+            found.append((splitting.second_error(end.x), index, end.x))
+    error, _, x = min(found)
+    weights = list(refined(splitting, x).weights)
+    first = [w.text for row in method.point_coefficients[: method.result + 1] for w in row.values()]
+    weights[: len(first)] = first
+    source = method.source.removesuffix(NOTE) + NOTE
+    return split_method(splitting.layout, weights, method.name, source), error, len(found)
+
+
+def main() -> None:
+    """Write what is asked for."""
+    folder, *names = sys.argv[1:]
+    for name in names or RECIPES:
+        begin, recipe = time.process_time(), RECIPES[name]
+        method = cg.methods[name]
+        assert isinstance(method, cg.CommutatorFree)
+        pair, error, hits = make(method, recipe)
+        save(pair, Path(folder) / f"{name}.toml")
+        seconds = time.process_time() - begin
+        print(
+            f"{name}: {pair.order}({pair.embedded_order}), {pair.pair_exponentials} flows, error "
+            f"of the second result {error:.1e}, {hits} of {recipe.tries} starts, {seconds:.0f} s"
+        )
+
+
+if __name__ == "__main__":
+    with threadpool_limits(1):
+        main()

@@ -1,0 +1,154 @@
+"""Write the methods of two registers that are solutions of order conditions to 36 digits.
+
+A method with two registers, Z_i = A_i Z_{i-1} + F_i and y_i = exp(h B_i Z_i) y_{i-1}, is a chain of
+points. Of CF4b, Carpenter and Kennedy's five-stage method, the rationals in print satisfy the
+conditions of order four to 5e-26 only; of the others A and B are known in double precision. They
+are moved to the closest solution with two registers, by corrections of least norm in A and B whose
+residuals are exact.
+
+    python research/make_two_register_methods.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.catalogue import save
+from cg.conditions import exact_residuals_of, jacobian_at
+from cg.method.commutator_free import CommutatorFree
+from cg.method.low_storage import from_two_registers
+from cg.support.quads import to_decimal
+
+FOUND = (
+    "found by a search of this project: a chain of two registers from a random start in A and B, "
+    "order conditions on manifolds, least principal error nearby; 36 digits"
+)
+
+
+class Start(NamedTuple):
+    """A method to some digits; A lacks A_1, which multiplies nothing."""
+
+    name: str
+    order: int
+    a: tuple[str, ...]
+    b: tuple[str, ...]
+    source: str
+
+
+STARTS = (
+    Start(
+        "CF4b",
+        4,
+        (
+            "-567301805773/1357537059087",
+            "-2404267990393/2016746695238",
+            "-3550918686646/2091501179385",
+            "-1275806237668/842570457699",
+        ),
+        (
+            "1432997174477/9575080441755",
+            "5161836677717/13612068292357",
+            "1720146321549/2090206949498",
+            "3134564353537/4481467310338",
+            "2277821191437/14882151754819",
+        ),
+        "M. H. Carpenter, C. A. Kennedy: Fourth-order 2N-storage Runge–Kutta schemes. NASA "
+        "TM-109112 (1994), five stages; its rationals moved to the closest solution with two "
+        "registers and 36 digits. As a commutator-free method: A. Bazavov, arXiv:2007.04225",
+    ),
+    Start(
+        "CF5r",
+        5,
+        (
+            "-0.605056024890579",
+            "-1.29654292001734",
+            "-1.13439036362692",
+            "-0.512567957358993",
+            "-1.88485642276083",
+            "-0.659229254800269",
+            "-1.61940745790311",
+            "-0.732990781942359",
+            "-0.930255900036872",
+            "-1.64621671895256",
+        ),
+        (
+            "0.176914241109247",
+            "0.49623173756094",
+            "0.470539532255477",
+            "0.263962024762889",
+            "0.285851373896825",
+            "0.178752314127565",
+            "-0.293970873639043",
+            "0.301209361744407",
+            "0.00501170233036291",
+            "-0.357258332610193",
+            "0.283231589816821",
+        ),
+        FOUND,
+    ),
+)
+GRID = 10**60  # parameters are multiples of 1/GRID, so that they don't grow
+ENOUGH = Fraction(1, 10**44)
+RANK_CUT = 1e-9  # singular values below this fraction of the largest count as zero
+
+
+def derivatives(a: Sequence[Fraction], b: Sequence[Fraction]) -> NDArray[np.float64]:
+    """Return the derivatives of all weights by A and B; shape (weights, parameters)."""
+    parameters = [*a, *b]
+    here = from_two_registers([Fraction(0), *a], b)
+    columns = []
+    for k in range(len(parameters)):
+        # weights are products of parameters, each to the power of one at most
+        moved = [p + (j == k) for j, p in enumerate(parameters)]
+        there = from_two_registers([Fraction(0), *moved[: len(a)]], moved[len(a) :])
+        pairs = zip(there.coefficients, here.coefficients, strict=True)
+        columns.append([float(new.value - old.value) for new, old in pairs])
+    return np.array(columns).T
+
+
+def closest(a: Sequence[Fraction], b: Sequence[Fraction], order: int) -> CommutatorFree:
+    """Return the exact method of this order close to given parameters."""
+    parameters = [*a, *b]
+    for _ in range(10):
+        a, b = parameters[: len(a)], parameters[len(a) :]
+        method = from_two_registers([Fraction(0), *a], b)
+        residuals = exact_residuals_of(method, order, independent=True)
+        size = max(map(abs, residuals))
+        if size < ENOUGH:
+            return method
+        x = np.array([float(weight.value) for weight in method.coefficients])
+        slopes = jacobian_at(method.layout, x, order, independent=True) @ derivatives(a, b)
+        step = np.linalg.pinv(slopes, rcond=RANK_CUT) @ [float(r / size) for r in residuals]
+        parameters = [
+            p - Fraction(round(Fraction(move) * size * GRID), GRID)
+            for p, move in zip(parameters, step.tolist(), strict=True)
+        ]
+    raise RuntimeError(f"residuals are still {float(size):.1e}")
+
+
+def main(folder: Path) -> None:
+    """Write the files and say how far weights are from those at the start."""
+    for start in STARTS:
+        a, b = list(map(Fraction, start.a)), list(map(Fraction, start.b))
+        known = from_two_registers([Fraction(0), *a], b)
+        found = closest(a, b, start.order)
+        rounded = [
+            (point.parent, {k: to_decimal(weight) for k, weight in point.weights.items()})
+            for point in found.points
+        ]
+        method = CommutatorFree(rounded, found.stage_points, name=start.name, source=start.source)
+        save(method, folder / f"{method.name}.toml")
+        pairs = zip(method.coefficients, known.coefficients, strict=True)
+        moved = max(abs(float(new.value - old.value)) for new, old in pairs)
+        print(f"{method.name}: order {method.order}, weights moved by at most {moved:.1e}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "cg/catalogue"))

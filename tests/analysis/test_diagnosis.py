@@ -1,0 +1,319 @@
+"""Known mistakes, planted one by one, and methods that have none."""
+
+import doctest
+import importlib
+import json
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import cg
+from cg.analysis.diagnosis import diagnose_file, draw_points, draw_tree
+from cg.analysis.diagnosis.variants import with_coefficients
+from cg.catalogue import dumps, munthe_kaas
+from cg.method.coefficients import Coefficient
+from cg.method.tableau import TableauError
+from cg.trees.ordered import OrderedTree
+
+pytestmark = pytest.mark.no_core
+
+CG4A = cg.methods["CG4a"]
+SLIP = "-1.1092979392113565"
+CLASSICAL = cg.Tableau(
+    [[], ["1/2"], [0, "1/2"], [0, 0, 1]], ["1/6", "1/3", "1/3", "1/6"], name="RK4"
+)
+
+
+def kinds(method, **options):
+    return {finding.kind for finding in cg.diagnose(method, **options).mistakes}
+
+
+def texts(method):
+    rows = [[entry.text for entry in row[:i]] for i, row in enumerate(method.entries)]
+    return rows, [weight.text for weight in method.weights]
+
+
+def cut(text, places):
+    """Cut a decimal text after so many places."""
+    whole, _, part = text.partition(".")
+    return f"{whole}.{part[:places]}" if part else text
+
+
+def changed(method, k, value):
+    coefficients = list(method.coefficients)
+    coefficients[k] = Coefficient.read(value)
+    return with_coefficients(method, coefficients)
+
+
+@pytest.mark.parametrize(
+    "name", ["CG2(3)", "CG3", "CG4", "CG4(3)", "CG5a", "CF3", "CF4b", "CF5(4)", "DICG4"]
+)
+def test_methods_of_the_catalogue_have_no_mistake(name):
+    found = cg.methods[name].diagnose()
+    assert found.mistakes == ()
+    assert found.findings == ()
+    assert found.order == found.flat_order == cg.methods[name].order
+    assert found.embedded_order == cg.methods[name].embedded_order
+    assert found.failing.order == found.order + 1
+    assert "no known mistake recognised" in str(found)
+
+
+def test_a_method_of_unknown_coefficients_has_no_known_mistake():
+    found = cg.diagnose(cg.Tableau([[], ["3/7"], ["2/11", "5/13"]], ["1/3", "2/9", "1/5"]))
+    assert (found.order, found.findings) == (0, ())
+
+
+@pytest.mark.parametrize("name", ["CG4a", "CG3", "CG5a"])
+def test_rows_in_reverse(name):
+    a, b = texts(cg.methods[name])
+    both = cg.diagnose(cg.Tableau([row[::-1] for row in a], b[::-1]))
+    assert [f.kind for f in both.mistakes] == ["reversed"]
+    assert f"it is {name}, of order" in both.mistakes[0].message
+    assert both.order < cg.methods[name].order
+    (one,) = cg.diagnose(cg.Tableau([row[::-1] for row in a], b)).mistakes
+    assert (one.kind, one.message[:13]) == ("reversed", "the rows of a")
+
+
+@pytest.mark.parametrize("name", ["CF4", "CF5a"])
+def test_flows_in_reverse(name):
+    method = cg.methods[name]
+    weights = method.point_coefficients
+    points, ends = [], {-1: -1}
+    for end in sorted({*method.stage_points, method.result}):
+        last = -1
+        for m in reversed(method.tree.path(end)):
+            points.append((last, weights[m]))
+            last = len(points) - 1
+        ends[end] = last
+    planted = cg.CommutatorFree(points, [ends[m] for m in method.stage_points], ends[method.result])
+    found = cg.diagnose(planted)
+    assert "reversed" in {f.kind for f in found.mistakes}
+    assert found.order < method.order
+    assert any(f"of order {method.order}" in f.message for f in found.mistakes)
+
+
+def test_the_slip_of_cg4a():
+    planted = changed(CG4A, CG4A.layout.names.index("a_5,4"), SLIP)
+    found = cg.diagnose(planted)
+    assert [f.kind for f in found.mistakes] == ["slip"]
+    assert found.order < 4
+    double = changed(planted, 0, CG4A.a[1, 0])
+    assert kinds(double) == {"slip"}
+    # from doubles it is no other method, and this wrong digit is a different mistake
+    rounded = with_coefficients(CG4A, [Coefficient.read(float(k.value)) for k in CG4A.coefficients])
+    assert kinds(rounded) == set()
+    other = changed(CG4A, CG4A.layout.names.index("a_5,4"), "-1.1092979392113865")
+    assert kinds(other) == {"changed"}
+
+
+@pytest.mark.parametrize(("name", "place"), [("CG4a", "b_3"), ("CG5a", "a_7,2"), ("CF4", "w_4,3")])
+def test_one_coefficient_changed(name, place):
+    method = cg.methods[name]
+    k = method.layout.names.index(place)
+    planted = changed(method, k, -method.coefficients[k].value)
+    (finding,) = cg.diagnose(planted).mistakes
+    assert finding.kind == "changed"
+    assert finding.message.startswith(f"it differs from {name} in {place} only: ")
+
+
+def test_other_coefficients_are_not_called_changed():
+    planted = [k.value * Fraction(101, 100) for k in CG4A.coefficients]
+    assert kinds(cg.Tableau.from_packed(planted, 5)) == set()
+
+
+def test_coefficients_that_the_catalogue_has_are_named():
+    a, b = texts(CG4A)
+    found = cg.diagnose(cg.Tableau(a, b, name="mine"))
+    assert [f.message for f in found.findings] == ["its coefficients are those of CG4a"]
+    assert found.mistakes == ()
+
+
+@pytest.mark.parametrize("places", [5, 7, 9])
+def test_truncated_digits(places):
+    a, b = texts(CG4A)
+    planted = cg.Tableau([[cut(x, places) for x in row] for row in a], [cut(x, places) for x in b])
+    (finding,) = cg.diagnose(planted).mistakes
+    assert finding.kind == "digits"
+    residual = planted.largest_residual(4)
+    assert 0.01 < residual * 10**places < 10
+    assert f"off by {residual:.1g}" in finding.message
+
+
+def test_truncated_doubles_and_single_precision():
+    a, b = CG4A.a, CG4A.b
+    planted = cg.Tableau(np.round(a, 7).tolist(), np.round(b, 7).tolist())
+    (finding,) = cg.diagnose(planted).mistakes
+    assert (finding.kind, "7 places" in finding.message) == ("digits", True)
+    planted = cg.Tableau(a.astype(np.float32).tolist(), b.astype(np.float32).tolist())
+    (finding,) = cg.diagnose(planted).mistakes
+    assert (finding.kind, "single precision" in finding.message) == ("digits", True)
+    assert kinds(cg.Tableau(a.tolist(), b.tolist())) == set()
+
+
+def test_short_decimals_that_are_meant_are_no_mistake():
+    assert kinds(cg.Tableau([[], ["0.5"]], ["0", "1"])) == set()
+    assert kinds(cg.Tableau([[], [0.5]], [0.0, 1.0])) == set()
+
+
+def test_a_transposed():
+    a, b = cg.methods["CG3"].exact
+    found = cg.diagnose(cg.Tableau(list(zip(*a, strict=True)), b))
+    (finding,) = found.mistakes
+    assert (finding.kind, "it is CG3, explicit, of order 3" in finding.message) == (
+        "transposed",
+        True,
+    )
+    assert found.order < 3
+    assert kinds("DICG4") == set()
+
+
+@pytest.mark.parametrize(
+    ("tableau", "on_manifolds", "flat"),
+    [(CLASSICAL, 2, 4), (munthe_kaas["RKMK5(4)"].tableau, 2, 5)],
+)
+def test_a_flat_method_as_it_stands(tableau, on_manifolds, flat):
+    found = cg.diagnose(tableau)
+    assert (found.order, found.flat_order) == (on_manifolds, flat)
+    assert [f.kind for f in found.mistakes] == ["flat"]
+    assert cg.diagnose(cg.MuntheKaas(tableau)).mistakes == ()
+
+
+def test_rows_that_do_not_sum_to_c():
+    c = [0, "0.8177227988124852", "0.3859740639032449", "0.3242290522866937", "0.8768903263420429"]
+    assert kinds(CG4A, c=c) == set()
+    c[2] = "0.3859740639132449"
+    (finding,) = cg.diagnose(CG4A, c=c).mistakes
+    assert finding.kind == "abscissae"
+    assert "row 3 of a sums to 0.385974063903244" in finding.message
+    assert finding.message.endswith("not to c_3 = 0.3859740639132449: off by -1e-11")
+    with pytest.raises(ValueError, match="c must have 5 entries, got 1"):
+        cg.diagnose(CG4A, c=[0])
+    with pytest.raises(ValueError, match="c must be a sequence of numbers, got '0'"):
+        cg.diagnose(CG4A, c="0")
+
+
+def test_second_weights_that_equal_the_first(tmp_path):
+    a, b = texts(CG4A)
+    second = [b[0][:-3] + "999", *b[1:]]
+    assert kinds(cg.Tableau(a, b, b_embedded=second)) == {"equal weights"}
+    file = tmp_path / "mine.toml"
+    lines = [f"a = {json.dumps(a)}", f"b = {json.dumps(b)}", f"b_embedded = {json.dumps(b)}"]
+    file.write_text("\n".join(lines))
+    found = diagnose_file(file)
+    assert (found.order, found.method.name) == (4, "mine")
+    assert [f.kind for f in found.mistakes] == ["equal weights"]
+
+
+def test_a_file_without_weights_lacks_nothing_else(tmp_path):
+    path = tmp_path / "method.toml"
+    path.write_text('a = [[], ["1"]]\nc = ["0", "1"]\n')
+    with pytest.raises(TableauError, match=r"method\.toml: the entry lacks b$"):
+        diagnose_file(path)
+
+
+def test_files_with_abscissae(tmp_path):
+    file = tmp_path / "method.toml"
+    text = dumps(cg.methods["CG3"])
+    file.write_text(f'{text}\nc = ["0", "3/4", "17/24"]\n')
+    assert diagnose_file(file).mistakes == ()
+    file.write_text(f'{text}\nc = ["0", "3/4", "17/25"]\n')
+    assert [f.kind for f in diagnose_file(file).mistakes] == ["abscissae"]
+    file.write_text(json.dumps({"a": [[], ["1/2"]], "b": [0, 1], "c": [0, 0.5]}))
+    assert (diagnose_file(file).order, diagnose_file(file).mistakes) == (2, ())
+    file.write_text(dumps(cg.methods["CF4(3)"]))
+    assert diagnose_file(file).order == 4
+    file.write_text(f'{text}\nd = ["0"]\n')
+    with pytest.raises(cg.TableauError, match=r"method.toml: the entry has unknown keys: d"):
+        diagnose_file(file)
+    file.write_text("a = [[]]\nb = [[]]\nb_embedded = [[]]\n")
+    with pytest.raises(cg.TableauError, match=r"method.toml: b_1: "):
+        diagnose_file(file)
+
+
+def test_munthe_kaas():
+    (finding,) = cg.diagnose(changed(munthe_kaas["RKMK5(4)"], 3, "1/7")).mistakes
+    assert finding.message.startswith("it differs from RKMK5(4) in a_4,1 only: 1/7 here, ")
+    found = cg.diagnose("RKMK4")
+    assert (found.order, found.mistakes, found.failing.order) == (4, (), 5)
+
+
+def test_the_first_condition_that_fails():
+    failing = cg.diagnose(cg.methods["CG2"]).failing
+    a, b = cg.methods["CG2"].exact
+    exact = cg.conditions.residuals_exact(a, b, 3, independent=True)
+    assert failing.order == 3
+    assert failing.residual == pytest.approx(float(next(r for r in exact[2:] if r != 0)), rel=1e-14)
+    assert failing.right_side == Fraction(1, failing.tree.density)
+    assert failing.failing == sum(r != 0 for r in exact[2:])
+    assert failing.of == 3
+    assert json.loads(json.dumps(cg.diagnose("CG2").as_dict()))["first_failing"]["tree"] == str(
+        failing.tree
+    )
+
+
+def test_implicit_and_approximate_methods():
+    assert cg.diagnose("ImplicitMidpoint").order == 2
+    found = cg.diagnose("CG6a")
+    assert found.mistakes == ()
+    assert "nominal order: 6" in str(found)
+
+
+@pytest.mark.parametrize("module", ["diagnosis", "drawing"])
+def test_examples(module):
+    result = doctest.testmod(importlib.import_module(f"cg.analysis.diagnosis.{module}"))
+    assert (result.failed, result.attempted > 0) == (0, True)
+
+
+def test_drawings():
+    assert draw_tree(OrderedTree.parse("[[[]][]]")) == "●\n├── ●\n│   └── ●\n└── ●"
+    assert draw_points(cg.methods["LieEuler"]) == "start: stage 1\n└── point 1: 1 F1; result"
+    pair = draw_points(cg.methods["CF4(3)"], digits=3)
+    assert pair.count("second result") == 1
+    assert pair.count("point") == len(cg.methods["CF4(3)"].points)
+    with pytest.raises(TypeError, match="tree must be an OrderedTree"):
+        draw_tree("[]")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("small", ["1e-300", "1e-310", "1e-320", "1e-400", "1e-9999"])
+@pytest.mark.parametrize("other", ["1", "1.000000000000000000000000000000001"])
+def test_entries_smaller_than_doubles_are_within_their_last_place(small, other):
+    found = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, other]))
+    assert found.order == 2
+    assert found.failing.order == 3
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("exponent", [100, 200, 300, 400, 4000])
+def test_rationals_are_off_by_however_little(exponent):
+    small = Fraction(1, 10**exponent)
+    found = cg.diagnose(cg.Tableau([[], ["1/2"]], [small, 1 - 2 * small]))
+    assert (found.order, found.failing.order) == (0, 1)
+    assert found.failing.residual == -float(small)
+    assert found.failing.failing == found.failing.of == 1
+    said = f"-1e-{exponent}" if exponent < 330 else "less than a double can tell"
+    assert f"off by {said}" in str(found)
+    second = cg.diagnose(cg.Tableau([[], [Fraction(1, 2) + small]], [0, 1]))
+    assert (second.order, second.failing.order, second.failing.failing) == (1, 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('A = [[], ["1/2"]]\nb = ["0", "1"]', "the entry lacks a; the entry has unknown keys: A"),
+        ('a = [[], ["1/2"]]\nB = ["0", "1"]', "the entry lacks b; the entry has unknown keys: B"),
+        ("a = [[]]\nb = [1]\nbhat = [2]", "the entry has unknown keys: bhat"),
+        ('name = "x"', "the entry lacks a, b"),
+        (
+            'name = "x"\nsource = ""\nPoints = []\nstage_points = [-1]\nresult = 0',
+            "the entry lacks points; the entry has unknown keys: Points",
+        ),
+    ],
+)
+def test_keys_that_are_misspelt_are_named(text, message, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(TableauError) as error:
+        diagnose_file(file)
+    assert str(error.value) == f"{file}: {message}"

@@ -1,0 +1,305 @@
+"""The benchmarks compute what they say, and their page says what was measured."""
+
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cg
+from cg import conditions
+from cg.analysis.convergence import observed_order
+from cg.problems import FreeRigidBody, HeavyTop
+
+pytestmark = pytest.mark.no_core
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _importable():
+    sys.path.insert(0, str(ROOT))
+    yield
+    sys.path.remove(str(ROOT))
+
+
+@pytest.mark.parametrize(("order", "stages"), [(3, 3), (5, 9)])
+def test_the_numpy_residual_is_that_of_the_definition(order, stages):
+    from benchmarks.weights import NumpyResidual
+
+    x = np.random.default_rng(1).uniform(-1, 1, conditions.unknowns(stages))
+    rows, weights = conditions.unpack(x, stages)
+    exact = conditions.residuals_exact(rows, weights, order, independent=True)
+    found = NumpyResidual(order, stages)(x)
+    np.testing.assert_allclose(found, np.array(exact, dtype=float), rtol=0, atol=1e-12)
+
+
+def test_leastsq_has_the_derivatives_of_its_residual():
+    from benchmarks.leastsq import PaddedResidual
+
+    residual = PaddedResidual(4, 5)
+    x = np.random.default_rng(2).uniform(-1, 1, 15)
+    step = 1e-6
+    for j, column in enumerate(residual.jacobian(x).T):
+        d = step * np.eye(15)[j]
+        np.testing.assert_allclose((residual(x + d) - residual(x - d)) / (2 * step), column,
+                                   rtol=0, atol=1e-7)  # fmt: skip
+
+
+@pytest.mark.parametrize("projected", [True, False])
+def test_dop853_solves_all_cases(projected):
+    from benchmarks.cases import cases
+    from benchmarks.projected import integrate
+
+    found = cases()
+    assert len(found) == 10
+    for case in found:
+        points, evaluations = integrate(
+            case.f, case.end, case.y0, case.frame, 1e-11, projected=projected
+        )
+        assert case.error(points[-1]) < 1e-9, case.name
+        assert evaluations > 12
+        if projected:
+            assert case.frame.membership_error(points).max() < 1e-14, case.name
+        own = cg.integrate(
+            case.f, (0, case.end), case.y0, frame=case.frame, method="CF6c", h=case.end / 128
+        )
+        assert case.error(own.y[-1]) < 1e-5, case.name
+
+
+@pytest.mark.parametrize("order", [4, 6])
+def test_orders_of_magnus_methods(order):
+    from benchmarks.cases import cases
+    from benchmarks.magnus import Magnus
+
+    (case,) = cases(["two_levels"])
+    counts = (8, 16, 32)
+    errors = []
+    for count in counts:
+        method = Magnus(case.f, case.frame, order)
+        errors.append(case.error(method.integrate(case.end, case.y0, count)[-1]))
+        assert (method.nfev, method.nexp) == (count * order // 2, count)
+    assert observed_order([1 / n for n in counts], errors).order == pytest.approx(order, abs=0.1)
+
+
+def test_work_is_interpolated_and_the_best_is_found():
+    from benchmarks.rivals import _best
+    from benchmarks.work_curves import Curve, Point
+
+    points = [Point(10.0**-k, 2.0**k, 10 * k, 0, 1e-16) for k in range(1, 13)]
+    curve = Curve.of("own", "pair", 4, [Point(0.5, 1.0, 1, 1, 1e-16), *points])
+    assert len(curve.points) == 12
+    assert curve.at(1e-8, "time") == pytest.approx(2.0**8)
+    assert curve.at(1e-8, "evaluations") == pytest.approx(80)
+    assert np.isnan(curve.at(1e-8, "flows"))
+    assert np.isnan(curve.at(1e-14, "time"))
+    other = Curve(
+        "rival", "rival", 8, tuple(Point(p.error, 2 * p.seconds, 1, 1, 0.1) for p in points)
+    )
+    assert _best([curve, other], ("pair", "rival"), 1e-8, "time") == "own"
+    assert _best([curve, other], ("fixed",), 1e-8, "time") is None
+    assert other.drift(1e-8) == 0.1
+
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
+
+
+@needs_gcc
+@pytest.mark.parametrize("key", ["CF4", "CG4a", "CF6a", "CG5a"])
+def test_the_plain_loop_takes_the_same_steps(tmp_path, key):
+    from benchmarks.compiled import PlainLoop, field, top_field
+
+    loop, top = PlainLoop(tmp_path), HeavyTop()
+    in_c = top_field(top, tmp_path)
+    plain = loop.integrate(in_c, key, 0.01, 100, top.y0[None])[0]
+    for f in (in_c, top.f):
+        ours = cg.integrate(f, (0, 1), top.y0, frame=top.frame, method=key, h=0.01)
+        np.testing.assert_allclose(ours.y[-1], plain, rtol=0, atol=1e-12)
+    frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
+    body = field("free_body", tmp_path, [1.0, 0.5, 0.4])
+    points = frame.random_point(np.random.default_rng(1), (5,))
+    ours = cg.solve_ensemble(body, (0, 1), points, frame=frame, method=key, h=0.1, t_eval=[1])
+    plain = loop.integrate(body, key, 0.1, 10, points)
+    np.testing.assert_allclose(ours.y[0], plain, rtol=0, atol=1e-13)
+
+
+@needs_gcc
+@pytest.mark.parametrize("key", ["DP5(4)", "CF5r"])
+def test_the_plain_loop_refuses_methods_that_it_would_get_wrong(tmp_path, key):
+    from benchmarks.compiled import PlainLoop, field
+
+    with pytest.raises(ValueError, match=r"steps\.c"):
+        PlainLoop(tmp_path).integrate(field("free_body", tmp_path), key, 0.1, 1, np.ones((1, 7)))
+
+
+@needs_gcc
+def test_functions_of_an_ensemble_are_the_same_in_c_and_in_python(tmp_path):
+    from benchmarks import ensemble
+    from benchmarks.compiled import field
+    from benchmarks.ensemble import fields, level
+
+    frame = ensemble._FRAME
+    points = frame.random_point(np.random.default_rng(1), (4,))
+    body, event = field("free_body", tmp_path, ensemble._INVERSE), field("level", tmp_path)
+    options = {"frame": frame, "t_eval": [0, 5, 10], "rtol": 1e-6, "atol": 1e-6}
+    in_c = cg.solve_ensemble(body, (0, 10), points, events=event, **options)
+    in_python = cg.solve_ensemble(body, (0, 10), points, events=level, **options)
+    assert sum(len(times) for times in in_c.t_events[0]) > 4
+    for ours, theirs in zip(in_c.t_events[0], in_python.t_events[0], strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-10)
+    at_once = cg.solve_ensemble(fields, (0, 10), points, vectorized=True, **options)
+    np.testing.assert_allclose(at_once.y, in_c.y, rtol=0, atol=1e-10)
+
+
+@needs_gcc
+def test_solvers_of_the_tumbling_body_solve_it(tmp_path):
+    from benchmarks import bodies
+
+    case = bodies.tumbling(tmp_path)
+    assert np.divide(bodies._MOMENTUM, bodies._INERTIA).tolist() == [1.0, 2.0, -0.5]
+    exact = FreeRigidBody(bodies._INERTIA, bodies._MOMENTUM).exact_momentum(case.end)
+    np.testing.assert_allclose(case.exact[4:], exact, rtol=0, atol=1e-12)
+    solvers = {"own": bodies._solve(case)}
+    if importlib.util.find_spec("diffrax") is not None:
+        solvers |= bodies.diffrax_solvers(case)
+        assert len(solvers) == 3
+    for name, solve in solvers.items():
+        points = solve(1e-11).points
+        assert points.shape == (1, 7), name
+        assert case.error(points[-1]) < 1e-8, name
+
+
+def test_rows_of_bodies_are_of_the_fastest_rival(monkeypatch):
+    from benchmarks import bodies
+    from benchmarks.work_curves import Point
+
+    seconds = {bodies._OWN: 1.0, "coarse": 0.1, "slow": 4.0, "fast": 3.0}
+
+    def run_point(case, solve, tolerance, rounds):
+        return {
+            name: Point(max(tolerance, 1e-5) if name == "coarse" else tolerance, s, 1, 1, 1e-16)
+            for name, s in seconds.items()
+        }
+
+    monkeypatch.setattr(bodies, "run_point", run_point)
+    (case,) = _cases("two_levels")
+    solve = dict.fromkeys(seconds)
+    (row,) = bodies._rows(case, solve, {1e-8: 1.5}, 1)
+    assert (row.against, row.value, row.other) == ("fast", pytest.approx(1e3), pytest.approx(3e3))
+    assert row.ratio == pytest.approx(3.0)
+    assert row.met
+
+
+def test_lines_are_those_of_the_files(tmp_path):
+    from benchmarks.calls import count_lines
+
+    for folder in ("cg/integration/__pycache__", "fortran", "cg/other"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "cg/integration/a.py").write_text("one\n\nthree\n")
+    (tmp_path / "fortran/a.f90.in").write_text("one\n")
+    (tmp_path / "cg/other/a.py").write_text("none\n")
+    (tmp_path / "cg/integration/__pycache__/a.pyc").write_text("none\n")
+    assert count_lines(tmp_path) == 4
+
+
+def test_pairs_of_methods_on_one_tableau_are_compared():
+    from benchmarks.tableaux import _line
+    from benchmarks.work_curves import Curve, Point
+
+    (case,) = _cases("two_levels")
+    lifted, algebra = (
+        Curve(name, "pair", 5, tuple(Point(10.0**-k, s * k, k, 2 * k, 0.1) for k in (4, 6, 8)))
+        for name, s in (("DP5(4)", 1.0), ("RKMK5(4)", 2.0))
+    )
+    won = dict.fromkeys(("evaluations", "flows", "time"), 0)
+    line = _line(case, lifted, algebra, 1e-6, won)
+    assert line == "| Two-level system | 5(4) | 1e-06 | 6 | 6 | 12 | 12 | 6e+03 | 1.2e+04 | 2.00 |"
+    assert won == {"evaluations": 0, "flows": 0, "time": 1}
+    assert _line(case, lifted, algebra, 1e-12, won) is None
+
+
+def _cases(*names):
+    from benchmarks.cases import cases
+
+    return cases(names)
+
+
+@needs_gcc
+def test_a_step_is_compared_with_its_parts(tmp_path):
+    from benchmarks import parts
+    from benchmarks.compiled import field
+
+    f = field("linear", tmp_path, [3])
+    row = parts._row("SO(3)", cg.frames.SO3(), "RKMK4", f, 1)
+    assert 0.0 < row.value < 1e3
+    assert row.ratio == pytest.approx(row.value / row.other)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
+def test_lielab_solves_what_it_can_express():
+    from benchmarks.lielab_rival import METHODS, LielabRival, expresses
+
+    assert [expresses(case) for case in _cases("heavy_top", "two_levels")] == [True, False]
+    (case,) = _cases("fast_torque")
+    for name in METHODS:
+        rival = LielabRival(case, name)
+        points = rival.integrate(1e-9)
+        assert case.error(points[-1]) < 1e-8
+        assert rival.evaluations > len(points)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
+def test_lielab_solves_the_same_problem():
+    from benchmarks.lielab_top import LielabTop
+
+    top = HeavyTop()
+    exact = np.array(top.reference([1.0]).y)[0]
+    end = LielabTop(top).integrate(0.005, 200)[-1]
+    np.testing.assert_allclose(end, exact, rtol=0, atol=1e-6)
+
+
+def test_medians_and_ratios_are_of_rounds():
+    from benchmarks.timing import Times
+
+    times = Times({"a": [1.0, 2.0, 9.0], "b": [2.0, 8.0, 9.0]})
+    assert times.median("b") == 8.0
+    assert times.ratio("b", "a") == 2.0
+    row = times.row("x", "a", "ms a step", "b", "b", pieces=(2, 4))
+    assert (row.value, row.other, row.ratio) == (1000.0, 2000.0, 1.0)
+    assert times.row("x", "a", "µs", "b", "b", above=False).ratio == 0.5
+
+
+def test_the_page_is_of_the_stored_numbers():
+    from benchmarks import page
+    from benchmarks.__main__ import NAMES
+
+    file = ROOT / "benchmarks" / "results.json"
+    results = page.read(file)
+    assert list(results) == [name for name in NAMES if name in results]
+    assert {"kernels", "rivals", "estimates"} <= set(results)
+    environments = page.read_environments(file)
+    assert set(environments) == set(results)
+    written = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    assert page.render(results, environments) == written
+    for result in results.values():
+        for figure in result.figures:
+            assert (ROOT / "docs" / f"{figure.name}.png").is_file()
+
+
+def test_aims_that_are_missed_are_marked():
+    from benchmarks.record import Aim, Row
+
+    assert Row("x", 2.0, "s", aim=Aim(1.0, above=False, of="value")).met is False
+    assert Row("x", 2.0, "s", ratio=3.0, aim=Aim(3.0, above=True)).met is True
+    assert Row("x", float("nan"), "s", aim=Aim(1.0, above=False, of="value")).met is False
+    assert Row("x", 2.0, "s").met is None
+
+
+def test_unknown_names_are_refused(capsys):
+    from benchmarks.__main__ import main
+
+    with pytest.raises(SystemExit):
+        main(["nothing"])
+    assert "NAME must be one of kernels" in capsys.readouterr().err

@@ -1,0 +1,247 @@
+import re
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import rationals, tableaux
+
+import cg
+from cg import conditions
+from cg.catalogue import Catalogue, dumps, load, loads, methods, munthe_kaas, save
+from cg.method.tableau import Tableau, TableauError
+from cg.structure.points import MethodError
+
+pytestmark = pytest.mark.no_core
+
+# order, stages, exponentials
+KNOWN = {
+    "LieEuler": (1, 1, 1),
+    "CG2": (2, 2, 2),
+    "CG3": (3, 3, 6),
+    "CG2(3)": (3, 3, 6),
+    "CG4": (4, 5, 14),
+    "CG4a": (4, 5, 15),
+    "CG5a": (5, 9, 43),
+    "CG6a": (6, 16, 136),
+    "CG6f": (6, 13, 89),
+    "CG6g": (6, 12, 76),
+    "CF3": (3, 3, 3),
+    "CF3b": (3, 3, 3),
+    "CF4": (4, 4, 5),
+    "CF4b": (4, 5, 5),
+    "CF5r": (5, 11, 11),
+}
+RATIONAL = ["LieEuler", "CG2", "CG3", "CG2(3)", "CF3", "CF3b", "CF4"]
+EXACT = [name for name in methods if not methods[name].approximate]
+
+ENTRY = 'name = "x"\nsource = "here"\na = [[], ["1/2"]]\nb = [0, 1.0]\n'
+
+
+def test_what_is_known_is_there():
+    assert set(methods) >= set(KNOWN)
+    for name, (order, stages, exponentials) in KNOWN.items():
+        method = methods[name]
+        found = (method.name, method.order, method.stages, method.exponentials)
+        assert found == (name, order, stages, exponentials)
+        assert method.explicit
+
+
+def test_only_cg6a_is_approximate():
+    assert [name for name in KNOWN if methods[name].approximate] == ["CG6a"]
+
+
+@pytest.mark.parametrize("name", methods)
+def test_source_is_given(name):
+    assert len(methods[name].source) > 20
+
+
+@pytest.mark.parametrize("name", RATIONAL)
+def test_rational_methods_have_no_residual_at_all(name):
+    method = methods[name]
+    residuals = conditions.exact_residuals_of(method, method.order)
+    assert residuals == (Fraction(0),) * len(residuals)
+
+
+# of order eight in exact arithmetic this takes ten seconds
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if methods[name].order > 7 else name
+        for name in EXACT
+    ],
+)
+def test_residuals_vanish_through_the_order_and_not_beyond(name):
+    method = methods[name]
+    order = method.exact_order
+    assert order == method.order
+    residuals = conditions.exact_residuals_of(method, order + 1)
+    through = conditions.count(order)
+    assert max(map(abs, residuals[:through])) < Fraction(1, 10**32)
+    assert max(map(abs, residuals[through:])) > Fraction(1, 10**6)  # of CG7b 7e-6 is left
+    assert method.principal_error() > 1e-5  # far above rounding, and the best method has 1e-4
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_coefficients_are_written_with_all_digits(name):
+    method = methods[name]
+    for entry in method.coefficients:
+        digits = entry.text.lstrip("-0.").replace(".", "")
+        # exactly known, or with all digits but zeros at the end
+        assert entry.unit == 0 or 33 <= len(digits) <= 36
+
+
+@pytest.mark.parametrize("name", [*methods, *munthe_kaas])
+def test_every_stage_and_every_point_is_used(name):
+    """By a result, by the estimate of a pair, or by a stage that is used itself."""
+    method = {**methods, **munthe_kaas}[name]
+    stages, points = set(), set()
+    if method.explicit:
+        stages |= {k for k, w in enumerate(method.exact_embedded or ()) if w}
+        ends = {method.result, method.embedded_result} - {None}
+        for _ in range(method.stages):
+            points = {m for end in ends for m in method.tree.path(end)}
+            stages |= {k for m in points for k in method.points[m].weights}
+            ends |= {method.stage_points[k] for k in stages}
+        assert points == set(range(len(method.points)))
+    else:
+        a, *rows = *method.exact, method.exact_embedded or ()
+        for _ in range(method.stages):
+            stages |= {k for row in rows for k, w in enumerate(row) if w}
+            rows = [a[k] for k in stages]
+    assert stages == set(range(method.stages))
+
+
+def test_the_pair():
+    pair = methods["CG2(3)"]
+    assert (pair.order, pair.embedded_order) == (3, 2)
+    assert pair.exact_embedded == (Fraction(17, 54), Fraction(19, 54), Fraction(1, 3))
+    assert pair.embedded.principal_error() > 0.01
+    assert np.abs(pair.b - pair.b_embedded).min() > 0.05
+    assert pair.exact == methods["CG3"].exact
+    assert all(methods[name].embedded is None for name in KNOWN if name != "CG2(3)")
+
+
+class TestMapping:
+    def test_it_is_exported(self):
+        assert cg.methods is methods
+        assert cg.Tableau is Tableau
+        assert cg.TableauError is TableauError
+
+    def test_files_are_read_once(self):
+        assert methods["CG4a"] is methods["CG4a"]
+        assert len(methods) == len(list(methods)) == len(set(methods))
+
+    def test_membership(self):
+        assert "CG4a" in methods
+        assert "CG4z" not in methods
+        assert 4 not in methods
+
+    def test_unknown_names_are_answered_with_the_known(self):
+        with pytest.raises(KeyError, match=r"'CG7z'; the catalogue has .*CG4a, .*CG5a"):
+            methods["CG7z"]
+        assert methods.get("CG7z") is None
+
+    def test_it_is_immutable(self):
+        with pytest.raises(TypeError):
+            methods["CG4a"] = None
+        with pytest.raises(TypeError):
+            del methods["CG4a"]
+
+    def test_names_are_those_of_the_files(self, tmp_path):
+        save(methods["CG3"], tmp_path / "Mine.toml")
+        (tmp_path / "README").write_text("no method")
+        mine = Catalogue(tmp_path)
+        assert list(mine) == ["Mine"]
+        with pytest.raises(MethodError, match=r"Mine\.toml: the name inside is 'CG3'"):
+            mine["Mine"]
+
+
+names = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+numbers = st.one_of(
+    rationals,
+    st.floats(-1e10, 1e10),
+    st.decimals(-10, 10, places=12).map(str),
+)
+
+
+class TestFiles:
+    @given(tableaux(numbers), names, names, st.booleans())
+    def test_round_trip(self, tableau, name, source, pair):
+        second = tableau[1] if not pair else [*tableau[1][:-1], "4711/10"]
+        method = Tableau(*tableau, name=name, source=source, b_embedded=second if pair else None)
+        found = loads(dumps(method))
+        assert found == method
+        assert (found.name, found.source) == (name, source)
+        assert found.entries == method.entries
+        assert found.weights == method.weights
+        assert found.embedded_weights == method.embedded_weights
+
+    @pytest.mark.parametrize("name", methods)
+    def test_catalogue_round_trip(self, name, tmp_path):
+        path = tmp_path / "method.toml"
+        save(methods[name], path)
+        found = load(path)
+        assert found == methods[name]
+        assert dumps(found) == dumps(methods[name])
+        assert (found.order, found.approximate) == (methods[name].order, name == "CG6a")
+
+    def test_bare_numbers_keep_their_digits(self):
+        text = ENTRY.replace('"1/2"', "0.123456789012345678901234567890123456")
+        assert loads(text).exact[0][1][0] == Fraction("0.123456789012345678901234567890123456")
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ('source = "here"\n', "", "the entry lacks source"),
+            ("b = [0, 1.0]", "", "the entry lacks b"),
+            ("b = ", "order = 2\nb = ", "the entry has unknown keys: order"),
+            ("b = ", "b == ", "not a TOML file"),
+            ("1.0]", "nan]", "b_2: expected a finite real number, got 'nan'"),
+            ("1.0]", "true]\n", "b_2: expected a finite real number, got True"),
+            ('"1/2"', '"1/2", 0, 0', "a must have 2 rows"),
+            ('"x"', "5", "name must be a str, got 5"),
+            ("1.0]", "1.0]\nnominal = 3", "nominal must be a table, got 3"),
+            ("1.0]", "1.0]\n[nominal]\norder = 2", "nominal lacks residual"),
+            ("1.0]", '1.0]\n[nominal]\norder = 3\nresidual = "0.1"', "not borne out"),
+        ],
+    )
+    def test_bad_files_are_named_with_the_fault(self, old, new, message, tmp_path):
+        path = tmp_path / "bad.toml"
+        path.write_text(ENTRY.replace(old, new))
+        with pytest.raises(TableauError, match=re.escape(message)) as caught:
+            load(path)
+        assert str(path) in str(caught.value)
+
+    def test_files_that_are_not_text(self, tmp_path):
+        path = tmp_path / "bad.toml"
+        path.write_bytes(b"\xff\xfe")
+        with pytest.raises(TableauError, match=r"bad\.toml: not UTF-8"):
+            load(path)
+        with pytest.raises(FileNotFoundError):
+            load(tmp_path / "none.toml")
+
+
+TOOL = Path(__file__).parents[2] / "research" / "make_explicit_methods.py"
+
+
+def test_explicit_methods_can_be_found_again(tmp_path):
+    command = [sys.executable, str(TOOL), str(tmp_path), "CG3(2)"]
+    subprocess.run(command, check=True, capture_output=True)
+    found, kept = load(tmp_path / "CG3(2).toml"), methods["CG3(2)"]
+    assert (found.order, found.embedded_order) == (3, 2)
+    # optimisation stops within 1e-4 of the least sum of squares, so coefficients within its root
+    np.testing.assert_allclose(found.principal_error(), kept.principal_error(), rtol=1e-4)
+    np.testing.assert_allclose(found.a, kept.a, atol=1e-2)
+
+
+def test_an_unknown_recipe_is_refused(tmp_path):
+    command = [sys.executable, str(TOOL), str(tmp_path), "CG9z"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "no recipe for CG9z; there are CG3(2)" in done.stderr
+    assert not list(tmp_path.iterdir())

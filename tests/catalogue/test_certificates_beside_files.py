@@ -1,0 +1,80 @@
+"""The certificate of a method in a file is beside the file."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import cg
+from cg.catalogue import loads, save
+from cg.command import main
+from cg.proofs import certify
+
+METHOD = cg.Tableau(cg.methods["CG3(2)"].entries, cg.methods["CG3(2)"].weights, name="Mine")
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = main(list(arguments))
+        output = capsys.readouterr()
+        return code, output.out, output.err
+
+    return call
+
+
+@pytest.fixture(params=["mine.certificate.toml", "certificates/mine.toml"])
+def proof(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    path = tmp_path / str(request.param)
+    path.parent.mkdir(exist_ok=True)
+    certify(METHOD).save(path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_show_and_export_find_it(suffix: str, proof: Path, run: Run, tmp_path: Path) -> None:
+    file = tmp_path / f"mine{suffix}"
+    save(METHOD, file)
+    assert str(certify(METHOD)) in run("show", str(file))[1]
+    assert json.loads(run("show", str(file), "--json")[1])["certificate"] == str(certify(METHOD))
+    code, shown, _ = run("export", str(file), "json", "--digits", "60")
+    assert code == 0
+    residuals = cg.conditions.exact_residuals_of(loads(shown), 3)
+    assert max(map(abs, residuals)) < 1e-58
+    assert proof.is_file()
+
+
+def test_own_methods_find_it(
+    proof: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(METHOD, tmp_path / "mine.toml")
+    monkeypatch.setenv("CG_METHODS", str(tmp_path))
+    assert len(cg.methods["Mine"].digits(60)[1][0]) > 60
+    assert str(certify(METHOD)) in run("show", "Mine")[1]
+    assert run("export", "Mine", "c", "--digits", "60")[0] == 0
+    assert proof.is_file()
+
+
+def test_nothing_of_it_is_believed(proof: Path, run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    save(METHOD, file)
+
+    def told() -> str:
+        (line,) = re.findall("^  certificate +(.*)$", run("show", str(file))[1], re.MULTILINE)
+        return str(line)
+
+    text = proof.read_text(encoding="utf-8")
+    proof.write_text(text.replace("order = 3", "order = 4", 1), encoding="utf-8")
+    assert told().startswith("proves nothing: ")
+    assert run("export", str(file), "json", "--digits", "60")[0] == 2
+    assert run("export", str(file), "json", "--digits", "20")[0] == 0
+    proof.write_text("nothing", encoding="utf-8")
+    assert told().startswith(f"proves nothing: {proof}: not a TOML file")
+    assert str(proof) in run("export", str(file), "json", "--digits", "60")[2]
+    proof.write_bytes(b"\xff")
+    assert told().startswith(f"proves nothing: {proof}: not UTF-8")
+    proof.unlink()
+    assert told() == "none"

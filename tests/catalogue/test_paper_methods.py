@@ -1,0 +1,185 @@
+"""CG4, CG4a, CG5a and CG6a against their closed forms, the print and what is known of them."""
+
+from decimal import ROUND_DOWN, ROUND_HALF_EVEN, Decimal, localcontext
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from cg import conditions
+from cg.catalogue import methods
+from cg.method.tableau import Tableau
+from cg.reproduce.appendix_a import compare, nearest_exact, printed
+
+UNIT = Fraction(1, 10**16)
+FLOOR = Fraction(1, 10**34)
+REFINED = ["CG4a", "CG5a"]
+
+
+def dot(u, v):
+    return sum(x * y for x, y in zip(u, v, strict=True))
+
+
+class TestAgainstThePrint:
+    def test_the_print_is_complete(self):
+        found = {name: (len(p.a), len(p.b), len(p.c)) for name, p in printed().items()}
+        assert found == {"CG4a": (5, 5, 5), "CG5a": (9, 9, 9), "CG6a": (16, 16, 16)}
+        for name, count in (("CG4a", 15), ("CG5a", 45), ("CG6a", 136)):
+            assert [len(row) for row in printed()[name].a] == list(range(len(printed()[name].a)))
+            labels = [label for label, _ in printed()[name].labelled()]
+            assert len(set(labels)) == len(labels) == count + len(printed()[name].c)
+
+    @pytest.mark.parametrize(("name", "places"), [("CG4a", 16), ("CG5a", 16), ("CG6a", 8)])
+    def test_the_print_has_so_many_places(self, name, places):
+        for _, text in printed()[name].labelled():
+            assert text == "0.0" or len(text.partition(".")[2]) == places
+
+    @pytest.mark.parametrize("name", REFINED)
+    def test_ours_agree(self, name):
+        for comparison in compare(name):
+            assert abs(comparison.difference) <= 2 * UNIT, comparison
+            assert comparison.kept_zero, comparison
+
+    def test_cg4a_is_an_exact_method_rounded_not_truncated(self):
+        assert nearest_exact("CG4a", truncated=False) < 0.4
+        assert nearest_exact("CG4a", truncated=True) > 0.6
+        assert all(abs(comparison.units) < 0.5 for comparison in compare("CG4a"))
+
+    @pytest.mark.parametrize("name", REFINED)
+    @pytest.mark.parametrize("rounding", [ROUND_DOWN, ROUND_HALF_EVEN])
+    def test_what_is_truncated_can_be_told(self, name, rounding):
+        """Digits of an exact method, cut off in either way, are found to be so."""
+        texts = [
+            str(Decimal(entry.text).quantize(Decimal("1e-16"), rounding))
+            for entry in methods[name].coefficients
+        ]
+        cut = Tableau.from_packed(texts, methods[name].stages)
+        assert nearest_exact(name, cut, truncated=rounding == ROUND_DOWN) <= 0.5
+
+    def test_exact_zeros_of_cg5a(self):
+        a, b = methods["CG5a"].exact
+        assert a[8][0] == 0
+        assert b[1] == 0
+        assert methods["CG5a"].exponentials == 43
+
+    def test_cg6a_is_the_print(self):
+        for comparison in compare("CG6a"):
+            if comparison.label[0] == "c":
+                assert abs(comparison.difference) <= Fraction(2, 10**8)
+            else:
+                assert comparison.difference == 0
+        texts = [entry.text for entry in methods["CG6a"].weights]
+        assert texts == list(printed()["CG6a"].b)
+
+    def test_the_last_digits_of_a54_are_told_by_c5(self):
+        # many codes carry ...3565
+        assert methods["CG4a"].entries[4][3].text.startswith("-1.10929793921134")
+        paper = printed()["CG4a"]
+        assert paper.a[4][3] == "-1.1092979392113465"
+        assert sum(map(Fraction, paper.a[4])) == Fraction(paper.c[4])
+
+    def test_comparing_with_another_method(self):
+        with pytest.raises(ValueError, match="must have 9 stages, got 5"):
+            compare("CG5a", methods["CG4a"])
+        with pytest.raises(KeyError):
+            compare("CG4")
+        worst = max(abs(c.units) for c in compare("CG4a", methods["CG4"]))
+        assert worst > 1e15
+
+
+class TestResiduals:
+    @pytest.mark.parametrize("name", ["CG4", *REFINED])
+    def test_below_the_floor_of_the_stored_digits(self, name):
+        method = methods[name]
+        independent = conditions.residuals_exact(*method.exact, method.order, independent=True)
+        every = conditions.residuals_exact(*method.exact, method.order)
+        assert max(map(abs, independent)) < FLOOR
+        # those of the discarded trees follow from the others
+        assert max(map(abs, every)) < FLOOR
+
+    @pytest.mark.parametrize("name", REFINED)
+    def test_the_prints_residuals_are_those_of_16_places(self, name):
+        paper = printed()[name]
+        stages = len(paper.b)
+        a = [[*row, *["0"] * (stages - len(row))] for row in paper.a]
+        residuals = conditions.residuals_exact(a, paper.b, methods[name].order)
+        assert UNIT / 100 < max(map(abs, residuals)) < 2 * UNIT
+
+    @pytest.mark.parametrize("name", ["CG3", "CG4", *REFINED])
+    def test_reversed_stage_rows_fail_at_order_three(self, name):
+        # applying flows of larger stage index first is renumbering the stages backwards
+        a, b = methods[name].exact
+        backwards = [row[::-1] for row in a[::-1]], b[::-1]
+        assert max(map(abs, conditions.residuals_exact(*backwards, 2))) < FLOOR
+        assert max(map(abs, conditions.residuals_exact(*backwards, 3))) > Fraction(1, 100)
+
+    def test_cg6a_is_approximate(self):
+        method = methods["CG6a"]
+        assert method.approximate
+        assert method.order == 6
+        assert method.exact_order == 1  # 8 places allow 2.4e-7 a condition of order two, not 6e-7
+        residuals = conditions.residuals(method.a, method.b, 6)
+        assert 8e-6 < np.abs(residuals).max() < 9e-6
+        assert 1e-9 < residuals @ residuals < 1.1e-9  # the paper: about 1e-8
+        assert method.principal_error() > 1000 * np.abs(residuals).max()
+
+
+def test_cg4_is_its_closed_form():
+    with localcontext(prec=50):
+        root = Decimal(2) ** (Decimal(1) / 3)
+        assert abs(root**3 - 2) < Decimal("1e-48")
+        t1, t2 = 1 + root + root**2, root + root**2
+        t3, t4 = 2 * root + root**2, 4 + 3 * root + 2 * root**2
+        theta = (t1 + (105 + 88 * root + 71 * root**2).sqrt()) / 18
+        last = 10 + 8 * root + 7 * root**2
+        expected = {
+            (3, 2): t4 / 18,
+            (4, 2): t1 * theta - t4 / 18,
+            (4, 3): (3 + t2 - 9 * t1 * theta) / (4 + t3),
+            (5, 2): theta,
+            (5, 3): (3 + 2 * t2 - 9 * t1 * theta) / last,
+            (5, 4): -t2 / (4 + t3),
+        }
+        weights = [t1 / (2 * t2), 0, -(1 + t3) / (6 * (2 + t2)), -1 / (2 * t2), t1 / (2 * t2)]
+        c3 = root / 3 + root**2 / 6 + Decimal(2) / 3
+        abscissae = [0, Decimal(3) / 2, c3, 1 - c3, 1]
+    a, b = methods["CG4"].exact
+    for (i, j), value in expected.items():
+        assert abs(a[i - 1][j - 1] - Fraction(value)) < Fraction(1, 10**35)
+    for found, value in zip(b, weights, strict=True):
+        assert abs(found - Fraction(value)) < Fraction(1, 10**35)
+    for row, value in zip(a, abscissae, strict=True):
+        assert abs(sum(row) - Fraction(value)) < Fraction(1, 10**34)
+
+
+class TestStructureOfCG5a:
+    def test_second_stage(self):
+        a, b = methods["CG5a"].exact
+        assert b[1] == 0
+        assert abs(dot(b, [row[1] for row in a])) < FLOOR
+
+    def test_second_stage_order(self):
+        a, _ = methods["CG5a"].exact
+        c = [sum(row) for row in a]
+        for i in range(2, 9):
+            assert abs(dot(a[i], c) - c[i] ** 2 / 2) < FLOOR
+        assert abs(dot(a[1], c) - c[1] ** 2 / 2) > Fraction(1, 10)
+
+    def test_rank_of_the_jacobian(self):
+        method = methods["CG5a"]
+        jacobian = conditions.jacobian(method.a, method.b, 5, independent=True)
+        assert jacobian.shape == (38, 45)
+        singular = np.linalg.svd(jacobian, compute_uv=False)
+        assert singular[36] > 1e-4
+        assert singular[37] < 1e-14
+
+    def test_cg4a_has_full_rank(self):
+        method = methods["CG4a"]
+        jacobian = conditions.jacobian(method.a, method.b, 4, independent=True)
+        assert np.linalg.svd(jacobian, compute_uv=False)[12] > 1e-4
+
+
+def test_abscissae_of_cg4a_are_in_the_unit_interval():
+    c = methods["CG4a"].c
+    assert c.min() == 0
+    assert c.max() < 1

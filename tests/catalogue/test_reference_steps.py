@@ -1,0 +1,94 @@
+"""Reference steps: as the tool makes them, as the core takes them, and next to the solution."""
+
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cg
+from cg.catalogue import munthe_kaas
+from cg.problems import StateDependentRotation
+from cg.problems import rotation as problem_module
+
+pytestmark = pytest.mark.no_core
+
+TOOLS = Path(__file__).parents[2] / "tools"
+FILE = Path(cg.catalogue.__file__).parent / "reference_steps.json"
+REFERENCE = json.loads(FILE.read_text(encoding="utf-8"))
+METHODS = {**cg.methods, **munthe_kaas}
+H = 0.25
+
+
+@pytest.fixture(scope="module")
+def tool():
+    sys.path.insert(0, str(TOOLS))
+    yield importlib.import_module("make_reference_steps")
+    sys.path.remove(str(TOOLS))
+
+
+def as_rotation(texts):
+    return np.array([float(text) for text in texts]).reshape(3, 3)
+
+
+def step_of(method):
+    problem = StateDependentRotation()
+    run = cg.integrate(problem.f, (0.0, H), problem.y0, frame=problem.frame, method=method, h=H)
+    return run.y[-1]
+
+
+def test_every_method_has_one():
+    """If this fails, `make catalogue` hasn't been run since a method was added."""
+    assert list(REFERENCE["steps"]) == list(METHODS)
+    pairs = {name for name, method in METHODS.items() if method.embedded is not None}
+    assert {name for name, entry in REFERENCE["steps"].items() if "embedded" in entry} == pairs
+
+
+def test_the_problem_is_that_of_the_package():
+    problem = REFERENCE["problem"]
+    assert tuple(problem["constant"]) == problem_module._CONSTANT
+    assert tuple(problem["slope"]) == problem_module._TIME
+    assert tuple(map(tuple, problem["linear"])) == problem_module._LINEAR
+    assert (problem["unit"], problem["h"]) == (problem_module._UNIT, "1/4")
+
+
+@pytest.mark.parametrize(
+    "name", ["LieEuler", "CG3", "CG4a", "CG4(3)", "CF5a", "CF5(4)", "DICG3", "RKMK4", "DOP853"]
+)
+def test_the_tool_makes_them_again(tool, name):
+    assert tool.entry_of(METHODS[name]) == REFERENCE["steps"][name]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_core_takes_them(name):
+    method, entry = METHODS[name], REFERENCE["steps"][name]
+    # a few roundings a flow, and what they grow by
+    largest = max(abs(float(weight.value)) for weight in method.coefficients)
+    tolerance = 1e-15 * (4 + method.exponentials / 4) * max(1.0, largest)
+    assert abs(step_of(method) - as_rotation(entry["result"])).max() < tolerance
+    if method.embedded is not None:
+        second = step_of(method.embedded)
+        assert abs(second - as_rotation(entry["embedded"])).max() < tolerance
+        assert abs(second - as_rotation(entry["result"])).max() > 100 * tolerance
+
+
+@pytest.mark.slow
+def test_they_are_near_the_solution():
+    exact = StateDependentRotation().reference([0, H])
+    end = np.array([float(x) for x in exact.values[-1][:9]]).reshape(3, 3)
+    for name, method in METHODS.items():
+        error = abs(as_rotation(REFERENCE["steps"][name]["result"]) - end).max()
+        # CG6a satisfies its conditions approximately, CG4 has large coefficients
+        assert error < {1: 0.3, 2: 0.05, 3: 0.02, 4: 0.1, 5: 3e-3, 6: 1e-3}.get(
+            method.order, 1e-4
+        ), name
+
+
+def test_reversed_rows_are_far_from_them():
+    method = cg.methods["CG4a"]
+    rows = [row[:i][::-1] for i, row in enumerate(method.entries)]
+    turned = cg.Tableau(rows, method.weights[::-1])
+    distance = abs(step_of(turned) - as_rotation(REFERENCE["steps"]["CG4a"]["result"])).max()
+    assert distance > 1e-3

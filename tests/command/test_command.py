@@ -1,0 +1,357 @@
+"""The command, in this process, and a few times as a process of its own."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib.resources import files
+
+import pytest
+from watching import interrupted_search
+
+import cg
+from cg.catalogue import dumps, loads, munthe_kaas
+from cg.catalogue.summary import compute_facts, facts_of
+from cg.command import main, proving, searching
+
+pytestmark = pytest.mark.no_core
+
+COMMANDS = [
+    "list", "show", "check", "search", "construct", "certify", "export", "plot", "runs",
+    "reproduce", "completion"
+]  # fmt: skip
+SLIP = dumps(cg.methods["CG4a"]).replace(
+    "-1.1092979392113465105841772499254356", "-1.1092979392113565"
+)
+QUICK = ["CG2(3)", "CG4a", "CG5a", "CF4b", "CF5(4)", "DP5(4)", "DICG4", "LieEuler", "RKMK5(4)"]
+
+
+@pytest.fixture
+def run(capsys):
+    def call(*arguments):
+        code = main(list(arguments))
+        output = capsys.readouterr()
+        return code, output.out, output.err
+
+    return call
+
+
+def process(*arguments, **options):
+    command = [sys.executable, "-m", "cg", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
+class TestHelp:
+    def test_each_command_has_help_with_examples(self, run):
+        code, shown, _ = run("--help")
+        assert code == 0
+        listed = re.findall(r"^  (\w+)  ", shown.partition("Commands:")[2], re.MULTILINE)
+        assert listed == COMMANDS
+        for name in set(COMMANDS) - {"reproduce"}:
+            code, shown, _ = run(name, "--help")
+            assert code == 0
+            assert f"crouch-grossman {name}" in shown.partition("Examples:")[2]
+            assert ("--json" in shown) == (name not in {"export", "plot", "runs", "completion"})
+
+    def test_without_arguments(self, run):
+        assert run() == run("--help")
+
+    def test_version(self, run):
+        assert run("--version") == (0, f"crouch-grossman {cg.__version__}\n", "")
+
+    def test_a_command_is_imported_when_it_is_run(self):
+        code = "import sys, cg.command; cg.command.main(['--version'])\nprint(*sys.modules)"
+        found = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        )
+        loaded = set(found.stdout.split())
+        assert "click" in loaded
+        assert not {"numpy", "scipy", "flint", "cg.command.searching"} & loaded
+
+
+class TestList:
+    def test_filters_and_sorting(self, run):
+        code, shown, _ = run("list", "--json")
+        every = json.loads(shown)
+        assert code == 0
+        assert [m["name"] for m in every if m["kind"] != "Munthe-Kaas"] != sorted(cg.methods)
+        assert {m["name"] for m in every} == {*cg.methods, *munthe_kaas}
+        assert [m["order"] for m in every] == sorted(m["order"] for m in every)
+        proved = {m["name"]: m["proved"] for m in every}
+        assert (proved["CG4a"], proved["CF8a"], proved["CG6a"]) == ("whole", "partly", "no")
+        _, shown, _ = run(
+            "list", "--json", "--min-order", "5", "--pair", "--max-flows", "20", "--sort", "flows"
+        )
+        found = json.loads(shown)
+        wanted = [
+            m for m in every
+            if m["order"] >= 5 and m["embedded_order"] is not None and m["flows"] <= 20
+        ]  # fmt: skip
+        assert len(found) == len(wanted) > 3
+        assert [m["flows"] for m in found] == sorted(m["flows"] for m in wanted)
+        _, shown, _ = run("list", "--order", "4", "--no-pair", "--kind", "implicit", "--json")
+        assert {m["name"] for m in json.loads(shown)} == {"DICG4", "DICG4b"}
+
+    def test_the_table(self, run):
+        _, shown, _ = run("list", "--order", "6", "--max-evaluations", "7", "--sort", "name")
+        heads, *rows = [line.split() for line in shown.splitlines()]
+        assert heads == ["name", "kind", "order", "evaluations", "flows", "error"]
+        assert [row[0] for row in rows] == ["CF6a", "CF6b", "DICG6"]
+        assert rows[1][2:5] == ["6", "7", "14"]
+
+    @pytest.mark.parametrize("name", QUICK)
+    def test_what_is_kept_is_what_is_computed(self, name):
+        method = {**cg.methods, **munthe_kaas}[name]
+        text = (files("cg.catalogue") / "facts.json").read_text("utf-8")
+        (kept,) = (entry for entry in json.loads(text) if entry["name"] == name)
+        assert kept == facts_of(method).as_dict() == compute_facts(method).as_dict()
+
+    @pytest.mark.parametrize(
+        ("name", "counts", "error", "limits"),
+        [
+            ("LieEuler", (1, 1, 1), 0.5, (2.0, 0.0)),  # |1 + z|
+            ("CF4", (4, 4, 5), 0.02252, (2.785, 2.828)),  # as all of order four with four stages
+            ("DP5(4)", (5, 7, 12), 0.001885, (3.307, 0.9972)),  # as RK45 in flat space
+        ],
+    )
+    def test_what_is_known_of_methods(self, name, counts, error, limits):
+        facts = facts_of(cg.methods[name])
+        assert (facts.order, facts.evaluations, facts.flows) == counts
+        assert facts.principal_error == pytest.approx(error, rel=1e-3)
+        assert (facts.real_stability, facts.imaginary_stability) == pytest.approx(limits, rel=1e-3)
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("name", [*cg.methods, *munthe_kaas])
+    def test_what_is_kept_of_all(self, name):
+        self.test_what_is_kept_is_what_is_computed(name)
+
+
+class TestShow:
+    def test_a_tableau(self, run):
+        code, shown, _ = run("show", "CG2(3)")
+        lines = shown.splitlines()
+        assert code == 0
+        assert lines[0] == "CG2(3), Crouch-Grossman"
+        assert "  order                         3, of the second result 2" in lines
+        assert lines[-5].split() == ["3/4", "│", "3/4"]
+        assert lines[-2].split() == ["b", "│", "13/51", "-2/3", "24/17"]
+        assert lines[-1].split() == ["b^", "│", "17/54", "19/54", "1/3"]
+
+    def test_points(self, run):
+        _, shown, _ = run("show", "CF3", "--digits", "3")
+        assert "│   └── point 3: -0.0833 F1 + 0.75 F3; result" in shown
+
+    @pytest.mark.parametrize("name", ["CG4a", "CF5(4)", "RKMK8(5,3)", "DICG3(2)", "CG6a"])
+    def test_json_has_the_whole_method(self, run, name):
+        method = {**cg.methods, **munthe_kaas}[name]
+        data = json.loads(run("show", name, "--json")[1])
+        assert loads(json.dumps(data["method"])) == method
+        assert data["order"] == method.order
+        assert data["source"] == method.source
+        assert (data["certificate"] is None) == (name in {"CG6a", "RKMK8(5,3)"})
+
+    def test_a_file(self, run, tmp_path):
+        file = tmp_path / "mine.toml"
+        file.write_text(dumps(cg.Tableau([[], [1]], ["1/2", "1/2"], name="Heun")))
+        code, shown, _ = run("show", str(file))
+        assert (code, shown.splitlines()[0]) == (0, "Heun, Crouch-Grossman")
+
+
+class TestCheck:
+    def test_a_method_without_mistake(self, run):
+        code, shown, _ = run("check", "CG4a", "--order", "4")
+        assert code == 0
+        assert "order: 4 on manifolds" in shown
+        assert "    └── ●\n        └── ●\n" in shown
+
+    def test_too_low_an_order(self, run):
+        code, shown, _ = run("check", "CG4a", "--order", "5")
+        assert code == 1
+        assert shown.endswith("the order is 4, less than 5\n")
+
+    @pytest.mark.parametrize("suffix", ["toml", "json"])
+    def test_the_slip_of_cg4a(self, run, tmp_path, suffix):
+        file = tmp_path / f"mine.{suffix}"
+        text = SLIP if suffix == "toml" else loads(SLIP).export("json")
+        file.write_text(text)
+        code, shown, _ = run("check", str(file))
+        assert code == 1
+        assert "mistake: it is CG4a with a misprint" in shown
+        code, shown, _ = run("check", str(file), "--json")
+        assert code == 1
+        assert [f["kind"] for f in json.loads(shown)["findings"]] == ["slip"]
+
+
+class TestNewMethods:
+    def test_search(self, run, tmp_path):
+        arguments = ("search", "--order", "3", "--stages", "3", "--starts", "8", "--seed", "1")
+        code, shown, _ = run(*arguments, "--json", "-o", str(tmp_path / "found"))
+        found = [loads(json.dumps(entry)) for entry in json.loads(shown)]
+        assert code == 0
+        assert found == sorted(found, key=lambda m: max(abs(m.a).max(), abs(m.b).max()))
+        assert set(found) == set(cg.search(3, 3, 8, 1).methods)
+        saved = [cg.catalogue.load(path) for path in (tmp_path / "found").iterdir()]
+        assert set(saved) == set(found)
+
+    def test_nothing_found(self, run):
+        arguments = ("search", "--order", "4", "--stages", "4", "--starts", "1", "--force")
+        assert run(*arguments)[:2] == (1, "no method found\n")
+
+    def test_construct(self, run):
+        code, shown, _ = run("construct", "--order", "3", "--stages", "3")
+        assert code == 0
+        assert loads(shown) == cg.construct(3, 3, 0).method
+
+    def test_certify(self, run, tmp_path):
+        file = tmp_path / "proof.toml"
+        code, shown, _ = run("certify", "CG3", "-o", str(file))
+        assert (code, shown[:20]) == (0, "proved CG3: order 3 ")
+        assert cg.Certificate.load(file) == cg.certify("CG3")
+        code, shown, _ = run("certify", "CG6a", "--json")
+        assert (code, json.loads(shown)["proved"]) == (1, False)
+
+
+class TestExport:
+    def test_every_format(self, run, tmp_path):
+        for format in ("json", "toml", "latex", "c", "python"):
+            assert run("export", "CG3", format)[1].rstrip() == cg.export("CG3", format).rstrip()
+        file = tmp_path / "cg3.h"
+        assert run("export", "CG3", "c", "-o", str(file))[:2] == (0, "")
+        assert file.read_text() == cg.export("CG3", "c")
+
+    def test_digits(self, run):
+        text = run("export", "CG4a", "json", "--digits", "50")[1]
+        assert json.loads(text) == json.loads(cg.export("CG4a", "json", digits=50))
+
+
+class TestPlot:
+    @pytest.mark.parametrize("what", ["points", "tableau", "stability"])
+    def test_pictures(self, run, tmp_path, what):
+        file = tmp_path / "method.svg"
+        assert run("plot", "CG3", what, "-o", str(file)) == (0, "", "")
+        assert "<svg" in file.read_text()
+
+    def test_unknown_kinds_of_files(self, run, tmp_path):
+        code, _, error = run("plot", "CG3", "points", "-o", str(tmp_path / "method.nonsense"))
+        assert (code, "nonsense" in error) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["show", "CG44a"], "NAME|FILE"),
+        (["show", "missing.toml"], "NAME|FILE"),
+        (["check", "cf5"], "near it are CF5r, CF5e, CF5d"),
+        (["list", "--order", "x"], "--order"),
+        (["list", "--order", "0"], "--order"),
+        (["list", "--kind", "x"], "--kind"),
+        (["list", "--nonsense"], "--nonsense"),
+        (["nonsense"], "nonsense"),
+        (["search", "--order", "3"], "--stages"),
+        (["search", "--order", "6", "--stages", "3"], "pass --force"),
+        (["search", "--order", "99", "--stages", "3"], "order"),
+        (["export", "CG3", "cobol"], "FORMAT"),
+        (["export", "DICG4", "c"], "format"),
+        (["certify", "CG3", "-o", "/"], "--output"),
+    ],
+)
+def test_bad_input_is_a_line_that_names_the_argument(run, arguments, named):
+    code, shown, error = run(*arguments)
+    assert (code, shown) == (2, "")
+    assert error.startswith("crouch-grossman: error: ")
+    assert error.count("\n") == 1
+    assert named in error
+
+
+def test_broken_files_are_named(run, tmp_path):
+    file = tmp_path / "broken.toml"
+    for content in ("a = [", "a = 1\nb = 2\n", "x = 1\n", "a = [[]]\nb = ['1e999999999']\n"):
+        file.write_text(content)
+        code, _, error = run("check", str(file))
+        assert (code, str(file) in error, error.count("\n")) == (2, True, 1)
+    file.write_bytes(b"\xff\xfe\xfa")
+    assert run("check", str(file))[0] == 2
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("certify", "CF3", "-o", "{}/x.toml"),
+        ("search", "--order", "2", "--stages", "2", "--starts", "2", "-o", "{}/x.toml"),
+        ("construct", "--order", "2", "--stages", "2", "-o", "{}/deep/x.toml"),
+    ],
+)
+def test_outputs_are_tried_before_any_work(run, arguments, tmp_path, monkeypatch):
+    """A folder of the kernel's can't be written by anyone."""
+
+    def never(*arguments, **options):
+        raise AssertionError
+
+    for module in (proving, searching):
+        for name in ("certify", "search", "construct"):
+            monkeypatch.setattr(module, name, never, raising=False)
+    code, out, err = run(*(word.format("/proc") for word in arguments))
+    assert (code, out) == (2, "")
+    assert "--output: /proc/" in err
+    monkeypatch.undo()
+    code, _, err = run(*(word.format(tmp_path / "new") for word in arguments))
+    assert code == 0
+    assert list((tmp_path / "new").rglob("*.toml"))
+
+
+def test_a_promotion_is_tried_too(run, tmp_path):
+    store = tmp_path / "runs.db"
+    run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
+    code, _, err = run("runs", "promote", str(store), "1", "Mine", "--folder", "/proc")
+    assert code == 2
+    assert "--folder: /proc/Mine can't be written" in err
+
+
+def test_a_method_that_cannot_be_certified_is_a_wrong_argument(run):
+    code, out, err = run("certify", "RKMK4")
+    assert (code, out) == (2, "")
+    assert "NAME|FILE: method must be a Tableau or CommutatorFree, got <MuntheKaas RKMK4" in err
+
+
+def test_reproduce_takes_the_options_of_reproduce_paper(run):
+    code, shown, _ = run("reproduce", "--list")
+    assert code == 0
+    assert "table3.2" in [line.split()[0] for line in shown.splitlines()]
+    assert run("reproduce", "--help")[0] == 0
+    assert run("reproduce", "--seed", "x")[0] == 2
+
+
+class TestProcess:
+    def test_module(self):
+        found = process("show", "CG3")
+        assert (found.returncode, found.stderr) == (0, "")
+        assert found.stdout.startswith("CG3, Crouch-Grossman")
+        found = process("show", "CG33")
+        assert (found.returncode, found.stdout) == (2, "")
+        assert found.stderr.startswith("python -m cg: error: Invalid value for 'NAME|FILE'")
+
+    def test_interrupt(self, tmp_path):
+        file = tmp_path / "runs"
+        command = [sys.executable, "-m", "cg", "search", "--order", "5", "--stages", "9",
+                   "--starts", "100000", "--store", str(file)]  # fmt: skip
+        code, error = interrupted_search(command, file)
+        assert code == 130
+        assert error.endswith(
+            f"python -m cg: interrupted; what had ended is in {file}, and the same search goes on "
+            "from there, on any executor\n"
+        )
+
+    def test_completion_of_names(self):
+        words = {"COMP_WORDS": "crouch-grossman show CG5", "COMP_CWORD": "2"}
+        asked = {"_CROUCH_GROSSMAN_COMPLETE": "bash_complete"}
+        found = process(env={**os.environ, **words, **asked})
+        names = {line.partition(",")[2] for line in found.stdout.splitlines()}
+        assert {"CG5a", "CG5(4)"} <= names
+        assert "CG4a" not in names
+
+    @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+    def test_completion_script(self, run, shell):
+        code, shown, _ = run("completion", shell)
+        assert code == 0
+        assert "_CROUCH_GROSSMAN_COMPLETE" in shown

@@ -1,0 +1,131 @@
+"""What the functions `search` and `construct` can be told, the commands can be told too."""
+
+import inspect
+import sys
+from types import SimpleNamespace
+
+import click
+import pytest
+
+import cg
+from cg.command import main
+from cg.command.searching import construct_command, search_command
+from cg.construction.solvers.system import Structure
+from cg.structure.layout import Layout, Rows
+
+pytestmark = pytest.mark.no_core
+
+COMMANDS = {"search": (cg.search, search_command), "construct": (cg.construct, construct_command)}
+OF_COMMANDS_ALONE = {"processes", "dask", "mpi", "quiet", "output", "in_json"}
+OF_FUNCTIONS_ALONE = {"executor", "progress"}  # which the options above stand for
+
+
+@pytest.fixture
+def given(monkeypatch):
+    """Return what the functions are called with, instead of calling them."""
+    calls = []
+
+    def note(**arguments):
+        calls.append(arguments)
+        return SimpleNamespace(failures=(), methods=(), method=None)
+
+    module = sys.modules["cg.command.searching"]
+    for name in COMMANDS:
+        monkeypatch.setattr(module, name, note)
+
+    def given(command):
+        code = main(command.split())
+        assert code == 1  # there is no method
+        return calls.pop()
+
+    return given
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_argument_has_an_option(name, given):
+    function, command = COMMANDS[name]
+    wanted = inspect.signature(function).parameters
+    options = {parameter.name: parameter for parameter in command.params}
+    assert set(options) - OF_COMMANDS_ALONE == set(wanted) - OF_FUNCTIONS_ALONE
+    passed = given(f"{name} --order 4 --stages 5")
+    assert passed.keys() == wanted.keys()
+    other = {"starts": 100, "seed": 0, "progress": True, "order": 4, "stages": 5}
+    for key, parameter in wanted.items():
+        usual = other.get(key, parameter.default)
+        assert passed[key] == usual, key
+    assert all(isinstance(o, click.Option) and o.help for o in options.values())
+
+
+def test_values_of_search(given):
+    passed = given(
+        "search --order 4 --stages 3 --rows diagonal --algorithm lmdif --width 0.5 --maxfev 70 "
+        "--refine-below 1e-12 --refine-maxfev 9 --workers 1 --force --quiet"
+    )
+    assert (passed["rows"], passed["algorithm"]) == (Rows.DIAGONAL, "lmdif")
+    assert [passed[k] for k in ("width", "maxfev", "refine_below", "refine_maxfev")] == [
+        0.5, 70, 1e-12, 9
+    ]  # fmt: skip
+    assert (passed["workers"], passed["force"], passed["progress"]) == (1, True, False)
+    passed = given("search --order 4 --stages 5 --flows 6 --embedded --first-same-as-last")
+    assert (passed["flows"], passed["embedded"], passed["first_same_as_last"]) == (6, True, True)
+
+
+def test_values_of_construct(given):
+    passed = given(
+        "construct --order 6 --stages 13 --structure stage-order-two --first-stages 14 "
+        "--largest 2.5 --restarts 0 --iterations 30 --full-rank"
+    )
+    assert passed["structure"] == Structure.STAGE_ORDER_TWO
+    keys = ("first_stages", "largest", "restarts", "iterations", "full_rank")
+    assert [passed[key] for key in keys] == [14, 2.5, 0, 30, True]
+    passed = given("construct --order 5 --stages 6 --flows 9 --first-flows 10")
+    assert (passed["flows"], passed["first_flows"]) == (9, 10)
+
+
+def test_a_tree_by_name_or_file(given, tmp_path):
+    method = cg.methods["CF4"]
+    file = tmp_path / "mine.toml"
+    cg.catalogue.save(method, file)
+    for named in ("CF4", file):
+        passed = given(f"search --order 4 --tree {named}")
+        assert passed["tree"] == Layout.of_tree(method.tree)
+        assert passed["stages"] == 4
+    assert given("construct --order 4 --tree CF4 --stages 4")["tree"].stages == 4
+
+
+def test_a_search_with_a_tree(capsys):
+    assert main(["search", "--order", "4", "--tree", "CF4", "--starts", "10", "--quiet"]) == 0
+    found = cg.search(4, 4, 10, 0, tree=cg.methods["CF4"]).methods
+    shown = capsys.readouterr().out.splitlines()
+    assert [line.partition(", largest")[0] for line in shown] == list(map(repr, found))
+    command = ["construct", "--order", "5", "--stages", "6", "--flows", "9", "--first-flows", "10"]
+    assert main([*command, "--seed", "1"]) == 0
+    made = cg.construct(5, 6, 1, flows=9, first_flows=10).method
+    assert cg.catalogue.loads(capsys.readouterr().out) == made
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("search --order 4", "Missing option '--stages', or '--tree'"),
+        ("construct --order 4", "Missing option '--stages', or '--tree'"),
+        ("search --order 4 --tree CF44", "Invalid value for '--tree': no method is named 'CF44'"),
+        ("search --order 4 --tree DICG4", "is no explicit method with a tree of points"),
+        ("search --order 4 --tree RKMK4", "is no explicit method with a tree of points"),
+        ("search --order 4 --tree CF4 --stages 5", "--stages must be those of the tree, 4, got 5"),
+        ("search --order 4 --tree CF4 --flows 5", "--flows must be None with a tree"),
+        ("search --order 4 --stages 5 --rows round", "Invalid value for '--rows'"),
+        ("search --order 4 --stages 5 --width -1", "Invalid value for '--width'"),
+        ("search --order 4 --stages 5 --embedded", "--embedded needs a number of flows"),
+        ("search --order 4 --stages 5 --first-same-as-last", "--first-same-as-last needs"),
+        ("construct --order 5 --stages 9 --structure middle --full-rank", "--structure must be"),
+        ("construct --order 5 --stages 9 --first-stages 3", "--first-stages must be at least 9"),
+        ("construct --order 5 --stages 9 --starts 3", "No such option"),
+    ],
+)
+def test_what_is_refused_names_the_option(command, message, capsys):
+    assert main(command.split()) == 2
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""

@@ -1,0 +1,351 @@
+import re
+from fractions import Fraction
+from functools import cache
+from itertools import combinations_with_replacement, groupby
+from math import factorial, prod
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from quad_core import residuals_quad
+from strategies import dyadics, rationals, tableaux
+
+from cg import _core_r64, _core_r128, conditions
+from cg.conditions import Rows
+from cg.structure.layout import Layout
+from cg.trees.ordered import OrderedTree, forest
+from cg.trees.tables import fortran_tables, main
+
+pytestmark = pytest.mark.sanitize
+
+FLOATS = {"dtype": np.float64}
+
+
+def as_floats(a, b):
+    return np.array(a, **FLOATS), np.array(b, **FLOATS)
+
+
+def defined_weight(row, a, tree):
+    """The definition in math, word by word, over all stages that don't decrease."""
+
+    @cache
+    def stage_weight(stage, subtree):
+        return weight(tuple(a[stage]), subtree)
+
+    def weight(coefficients, subtree):
+        total = Fraction(0)
+        letters = subtree.children
+        for stages in combinations_with_replacement(range(len(a)), len(letters)):
+            runs = prod(factorial(len(list(run))) for _, run in groupby(stages))
+            factors = (
+                coefficients[i] * stage_weight(i, t) for i, t in zip(stages, letters, strict=True)
+            )
+            total += prod(factors, start=Fraction(1)) / runs
+        return total
+
+    return weight(tuple(row), tree)
+
+
+def shuffles(u, v):
+    if not u or not v:
+        yield u + v
+        return
+    for word in shuffles(u[1:], v):
+        yield u[:1] + word
+    for word in shuffles(u, v[1:]):
+        yield v[:1] + word
+
+
+class TestCounts:
+    def test_all_conditions(self):
+        found = [conditions.count(q) for q in range(1, 9)]
+        assert found == [1, 3, 8, 22, 64, 196, 625, 2055]
+
+    def test_independent_conditions(self):
+        found = [conditions.count(q, independent=True) for q in range(1, 9)]
+        assert found == [1, 2, 5, 13, 38, 113, 358, 1158]
+
+    def test_classical_conditions(self):
+        found = [conditions.count_classical(q) for q in range(1, 11)]
+        assert found == [1, 2, 4, 8, 17, 37, 85, 200, 486, 1205]
+
+    def test_unknowns_of_the_paper(self):
+        assert [conditions.unknowns(s) for s in (5, 9, 16)] == [15, 45, 136]
+        assert conditions.unknowns(3, Rows.DIAGONAL) == 9
+        assert conditions.unknowns(3, Rows.FULL) == 12
+
+    @pytest.mark.parametrize(("order", "rows", "kept"), [(4, 22, 13), (5, 64, 38), (6, 196, 113)])
+    def test_the_papers_table_has_zeros_for_discarded_trees(self, order, rows, kept):
+        table = conditions.table_rows(order)
+        assert len(table) == rows
+        assert tuple(filter(None, table)) == conditions.condition_trees(order, independent=True)
+        assert len(tuple(filter(None, table))) == kept
+
+    def test_right_sides(self):
+        third = Fraction(1, 3)
+        assert conditions.right_sides(2) == (1, Fraction(1, 2), Fraction(1, 2))
+        text = ["[[[[]]]]", "[[[][]]]", "[[[]][]]", "[[][[]]]", "[[][][]]"]
+        expected = [Fraction(1, OrderedTree.parse(t).density) for t in text]
+        assert sorted(conditions.right_sides(3)[3:]) == sorted(expected)
+        assert third in conditions.right_sides(3)
+
+
+class TestCompiledTables:
+    @pytest.mark.parametrize("core", [_core_r64, _core_r128], ids=["r64", "r128"])
+    def test_they_equal_the_generator(self, core):
+        trees = forest(conditions.MAX_ORDER + 1)
+        first, rest, prefix, last, condition, density = core.tables(len(trees))
+        assert tuple(first) == trees.first
+        assert tuple(rest) == trees.rest
+        assert tuple(prefix) == trees.prefix
+        assert tuple(last) == trees.last
+        assert tuple(density) == trees.density
+        assert tuple(condition[1:]) == conditions.table_rows(conditions.MAX_ORDER)
+
+    def test_the_kinds_have_their_digits(self):
+        assert _core_r64.digits() == 53
+        assert _core_r128.digits() == 113
+
+    def test_generated_source(self, tmp_path):
+        output = tmp_path / "tables.f90"
+        main(["--order", "3", "--output", str(output)])
+        text = output.read_text()
+        assert text == fortran_tables(forest(4))
+        assert "highest_order = 3" in text
+        assert "tree_total = 9" in text
+        assert max(map(len, text.splitlines())) <= 132
+
+    def test_generator_refuses_order_zero(self, tmp_path, capsys):
+        with pytest.raises(SystemExit):
+            main(["--order", "0", "--output", str(tmp_path / "tables.f90")])
+        assert "--order must be at least 1, got 0" in capsys.readouterr().err
+
+
+class TestExactOracle:
+    @given(tableaux(rationals, max_stages=3))
+    @settings(max_examples=40, deadline=None)
+    def test_it_is_the_definition(self, tableau):
+        a, b = tableau
+        trees = forest(5)
+        expected = [
+            defined_weight(b, a, trees.tree(t)) - Fraction(1, trees.density[t - 1])
+            for t in conditions.condition_trees(4)
+        ]
+        assert list(conditions.residuals_exact(a, b, 4)) == expected
+
+    def test_independent_residuals_are_some_of_all(self):
+        a, b = [[0, 0], ["2/3", "1/7"]], ["1/4", "3/4"]
+        residuals = dict(
+            zip(conditions.condition_trees(5), conditions.residuals_exact(a, b, 5), strict=True)
+        )
+        independent = conditions.residuals_exact(a, b, 5, independent=True)
+        chosen = conditions.condition_trees(5, independent=True)
+        assert independent == tuple(residuals[t] for t in chosen)
+
+    def test_it_goes_beyond_the_compiled_tables(self):
+        order = conditions.MAX_ORDER + 1
+        found = conditions.residuals_exact([[0]], [1], order)
+        assert len(found) == conditions.count(order)
+        assert found[0] == 0
+
+    @given(tableaux(rationals, max_stages=3), st.data())
+    @settings(max_examples=30, deadline=None)
+    def test_words_multiply_by_shuffling(self, tableau, data):
+        # so the condition of a word that isn't Lyndon follows from lower ones
+        a, b = tableau
+        trees = forest(6)
+        sides = conditions.right_sides(5)
+        weight = [Fraction(1)]
+        for side, residual in zip(sides, conditions.residuals_exact(a, b, 5), strict=True):
+            weight.append(residual + side)
+        exact = [Fraction(1), *sides]
+        n = data.draw(st.integers(2, 4))
+        u = trees.children[data.draw(st.sampled_from(trees.with_nodes(n))) - 1]
+        v = trees.children[data.draw(st.sampled_from(trees.with_nodes(7 - n))) - 1]
+        index = {word: k for k, word in enumerate(trees.children)}
+        for phi in (weight, exact):
+            assert phi[index[u]] * phi[index[v]] == sum(phi[index[w]] for w in shuffles(u, v))
+
+    @pytest.mark.parametrize(
+        ("a", "b", "message"),
+        [
+            ([[0]], [], "a must have shape"),
+            ([[0, 0], [0]], [1, 0], "a must have shape"),
+            ([[0]], [1, 0], "a must have shape"),
+            ([[0]], [float("nan")], "b must hold finite real numbers, got nan"),
+            (0, [1], "a must be a sequence of rows, got 0"),
+            ("0", [1], "a must be a sequence of rows, got '0'"),
+            ([0], [1], "row 1 of a must be a sequence of numbers, got 0"),
+        ],
+    )
+    def test_bad_input(self, a, b, message):
+        with pytest.raises(ValueError, match=message):
+            conditions.residuals_exact(a, b, 2)
+
+
+class TestCompiledCore:
+    @given(tableaux(), st.integers(1, 6), st.booleans())
+    @settings(max_examples=60, deadline=None)
+    def test_residuals_agree_with_the_oracle(self, tableau, order, independent):
+        a, b = tableau
+        exact = conditions.residuals_exact(a, b, order, independent)
+        positive = as_floats(*([[abs(x) for x in row] for row in a], [abs(x) for x in b]))
+        sizes = conditions.weights(*positive, order, independent) + 1
+        double = conditions.residuals(*as_floats(a, b), order, independent)
+        assert np.all(np.abs(double - np.array(exact, **FLOATS)) <= 2.0**-48 * sizes)
+
+        rows = conditions.rows_of(a)
+        layout = Layout.tableau(len(b), rows)
+        quad = residuals_quad(layout, layout.packed([*a, b]), order, independent)
+        for found, expected, size in zip(quad, exact, sizes, strict=True):
+            assert abs(found - expected) <= Fraction(2) ** -108 * Fraction(size)
+
+    @given(tableaux(), st.integers(1, 5))
+    @settings(max_examples=30, deadline=None)
+    def test_wider_patterns_give_the_same(self, tableau, order):
+        a, b = tableau
+        found = [
+            residuals_quad(layout, layout.packed([*a, b]), order)
+            for rows in Rows
+            if rows >= conditions.rows_of(a)
+            for layout in [Layout.tableau(len(b), rows)]
+        ]
+        assert all(residuals == found[0] for residuals in found)
+
+    def test_weights_are_residuals_and_right_sides(self):
+        a, b = [[0, 0], [0.5, 0]], [0.25, 0.75]
+        sides = np.array(conditions.right_sides(4), **FLOATS)
+        difference = conditions.weights(a, b, 4) - conditions.residuals(a, b, 4)
+        np.testing.assert_allclose(difference, sides, atol=1e-15)
+
+    @given(tableaux(max_stages=3), st.data())
+    @settings(max_examples=40, deadline=None)
+    def test_jacobian_agrees_with_exact_derivatives(self, tableau, data):
+        a, b = tableau
+        order, stages = 5, len(b)
+        rows = data.draw(st.sampled_from([r for r in Rows if r >= conditions.rows_of(a)]))
+        lengths = Layout.tableau(stages, rows).lengths
+        x = [e for row, m in zip([*a, b], lengths, strict=True) for e in row[:m]]
+        v = data.draw(st.lists(dyadics, min_size=len(x), max_size=len(x)))
+
+        def along(h):
+            moved = [p + h * q for p, q in zip(x, v, strict=True)]
+            return conditions.residuals_exact(*conditions.unpack(moved, stages, rows), order)
+
+        # residuals have degree 5 at most, so this difference formula has no error
+        stencil = {3: Fraction(1, 60), 2: Fraction(-3, 20), 1: Fraction(3, 4)}
+        exact = [Fraction(0)] * conditions.count(order)
+        for step, factor in stencil.items():
+            pairs = zip(exact, along(step), along(-step), strict=True)
+            exact = [total + factor * (up - down) for total, up, down in pairs]
+
+        jacobian = conditions.jacobian(*as_floats(a, b), order, rows=rows)
+        assert jacobian.shape == (conditions.count(order), len(x))
+        scale = np.abs(jacobian) @ np.abs(np.array(v, **FLOATS)) + 1
+        error = jacobian @ np.array(v, **FLOATS) - np.array(exact, **FLOATS)
+        assert np.all(np.abs(error) <= 1e-10 * scale)
+
+    def test_independent_rows_of_the_jacobian(self):
+        a, b = [[0, 0, 0], [0.5, 0, 0], [-1, 2, 0]], [0.25, 0.5, 0.25]
+        position = {t: k for k, t in enumerate(conditions.condition_trees(4))}
+        chosen = [position[t] for t in conditions.condition_trees(4, independent=True)]
+        full = conditions.jacobian(a, b, 4)
+        np.testing.assert_array_equal(conditions.jacobian(a, b, 4, independent=True), full[chosen])
+
+
+class TestPacking:
+    @given(tableaux(), st.data())
+    def test_round_trip(self, tableau, data):
+        a, b = as_floats(*tableau)
+        rows = data.draw(st.sampled_from([None, Rows.FULL, conditions.rows_of(a)]))
+        packed = conditions.pack(a, b, rows)
+        pattern = conditions.rows_of(a) if rows is None else rows
+        assert packed.shape == (conditions.unknowns(b.size, pattern),)
+        found = conditions.unpack(packed, b.size, pattern)
+        np.testing.assert_array_equal(found[0], a)
+        np.testing.assert_array_equal(found[1], b)
+
+    def test_order_of_entries(self):
+        a, b = [[0, 0, 0], [1, 0, 0], [2, 3, 0]], [4, 5, 6]
+        assert list(conditions.pack(a, b)) == [1, 2, 3, 4, 5, 6]
+        assert list(conditions.pack(a, b, Rows.DIAGONAL)) == [0, 1, 0, 2, 3, 0, 4, 5, 6]
+
+    def test_patterns(self):
+        assert conditions.rows_of([[0, 0], [1, 0]]) is Rows.EXPLICIT
+        assert conditions.rows_of([[0, 0], [0, 0]]) is Rows.EXPLICIT
+        assert conditions.rows_of([[0, 0], [0, 1]]) is Rows.DIAGONAL
+        assert conditions.rows_of([[0, 1], [0, 0]]) is Rows.FULL
+
+    def test_nothing_nonzero_is_lost(self):
+        with pytest.raises(ValueError, match="outside the pattern explicit"):
+            conditions.pack([[1]], [1], Rows.EXPLICIT)
+        with pytest.raises(ValueError, match="outside the pattern explicit"):
+            conditions.jacobian([[1]], [1], 2, rows=Rows.EXPLICIT)
+
+    def test_wrong_length(self):
+        with pytest.raises(ValueError, match="x must have 3 entries, got 4"):
+            conditions.unpack([0, 1, 2, 3], 2)
+
+
+COMPILED = [conditions.residuals, conditions.weights, conditions.jacobian]
+
+
+class TestBadInput:
+    @pytest.mark.parametrize("function", COMPILED)
+    @pytest.mark.parametrize(
+        ("order", "error", "message"),
+        [
+            (0, ValueError, "order must be at least 1, got 0"),
+            (-3, ValueError, "order must be at least 1, got -3"),
+            (conditions.MAX_ORDER + 1, ValueError, "build option highest_order"),
+            (2.0, TypeError, "order must be an integer, got 2.0"),
+            ("2", TypeError, "order must be an integer, got '2'"),
+        ],
+    )
+    def test_order(self, function, order, error, message):
+        with pytest.raises(error, match=re.escape(message)):
+            function([[0]], [1], order)
+
+    @pytest.mark.parametrize("function", COMPILED)
+    @pytest.mark.parametrize(
+        ("a", "b", "message"),
+        [
+            ([[0]], [], "b must have shape (s,) with s at least 1, got (0,)"),
+            ([[0]], [[1]], "b must have shape (s,) with s at least 1, got (1, 1)"),
+            ([[0]], 1.0, "b must have shape (s,) with s at least 1, got ()"),
+            ([[0]], [1, 2], "a must have shape (2, 2) to match b, got (1, 1)"),
+            ([0, 0], [1, 2], "a must have shape (2, 2) to match b, got (2,)"),
+            ([[0], [1, 0]], [1, 2], "a must be an array of real numbers"),
+            ([["x"]], [1], "a must be an array of real numbers"),
+            ([[0]], [1j], "b must be an array of real numbers"),
+            ([[np.nan]], [1], "a must be finite"),
+            ([[0]], [np.inf], "b must be finite"),
+        ],
+    )
+    def test_tableau(self, function, a, b, message):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            function(a, b, 2)
+
+    @pytest.mark.parametrize(
+        "function",
+        [
+            conditions.count,
+            conditions.count_classical,
+            conditions.condition_trees,
+            conditions.table_rows,
+            conditions.right_sides,
+        ],
+    )
+    def test_functions_of_the_order(self, function):
+        with pytest.raises(ValueError, match="order must be at least 1, got 0"):
+            function(0)
+        with pytest.raises(TypeError, match="order must be an integer"):
+            function(1.5)
+
+    @pytest.mark.parametrize("stages", [0, -1])
+    def test_stages(self, stages):
+        with pytest.raises(ValueError, match=f"stages must be at least 1, got {stages}"):
+            conditions.unknowns(stages)
+        with pytest.raises(ValueError, match=f"stages must be at least 1, got {stages}"):
+            conditions.unpack([], stages)

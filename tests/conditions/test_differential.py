@@ -1,0 +1,103 @@
+"""Random methods by two ways that share no code: the compiled core and exact arithmetic."""
+
+import random
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from quad_core import residuals_quad
+
+from cg import conditions
+from cg.structure.layout import Layout, Rows
+from cg.structure.points import START, Point, PointTree
+
+pytestmark = pytest.mark.sanitize
+
+HIGHEST = 7
+# Each weight has at most eight factors, each of them rounded once; what is added up is positive
+# in `sizes`, and no sum has more than some ten terms.
+ROUNDINGS = 64
+
+
+def drawn(rng):
+    """Return an entry with any sign and one to three digits above and below the line."""
+    return Fraction(rng.randint(-99, 99), rng.choice((1, 2, 3, 7, 16, 60, 97, 128, 999)))
+
+
+def random_tableau(rng):
+    stages = rng.randint(1, 5)
+    rows = rng.choice(list(Rows))
+    layout = Layout.tableau(stages, rows)
+    return layout, [drawn(rng) for _ in range(layout.size)]
+
+
+def random_points(rng):
+    points, stages = [], [START]
+    for m in range(rng.randint(1, 9)):
+        used = sorted(rng.sample(range(len(stages)), min(len(stages), rng.randint(1, 3))))
+        # the layout leaves out zeros
+        weights = {stage: drawn(rng) or Fraction(1, 3) for stage in used}
+        points.append(Point(rng.randint(START, m - 1), weights))
+        if rng.random() < 0.5:
+            stages.append(rng.randint(START, m))
+    tree = PointTree(tuple(points), tuple(stages), rng.randint(0, len(points) - 1))
+    return Layout.of_tree(tree), [w for point in points for w in point.weights.values()]
+
+
+def compare(seed):
+    """Compare residuals in both kinds with exact ones; return the largest errors in roundings."""
+    rng = random.Random(seed)
+    layout, x = random_points(rng) if seed % 2 else random_tableau(rng)
+    order, independent = rng.randint(1, HIGHEST), rng.random() < 0.3
+    if seed % 2:
+        wanted = conditions.exact_residuals_of(layout.tree(x), order, independent)
+    else:
+        *a, b = layout.full_rows(x)
+        wanted = conditions.residuals_exact(a, b, order, independent)
+    doubles = np.array([float(value) for value in x])
+    sizes = 1 + conditions.weights_at(layout, np.abs(doubles), order, independent)
+    found = conditions.residuals_at(layout, doubles, order, independent)
+    quads = residuals_quad(layout, x, order, independent)
+    assert len(found) == len(quads) == len(wanted) == conditions.count(order, independent)
+    worst = [0.0, 0.0]
+    for double, quad, true, size in zip(found, quads, wanted, sizes, strict=True):
+        errors = abs(Fraction(double) - true) * 2**53, abs(quad - true) * 2**113
+        worst = [
+            max(old, float(error / Fraction(size)))
+            for old, error in zip(worst, errors, strict=True)
+        ]
+    assert max(worst) <= ROUNDINGS, (seed, worst)
+    return worst
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_the_core_agrees_with_the_oracle(part):
+    for seed in range(50 * part, 50 * (part + 1)):
+        compare(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(10))
+def test_the_core_agrees_with_the_oracle_on_ten_thousand(part):
+    for seed in range(1000 * part, 1000 * (part + 1)):
+        compare(seed)
+
+
+@pytest.mark.parametrize("change", ["a weight", "an order"])
+def test_the_comparison_can_fail(change, monkeypatch):
+    right = conditions.residuals_at
+
+    def wrong(layout, x, order, independent):
+        if change == "a weight":
+            x = x * (1 + 1e-13)
+            return right(layout, x, order, independent)
+        return right(layout, x, order, independent)[::-1].copy()
+
+    monkeypatch.setattr(conditions, "residuals_at", wrong)
+    failed = 0
+    for seed in range(40):
+        try:
+            compare(seed)
+        except AssertionError:
+            failed += 1
+    assert failed > 20

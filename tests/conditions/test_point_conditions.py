@@ -1,0 +1,192 @@
+"""Order conditions of trees of points: exact, compiled, and in balls."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from flint import arb, fmpq
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from quad_core import residuals_quad
+from strategies import dyadics, point_trees, rationals, tableaux
+
+from cg import CommutatorFree, conditions
+from cg.catalogue import methods
+from cg.proofs.dependent.words import condition_words
+from cg.proofs.krawczyk import to_double
+from cg.proofs.systems import exact_residuals, order_system
+from cg.proofs.weights import Quantity, Weights
+from cg.structure.layout import Layout
+from cg.structure.points import START, PointTree, tree_of_rows
+from cg.trees.ordered import forest
+
+CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
+
+
+def values(tree):
+    return [weight for point in tree.points for weight in point.weights.values()]
+
+
+def floats(tree):
+    return np.array(values(tree), dtype=np.float64)
+
+
+def by_definition(tree, t):
+    """Φ(t) of the result: sums over all ways to give the children to points, in their order."""
+    trees = forest(6)
+
+    def at(point, t):
+        total = Fraction(0)
+        path, word = tree.path(point), trees.children[t - 1]
+        for chosen in nondecreasing(len(word), len(path)):
+            product = Fraction(1)
+            for child, k in zip(word, chosen, strict=True):
+                weights = tree.points[path[k]].weights.items()
+                product *= sum(
+                    (w * at(tree.stage_points[s], child) for s, w in weights), Fraction(0)
+                )
+            runs = [chosen.count(k) for k in set(chosen)]
+            total += product / math.prod(map(math.factorial, runs))
+        return total
+
+    return at(tree.result, t)
+
+
+def nondecreasing(length, choices, least=0):
+    if length == 0:
+        yield ()
+        return
+    for k in range(least, choices):
+        for rest in nondecreasing(length - 1, choices, k):
+            yield (k, *rest)
+
+
+class TestResiduals:
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(dyadics, most_points=4))
+    def test_the_oracle_is_the_definition(self, tree):
+        found = conditions.exact_residuals_of(tree, 3)
+        trees = forest(4)
+        expected = [
+            by_definition(tree, t) - Fraction(1, trees.density[t - 1])
+            for t in conditions.condition_trees(3)
+        ]
+        assert list(found) == expected
+
+    @settings(deadline=None, max_examples=60)
+    @given(point_trees(), st.integers(1, 6), st.booleans())
+    def test_compiled_against_exact(self, tree, order, independent):
+        exact = conditions.exact_residuals_of(tree, order, independent)
+        found = conditions.residuals_of(tree, order, independent)
+        layout, x = Layout.of_tree(tree), floats(tree)
+        sizes = 1 + conditions.weights_at(layout, np.abs(x), order, independent)
+        np.testing.assert_allclose(found, np.array(exact, float), rtol=0, atol=1e-14 * sizes.max())
+        quad = residuals_quad(layout, values(tree), order, independent)
+        for one, other in zip(quad, exact, strict=True):
+            assert abs(one - other) < Fraction(1, 10**32) * Fraction(sizes.max())
+
+    @settings(deadline=None, max_examples=40)
+    @given(tableaux(rationals))
+    def test_tableaux_are_their_points(self, tableau):
+        a, b = tableau
+        tree = tree_of_rows(a, b)
+        assert conditions.exact_residuals_of(tree, 4) == conditions.residuals_exact(a, b, 4)
+        packed = conditions.residuals(a, b, 4)
+        sizes = 1 + conditions.weights(np.abs(np.array(a, float)), np.abs(np.array(b, float)), 4)
+        np.testing.assert_allclose(
+            conditions.residuals_of(tree, 4), packed, rtol=0, atol=1e-14 * sizes.max()
+        )
+
+    @settings(deadline=None, max_examples=40)
+    @example(methods["CF4"].tree, 5)  # a stage whose path begins where another's ends
+    @given(point_trees(), st.integers(2, 5))
+    def test_derivatives_are_exact_differences(self, tree, order):
+        layout, x = Layout.of_tree(tree), floats(tree)
+        jacobian = conditions.jacobian_at(layout, x, order, independent=True)
+        step = Fraction(1, 2**40)  # the differences are exact, so that what they miss is step²
+        for k in range(layout.size):
+            ahead, behind = values(tree), values(tree)
+            ahead[k] += step
+            behind[k] -= step
+            pairs = zip(
+                conditions.exact_residuals_of(moved(tree, ahead), order, True),
+                conditions.exact_residuals_of(moved(tree, behind), order, True),
+                strict=True,
+            )
+            slopes = [float((one - other) / (2 * step)) for one, other in pairs]
+            scale = 1 + np.abs(jacobian).max()
+            np.testing.assert_allclose(jacobian[:, k], slopes, rtol=0, atol=1e-11 * scale)
+
+    def test_a_tree_without_weights_has_none(self):
+        tree = PointTree((), (START,), START)
+        assert set(conditions.exact_residuals_of(tree, 2)) == {-1, Fraction(-1, 2)}
+        np.testing.assert_array_equal(conditions.residuals_of(tree, 2), [-1, -0.5, -0.5])
+
+    def test_the_second_result(self):
+        tree = CommutatorFree(CF3, [-1, 0, 1], embedded_result=1).tree
+        second = PointTree(tree.points, tree.stage_points, 1)
+        for order in (1, 3):
+            assert conditions.exact_residuals_of(
+                tree, order, embedded=True
+            ) == conditions.exact_residuals_of(second, order)
+            np.testing.assert_array_equal(
+                conditions.residuals_of(tree, order, embedded=True),
+                conditions.residuals_of(second, order),
+            )
+        with pytest.raises(ValueError, match="has no second result"):
+            conditions.residuals_of(second, 1, embedded=True)
+
+
+def moved(tree, weights):
+    return Layout.of_tree(tree).tree(weights)
+
+
+class TestBalls:
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(), st.integers(1, 4))
+    def test_rationals_agree_with_the_oracle(self, tree, order):
+        layout = Layout.of_tree(tree)
+        found = exact_residuals(layout, values(tree), condition_words(order), layout.stages)
+        assert tuple(found) == conditions.exact_residuals_of(tree, order, independent=True)
+
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(), st.integers(1, 5))
+    def test_derivatives_agree_with_the_compiled_core(self, tree, order):
+        layout, x = Layout.of_tree(tree), floats(tree)
+        found = to_double(order_system(layout, order, None).linearise([arb(v) for v in x])[1])
+        expected = conditions.jacobian_at(layout, x, order, independent=True)
+        scale = 1 + np.abs(expected).max()
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * scale)
+
+    @settings(deadline=None, max_examples=20)
+    @given(point_trees(), st.integers(0, 2**32 - 1))
+    def test_they_hold_what_is_inside(self, tree, seed):
+        layout = Layout.of_tree(tree)
+        words = condition_words(4)
+        quantities = [Quantity(layout.stages, word) for word in words]
+        outer = Weights(layout, quantities).evaluate([arb(float(v), 1e-3) for v in values(tree)])
+        steps = np.random.default_rng(seed).integers(-1000, 1001, layout.size)
+        inside = [v + Fraction(int(s), 10**6) for v, s in zip(values(tree), steps, strict=True)]
+        exact = exact_residuals(layout, inside, words, layout.stages)
+        middle = exact_residuals(layout, values(tree), words, layout.stages)
+        weights = Weights(layout, quantities).evaluate([_flint(v) for v in values(tree)])
+        for ball, value, there, here in zip(outer, exact, middle, weights, strict=True):
+            assert ball.contains(here + _flint(value - there))
+
+    def test_derivatives_of_weights_at_stages(self):
+        tree = methods["CF4b"].tree
+        layout, x = methods["CF4b"].layout, floats(tree)
+        quantities = [Quantity(k, ((), ((),))) for k in range(layout.stages)]
+        quantities += [Quantity(4, ((), ()), 2), Quantity(5, ((),), 3), Quantity(5, ((1,), ()))]
+        weights = Weights(layout, quantities)
+        at = [float(v) for v in weights.evaluate([arb(v) for v in x])]
+        jacobian = to_double(weights.jacobian())
+        for k in range(layout.size):
+            ahead = [arb(v) + (1e-7 if j == k else 0) for j, v in enumerate(x)]
+            slopes = np.array([float(v) for v in Weights(layout, quantities).evaluate(ahead)]) - at
+            np.testing.assert_allclose(jacobian[:, k], slopes / 1e-7, rtol=0, atol=1e-6)
+
+
+def _flint(value):
+    return fmpq(value.numerator, value.denominator)

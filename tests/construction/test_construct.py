@@ -1,0 +1,365 @@
+"""Moving along the set of methods of an order, and constructing methods on it."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import cg
+from cg.conditions import Rows, residuals, residuals_exact, unknowns
+from cg.construction import (
+    Candidate,
+    ConditionSystem,
+    Goals,
+    NotExactError,
+    Structure,
+    compose,
+    correct,
+    drop_stage,
+    eliminate,
+    eliminate_stage,
+    fewer_exponentials,
+    optimise,
+    pack_method,
+    principal_error,
+    refinable,
+    solved,
+    to_method,
+    triple_jump,
+    walk,
+)
+from cg.construction.drop import _ways, solve_start
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.start import random_candidate
+from cg.runs import Store
+
+
+def a_candidate(order, stages, *, embedded=False, seed=0, bound=3.0):
+    """A solution with moderate coefficients, from the first start to give one."""
+    system = ConditionSystem.tableau(order, stages, embedded=embedded)
+    fixed = np.setdiff1d(np.arange(system.size), system.free)
+    for start in range(200):
+        guess = np.random.default_rng([seed, start]).uniform(-1, 1, system.size)
+        guess[fixed] = 0
+        fit = fit_conditions(guess, system, max_iterations=200)
+        candidate = Candidate(system, fit.x)
+        if solved(candidate) and candidate.largest < bound:
+            return candidate
+    raise AssertionError("no start of 200 reached the solution set")
+
+
+class TestSystem:
+    @pytest.mark.parametrize("rows", list(Rows))
+    @pytest.mark.parametrize("embedded", [False, True])
+    def test_jacobian_is_the_derivative(self, rows, embedded):
+        system = ConditionSystem.tableau(4, 3, rows, embedded)
+        x = np.random.default_rng(5).uniform(-1, 1, system.size)
+        jac, h = system.jacobian(x, independent=False), 1e-6
+        for k in range(system.size):
+            e = np.zeros(system.size)
+            e[k] = h
+            ahead, behind = (system.residual(x + s * e, independent=False) for s in (1, -1))
+            np.testing.assert_allclose(jac[:, k], (ahead - behind) / (2 * h), atol=1e-8)
+
+    def test_second_weights_have_their_own_conditions(self):
+        pair = cg.methods["CG2(3)"]
+        candidate = pack_method(pair)
+        assert candidate.system == ConditionSystem.tableau(3, 3, embedded=True)
+        assert np.abs(candidate.system.residual(candidate.x)).max() < 1e-15
+        worse = candidate.x.copy()
+        worse[candidate.system.free[-4]] += 0.1  # the last of the second weights
+        assert np.abs(candidate.system.residual(worse)).max() > 1e-3
+
+    def test_what_is_zero_by_definition_stays(self):
+        candidate = a_candidate(3, 3, embedded=True)
+        fixed = np.setdiff1d(np.arange(candidate.system.size), candidate.system.free)
+        assert [candidate.system.layout.names[k] for k in fixed] == ["b_embedded_3"]
+        assert not candidate.x[fixed].any()
+
+    def test_a_pair_of_order_one_is_refused(self):
+        with pytest.raises(ValueError, match="order must be at least 2"):
+            ConditionSystem.tableau(1, 2, embedded=True)
+
+
+class TestCompose:
+    def test_two_half_steps_are_one_step_of_the_composition(self):
+        frame = cg.frames.SO3()
+
+        def f(t, y):
+            return np.array([1 + y[0, 1], np.sin(3 * t) * y[2, 2], y[1, 0] - t])
+
+        half = Fraction(1, 2)
+        double = compose([cg.methods["CG3"]] * 2, [half, half])
+        fine = cg.integrate(f, (0, 1), np.eye(3), frame=frame, method="CG3", h=0.125)
+        coarse = cg.integrate(f, (0, 1), np.eye(3), frame=frame, method=double, h=0.25)
+        np.testing.assert_allclose(coarse.y, fine.y[::2], rtol=0, atol=1e-14)
+
+    def test_rational_parts_give_exact_order(self):
+        double = compose([cg.methods["CG3"]] * 2, ["1/3", "2/3"])
+        assert double.stages == 6
+        assert not any(residuals_exact(*double.exact, 3))
+        assert double.order == 3
+
+    def test_three_steps_gain_an_order(self):
+        lengths = triple_jump(2)
+        assert sum(map(Fraction, lengths)) == 1
+        assert abs(sum(Fraction(g) ** 3 for g in lengths)) < Fraction(1, 10**55)
+        assert compose([cg.methods["CG2"]] * 3, lengths).order == 3
+        assert compose([cg.methods["CG4a"]] * 3, triple_jump(4)).order == 5
+
+    @pytest.mark.parametrize(
+        ("methods", "gammas", "message"),
+        [
+            ([], [], "gammas must have one entry a method, got 0 for 0"),
+            (["CG3"], ["1/2", "1/2"], "got 2 for 1"),
+            (["ImplicitMidpoint"], [1], "methods must be explicit"),
+        ],
+    )
+    def test_bad_input(self, methods, gammas, message):
+        with pytest.raises(ValueError, match=message):
+            compose([cg.methods[name] for name in methods], gammas)
+
+    def test_odd_orders_have_no_triple_jump(self):
+        with pytest.raises(ValueError, match="order must be even"):
+            triple_jump(3)
+
+
+class TestMoving:
+    def test_a_walk_ends_elsewhere_on_the_set(self):
+        candidate = a_candidate(4, 6)
+        moved = walk(candidate, np.random.default_rng(1), size=0.2)
+        assert solved(moved)
+        assert np.linalg.norm(moved.x - candidate.x) > 0.02
+
+    def test_elimination_leaves_a_method_with_a_stage_less(self):
+        random = np.random.default_rng(3)
+        reached = list(eliminate(a_candidate(4, 8, seed=1), 6, random=random))
+        assert [candidate.system.stages for candidate in reached] == [7, 6]
+        assert all(solved(candidate) for candidate in reached)
+        method = to_method(reached[-1], name="six", source="test")
+        assert (method.stages, method.order) == (6, 4)
+
+    def test_a_stage_that_does_nothing_is_dropped_as_it_is(self):
+        candidate = a_candidate(3, 3)
+        a, b = np.zeros((4, 4)), np.zeros(4)
+        keep = np.array([0, 2, 3])
+        full_a, full_b = cg.conditions.unpack(candidate.x, 3)
+        a[np.ix_(keep, keep)] = full_a
+        a[1, 0], b[keep] = 0.7, full_b
+        wider = Candidate(ConditionSystem.tableau(3, 4), cg.conditions.pack(a, b, Rows.EXPLICIT))
+        smaller = eliminate_stage(wider, 1)
+        np.testing.assert_allclose(smaller.x, candidate.x, rtol=0, atol=1e-12)
+
+    def test_a_dropped_stage_leaves_a_method(self):
+        smaller = drop_stage(a_candidate(4, 7, seed=1), np.random.default_rng(3))
+        assert smaller.system.stages == 6
+        assert solved(smaller)
+        assert refinable(smaller)
+
+    def test_a_neighbour_inherits_the_column_of_a_dropped_stage(self):
+        candidate = a_candidate(4, 6)
+        _, b = cg.conditions.unpack(candidate.x, 6)
+        totals = [sum(cg.conditions.unpack(way.x, 5)[1]) for way in _ways(candidate)]
+        expected = []
+        for stage in range(6):
+            receivers = (stage > 0) + (stage < 5)
+            expected += [1 - b[stage]] + [1.0] * receivers
+        np.testing.assert_allclose(totals, expected, rtol=0, atol=1e-10)
+
+    def test_stages_that_cannot_be_dropped(self):
+        random = np.random.default_rng(0)
+        assert drop_stage(a_candidate(3, 3), random) is None
+        assert drop_stage(a_candidate(4, 7), random, accept=lambda candidate: False) is None
+        with pytest.raises(ValueError, match="candidate must be one method, got a pair"):
+            drop_stage(a_candidate(3, 3, embedded=True), random)
+        with pytest.raises(ValueError, match="tries must be at least 1"):
+            drop_stage(a_candidate(4, 7), random, tries=0)
+
+    @pytest.mark.parametrize(("order", "kept"), [(4, False), (5, True)])
+    def test_what_keeps_starts_away_from_false_zeros_is_held(self, order, kept):
+        guess = random_candidate(ConditionSystem.tableau(order, 9), 0.5, np.random.default_rng(2))
+        solved_to = solve_start(guess, 20, promising=1e9)
+        assert bool(solved_to.x[0] == guess.x[0]) is kept
+        assert not kept or 0.3 <= guess.x[0] <= 0.8
+
+    def test_guesses_satisfy_what_is_linear_in_the_structure(self):
+        system = ConditionSystem.tableau(6, 13, structure=Structure.MIDDLE)
+        guess = random_candidate(system, 0.5, np.random.default_rng(2))
+        assert np.abs(system.residual(guess.x)[-11:]).max() < 1e-14
+
+    def test_a_near_miss_is_not_sound(self):
+        candidate = a_candidate(4, 6)
+        assert refinable(candidate)
+        assert refinable(Candidate(candidate.system, candidate.x + 1e-9))
+        # b = 0 is held, and the first condition with it
+        nothing = Candidate(ConditionSystem.tableau(1, 1), np.zeros(1))
+        assert not refinable(nothing)
+
+    def test_a_dead_end_is_none(self):
+        # two stages cannot have order three
+        assert eliminate_stage(a_candidate(3, 3), 1) is None
+
+    def test_frozen_entries_keep_their_values(self):
+        candidate = a_candidate(4, 6)
+        x = candidate.x.copy()
+        x[[3, 7]] += 0.01
+        moved = correct(Candidate(candidate.system, x), [3, 7])
+        assert solved(moved)
+        assert (moved.x[[3, 7]] == x[[3, 7]]).all()
+
+
+class TestOptimise:
+    def test_principal_error_gets_smaller_on_the_set(self):
+        candidate = a_candidate(4, 6)
+        better = optimise(candidate, Goals())
+        assert solved(better)
+        assert principal_error(better) < 0.8 * principal_error(candidate)
+        method = to_method(better, name="better", source="test")
+        assert method.order == 4
+        assert method.principal_error() == pytest.approx(principal_error(better), rel=1e-6)
+
+    def test_abscissae_are_drawn_into_the_unit_interval(self):
+        for seed in range(20):
+            candidate = a_candidate(4, 6, seed=seed)
+            c = np.array(cg.conditions.unpack(candidate.x, 6)[0], dtype=float).sum(axis=1)
+            if c.min() < -0.1 or c.max() > 1.1:
+                break
+        drawn = optimise(candidate, Goals(principal_error=0.01, abscissae=1.0), max_iterations=100)
+        after = np.array(cg.conditions.unpack(drawn.x, 6)[0], dtype=float).sum(axis=1)
+        outside = [max(-v.min(), v.max() - 1) for v in (c, after)]
+        assert outside[1] < 0.1 * outside[0]
+
+    def test_coefficients_become_zero_and_the_order_stays(self):
+        candidate, zeros = fewer_exponentials(a_candidate(4, 6))
+        assert zeros.size > 2
+        assert not candidate.x[zeros].any()
+        method = to_method(candidate, name="sparse", source="test")
+        assert method.order == 4
+        assert method.exponentials == unknowns(6) - zeros.size
+
+    def test_points_off_the_set_are_refused(self):
+        with pytest.raises(ValueError, match="candidate must be on the solution set"):
+            optimise(Candidate(ConditionSystem.tableau(4, 5), np.ones(15)), Goals())
+
+    def test_bad_goals(self):
+        with pytest.raises(ValueError, match="abscissae must be a finite number"):
+            Goals(abscissae=-1)
+        with pytest.raises(ValueError, match="at least one weight"):
+            optimise(a_candidate(3, 3), Goals(principal_error=0))
+
+
+class TestToTableau:
+    @pytest.mark.parametrize(("order", "stages"), [(2, 2), (3, 3), (4, 6)])
+    def test_pairs_have_both_orders_and_differ(self, order, stages):
+        pair = to_method(a_candidate(order, stages, embedded=True), name="pair", source="test")
+        assert (pair.order, pair.embedded_order) == (order, order - 1)
+        assert pair.b_embedded[-1] == 0
+        second = residuals(pair.a, pair.b_embedded, order)
+        assert np.linalg.norm(second) > 1e-3
+
+    def test_what_is_not_a_solution_is_never_a_method(self):
+        far = Candidate(ConditionSystem.tableau(4, 5), np.random.default_rng(0).uniform(-1, 1, 15))
+        with pytest.raises(NotExactError, match=r"largest residual .* after refinement"):
+            to_method(far, name="no", source="test")
+
+
+class TestConstruct:
+    def test_order_four_from_more_stages(self):
+        found = cg.construct(order=4, stages=5, seed=2, first_stages=6)
+        assert found.exact
+        assert (found.method.order, found.method.stages) == (4, 5)
+        assert max(map(abs, residuals_exact(*found.method.exact, 4))) < Fraction(1, 10**33)
+
+    @pytest.mark.parametrize("stages", [15, 13, pytest.param(12, marks=pytest.mark.slow)])
+    def test_order_six(self, stages):
+        found = cg.construct(order=6, stages=stages, seed=1, tries=40)
+        assert found.exact
+        assert found.settings.structure is Structure.MIDDLE
+        assert (found.method.order, found.method.stages) == (6, stages)
+        assert max(map(abs, residuals_exact(*found.method.exact, 6))) < Fraction(1, 10**33)
+        c, b = found.method.c, found.method.b
+        np.testing.assert_allclose(c[2:], np.cumsum(b)[2:] - b[2:] / 2, rtol=0, atol=1e-15)
+
+    @pytest.mark.slow
+    def test_order_six_with_independent_conditions(self):
+        found = cg.construct(order=6, stages=22, seed=1, tries=40, full_rank=True)
+        assert pack_method(found.method, 6).rank == 113
+
+    def test_order_five_with_eight_stages_has_a_structure(self):
+        found = cg.construct(order=5, stages=8, seed=0, tries=1)
+        assert found.settings.structure is Structure.MIDDLE  # 36 unknowns for 38 conditions else
+
+    def test_too_few_stages_for_a_structure(self):
+        with pytest.raises(ValueError, match=r"64 unknowns for 72 .* with structure MIDDLE"):
+            cg.construct(order=6, stages=11, seed=0, structure=Structure.MIDDLE)
+        with pytest.raises(ValueError, match="structure must be GENERAL with full_rank"):
+            cg.construct(order=6, stages=15, seed=0, structure=1, full_rank=True)
+
+    def test_workers_do_not_change_the_result(self):
+        one, two = (cg.construct(order=4, stages=5, seed=3, workers=n) for n in (1, 2))
+        assert one.method == two.method
+        assert one.tries == two.tries
+
+    def test_running_out_of_tries_gives_no_method(self):
+        found = cg.construct(order=4, stages=4, seed=0, tries=3, first_stages=6, force=True)
+        assert found.method is None
+        assert not found.exact
+        assert found.tries == 3
+        assert found.best.stages >= 4
+
+    def test_an_interrupted_run_goes_on(self, tmp_path):
+        path = tmp_path / "runs.db"
+
+        class Stop(Exception):
+            pass
+
+        def stop_at_third(attempt):
+            if attempt.index >= 2:
+                raise Stop
+
+        options = {"order": 5, "stages": 9, "seed": 1, "tries": 6, "workers": 1, "iterations": 5}
+        with pytest.raises(Stop):
+            cg.construct(**options, store=path, progress=stop_at_third)
+        with Store(path) as store:
+            assert list(store.run(1).numbers())[:3] == [0, 1, 2]
+        again = []
+        resumed = cg.construct(
+            **options, store=path, progress=lambda attempt: again.append(attempt.index)
+        )
+        assert not {0, 1, 2} & set(again)
+        assert resumed == cg.construct(**options)
+
+    @pytest.mark.parametrize(
+        ("changes", "error", "message"),
+        [
+            ({"order": 0}, ValueError, "order must be at least 1"),
+            ({"order": 99}, ValueError, "order must be at most"),
+            ({"order": 4, "stages": 4}, ValueError, "10 unknowns for 13 independent conditions"),
+            ({"stages": 2.5}, TypeError, "stages must be an integer"),
+            ({"seed": -1}, ValueError, "seed must be at least 0"),
+            ({"tries": 0}, ValueError, "tries must be at least 1"),
+            ({"largest": 0}, ValueError, "largest must be a finite positive number"),
+            ({"first_stages": 2}, ValueError, "first_stages must be at least 3"),
+            ({"workers": 0}, ValueError, "workers must be at least 1"),
+        ],
+    )
+    def test_bad_input(self, changes, error, message):
+        with pytest.raises(error, match=message):
+            cg.construct(**{"order": 3, "stages": 3, "seed": 0, **changes})
+
+
+@pytest.mark.parametrize(
+    ("argument", "error"),
+    [
+        ({"progress": 3}, TypeError),
+        ({"order": True}, TypeError),
+        ({"stages": 10**30}, ValueError),
+        ({"tries": 10**30}, ValueError),
+        ({"iterations": 10**30}, ValueError),
+        ({"largest": "3"}, ValueError),
+        ({"width": 1j}, ValueError),
+    ],
+)
+def test_arguments_are_checked_before_any_work(argument, error):
+    with pytest.raises(error, match=f"{next(iter(argument))} must be"):
+        cg.construct(**{"order": 3, "stages": 3, "seed": 1} | argument)

@@ -1,0 +1,237 @@
+"""What runs found: solutions told apart, the best of them, and methods made of them."""
+
+import json
+import sqlite3
+import sys
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cg
+from cg.command import main
+from cg.construction.candidate import Candidate
+from cg.construction.results import best, families, promote, solutions
+from cg.construction.results.solutions import OBJECTIVES, connected
+from cg.construction.solvers.singular import decompose, retract
+from cg.runs import Store
+
+pytestmark = pytest.mark.no_core
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("runs") / "runs.db"
+    cg.search(3, 3, 40, 1, store=path)
+    cg.search(4, 5, 12, 2, flows=6, store=path)
+    cg.construct(4, 5, seed=3, store=path)
+    cg.search(4, 4, 3, 1, store=path, force=True)  # there are none
+    return path
+
+
+@pytest.fixture
+def store(path):
+    with Store(path) as opened:
+        yield opened
+
+
+def test_solutions_are_the_methods_of_the_search(store):
+    found = list(solutions(store.run(1)))
+    methods = cg.search(3, 3, 40, 1).methods
+    assert len(found) == len(methods) > 10
+    largest = sorted(one.candidate.largest for one in found)
+    np.testing.assert_allclose(
+        largest, [max(abs(float(c.value)) for c in method.coefficients) for method in methods]
+    )
+    assert {one.candidate.system.layout.stages for one in solutions(store.run(3))} == {5}
+    assert not list(solutions(store.run(4)))
+
+
+@pytest.mark.parametrize("run", [1, 2, 3])
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_the_best_are_first(store, run, objective):
+    found = best(store.run(run), objective, 3)
+    values = [one.objective(objective) for one in solutions(store.run(run))]
+    assert [one.objective(objective) for one in found] == sorted(values)[:3]
+
+
+def test_solutions_that_a_walk_connects_are_one_family(store):
+    first = next(solutions(store.run(1)))
+    candidate = first.candidate
+    system, x = candidate.system, candidate.x
+    for _ in range(12):  # away from there along the set
+        near = decompose(system.jacobian(x)[:, system.free])
+        assert near.kernel.shape[1] == 1  # six unknowns, five conditions
+        trial = x.copy()
+        trial[system.free] += 0.05 * near.kernel[:, 0] * np.sign(near.kernel[0, 0])
+        x = retract(system, trial, system.free, near)
+        assert x is not None
+    moved = Candidate(system, x)
+    assert np.linalg.norm(moved.x - candidate.x) > 0.1
+    assert connected(candidate, moved)
+    assert connected(moved, candidate)
+    other = replace(first, candidate=moved)
+    assert families([first, other]) == [[first, other]]
+
+
+def test_families_are_components(store):
+    found = list(solutions(store.run(1)))
+    groups = families(found)
+    assert sum(map(len, groups)) == len(found)
+    assert 1 < len(groups) < len(found) / 2  # some walks arrive, not all
+    assert [len(group) for group in groups] == sorted(map(len, groups), reverse=True)
+    assert families([]) == []
+
+
+def test_solutions_of_other_shapes_are_not_connected(store):
+    one, two = next(solutions(store.run(1))), next(solutions(store.run(3)))
+    assert not connected(one.candidate, two.candidate)
+
+
+@pytest.mark.parametrize("run", [1, 2, 3])
+def test_promotion(store, run, tmp_path):
+    promoted = promote(store.run(run), "Mine", tmp_path)
+    assert promoted.method.exact
+    assert promoted.method.order == {1: 3, 2: 4, 3: 4}[run]
+    assert promoted.principal_error < promoted.before
+    assert promoted.certificate is not None, promoted.reason
+    assert [path.name for path in promoted.files] == ["Mine.toml", "Mine.certificate.toml"]
+    assert cg.catalogue.load(promoted.files[0]) == promoted.method
+    proof = cg.proofs.Certificate.load(promoted.files[1])
+    cg.proofs.check(proof, promoted.method)
+
+
+def test_promotion_as_it_stands(store, tmp_path):
+    found = list(solutions(store.run(1)))[-1]
+    promoted = promote(
+        store.run(1), "Plain", tmp_path, number=found.record.number, max_iterations=0
+    )
+    assert f"start {found.record.number}" in promoted.method.source
+    x = np.array([float(entry.value) for entry in promoted.method.coefficients])
+    np.testing.assert_allclose(x, found.candidate.x, atol=1e-15)
+    assert promoted.principal_error == promoted.before
+
+
+def test_what_cannot_be_promoted(store, tmp_path):
+    with pytest.raises(ValueError, match="run 4 has no start that led to what was wanted"):
+        promote(store.run(4), "None", tmp_path)
+    with pytest.raises(ValueError, match="number must be that of a solution"):
+        promote(store.run(1), "None", tmp_path, number=10**6)
+    with pytest.raises(ValueError, match="fit for a file's name"):
+        promote(store.run(1), "../up", tmp_path)
+    (tmp_path / "There.toml").write_text("")
+    with pytest.raises(ValueError, match=r"name must be a new one, got 'There'"):
+        promote(store.run(1), "There", tmp_path)
+    with pytest.raises(NotADirectoryError, match="folder must be one that exists"):
+        promote(store.run(1), "New", tmp_path / "none")
+    with pytest.raises(ValueError, match="objective must be one of principal-error"):
+        best(store.run(1), "beauty")
+    with pytest.raises(ValueError, match="count must be at least 1"):
+        best(store.run(1), count=0)
+
+
+def test_decades(store):
+    counts = store.run(1).decades()
+    assert sum(counts.values()) == 40
+    assert min(counts) < -60
+    assert list(counts) == sorted(counts)
+    assert max(store.run(4).decades()) > -10
+
+
+class TestFromAStoreToTheCatalogue:
+    """A find is a method like those of the package: known by name, with its proof and a page."""
+
+    @pytest.fixture
+    def own(self, tmp_path, monkeypatch):
+        folder = tmp_path / "own"
+        folder.mkdir()
+        monkeypatch.setenv("CG_METHODS", str(folder))
+        return folder
+
+    @pytest.mark.filterwarnings("error")
+    def test_a_method_of_the_user(self, store, own, capsys):
+        found = best(store.run(1), "principal-error", 1)[0]
+        made = promote(store.run(1), "Mine", own, number=found.record.number)
+        assert cg.methods["Mine"] == made.method
+        assert cg.proofs.certificate_of(cg.methods["Mine"]) == made.certificate
+        assert made.method.digits(60) is not None
+        assert main(["show", "Mine", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["certificate"] == str(made.certificate)
+        assert main(["certify", "Mine"]) == 0
+        assert main(["export", "Mine", "json", "--digits", "60"]) == 0
+
+    def test_the_certificate_of_another_method_is_none(self, store, own):
+        first = promote(store.run(1), "Mine", own)
+        promote(store.run(2), "Other", own)
+        (own / "Mine.certificate.toml").write_text((own / "Other.certificate.toml").read_text())
+        with pytest.raises(cg.proofs.CertificationError):
+            cg.proofs.certificate_of(first.method)
+
+    def test_a_method_for_the_package(self, store, tmp_path, monkeypatch):
+        folder = tmp_path / "catalogue"
+        (folder / "certificates").mkdir(parents=True)
+        made = promote(store.run(2), "CF4z", folder)
+        assert made.files == (folder / "CF4z.toml", folder / "certificates" / "CF4z.toml")
+        catalogue = cg.catalogue.Catalogue(folder)
+        assert catalogue["CF4z"] == made.method
+        cg.proofs.check(cg.proofs.Certificate.load(made.files[1]), made.method)
+
+    @pytest.mark.slow
+    def test_its_page(self, store, own, tmp_path, monkeypatch):
+        pytest.importorskip("matplotlib").use("Agg")
+        monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs"))
+        import method_pages
+
+        monkeypatch.setattr(method_pages, "FOLDER", tmp_path / "methods")
+        made = promote(store.run(2), "CF4z", own)
+        text = method_pages.page(cg.methods["CF4z"])
+        assert text.startswith("# CF4z\n")
+        assert str(made.certificate).partition("within ")[2].partition(" ")[0] in text
+        assert made.method.source in text
+        for form in ("toml", "json", "c", "julia"):
+            assert list((tmp_path / "methods" / "files" / form).iterdir())
+
+    def test_a_proof_in_part(self, store, tmp_path, monkeypatch):
+        module = sys.modules["cg.construction.results.publish"]
+
+        def whole_only(method, *, small=False):
+            if not small:
+                raise cg.proofs.CertificationError("two conditions are left")
+            return certify(method)
+
+        certify = module.certify
+        monkeypatch.setattr(module, "certify", whole_only)
+        made = promote(store.run(1), "Part", tmp_path)
+        assert made.certificate is not None
+        assert made.reason == "two conditions are left"
+        assert len(made.files) == 2
+
+    def test_names_of_the_package_are_taken(self, store, tmp_path):
+        for name in ("CF4", "RKMK4"):
+            with pytest.raises(ValueError, match=f"'{name}', which the package has"):
+                promote(store.run(1), name, tmp_path)
+        assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE starts SET solved = 1",
+        "UPDATE starts SET coefficients = zeroblob(length(coefficients)) WHERE solved",
+    ],
+)
+def test_what_is_no_solution_is_none_whatever_its_record_says(change, tmp_path):
+    path = tmp_path / "runs.db"
+    cg.search(order=4, stages=5, starts=12, seed=0, algorithm="lmdif", store=path)
+    with Store(path) as opened:
+        assert all(one.record.solved for one in solutions(opened.run(1)))
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute(change)
+        connection.commit()
+    with (
+        Store(path) as opened,
+        pytest.raises(ValueError, match=r"start \d+ of run 1 in .* is recorded as a solution, but"),
+    ):
+        list(solutions(opened.run(1)))

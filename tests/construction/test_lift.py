@@ -1,0 +1,328 @@
+import importlib
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from python_steps import Step
+from scipy.integrate import DOP853, RK23, RK45
+from scipy.integrate._ivp import dop853_coefficients
+
+import cg
+from cg import conditions
+from cg.catalogue import methods
+from cg.construction.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
+from cg.integration.step.plan import error_exponent
+from cg.method.flat import flat_order, rooted_trees, stage_orders
+from cg.structure.layout import Layout
+
+KUTTA = cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"], name="Kutta")
+CLASSICAL = cg.Tableau(
+    [[], ["1/2"], [0, "1/2"], [0, 0, 1]], ["1/6", "1/3", "1/3", "1/6"], name="classical"
+)
+FEHLBERG = cg.Tableau(
+    [
+        [],
+        ["1/4"],
+        ["3/32", "9/32"],
+        ["1932/2197", "-7200/2197", "7296/2197"],
+        ["439/216", -8, "3680/513", "-845/4104"],
+        ["-8/27", 2, "-3544/2565", "1859/4104", "-11/40"],
+    ],
+    ["16/135", 0, "6656/12825", "28561/56430", "-9/50", "2/55"],
+    b_embedded=["25/216", 0, "1408/2565", "2197/4104", "-1/5", 0],
+)
+SCIPY = {"BS3(2)": RK23, "DP5(4)": RK45, "DOP853": DOP853}
+LIFTED = [name for name in SCIPY if name in methods]
+# flat orders of the tool's methods, and of their second weights
+ORDERS = {
+    "DVERK6(5)": (6, 5),
+    "Verner7(6)": (7, 6),
+    "DOP853": (8, 5),
+    "CooperVerner8": (8, None),
+    "Verner8(7)": (8, 7),
+}
+
+
+def pair(name):
+    method = methods[name]
+    a, weights = method.exact
+    return cg.Tableau(a, weights, b_embedded=method.exact_embedded, name=name)
+
+
+class TestFlat:
+    def test_rooted_trees_are_counted(self):
+        assert [len(set(rooted_trees(n))) for n in range(1, 10)] == [
+            1, 1, 2, 4, 9, 20, 48, 115, 286,
+        ]  # fmt: skip
+
+    @pytest.mark.parametrize(
+        ("method", "order", "second"),
+        [(KUTTA, 3, None), (CLASSICAL, 4, None), (FEHLBERG, 5, 4)],
+    )
+    def test_orders_of_the_literature(self, method, order, second):
+        assert flat_order(method) == order
+        if second is not None:
+            assert flat_order(method, embedded=True) == second
+
+    def test_a_method_on_manifolds_has_its_flat_order_at_least(self):
+        for name in ("CG3", "CG4", "CG5a", "CG6b"):
+            assert flat_order(methods[name]) >= methods[name].order
+
+    def test_rational_coefficients_are_allowed_nothing(self):
+        off = Fraction(1, 10**30)
+        a = [[], ["1/2"], [-1, 2]]
+        b = [Fraction(1, 6) + off, Fraction(2, 3) - off, "1/6"]
+        assert flat_order(cg.Tableau(a, b)) == 1
+
+    def test_doubles_are_allowed_their_rounding(self):
+        a, b = FEHLBERG.a.tolist(), FEHLBERG.b.tolist()
+        assert flat_order(cg.Tableau(a, b)) == 5
+        b[0] += 1e-14
+        assert flat_order(cg.Tableau(a, b)) == 0
+
+    def test_stage_orders(self):
+        assert stage_orders(KUTTA) == (0, 1, 1)
+        assert stage_orders(pair("DP5(4)")) == (
+            0, 1, 2, 2, 2, 2, 5,
+        )  # fmt: skip
+        assert stage_orders(FEHLBERG) == (0, 1, 2, 2, 2, 2)
+
+    def test_second_weights_that_are_missing(self):
+        with pytest.raises(ValueError, match="embedded"):
+            flat_order(KUTTA, embedded=True)
+
+
+class TestSplittings:
+    def splitting(self, seed=0, flows=12):
+        rows = FlatRows(*FEHLBERG.exact, FEHLBERG.exact_embedded)
+        layout = random_layout(rows, flows, np.random.default_rng(seed))
+        return rows, Splitting(rows, layout, 5, 4)
+
+    @pytest.mark.parametrize("seed", range(6))
+    def test_sums_are_exact_whatever_the_unknowns(self, seed):
+        rows, splitting = self.splitting(seed)
+        generator = np.random.default_rng(seed)
+        free = [Fraction(int(k), 1000) for k in generator.integers(-999, 999, splitting.free.size)]
+        tree = splitting.layout.tree(splitting.full(free))
+        assert tuple(map(tree.flat_row, tree.stage_points)) == rows.stages
+        assert tree.flat_row(tree.result) == rows.result
+        assert tree.flat_row(tree.embedded_result) == rows.embedded
+
+    def test_directions_keep_the_sums(self):
+        _, splitting = self.splitting()
+        x = splitting.from_unknowns(np.linspace(-1, 1, splitting.free.size))
+        moved = x + splitting.directions @ np.linspace(1, 2, splitting.free.size)
+        np.testing.assert_allclose(splitting.nearest(moved), moved, atol=1e-13)
+        assert np.linalg.norm(splitting.nearest(moved + 1e-3) - moved) > 1e-4
+
+    def test_jacobian(self):
+        _, splitting = self.splitting(3)
+        size = splitting.free.size
+        x = splitting.from_unknowns(np.random.default_rng(0).uniform(-0.5, 0.5, size))
+        v, h = np.random.default_rng(1).uniform(-1, 1, size), 1e-6
+        move = h * splitting.directions @ v
+        slope = (splitting.residual(x + move) - splitting.residual(x - move)) / (2 * h)
+        np.testing.assert_allclose(splitting.jacobian(x) @ v, slope, rtol=1e-5, atol=1e-5)
+
+    def test_merged_flows(self):
+        rows = FlatRows(*KUTTA.exact)
+        splitting = Splitting(rows, chains_layout(rows, [1, 2, 3]), 3)
+        x = splitting.from_unknowns(np.linspace(0.1, 0.5, splitting.free.size))
+        assert splitting.merged(x, 0) is None
+        assert splitting.merged(x, 1) is None
+        merged, start = splitting.merged(x, 2)
+        assert merged.layout == chains_layout(rows, [1, 1, 3])
+        np.testing.assert_allclose(start[1:3], [-1, 2])
+
+    def test_flat_zeros_are_kept(self):
+        rows = FlatRows(*CLASSICAL.exact)
+        layout = chains_layout(rows, [1, 1, 1, 2])
+        assert layout.weights[1:3] == ((1,), (2,))
+
+
+class TestLift:
+    @pytest.mark.parametrize("tableau", [KUTTA, CLASSICAL, FEHLBERG], ids=lambda t: t.stages)
+    def test_order_and_flat_tableau(self, tableau):
+        lifted = cg.lift(tableau, tries=30)
+        method = lifted.method
+        assert method.order == flat_order(tableau)
+        assert method.exact == tableau.exact
+        assert method.exact_embedded == tableau.exact_embedded
+        assert method.embedded_order == (4 if tableau is FEHLBERG else None)
+        assert lifted.largest_residual < 1e-33
+        assert lifted.flows == method.exponentials
+        assert method.name == tableau.name
+
+    def test_the_same_again(self):
+        first, again = (cg.lift(CLASSICAL, seed=3) for _ in range(2))
+        assert first == again
+        assert cg.lift(CLASSICAL, seed=4).method != first.method
+
+    def test_fewer_flows_by_merging(self):
+        whole, merged = (cg.lift(FEHLBERG, reduce=reduce) for reduce in (False, True))
+        assert merged.flows < whole.flows
+        assert merged.method.order == whole.method.order == 5
+
+    def test_random_trees(self):
+        lifted = cg.lift(CLASSICAL, flows=6, tries=200)
+        assert lifted.method.order == 4
+        assert lifted.flows <= 6
+        assert lifted.method.exact == CLASSICAL.exact
+
+    def test_chains(self):
+        lifted = cg.lift(CLASSICAL, chains=[1, 1, 2, 2], reduce=False)
+        assert Layout.of_tree(lifted.method.tree).parents == (-1, -1, -1, 2, -1, 4)
+        assert lifted.method.order == 4
+
+    def test_lower_order(self):
+        lifted = cg.lift(FEHLBERG, 4, embedded_order=3)
+        assert lifted.method.exact == FEHLBERG.exact
+        assert lifted.method.order >= 4
+        assert lifted.flows <= cg.lift(FEHLBERG).flows
+
+    def test_first_same_as_last(self):
+        flat = pair("BS3(2)")
+        method = cg.lift(flat).method
+        assert method.stage_points[-1] == method.result
+        assert method.exact == flat.exact
+        assert (method.order, method.embedded_order) == (3, 2)
+
+    def test_what_cannot_be_found_is_said(self):
+        with pytest.raises(cg.LiftError, match="none of 3 starts led to a method of order 4") as e:
+            cg.lift(CLASSICAL, chains=[1, 1, 1, 1], tries=3)
+        assert e.value.best > 1e-6
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            ((methods["CF3"],), "tableau must be a Tableau"),
+            ((methods["ImplicitMidpoint"],), "tableau must be explicit"),
+            ((CLASSICAL, 5), "order must be from 1 to 4, that of the flat method, got 5"),
+            ((CLASSICAL, 0), "order must be"),
+        ],
+    )
+    def test_bad_methods_and_orders(self, arguments, message):
+        with pytest.raises((TypeError, ValueError), match=message):
+            cg.lift(*arguments)
+
+    @pytest.mark.parametrize(
+        ("named", "message"),
+        [
+            ({"embedded_order": 3}, "has no second weights"),
+            ({"chains": [1, 1]}, "chains must have 4 lengths"),
+            ({"chains": [1, 1, 0, 1]}, "a length in chains"),
+            ({"chains": [1, 1, 1, 2], "flows": 5}, "exclude each other"),
+            ({"flows": 3}, "flows must be"),
+            ({"tries": 0}, "tries must be"),
+            ({"hits": 0}, "hits must be"),
+            ({"seed": -1}, "seed must be"),
+            ({"reduce": "no"}, "reduce must be"),
+            ({"max_iterations": 0}, "max_iterations must be"),
+        ],
+    )
+    def test_bad_arguments(self, named, message):
+        with pytest.raises((TypeError, ValueError), match=message):
+            cg.lift(CLASSICAL, **named)
+
+    def test_second_weights_of_too_high_an_order(self):
+        with pytest.raises(ValueError, match="embedded_order must be from 1 to 4"):
+            cg.lift(FEHLBERG, embedded_order=5)
+
+
+def field(t, y):
+    return np.array([y[1] * y[2] - np.sin(t), -y[0] * y[2], -0.51 * y[0] * y[1] + t * y[2]])
+
+
+@pytest.mark.parametrize("name", LIFTED)
+class TestAgainstSciPy:
+    def test_flat_coefficients(self, name):
+        method, solver = methods[name], SCIPY[name]
+        stages = solver.n_stages
+        for row, expected in zip(method.a, solver.A, strict=False):
+            np.testing.assert_allclose(row[: stages - 1], expected[: stages - 1], 1e-14)
+        np.testing.assert_allclose(method.b[:stages], solver.B, 1e-14)
+        np.testing.assert_allclose(method.c[:stages], solver.C[:stages], 1e-14)
+        error = solver.E5 if name == "DOP853" else solver.E
+        estimate = method.b_embedded - method.b
+        sign = -1 if name == "DOP853" else 1  # SciPy has it either way
+        np.testing.assert_allclose(sign * estimate, error[: method.stages], 1e-12, 1e-14)
+
+    def test_steps(self, name):
+        y0, h, steps = np.array([0.3, 1.0, 0.7]), 0.125, 16
+        solver = SCIPY[name](field, 0.0, y0, np.inf, first_step=h, max_step=h, rtol=1e3, atol=1e3)
+        expected = [y0]
+        for _ in range(steps):
+            solver.step()
+            expected.append(solver.y)
+        frame = cg.frames.Euclidean(3)
+        found = cg.integrate(field, (0.0, h * steps), y0, frame=frame, method=name, h=h)
+        np.testing.assert_allclose(found.y, expected, rtol=0, atol=64 * np.finfo(float).eps)
+
+    def test_estimates(self, name):
+        """Those of SciPy's steps, with the same power of them that a step is proportional to."""
+        y0, frame = np.array([0.3, 1.0, 0.7]), cg.frames.Euclidean(3)
+        theirs = SCIPY[name](field, 0.0, y0, 2.0, rtol=1e-6, atol=1e-8)  # before it grows
+        step = Step(field, frame, methods[name])
+        # that of the points, in tolerances, where these are compared
+        rounding = 1e-12 if methods[name].error_weights else 4 * np.finfo(float).eps / 1e-6
+        while theirs.status == "running":
+            theirs.step()
+            h = theirs.t - theirs.t_old
+            y, error = step.trial(theirs.t_old, theirs.y_old, h, 1e-6, 1e-8)
+            np.testing.assert_allclose(y, theirs.y, rtol=1e-14, atol=1e-15)
+            scale = 1e-8 + 1e-6 * np.maximum(np.abs(theirs.y_old), np.abs(theirs.y))
+            expected = theirs._estimate_error_norm(theirs.K, h, scale)
+            assert error == pytest.approx(expected, rel=1e-6, abs=rounding)
+        assert error_exponent(methods[name]) == -theirs.error_exponent
+
+    def test_all_conditions_hold(self, name):
+        method = methods[name]
+        assert max(map(abs, conditions.residuals_of(method, method.order))) < 1e-12
+        second = conditions.residuals_of(method, method.embedded_order, embedded=True)
+        assert max(map(abs, second)) < 1e-12
+
+
+@pytest.fixture
+def tool(monkeypatch):
+    """The module that writes the lifted methods."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "research"))
+    return importlib.import_module("make_lifted_methods")
+
+
+class TestTheTool:
+    def test_flat_pairs_have_their_orders_exactly(self, tool):
+        pairs = tool.tableaux()
+        assert set(ORDERS) == set(pairs)
+        for name, (order, second) in ORDERS.items():
+            assert flat_order(pairs[name]) == order
+            if second is not None:
+                assert flat_order(pairs[name], embedded=True) == second
+
+    def test_dop853_is_scipys_to_the_last_bit(self, tool):
+        flat = tool.tableaux()["DOP853"]
+        np.testing.assert_array_equal(flat.a, dop853_coefficients.A[:12, :12])
+        np.testing.assert_array_equal(flat.b, dop853_coefficients.B)
+
+    @pytest.mark.parametrize(
+        "name",
+        [
+            "DOP853",
+            pytest.param("CooperVerner8", marks=pytest.mark.slow),
+            pytest.param("Verner8(7)", marks=pytest.mark.slow),
+        ],
+    )
+    def test_order_eight_is_refined_from_its_start(self, tool, name):
+        """To the point of the set of solutions that rounding in double precision leads to."""
+        flat = tool.tableaux()[name]
+        method, kept = tool.from_start(flat), methods[name]
+        assert method.exact == kept.exact == flat.exact
+        assert method.exact_embedded == kept.exact_embedded == flat.exact_embedded
+        assert method.order == 8
+        first = method.result + 1  # the second result may have flows of its own
+        assert kept.result == method.result
+        for point, other in zip(method.points[:first], kept.points[:first], strict=True):
+            assert point.parent == other.parent
+            assert point.weights.keys() == other.weights.keys()
+            for stage, weight in point.weights.items():
+                assert abs(weight - other.weights[stage]) < 1e-12

@@ -1,0 +1,285 @@
+"""What lmdif does with bad arguments, and with functions that misbehave."""
+
+from __future__ import annotations
+
+import dataclasses
+import resource
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import cg
+from cg.construction.solvers.lmdif import LmdifResult
+from cg.support.shared_numbers import Status
+
+pytestmark = pytest.mark.sanitize
+
+START = [-1.2, 1.0]
+
+
+def rosenbrock(x: np.ndarray) -> np.ndarray:
+    return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+
+
+def never(x: np.ndarray) -> np.ndarray:
+    raise AssertionError("f was called")
+
+
+def at_call(number: int, then: Callable[[np.ndarray], object]) -> Callable[[np.ndarray], object]:
+    """Rosenbrock's function, but `then` at the given call."""
+    calls = 0
+
+    def f(x: np.ndarray) -> object:
+        nonlocal calls
+        calls += 1
+        return then(x) if calls == number else rosenbrock(x)
+
+    return f
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"x0": [[1.0, 2.0]]}, ValueError, r"x0 must have shape \(n,\).*\(1, 2\)"),
+        ({"x0": []}, ValueError, r"x0 must have shape \(n,\)"),
+        ({"x0": 1.0}, ValueError, r"x0 must have shape \(n,\)"),
+        ({"x0": [1.0, np.nan]}, ValueError, "x0 must be finite"),
+        ({"x0": [1.0, np.inf]}, ValueError, "x0 must be finite"),
+        ({"x0": ["a", "b"]}, TypeError, "x0 must hold real numbers"),
+        ({"x0": [1j, 2j]}, TypeError, "x0 must hold real numbers"),
+        ({"x0": [[1.0], [1.0, 2.0]]}, ValueError, "x0 must be an array"),
+        ({"ftol": -1e-8}, ValueError, "ftol must be at least 0, got -1e-08"),
+        ({"xtol": -1e-8}, ValueError, "xtol must be at least 0"),
+        ({"gtol": -1e-8}, ValueError, "gtol must be at least 0"),
+        ({"epsfcn": -1e-8}, ValueError, "epsfcn must be at least 0"),
+        ({"ftol": np.nan}, ValueError, "ftol must be finite"),
+        ({"xtol": np.inf}, ValueError, "xtol must be finite"),
+        ({"gtol": "small"}, TypeError, "gtol must be a real number, got 'small'"),
+        ({"ftol": None}, TypeError, "ftol must be a real number, got None"),
+        ({"factor": 0.0}, ValueError, "factor must be positive, got 0.0"),
+        ({"factor": -1}, ValueError, "factor must be positive"),
+        ({"factor": True}, TypeError, "factor must be a real number"),
+        ({"maxfev": 0}, ValueError, "maxfev must be between 1 and"),
+        ({"maxfev": 2**31}, ValueError, "maxfev must be between 1 and"),
+        ({"maxfev": 10.0}, TypeError, "maxfev must be an integer, got 10.0"),
+        ({"diag": [1.0]}, ValueError, r"diag must have shape \(2,\).*\(1,\)"),
+        ({"diag": [1.0, 0.0]}, ValueError, "diag must be positive"),
+        ({"diag": [1.0, np.inf]}, ValueError, "diag must be finite"),
+        ({"diag": 1.0}, ValueError, "diag must have shape"),
+    ],
+)
+def test_bad_arguments_are_named_before_f_is_called(
+    options: dict[str, object], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        cg.lmdif(never, **{"x0": START, **options})
+
+
+def test_f_must_be_callable() -> None:
+    with pytest.raises(TypeError, match="f must be callable, got 3"):
+        cg.lmdif(3, START)
+
+
+def test_options_are_keywords() -> None:
+    with pytest.raises(TypeError):
+        cg.lmdif(rosenbrock, START, 1e-8)
+
+
+# Calls 2 and 3 are differences, call 4 is the first step.
+@pytest.mark.parametrize("call", [1, 2, 3, 4, 20])
+@pytest.mark.parametrize(
+    ("returned", "error", "message"),
+    [
+        (None, TypeError, "f must return real numbers, got None"),
+        ("ab", TypeError, "f must return real numbers"),
+        ([1j, 2j], TypeError, "f must return real numbers"),
+        (3.0, ValueError, r"f must return an array of shape \(m,\), got shape \(\)"),
+        (
+            np.ones((2, 1)),
+            ValueError,
+            r"f must return an array of shape \(m,\), got shape \(2, 1\)",
+        ),
+        ([[1.0], [1.0, 2.0]], ValueError, "f must return an array"),
+        ([1.0, np.nan], ValueError, r"f must return finite residuals, got f\[1\] = nan at x"),
+        ([-np.inf, 1.0], ValueError, r"f must return finite residuals, got f\[0\] = -inf at x"),
+    ],
+)
+def test_bad_residuals_are_told(
+    call: int, returned: object, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        cg.lmdif(at_call(call, lambda x: returned), START)
+
+
+@pytest.mark.parametrize("call", [2, 4])
+@pytest.mark.parametrize("size", [1, 3])
+def test_the_number_of_residuals_may_not_change(call: int, size: int) -> None:
+    with pytest.raises(ValueError, match=f"f must return 2 residuals as it did at x0, got {size}"):
+        cg.lmdif(at_call(call, lambda x: np.ones(size)), START)
+
+
+def test_fewer_residuals_than_unknowns() -> None:
+    with pytest.raises(ValueError, match=r"f must return at least.*: 2 residuals, 3 unknowns"):
+        cg.lmdif(rosenbrock, [1.0, 2.0, 3.0])
+
+
+def test_x0_is_named_where_f_is_not_finite_there() -> None:
+    with pytest.raises(ValueError, match=r"f\[0\] = inf at x0 = \[-1.2  1. \]"):
+        cg.lmdif(lambda x: [np.inf, 1.0], START)
+
+
+def test_differences_that_overflow_are_told() -> None:
+    with pytest.raises(ValueError, match="f varies too much: its differences overflow"):
+        cg.lmdif(lambda x: np.where(x > 1, 1e308, -1e307), [1.0, 1.0])
+
+
+class Interrupted(BaseException):
+    pass
+
+
+@pytest.mark.parametrize("call", [1, 2, 4, 20])
+@pytest.mark.parametrize("kind", [ValueError, KeyboardInterrupt, SystemExit, Interrupted])
+def test_an_exception_of_f_is_raised_again(call: int, kind: type[BaseException]) -> None:
+    error = kind("stop here")
+
+    def fail(x: np.ndarray) -> object:
+        raise error
+
+    with pytest.raises(kind) as caught:
+        cg.lmdif(at_call(call, fail), START)
+    assert caught.value is error
+
+
+def test_nothing_is_left_behind_by_exceptions() -> None:
+    def fail(x: np.ndarray) -> object:
+        raise Interrupted
+
+    megabytes = 16
+
+    def wide(x: np.ndarray) -> np.ndarray:
+        return np.ones(megabytes * 2**20 // 8 // x.size)
+
+    def once() -> None:
+        calls = 0
+
+        def f(x: np.ndarray) -> object:
+            nonlocal calls
+            calls += 1
+            return wide(x) if calls < 3 else fail(x)
+
+        with pytest.raises(Interrupted):
+            cg.lmdif(f, np.ones(50))
+
+    once()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(10):
+        once()
+    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 2**10
+    assert grown < 4 * megabytes
+
+
+def test_f_may_call_lmdif() -> None:
+    inner_counts = []
+
+    def outer(x: np.ndarray) -> np.ndarray:
+        inner = cg.lmdif(lambda y: [y[0] ** 2 - x[0], y[0] - y[0]], [1.0])
+        inner_counts.append(inner.nfev)
+        return np.array([inner.x[0] - 3, x[1] - 1])
+
+    fit = cg.lmdif(outer, [4.0, 0.0])
+    assert fit.success
+    np.testing.assert_allclose(fit.x, [9.0, 1.0], rtol=1e-7)
+    assert len(inner_counts) == fit.nfev
+
+
+def test_an_exception_passes_through_nested_calls() -> None:
+    error = Interrupted()
+
+    def inner(y: np.ndarray) -> np.ndarray:
+        raise error
+
+    def outer(x: np.ndarray) -> object:
+        return cg.lmdif(inner, x).x
+
+    with pytest.raises(Interrupted) as caught:
+        cg.lmdif(at_call(4, outer), START)
+    assert caught.value is error
+    assert cg.lmdif(rosenbrock, START).nfev == 54
+
+
+def test_threads_do_not_disturb_each_other() -> None:
+    def solve(start: float) -> LmdifResult:
+        return cg.lmdif(rosenbrock, [start, 1.0])
+
+    starts = np.linspace(-2, -1, 40)
+    alone = [solve(start) for start in starts]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(solve, starts))
+    assert [fit.nfev for fit in together] == [fit.nfev for fit in alone]
+    for a, b in zip(alone, together, strict=True):
+        assert_array_equal(a.x, b.x)
+
+
+def test_f_is_called_as_often_as_told() -> None:
+    calls = 0
+
+    def f(x: np.ndarray) -> np.ndarray:
+        nonlocal calls
+        calls += 1
+        return rosenbrock(x)
+
+    assert cg.lmdif(f, START).nfev == calls == 54
+
+
+def test_f_may_change_and_keep_its_argument() -> None:
+    kept = []
+
+    def f(x: np.ndarray) -> np.ndarray:
+        value = rosenbrock(x)
+        x[:] = np.nan
+        kept.append(x)
+        return value
+
+    fit = cg.lmdif(f, START)
+    assert_array_equal(fit.x, cg.lmdif(rosenbrock, START).x)
+    assert np.isnan(kept).all()
+
+
+def test_f_may_reuse_its_result() -> None:
+    buffer = np.empty(2)
+
+    def f(x: np.ndarray) -> np.ndarray:
+        buffer[:] = rosenbrock(x)
+        return buffer
+
+    assert_array_equal(cg.lmdif(f, START).x, cg.lmdif(rosenbrock, START).x)
+
+
+@pytest.mark.parametrize("kind", [list, tuple, lambda f: f.astype(np.longdouble)])
+def test_f_may_return_other_sequences(kind: Callable[[np.ndarray], object]) -> None:
+    assert cg.lmdif(lambda x: kind(rosenbrock(x)), START).nfev == 54
+
+
+def test_start_and_diag_are_left_alone() -> None:
+    start, diag = np.array(START), np.array([1.0, 2.0])
+    cg.lmdif(rosenbrock, start, diag=diag)
+    assert_array_equal(start, START)
+    assert_array_equal(diag, [1.0, 2.0])
+
+
+def test_the_result_is_immutable() -> None:
+    fit = cg.lmdif(rosenbrock, START)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        fit.nfev = 0
+    for name in ("x", "fvec", "fjac", "ipvt", "qtf"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(fit, name)[...] = 0
+
+
+def test_every_status_has_a_message() -> None:
+    messages = {status.message for status in Status}
+    assert len(messages) == len(Status)
+    assert {status for status in Status if status.converged} == {1, 2, 3, 4}

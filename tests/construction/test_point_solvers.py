@@ -1,0 +1,189 @@
+"""What searches and solves for the weights of trees of points."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import point_trees
+
+import cg
+from cg import CommutatorFree, MethodError, conditions
+from cg.catalogue import dumps, methods
+from cg.construction import (
+    Candidate,
+    Goals,
+    Structure,
+    optimise,
+    pack_method,
+    principal_error,
+    solved,
+    to_method,
+)
+from cg.construction.drop import solve_start
+from cg.construction.search.shapes import layout_of
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.polish import polish
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.proofs import certify
+from cg.structure.layout import Layout, Rows
+from cg.support.quads import decode, encode
+
+CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
+
+
+def values(tree):
+    return [weight for point in tree.points for weight in point.weights.values()]
+
+
+def floats(tree):
+    return np.array(values(tree), dtype=np.float64)
+
+
+class TestLayout:
+    def test_names(self):
+        assert methods["CF3"].layout.names == ["w_1,1", "w_2,2", "w_3,1", "w_3,3"]
+        assert Layout.tableau(2, pair=True).names == [
+            "a_2,1", "b_1", "b_2", "b_embedded_1", "b_embedded_2"
+        ]  # fmt: skip
+        assert Layout.tableau(1, Rows.DIAGONAL).names == ["a_1,1", "b_1"]
+
+    @pytest.mark.parametrize("rows", Rows)
+    @pytest.mark.parametrize("pair", [False, True])
+    def test_rows_of_tableaux(self, rows, pair):
+        layout = Layout.tableau(4, rows, pair)
+        x = list(range(layout.size))
+        assert layout.packed(layout.cut(x)) == x
+        assert layout.packed(layout.full_rows(x)) == x
+        assert layout.size == conditions.unknowns(4, rows) + 4 * pair
+        assert layout.held == ([layout.size - 1] if pair else [])
+        for stage in range(4):
+            names = [layout.names[k] for k in layout.column(stage)]
+            assert all(name.endswith((f",{stage + 1}", f"_{stage + 1}")) for name in names)
+            assert not any(name.startswith(f"a_{stage + 1},") for name in names)
+            smaller, kept = layout.without(stage)
+            assert len(kept) == smaller.size
+
+    def test_a_tree_comes_back(self):
+        for name in ("CF4", "CF4b", "CG4(3)b", "CG4a"):
+            method = methods[name]
+            x = [coefficient.value for coefficient in method.coefficients]
+            assert method.layout.tree(x) == method.tree
+
+
+class TestSolvers:
+    """They take any layout."""
+
+    # the points of CF4 with weights wherever there can be some
+    LAYOUT = Layout(
+        parents=(-1, -1, 0, -1, 3),
+        weights=((0,), (0, 1), (0, 1, 2), (0, 1, 2, 3), (0, 1, 2, 3)),
+        stage_points=(-1, 0, 1, 2),
+        results=(4,),
+    )
+
+    def test_a_search_ends_at_an_exact_method(self):
+        system = ConditionSystem(4, self.LAYOUT)
+        for seed in range(60):
+            x0 = np.random.default_rng(seed).uniform(-1, 1, system.size)
+            fit = fit_conditions(x0, system, max_iterations=300)
+            if fit.f < 1e-26 and np.abs(fit.x).max() < 5:
+                break
+        assert fit.f < 1e-26
+        refined = refine(cg.support.quads.from_float(fit.x), system)
+        assert refined.largest_residual < 1e-31
+        polished = polish(decode(refined.x), system)
+        assert polished.largest_residual < Fraction(1, 10**44)
+        points = zip(
+            system.layout.parents,
+            system.layout.point_weights([cg.support.quads.to_decimal(v) for v in polished.x]),
+            strict=True,
+        )
+        method = CommutatorFree(points, system.layout.stage_points, name="found")
+        assert (method.order, method.stages, method.exponentials) == (4, 4, 5)
+        assert certify(method).order == 4
+
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(), st.data())
+    def test_both_results_of_a_pair(self, tree, data):
+        second = data.draw(st.integers(0, len(tree.points) - 1))
+        tree = replace(tree, embedded_result=second)
+        system = ConditionSystem(4, Layout.of_tree(tree))
+        exact = [
+            *conditions.exact_residuals_of(tree, 4, True),
+            *conditions.exact_residuals_of(tree, 3, True, embedded=True),
+        ]
+        scale = 1 + max(map(abs, exact))
+        found = system.residual(floats(tree))
+        np.testing.assert_allclose(found, np.array(exact, float), rtol=0, atol=1e-13 * scale)
+        found = cg.support.quads.to_float(encode(exact))
+        bits = system.residual_quad(encode(values(tree)), independent=True)
+        np.testing.assert_allclose(bits, found, rtol=0, atol=1e-14 * float(scale))
+        jacobian, steps = system.jacobian(floats(tree)), np.eye(system.size) * 1e-6
+        for column, step in zip(jacobian.T, steps, strict=True):
+            ahead, behind = (
+                system.residual(floats(tree) + step),
+                system.residual(floats(tree) - step),
+            )
+            slopes = (ahead - behind) / 2e-6
+            bound = 1e-7 * (1 + np.abs(jacobian).max()) * float(scale)
+            np.testing.assert_allclose(column, slopes, rtol=0, atol=bound)
+
+    def test_candidates_become_methods(self):
+        system = ConditionSystem(4, self.LAYOUT)
+        starts = (np.random.default_rng(k).uniform(-1, 1, system.size) for k in range(60))
+        ends = (solve_start(Candidate(system, x0), 300, promising=1e-10) for x0 in starts)
+        found = next(end for end in ends if solved(end) and end.largest < 5)
+        method = to_method(found, name="x", source="y")
+        assert isinstance(method, CommutatorFree)
+        assert method.order == 4
+        packed = pack_method(method)
+        assert packed.system == system
+        np.testing.assert_allclose(packed.x, found.x, rtol=0, atol=1e-12)
+        assert principal_error(packed) == pytest.approx(method.principal_error(), rel=1e-10)
+        better = optimise(packed, Goals(), max_iterations=5)
+        assert principal_error(better) < principal_error(packed)
+
+    def test_what_is_for_tableaux_says_so(self):
+        for call in (
+            lambda: self.LAYOUT.without(1),
+            lambda: self.LAYOUT.cut([0] * self.LAYOUT.size),
+            lambda: self.LAYOUT.packed([]),
+        ):
+            with pytest.raises(ValueError, match="layout must be that of a tableau"):
+                call()
+
+    def test_layouts_that_are_no_methods(self):
+        broken = replace(self.LAYOUT, parents=(-1, -1, 2, -1, 3))
+        with pytest.raises(MethodError, match="the parent of point 2 must come before it"):
+            ConditionSystem(4, broken)
+
+    def test_structures_are_for_tableaux(self):
+        with pytest.raises(ValueError, match="is for explicit tableaux"):
+            ConditionSystem(4, self.LAYOUT, Structure.MIDDLE)
+        with pytest.raises(TypeError, match="layout must be a Layout, got 3"):
+            ConditionSystem(4, 3)
+
+
+@pytest.mark.parametrize("name", ["CF6d", "CF7a", "CF6(5)"])
+def test_what_is_zero_but_for_roundings_is_written_as_zero(name):
+    method = cg.methods[name]
+    parents = tuple(point.parent for point in method.points)
+    results = [m for m in (method.result, method.embedded_result) if m is not None]
+    drawn = layout_of((parents, method.stage_points, *results))
+    weights = [
+        [float(point.weights.get(stage, 0)) for stage in stages]
+        for point, stages in zip(method.points, drawn.weights, strict=True)
+    ]
+    x = np.concatenate(weights)
+    absent = x == 0
+    assert absent.any()
+    x[absent] = 3e-18  # what a search leaves there
+    again = to_method(
+        Candidate(ConditionSystem(method.order, drawn), x), name=name, source="regenerated"
+    )
+    assert [set(p.weights) for p in again.points] == [set(p.weights) for p in method.points]
+    assert "0.0000000000" not in dumps(again)

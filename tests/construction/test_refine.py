@@ -1,0 +1,153 @@
+"""Refinement in real(16), and polishing to short rationals."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from cg import conditions
+from cg.catalogue import methods
+from cg.conditions import MAX_ORDER, Rows, residuals_exact, unpack
+from cg.construction.search.random_search import search
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.polish import polish
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.support import quads
+
+
+@pytest.fixture(scope="module")
+def order_four():
+    return search(**{"order": 4, "stages": 5, "starts": 24, "seed": 3}, workers=1)
+
+
+def packed(name):
+    a, b = methods[name].exact
+    return [
+        entry for row, length in zip(a, range(len(b)), strict=True) for entry in row[:length]
+    ] + [*b]
+
+
+class TestRefine:
+    @pytest.mark.parametrize("size", [1e-14, 1e-11, 1e-8, 1e-6])
+    def test_a_family_where_the_conditions_depend(self, size):
+        near = np.array(packed("CG5a"), float)
+        near += size * np.random.default_rng(1).standard_normal(near.size)
+        fit = fit_conditions(near, ConditionSystem.tableau(5, 9))
+        found = refine(quads.from_float(fit.x), ConditionSystem.tableau(5, 9))
+        assert found.rank == 37 < conditions.count(5, independent=True)
+        assert found.largest_residual < 2e-33
+        moved = np.abs(quads.to_float(found.x) - near).max()
+        assert moved < 1000 * size
+
+    def test_a_random_explicit_method(self, order_four):
+        start = next(start for start in order_four.starts if start.exact)
+        near = np.array([float(entry) for entry in start.x])
+        found = refine(quads.from_float(near + 1e-9), ConditionSystem.tableau(4, 5))
+        assert found.rank in {12, 13}
+        assert found.largest_residual < 1e-32
+
+    def test_entries_that_must_stay(self):
+        near = quads.encode(packed("CG4a"))
+        free = [k for k in range(15) if k not in (0, 7)]
+        moved = quads.from_float(quads.to_float(near))
+        found = refine(moved, ConditionSystem.tableau(4, 5), free=free)
+        assert found.largest_residual < 1e-32
+        np.testing.assert_array_equal(found.x[[0, 7]], moved[[0, 7]])
+        assert (found.x != moved).any()
+
+    def test_order_of_free_entries_does_not_matter(self):
+        near = quads.from_float(np.array(packed("CG4a"), float))
+        expected = refine(near, ConditionSystem.tableau(4, 5), free=[1, 3, 4, *range(8, 15)])
+        found = refine(near, ConditionSystem.tableau(4, 5), free=[*range(14, 7, -1), 4, 4, 3, 1, 1])
+        np.testing.assert_array_equal(found.x, expected.x)
+
+    def test_nothing_may_move(self):
+        near = np.full(6, 0.3)
+        np.testing.assert_array_equal(
+            fit_conditions(near, ConditionSystem.tableau(3, 3), free=[]).x, near
+        )
+        found = refine(quads.from_float(near), ConditionSystem.tableau(3, 3), free=[])
+        np.testing.assert_array_equal(quads.to_float(found.x), near)
+
+    @pytest.mark.parametrize("solver", ["refine", "fit"])
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"free": [-1]}, "free must hold indices from 0 to 5"),
+            ({"free": [0, 6]}, "free must hold indices from 0 to 5"),
+            ({"free": [0.5]}, "free must hold integers"),
+            ({"order": MAX_ORDER + 1}, f"order must be at most {MAX_ORDER}"),
+            ({"order": 0}, "order must be at least 1"),
+            ({"stages": 4}, "must have"),
+            ({"stages": 0}, "stages must be at least 1"),
+            ({"x": np.full(6, np.inf)}, "finite"),
+            ({"x": np.full(6, np.nan)}, "finite"),
+        ],
+    )
+    def test_bad_arguments(self, solver, changes, message):
+        x = changes.get("x", np.full(6, 0.3))
+        if solver == "refine":
+            x = quads.from_float(x)
+        with pytest.raises(ValueError, match=message):
+            {"refine": refine, "fit": fit_conditions}[solver](
+                x,
+                ConditionSystem.tableau(changes.get("order", 3), changes.get("stages", 3)),
+                free=changes.get("free"),
+            )
+
+    @pytest.mark.parametrize(
+        "change",
+        [{"ftol": -1.0}, {"ftol": np.nan}, {"damping": 0.0}, {"damping": np.inf}],
+    )
+    def test_bad_numbers(self, change):
+        (name,) = change
+        with pytest.raises(ValueError, match=f"{name} must be"):
+            fit_conditions(np.full(6, 0.3), ConditionSystem.tableau(3, 3), **change)
+
+    def test_bad_bound(self):
+        with pytest.raises(ValueError, match="max_iterations must be at least 0, got -1"):
+            fit_conditions(np.full(6, 0.3), ConditionSystem.tableau(3, 3), max_iterations=-1)
+
+
+class TestPolish:
+    def test_it_goes_beyond_binary128(self):
+        near = [Fraction(float(entry)) for entry in packed("CG4a")]
+        found = polish(near, ConditionSystem.tableau(4, 5))
+        assert found.largest_residual < Fraction(1, 10**44)
+        a, b = unpack(found.x, 5)
+        assert max(map(abs, residuals_exact(a, b, 4))) < Fraction(1, 10**43)
+        assert found.iterations <= 5
+        assert max(abs(p - q) for p, q in zip(found.x, near, strict=True)) < 1e-14
+
+    def test_where_the_conditions_depend(self):
+        found = polish(
+            [Fraction(float(entry)) for entry in packed("CG5a")], ConditionSystem.tableau(5, 9)
+        )
+        assert found.rank == 37
+        assert found.largest_residual < Fraction(1, 10**44)
+
+    def test_relations_are_kept(self):
+        gamma = Fraction(1.3512071919596578)
+        line = np.array([0.5, 1, -1, 1, -2, 0.5, 1, -2, 1])[:, None]
+        offset = [0, 0, Fraction(1, 2), 0, 1, 0, 0, 1, 0]
+        near = [o + Fraction(d) * gamma for o, d in zip(offset, line[:, 0], strict=True)]
+        found = polish(near, ConditionSystem.tableau(4, 3, rows=Rows.DIAGONAL), directions=line)
+        assert found.largest_residual < Fraction(1, 10**44)
+        root = 2 - 1 / found.x[6]
+        assert abs(root**3 - 2) < Fraction(1, 10**43)
+        expected = [o + Fraction(d) * found.x[6] for o, d in zip(offset, line[:, 0], strict=True)]
+        assert list(found.x) == expected
+
+    def test_what_is_no_zero_stays_none(self):
+        found = polish([Fraction(1, 2)] * 3, ConditionSystem.tableau(3, 2))
+        assert found.largest_residual > Fraction(1, 100)
+
+    @pytest.mark.parametrize("directions", [np.eye(5), np.ones(6), np.ones((6, 0))])
+    def test_bad_directions(self, directions):
+        with pytest.raises(ValueError, match=r"directions must have shape \(6, k\)"):
+            polish([Fraction(1, 2)] * 6, ConditionSystem.tableau(3, 3), directions=directions)
+
+    def test_bad_size(self):
+        with pytest.raises(ValueError, match="x must have 6 entries, got 5"):
+            polish([Fraction(1, 2)] * 5, ConditionSystem.tableau(3, 3))

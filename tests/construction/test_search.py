@@ -1,0 +1,358 @@
+"""None"""
+
+import importlib
+import json
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from quad_core import residuals_quad
+
+import cg
+from cg import conditions
+from cg.catalogue import methods
+from cg.conditions import MAX_ORDER, Rows, residuals_exact, unknowns, unpack
+from cg.construction.search.random_search import EXACT, random_start, run_start, search
+from cg.structure.layout import Layout
+from cg.support.shared_numbers import MinimumNormStatus, Status
+
+ORDER_FOUR = {"order": 4, "stages": 5, "starts": 24, "seed": 3}
+
+
+SMALL = {"order": 3, "stages": 3, "seed": 5, "workers": 1}
+
+
+GOOD = {"order": 2, "stages": 2, "starts": 1, "seed": 1}
+
+
+PATTERNS = {"explicit": Rows.EXPLICIT, "diagonal": Rows.DIAGONAL, "full": Rows.FULL}
+
+
+search_module = importlib.import_module(
+    "cg.construction.search.random_search"
+)  # the package's attribute is the function
+
+
+@pytest.fixture(scope="module")
+def order_four():
+    return search(**ORDER_FOUR, workers=1)
+
+
+@pytest.fixture(scope="module")
+def paper_way():
+    return search(order=4, stages=5, starts=8, seed=2, algorithm="lmdif")
+
+
+def largest_exact(x, settings):
+    a, b = unpack([Fraction(entry) for entry in x], settings.stages, settings.rows)
+    return max(map(abs, residuals_exact(a, b, settings.order)))
+
+
+class TestReproducible:
+    @pytest.mark.parametrize("workers", [2, 5])
+    def test_workers_do_not_matter(self, order_four, workers):
+        assert search(**ORDER_FOUR, workers=workers) == order_four
+
+    def test_seed_matters(self, order_four):
+        other = search(**{**ORDER_FOUR, "seed": 4}, workers=1)
+        assert all(
+            mine.x != yours.x for mine, yours in zip(order_four.starts, other.starts, strict=True)
+        )
+
+    def test_fewer_starts_are_the_first_of_more(self, order_four):
+        fewer = search(**{**ORDER_FOUR, "starts": 5}, workers=1)
+        assert fewer.starts == order_four.starts[:5]
+
+    @pytest.mark.parametrize("index", [0, 7, 23])
+    def test_a_start_runs_again_alone(self, order_four, index):
+        assert run_start(order_four.settings, index) == order_four.starts[index]
+
+    def test_a_start_of_the_paper_runs_again_alone(self, paper_way):
+        assert run_start(paper_way.settings, 5) == paper_way.starts[5]
+
+    def test_guesses(self):
+        guess = random_start(3, 7, 1000, 0.25)
+        np.testing.assert_array_equal(guess, random_start(3, 7, 1000, 0.25))
+        np.testing.assert_allclose(random_start(3, 7, 1000, 1.0), 4 * guess)
+        assert 0.24 < np.abs(guess).max() <= 0.25
+        assert abs(guess.mean()) < 0.02
+        assert not np.intersect1d(guess, random_start(3, 8, 1000, 0.25)).size
+        assert not np.intersect1d(guess, random_start(4, 7, 1000, 0.25)).size
+
+
+class TestMethods:
+    def test_starts_are_in_order(self, order_four):
+        assert [start.index for start in order_four.starts] == list(range(24))
+
+    def test_they_are_exact(self, order_four):
+        exact = [start for start in order_four.starts if start.exact]
+        assert len(exact) == len(order_four.methods) >= 2
+        for start in exact:
+            scale = max(1, *(abs(Fraction(entry)) for entry in start.x))
+            assert largest_exact(start.x, order_four.settings) <= Fraction(EXACT) * scale
+            assert len(start.x) == 15
+
+    @pytest.mark.parametrize("rows", PATTERNS)
+    def test_the_tableau_knows_its_order(self, rows):
+        found = search(4, 5, 40, seed=1, rows=rows)
+        assert len(found.methods) >= 5
+        for method in found.methods:
+            assert method.order == 4
+            assert method.rows == PATTERNS[rows]
+            assert method.largest_residual() < 1e-33
+
+    def test_what_is_not_exact_is_no_method(self, order_four):
+        failed = [start for start in order_four.starts if not start.exact]
+        assert failed
+        sources = {method.source for method in order_four.methods}
+        for start in failed:
+            assert start.largest_residual > 1e-6
+            assert f"search, minimum-norm, seed 3, start {start.index}" not in sources
+        assert len(sources) == len(order_four.methods)
+
+    def test_smallest_coefficients_come_first(self, order_four):
+        sizes = [max(np.abs(m.a).max(), np.abs(m.b).max()) for m in order_four.methods]
+        assert sizes == sorted(sizes)
+
+    def test_equal_methods_are_one(self):
+        found = search(2, 1, 30, seed=1, rows="diagonal")
+        assert all(start.exact for start in found.starts)
+        assert [method.exact for method in found.methods] == [methods["ImplicitMidpoint"].exact]
+
+    def test_the_best_start_has_the_smallest_residual(self, order_four):
+        best = order_four.best
+        assert best.exact
+        assert best.largest_residual == min(s.largest_residual for s in order_four.starts)
+
+    def test_a_search_in_vain_says_so(self):
+        found = search(4, 4, 10, seed=1, force=True)
+        assert found.methods == ()
+        assert not found.best.exact
+        assert 1e-5 < found.best.largest_residual < 1
+
+    @pytest.mark.parametrize("algorithm", ["minimum-norm", "lmdif"])
+    def test_without_refinement_nothing_is_exact(self, algorithm):
+        found = search(3, 3, 6, seed=1, refine_below=0, algorithm=algorithm)
+        assert all(start.quad is None and not start.exact for start in found.starts)
+        assert found.methods == ()
+        assert found.best.largest_residual < 1e-8
+
+    @pytest.mark.parametrize("algorithm", ["minimum-norm", "lmdif"])
+    @pytest.mark.parametrize("refine_below", [1e-15, 1e300])
+    @pytest.mark.parametrize("width", [1e60, 1e200, 1e300])
+    def test_overflow_is_a_failed_start(self, algorithm, refine_below, width):
+        found = search(
+            3, 3, 3, seed=1, width=width, algorithm=algorithm, refine_below=refine_below,
+            maxfev=50, refine_maxfev=50,
+        )  # fmt: skip
+        assert found.methods == ()
+        assert not found.best.exact
+        assert found.best.largest_residual > 1
+
+    @pytest.mark.parametrize("algorithm", ["minimum-norm", "lmdif"])
+    def test_the_same_guess_everywhere(self, algorithm):
+        found = search(2, 2, 3, seed=1, width=0, algorithm=algorithm)
+        assert len({start.x for start in found.starts}) == 1
+
+    def test_evaluations_are_bounded(self):
+        for start in search(4, 5, 10, seed=1, maxfev=20).starts:
+            assert start.double.nfev <= 21  # and one of the guess
+            if not start.exact:
+                assert start.double.info == MinimumNormStatus.OUT_OF_ITERATIONS
+
+    @pytest.mark.parametrize(
+        ("order", "stages", "width", "maxfev"),
+        [(3, 3, 1.0, 120), (4, 5, 1.0, 120), (5, 9, 0.75, 500), (6, 16, 0.3, 1000)],
+    )
+    def test_defaults_by_order(self, order, stages, width, maxfev):
+        assert search(order, stages, 1, seed=1, maxfev=1).settings.width == width
+        if order < 5:
+            assert search(order, stages, 1, seed=1).settings.maxfev == maxfev
+        faithful = search(order, stages, 1, seed=1, algorithm="lmdif", maxfev=1)
+        assert faithful.settings.width == 1.0
+
+    def test_failed_starts_are_written_with_all_digits_of_their_doubles(self, order_four):
+        start = next(start for start in order_four.starts if start.quad is None)
+        exact = [Fraction(float(entry)) for entry in start.x]
+        for entry, double in zip(map(Fraction, start.x), exact, strict=True):
+            assert abs(entry - double) <= abs(double) * Fraction(1, 10**35)
+        residuals = residuals_quad(Layout.tableau(5), exact, 4)
+        assert start.largest_residual == pytest.approx(float(max(map(abs, residuals))), rel=1e-15)
+
+
+class TestThePapersWay:
+    def test_it_finds_methods(self, paper_way):
+        assert len(paper_way.methods) >= 1
+        for method in paper_way.methods:
+            assert (method.order, method.stages, method.explicit) == (4, 5, True)
+            assert method.principal_error() > 1e-3
+
+    def test_both_phases_are_as_in_the_paper(self, paper_way):
+        solved = [start for start in paper_way.starts if start.exact]
+        for start in solved:
+            assert start.double.f < 1e-25
+            assert start.quad is not None
+            assert start.quad.f < 1e-62
+            assert start.quad.nfev > 16  # at least one Jacobian by differences
+            assert Status(start.double.info).converged or start.double.info >= 5
+        for start in paper_way.starts:
+            if not start.exact:
+                assert start.quad is None or start.quad.f > 1e-40
+
+    def test_the_number_of_evaluations_is_bounded(self):
+        found = search(4, 5, 3, seed=2, algorithm="lmdif", maxfev=40)
+        assert all(start.double.nfev <= 40 + 15 for start in found.starts)
+        assert {start.double.info for start in found.starts} == {Status.TOO_MANY_EVALUATIONS}
+
+    @pytest.mark.parametrize("rows", ["diagonal", "full"])
+    def test_implicit_rows(self, rows):
+        found = search(3, 3, 4, seed=1, rows=rows, algorithm="lmdif")
+        assert found.methods
+        assert {(m.order, m.explicit) for m in found.methods} == {(3, False)}
+
+
+class TestImplicit:
+    @pytest.mark.parametrize("rows", ["diagonal", "full"])
+    @pytest.mark.parametrize(("order", "stages"), [(2, 1), (3, 3), (4, 4)])
+    def test_methods_are_found(self, rows, order, stages):
+        found = search(order, stages, 30, seed=2, rows=rows)
+        assert len(found.methods) >= 1
+        assert all(method.order == order and not method.explicit for method in found.methods)
+
+    @pytest.mark.parametrize("name", PATTERNS)
+    def test_patterns_by_name_and_by_value(self, name):
+        by_name = search(3, 4, 2, seed=1, rows=name)
+        assert by_name == search(3, 4, 2, seed=1, rows=PATTERNS[name])
+        assert by_name == search(3, 4, 2, seed=1, rows=int(PATTERNS[name]))
+        assert by_name.settings.rows is PATTERNS[name]
+        assert len(by_name.best.x) == unknowns(4, PATTERNS[name])
+
+    def test_methods_below_the_count_of_unknowns(self):
+        found = search(4, 3, 200, seed=1, rows="diagonal", force=True)
+        (method,) = found.methods
+        np.testing.assert_allclose(method.a, methods["DICG4"].a, atol=1e-15)
+        assert len(found.best.x) == 9 < conditions.count(4, independent=True)
+
+    def test_fully_implicit_below_the_count(self):
+        found = search(4, 3, 40, seed=1, rows="full", force=True)
+        assert len(found.methods) >= 2
+        for method in found.methods:
+            assert method.order == 4
+            np.testing.assert_allclose(method.b, methods["DICG4"].b, rtol=1e-14)
+            np.testing.assert_allclose(method.c, methods["DICG4"].c, rtol=1e-14)
+
+
+class TestProgress:
+    def test_progress(self):
+        seen = []
+        search(**SMALL, starts=3, progress=lambda *counts: seen.append(counts))
+        assert seen == [(1, 3), (2, 3), (3, 3)]
+
+
+class TestArguments:
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"order": 0}, "order must be at least 1, got 0"),
+            ({"order": 99}, f"order must be at most {MAX_ORDER} in this build, got 99"),
+            ({"stages": 0}, "stages must be at least 1, got 0"),
+            ({"starts": 0}, "starts must be at least 1, got 0"),
+            ({"starts": -3}, "starts must be at least 1, got -3"),
+            ({"seed": -1}, "seed must be at least 0, got -1"),
+            ({"workers": 0}, "workers must be at least 1, got 0"),
+            ({"maxfev": 0}, "maxfev must be at least 1, got 0"),
+            ({"refine_maxfev": 0}, "refine_maxfev must be at least 1, got 0"),
+            ({"algorithm": "newton"}, "algorithm must be one of minimum-norm, lmdif, got 'newton'"),
+            ({"algorithm": None}, "algorithm must be one of minimum-norm, lmdif, got None"),
+            ({"rows": "lower"}, "rows must be one of explicit, diagonal, full, got 'lower'"),
+            ({"rows": 7}, "rows must be one of explicit, diagonal, full, got 7"),
+            ({"rows": None}, "rows must be one of explicit, diagonal, full, got None"),
+            ({"width": -0.5}, "width must be a finite number, not negative, got -0.5"),
+            ({"width": float("nan")}, "width must be a finite number, not negative, got nan"),
+            ({"width": float("inf")}, "width must be a finite number, not negative, got inf"),
+            ({"width": "1"}, "width must be a finite number, not negative, got '1'"),
+            ({"width": 1 + 0j}, "width must be a finite number, not negative, got (1+0j)"),
+            ({"width": 1e308}, "width must be at most 1e+300, got 1e+308"),
+            ({"refine_below": -1}, "refine_below must be a finite number, not negative, got -1"),
+            ({"refine_below": "x"}, "refine_below must be a finite number, not negative, got 'x'"),
+        ],
+    )
+    def test_bad_values(self, change, message):
+        with pytest.raises(ValueError) as caught:  # noqa: PT011
+            search(**{**GOOD, **change})
+        assert str(caught.value) == message
+
+    @pytest.mark.parametrize(
+        "name", ["order", "stages", "starts", "seed", "workers", "maxfev", "refine_maxfev"]
+    )
+    @pytest.mark.parametrize("value", [1.5, 2.0, "2", [2]])
+    def test_bad_integers(self, name, value):
+        with pytest.raises(TypeError) as caught:
+            search(**{**GOOD, name: value})
+        assert str(caught.value) == f"{name} must be an integer, got {value!r}"
+
+    def test_progress_must_be_callable(self, tmp_path):
+        with pytest.raises(TypeError, match="progress must be callable, got 3"):
+            search(**GOOD, progress=3, store=tmp_path / "x")
+        assert not (tmp_path / "x").exists()
+
+    @pytest.mark.parametrize(
+        ("order", "stages", "rows", "size", "independent"),
+        [
+            (3, 2, "explicit", 3, 5),
+            (4, 4, "explicit", 10, 13),
+            (6, 14, "explicit", 105, 113),
+            (4, 3, "diagonal", 9, 13),
+            (4, 3, "full", 12, 13),
+            (5, 5, "full", 30, 38),
+        ],
+    )
+    def test_too_few_stages(self, order, stages, rows, size, independent):
+        with pytest.raises(ValueError) as caught:  # noqa: PT011
+            search(order, stages, 1, seed=1, rows=rows)
+        assert str(caught.value) == (
+            f"stages = {stages} gives {size} unknowns ({rows} rows) for {independent} independent "
+            f"conditions of order {order}; pass force=True to try all the same"
+        )
+        forced = search(order, stages, 1, seed=1, rows=rows, force=True, maxfev=4)
+        assert len(forced.best.x) == size
+
+    @pytest.mark.parametrize(
+        ("order", "stages", "rows"),
+        [
+            (3, 3, "explicit"),
+            (4, 5, "explicit"),
+            (3, 2, "diagonal"),
+            (3, 2, "full"),
+            (4, 4, "full"),
+        ],
+    )
+    def test_enough_stages(self, order, stages, rows):
+        search(order, stages, 1, seed=1, rows=rows, maxfev=4)
+
+    def test_numpy_integers(self):
+        found = search(*np.array([2, 2, 1, 1]))
+        assert found == search(2, 2, 1, 1)
+        assert json.dumps(found.settings.order) == "2"
+
+    def test_it_is_exported(self):
+        assert cg.search is search
+
+
+def test_settings_are_values(order_four):
+    settings = order_four.settings
+    assert replace(settings) == settings
+    assert hash(settings) == hash(replace(settings))
+
+
+@pytest.mark.parametrize("name", ["order", "stages", "starts", "seed", "workers", "maxfev"])
+def test_true_is_no_integer(name):
+    with pytest.raises(TypeError, match=f"{name} must be an integer, got True"):
+        search(**GOOD | {name: True})
+
+
+@pytest.mark.parametrize("name", ["starts", "maxfev", "refine_maxfev"])
+def test_counts_beyond_fortran_integers(name):
+    with pytest.raises(ValueError, match=f"{name} must be at most 2147483647, got 1000000"):
+        search(**GOOD | {name: 10**30})

@@ -1,0 +1,144 @@
+"""Simplifying assumptions as equations of a system, and how many conditions they leave."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem, Structure
+from cg.proofs.dependent.identities import MiddleAbscissae, OfFirstWeights, StageOrderTwo
+from cg.proofs.dependent.relations import kept_words
+from cg.proofs.explain import augment
+from cg.structure.layout import Layout, Rows
+from cg.support import quads
+
+pytestmark = pytest.mark.sanitize
+
+
+def random_x(system, seed=0):
+    x = np.random.default_rng(seed).uniform(-1, 1, system.size)
+    x[np.setdiff1d(np.arange(system.size), system.free)] = 0
+    return x
+
+
+@pytest.mark.parametrize("structure", [Structure.STAGE_ORDER_TWO, Structure.MIDDLE])
+class TestEquations:
+    @pytest.mark.parametrize(("order", "embedded"), [(4, False), (6, False), (5, True)])
+    def test_jacobian_is_the_derivative(self, structure, order, embedded):
+        system = ConditionSystem.tableau(order, 6, embedded=embedded, structure=structure)
+        x, h = random_x(system), 1e-6
+        jac = system.jacobian(x)
+        for k in range(system.size):
+            e = np.zeros(system.size)
+            e[k] = h
+            slope = (system.residual(x + e) - system.residual(x - e)) / (2 * h)
+            np.testing.assert_allclose(jac[:, k], slope, atol=1e-8)
+
+    def test_real_16_agrees(self, structure):
+        system = ConditionSystem.tableau(5, 6, structure=structure)
+        x = random_x(system)
+        np.testing.assert_allclose(
+            system.residual_quad(quads.from_float(x), independent=True),
+            system.residual(x),
+            atol=1e-14,
+        )
+
+    def test_they_come_after_the_conditions(self, structure):
+        system, plain = (
+            ConditionSystem.tableau(5, 6, structure=structure),
+            ConditionSystem.tableau(5, 6),
+        )
+        x = random_x(system)
+        values, conditions = system.residual(x), plain.residual(x)
+        np.testing.assert_array_equal(values[: conditions.size], conditions)
+        a, b = cg.conditions.unpack(x, 6)
+        a, b = np.array(a), np.array(b)
+        c = a.sum(axis=1)
+        expected = [a[k] @ c - c[k] ** 2 / 2 for k in range(2, 6)]
+        if structure is Structure.MIDDLE:
+            expected += [c[k] - b[:k].sum() - b[k] / 2 for k in range(2, 6)]
+        np.testing.assert_allclose(values[conditions.size :], expected, atol=1e-14)
+
+
+def test_the_zeros_they_ask_for_are_not_free():
+    plain, one, two = (
+        ConditionSystem.tableau(6, 7, structure=structure) for structure in Structure
+    )
+    weights = plain.size - 7
+    assert plain.free.size == plain.size
+    assert np.setdiff1d(plain.free, one.free).tolist() == [weights + 1]
+    assert np.setdiff1d(plain.free, two.free).tolist() == [weights, weights + 1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"structure": 7}, "structure must be one of GENERAL, .*got 7"),
+        ({"structure": 2, "rows": Rows.FULL}, "structure = MIDDLE is for explicit"),
+        ({"structure": 1, "order": 3}, "order 4 or more"),
+        ({"structure": 1, "stages": 2}, "stages must be at least 3"),
+    ],
+)
+def test_bad_input(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        ConditionSystem.tableau(**{"order": 5, "stages": 6} | arguments)
+
+
+@pytest.mark.parametrize(
+    ("identities", "weightless", "kept"),
+    [
+        ([StageOrderTwo(1)], (1,), [1, 1, 2, 6, 19, 56, 176]),
+        ([StageOrderTwo(1), MiddleAbscissae()], (0, 1), [1, 0, 1, 4, 12, 36, 112]),
+    ],
+)
+def test_equations_that_remain_through_order_seven(identities, weightless, kept):
+    assert [len(kept_words(grade, identities, weightless)) for grade in range(1, 8)] == kept
+
+
+def test_an_identity_of_the_first_weights_says_nothing_of_the_second():
+    # 54 conditions on b, 29 on the second weights, and two assumptions at 13 stages
+    layout, zeros = Layout.tableau(15, Rows.EXPLICIT, True), [{0, 1}, {1, 14}]
+    identities = (StageOrderTwo(1), OfFirstWeights(MiddleAbscissae()))
+    labels = [e.label for e in augment(layout, [6, 5], identities, zeros).equations]
+    assert len(labels) == 54 + 29 + 2 * 13
+    assert sum(label.endswith("embedded") for label in labels) == 29
+    assert [label for label in labels if label.startswith("middle")] == [
+        f"middle of stage {k}" for k in range(3, 16)
+    ]
+
+
+def test_rank_is_the_count_of_equations_that_remain():
+    # eight stages at order five: 18 conditions and 12 assumptions for 34 unknowns
+    system = ConditionSystem.tableau(5, 10, structure=Structure.MIDDLE)
+    rank = 1 + 0 + 1 + 4 + 12 + 2 * 8
+    for seed in range(400):
+        x = random_x(system, seed)
+        fit = fit_conditions(x, system, max_iterations=100)
+        if fit.f < 1e-26:
+            break
+    assert fit.f < 1e-26
+    values = np.linalg.svd(system.jacobian(fit.x)[:, system.free], compute_uv=False)
+    assert np.sum(values > 1e-9 * values[0]) == rank
+    refined = refine(quads.from_float(fit.x), system)
+    assert refined.largest_residual < 1e-32
+
+
+def test_accurate_steps_reach_zeros_that_normal_equations_miss():
+    # singular values down to 2e-9 of the largest count
+    method = cg.methods["CG7b"]
+    system = ConditionSystem.tableau(7, method.stages, structure=Structure.MIDDLE)
+    x = np.asarray(cg.conditions.pack(method.a, method.b))
+    x[system.free] += 1e-4 * np.random.default_rng(0).uniform(-1, 1, system.free.size)
+    plain, accurate = (
+        fit_conditions(
+            x,
+            system,
+            damping=1e-12,
+            max_iterations=40,
+            accurate=accurate,
+        ).f
+        for accurate in (False, True)
+    )
+    assert accurate <= 1e-27
+    assert plain > 100 * accurate

@@ -1,0 +1,283 @@
+"""Search for methods of points: given trees, drawn trees, fewer flows."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cg
+from cg.construction import (
+    Candidate,
+    ConditionSystem,
+    drop_flow,
+    drop_point_stage,
+    pack_method,
+    solved,
+)
+from cg.construction.search.random_search import run_start, start_layout
+from cg.construction.search.shapes import draw_layout, layout_of
+from cg.construction.solvers.singular import decompose, finish, retract
+from cg.runs import Store
+from cg.structure.layout import Layout
+from cg.structure.points import START, MethodError, check_tree
+
+CHAIN = (tuple(range(-1, 8)), (-1, 0, 1, 3, 4, 7))
+FIVE = {"order": 5, "stages": 6, "seed": 1}
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    return cg.search(**FIVE, starts=60, flows=9, workers=2)
+
+
+def test_drawn_trees_lead_to_methods_of_the_order(drawn):
+    assert drawn.methods
+    assert len({m.layout.parents for m in drawn.methods}) > 1
+    for method in drawn.methods:
+        assert isinstance(method, cg.CommutatorFree)
+        assert (method.order, method.stages, method.exponentials) == (5, 6, 9)
+
+
+def test_a_start_can_be_run_again_alone(drawn):
+    for start in [s for s in drawn.starts if s.exact][:2]:
+        assert run_start(drawn.settings, start.index) == start
+
+
+def test_results_dont_depend_on_workers():
+    one, two = (cg.search(**FIVE, starts=6, flows=9, maxfev=40, workers=n) for n in (1, 2))
+    assert one == two
+
+
+def test_the_first_weight_stays_where_it_was_while_solving():
+    found = cg.search(**FIVE, starts=20, tree=CHAIN, refine_below=0.0)
+    first = np.array([float(start.x[0]) for start in found.starts])
+    assert ((first > 0.2) & (first < 0.8)).all()
+    assert len(set(first)) == len(first)
+
+
+@pytest.mark.parametrize("tree", [cg.methods["CF4"], cg.methods["CF4"].tree])
+def test_a_tree_has_the_unknowns_of_its_weights(tree):
+    found = cg.search(4, 4, 40, 1, tree=tree)
+    assert found.settings.tree == Layout.of_tree(cg.methods["CF4"].tree)
+    assert found.methods
+    assert all(m.layout == found.settings.tree and m.order == 4 for m in found.methods)
+
+
+def test_second_results_make_pairs():
+    found = cg.search(4, 5, 10, 1, flows=6, embedded=True).methods
+    assert found
+    assert {(m.order, m.embedded_order, m.exponentials) for m in found} == {(4, 3, 6)}
+
+
+def test_estimates_of_drawn_pairs_start_from_the_result_and_differ_from_nothing():
+    found = cg.search(5, 7, 60, 1, flows=12, embedded=True, first_same_as_last=True, workers=2)
+    assert found.settings.first_same_as_last
+    assert len(found.methods) > 1
+    for method in found.methods:
+        layout = method.layout
+        assert (method.order, method.embedded_order, method.stages) == (5, 4, 7)
+        assert layout.stage_points[-1] == layout.results[0] == layout.parents[layout.results[1]]
+        last = method.coefficients[-1].value
+        assert abs(last) > 0.05
+        # the conditions are homogeneous in the estimate's weights
+        x = [float(entry.value) for entry in method.coefficients]
+        x[layout.starts[-2] :] = [3 * entry for entry in x[layout.starts[-2] :]]
+        assert np.abs(ConditionSystem(5, layout).residual(np.array(x))).max() < 1e-13
+
+
+def test_the_estimate_is_held_while_solving():
+    shape = {"flows": 12, "embedded": True, "first_same_as_last": True}
+    found = cg.search(5, 7, 12, 1, **shape, refine_below=0.0)
+    last = np.array([float(start.x[-1]) for start in found.starts])
+    assert ((last > 0.1) & (last < 0.2)).all()
+
+
+def test_stores_go_on_where_they_ended(tmp_path):
+    path = tmp_path / "runs.db"
+    options = FIVE | {"flows": 9, "maxfev": 40}
+    cg.search(**options, starts=4, store=path)
+    found = cg.search(**options, starts=6, store=path)
+    assert found == cg.search(**options, starts=6)
+    with Store(path) as store:
+        records = list(store.run(1).records())
+    assert [record.number for record in records] == list(range(6))
+    for record in records:
+        layout = start_layout(found.settings, record.number)
+        assert (record.stages, record.flows) == (6, 9)
+        assert json.loads(record.tree)["parents"] == list(layout.parents)
+
+
+@pytest.mark.parametrize("embedded", [False, True])
+@pytest.mark.parametrize(("stages", "flows"), [(1, 1), (2, 2), (4, 4), (6, 9), (7, 16)])
+def test_drawn_trees_are_sound_and_waste_no_flow(stages, flows, embedded):
+    shapes = set()
+    for seed in range(40):
+        layout = draw_layout(stages, flows, np.random.default_rng(seed), embedded=embedded)
+        shapes.add(layout)
+        tree = layout.tree([1] * layout.size)
+        check_tree(tree)
+        assert (layout.stages, len(layout.parents)) == (stages, flows + embedded)
+        assert {m for end in layout.ends for m in layout.path(end)} == set(range(flows + embedded))
+        assert layout.pair == embedded
+    assert len(shapes) > 20 or flows <= 4
+
+
+def test_a_drawn_shape_depends_on_seed_and_index_alone(drawn):
+    settings = drawn.settings
+    shapes = [start_layout(settings, index) for index in range(20)]
+    assert len(set(shapes)) > 10
+    assert shapes == [start_layout(settings, index) for index in range(20)]
+    assert shapes != [start_layout(replace(settings, seed=2), index) for index in range(20)]
+
+
+@pytest.mark.parametrize(
+    ("tree", "message"),
+    [
+        (((-1, 2, 1), (-1, 0)), "the parent of point 1 must come before it, or there is a cycle"),
+        (((-1, 1), (-1, 0)), "the parent of point 1 must come before it"),
+        (((-1, 5), (-1, 0)), "the parent of point 1 must be a point from -1 to 1, got 5"),
+        (((-1, 0), (-1, 7)), "the point of stage 1 must be a point from -1 to 1, got 7"),
+        (((-1, 0), (0, -1)), "the first stage must be at the initial point"),
+        (((-1, 0, 1), (-1, 2, 1)), "stage 1 is at point 2, which depends on stage 2"),
+        (((-1, 0), (-1, 0), -1), "result must depend on a stage"),
+        (((-1, 0), (-1, 0), 4), "result must be a point from -1 to 1, got 4"),
+        (((-1, 0.5), (-1, 0)), "the parent of point 1 must be a point from -1 to 1, got 0.5"),
+        (
+            Layout((-1, -1), ((1,), (0,)), (-1, 0), (1,)),
+            "point 0 has a weight on stage 1, which isn't evaluated by then",
+        ),
+        (Layout.tableau(2), "tree must be one of points, got the layout of a tableau"),
+    ],
+)
+@pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
+def test_unsound_trees_are_named(look, tree, message):
+    with pytest.raises(MethodError, match=message):
+        look(order=2, stages=2, seed=0, tree=tree)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"tree": "x"}, TypeError, "tree must be a PointTree"),
+        ({"tree": ((-1,),)}, TypeError, "tree must be a PointTree"),
+        ({"tree": (3, (-1,))}, TypeError, "parents of tree must be a sequence"),
+        ({"tree": CHAIN, "first_same_as_last": True}, ValueError, "first_same_as_last must be F"),
+        ({"first_same_as_last": True}, ValueError, "first_same_as_last needs a number of flows"),
+        ({"flows": 9, "first_same_as_last": 2}, TypeError, "first_same_as_last must be True or"),
+        ({"tree": CHAIN, "stages": 7}, ValueError, "stages must be those of the tree, 6, got 7"),
+        ({"tree": CHAIN, "embedded": True}, ValueError, "embedded must be False"),
+        ({"flows": 5}, ValueError, "flows must be at least 6, got 5"),
+        ({"flows": True}, TypeError, "flows must be an integer"),
+        ({"embedded": True}, ValueError, "embedded needs a number of flows"),
+        ({"flows": 9, "embedded": 1}, TypeError, "embedded must be True or False"),
+    ],
+)
+@pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
+def test_bad_input_is_named(look, changes, error, message):
+    with pytest.raises(error, match=message):
+        look(**FIVE | {"force": True} | changes)
+
+
+@pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
+def test_what_is_impossible_by_counting_is_refused(look):
+    with pytest.raises(ValueError, match="stages = 5 is too few for order 5, which takes 6"):
+        look(order=5, stages=5, seed=0, flows=12)
+    thin = ((-1, -1), (-1, 0))
+    with pytest.raises(ValueError, match="3 unknowns for 4 conditions of order 3"):
+        look(
+            order=3,
+            stages=3,
+            seed=0,
+            tree=Layout((-1, -1, -1), ((0,), (1,), (2,)), (-1, 0, 1), (2,)),
+        )
+    assert layout_of(thin).size == 3
+
+
+def test_forced_it_tries():
+    found = cg.search(5, 5, 2, 0, flows=9, force=True)
+    assert len(found.starts) == 2
+    assert not found.methods
+
+
+def test_construct_leaves_flows_out(tmp_path):
+    path = tmp_path / "trees"
+    options = {**FIVE, "flows": 9, "first_flows": 10, "tries": 60}
+    found = cg.construct(**options, workers=2, store=path)
+    assert (found.method.order, found.method.stages, found.method.exponentials) == (5, 6, 9)
+    drawn = draw_layout(
+        6, 10, np.random.default_rng(np.random.SeedSequence(1, spawn_key=(found.best.index,)))
+    )
+    assert len(drawn.parents) == 10
+    again = cg.construct(**options, workers=1, store=path)
+    assert again == found
+    assert cg.construct(**options, workers=1) == found
+
+
+def test_construct_takes_a_tree():
+    found = cg.construct(4, 4, 1, tree=cg.methods["CF4"])
+    assert (found.method.order, found.method.exponentials) == (4, 5)
+    assert found.method.layout == cg.methods["CF4"].layout
+
+
+def test_construct_leaves_flows_of_a_tree_out():
+    tree = (tuple(range(-1, 10)), (-1, 0, 1, 3, 4, 7))
+    found = cg.construct(5, 6, 1, tree=tree, flows=10, tries=60)
+    assert (found.method.order, found.method.exponentials) == (5, 10)
+    with pytest.raises(ValueError, match="flows must be at most 11, got 12"):
+        cg.construct(5, 6, 1, tree=tree, flows=12)
+    with pytest.raises(ValueError, match="first_flows must be None with a tree"):
+        cg.construct(5, 6, 1, tree=tree, flows=10, first_flows=11)
+
+
+def test_the_last_stretch_ends_at_a_zero():
+    """Also where there are fewer unknowns than conditions, which depend on each other."""
+    candidate = pack_method(cg.methods["CF6d"])
+    system, free = candidate.system, candidate.system.free
+    assert free.size < system.equations
+    x = candidate.x + 1e-4 * np.random.default_rng(1).standard_normal(candidate.x.size)
+    before = float(np.sum(system.residual(x) ** 2))
+    found, f = finish(system, x, free)
+    assert before > 1e-10
+    assert f < 1e-26
+    assert np.abs(found - candidate.x).max() < 1
+    near = decompose(system.jacobian(candidate.x)[:, free])
+    assert near.rank == candidate.rank == 67
+    back = retract(system, candidate.x + 1e-3 * near.kernel[:, 0], free, near)
+    assert np.sum(system.residual(back) ** 2) < 1e-27
+    assert retract(system, x + 1, free, near) is None
+
+
+def solution(order, **shape):
+    found = cg.search(order=order, seed=1, **shape)
+    start = next(start for start in found.starts if start.exact)
+    layout = start_layout(found.settings, start.index)
+    return Candidate(ConditionSystem(order, layout), np.array(start.x, dtype=float))
+
+
+def test_what_is_dropped_is_gone_and_the_rest_solves_the_conditions():
+    candidate = solution(4, stages=6, flows=9, starts=20)
+    random = np.random.default_rng(1)
+    fewer = drop_flow(candidate, random, largest=10.0)
+    assert solved(fewer)
+    assert (fewer.system.stages, len(fewer.system.layout.parents)) == (6, 8)
+    less = drop_point_stage(candidate, random, largest=10.0)
+    assert solved(less)
+    assert less.system.stages == 5
+    assert len(less.system.layout.parents) <= 9
+    check_tree(less.system.layout.tree(less.x))
+
+
+def test_a_merged_flow_carries_both_weights():
+    """Points whose fields commute may be merged without a change of the result."""
+    layout = Layout((START, 0, 1), ((0,), (0,), (0,)), (START,), (2,))
+    candidate = Candidate(ConditionSystem(1, layout), np.array([0.25, 0.25, 0.5]))
+    fewer = drop_flow(candidate, np.random.default_rng(0))
+    assert sorted(fewer.x) in ([0.25, 0.75], [0.5, 0.5])
+
+
+def test_tableaux_have_no_flows_to_drop():
+    candidate = Candidate(ConditionSystem.tableau(2, 2), np.array([0.5, 0.0, 1.0]))
+    for drop in (drop_flow, drop_point_stage):
+        with pytest.raises(ValueError, match="candidate must be a method of points"):
+            drop(candidate, np.random.default_rng(0))

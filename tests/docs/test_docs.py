@@ -1,0 +1,101 @@
+"""Every block of Python in the site's pages runs, in order, and its assertions hold."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests_of_pages import blocks_of, run
+
+import cg
+from cg.integration.default_method import choose_method
+
+pytestmark = pytest.mark.no_core
+
+DOCS = Path(__file__).parents[2] / "docs"
+SLOW = {"howto/jax", "howto/monte_carlo", "howto/optimal_turn", "howto/schroedinger"}
+PAGES = sorted(
+    str(path.relative_to(DOCS).with_suffix(""))
+    for folder in ("start", "howto", "mathematics")
+    for path in (DOCS / folder).glob("*.md")
+)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] if page in SLOW else [])
+        for page in PAGES
+        if page != "howto/compiled"
+    ],
+)
+def test_the_blocks_of_a_page_run(page, capsys):
+    if page == "howto/jax":
+        pytest.importorskip("diffrax", reason="diffrax isn't installed")
+    names = run(f"docs/{page}.md")
+    if "numba" in {kind for kind, _ in blocks_of(f"docs/{page}.md")}:
+        numba = pytest.importorskip("numba")
+        assert numba
+        run(f"docs/{page}.md", "numba", names)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.fixture
+def in_c(tmp_path, monkeypatch):
+    """The program in C of the page on compiled right-hand sides, compiled as the page says."""
+    text = (DOCS / "howto/compiled.md").read_text(encoding="utf-8")
+    (source,) = re.findall(r"```c\n(.*?)```", text, re.DOTALL)
+    (command,) = re.findall(r"^    (cc .*)$", text, re.MULTILINE)
+    (tmp_path / "turn.c").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    subprocess.run(command.split(), check=True)
+    return run("docs/howto/compiled.md")
+
+
+def test_right_hand_sides_in_c(in_c):
+    assert in_c["in_c"].success
+
+
+def test_right_hand_sides_in_numba():
+    pytest.importorskip("numba")
+    names = run("docs/howto/compiled.md", "numba")
+    assert names["by_numba"].success
+    wanted = cg.solve_ivp(
+        lambda t, y: [0.0, np.sin(t), y[0, 0]],
+        (0, 5),
+        np.eye(3),
+        frame=cg.frames.SO3(),
+        rtol=1e-9,
+        atol=1e-9,
+    )
+    np.testing.assert_allclose(names["by_numba"].y[-1], wanted.y[-1], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_right_hand_sides_in_cython(tmp_path, monkeypatch):
+    pytest.importorskip("Cython")
+    text = (DOCS / "howto/compiled.md").read_text(encoding="utf-8")
+    (source,) = re.findall(r"```cython\n(.*?)```", text, re.DOTALL)
+    (tmp_path / "turning.pyx").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    subprocess.run(
+        [sys.executable, "-m", "Cython.Build.Cythonize", "-i", "-3", "turning.pyx"], check=True
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    names = run("docs/howto/compiled.md", "cython")
+    assert names["by_cython"].success
+
+
+def test_methods_with_stages_beyond_their_step_are_listed():
+    text = (DOCS / "start" / "from_solve_ivp.md").read_text("utf-8")
+    (row,) = [line for line in text.splitlines() if line.startswith("| times at which `f`")]
+    beyond = {
+        name
+        for name, method in cg.methods.items()
+        if method.explicit and not (min(method.c) >= 0.0 and max(method.c) <= 1.0)
+    }
+    assert set(re.findall(r"`(C[FG].*?)`", row)) == beyond
+    for frame in (cg.frames.SO3(), cg.frames.Stiefel(3, 1), cg.frames.Sphere(3)):
+        assert not {choose_method(frame, rtol) for rtol in (1e-3, 1e-8)} & beyond

@@ -1,0 +1,149 @@
+"""Examples in docstrings run and give what they say, and all that is public has one."""
+
+import doctest
+import importlib
+import importlib.util
+import pkgutil
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import cg
+
+pytestmark = pytest.mark.no_core
+
+REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
+SKIPPED = ("cg.reproduce", "cg.catalogue.certificates")
+WITHOUT_JAX = importlib.util.find_spec("diffrax") is None
+NAMES = sorted(
+    module.name
+    for module in pkgutil.walk_packages(cg.__path__, "cg.")
+    if not module.name.startswith(SKIPPED)
+    and not module.name.endswith("__main__")
+    and not module.name.rpartition(".")[2].startswith("_")
+)
+
+
+def test_all_modules_are_found():
+    assert {"cg.trees.ordered", "cg.frames.so3", "cg.integration.ivp", "cg.support.quads"} <= set(
+        NAMES
+    )
+
+
+@pytest.fixture
+def unseen(monkeypatch):
+    """Pictures of examples are drawn into memory, and dropped."""
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    if "matplotlib" in sys.modules:
+        importlib.import_module("matplotlib").use("Agg")
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
+
+
+@pytest.mark.usefixtures("unseen")
+@pytest.mark.parametrize("name", NAMES)
+def test_the_examples_of_a_module(name):
+    if WITHOUT_JAX and name.startswith("cg.jax"):
+        pytest.skip("diffrax isn't installed")
+    module = importlib.import_module(name)
+    finder, runner = doctest.DocTestFinder(), doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    told = []
+    with np.printoptions():
+        for test in finder.find(module):
+            runner.run(test, out=told.append)
+    assert runner.failures == 0, "".join(told)
+
+
+def resolved(name):
+    found = cg
+    for part in name.split(".")[1:]:
+        found = getattr(found, part)
+    return found
+
+
+def offered():
+    """Names of what `cg` offers, and the modules that it lists."""
+    names = {f"cg.{name}" for name in cg.__all__}
+    for name in sorted(names):
+        if isinstance(found := resolved(name), ModuleType):
+            names |= {f"{name}.{inner}" for inner in found.__all__}
+    return names
+
+
+def in_reference():
+    """Names of what the reference lists."""
+    names = set()
+    for page in REFERENCE.glob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        for module, listed in re.findall(
+            r"currentmodule:: (\S+)\n+\.\. autosummary::\n(.*?)```", text, re.DOTALL
+        ):
+            names |= {f"{module}.{name}" for name in re.findall(r"^ {3}(\w\S*)$", listed, re.M)}
+    return names
+
+
+def public():
+    """All that is public, by name."""
+    names = sorted(offered() | in_reference())
+    return {
+        name: resolved(name) for name in names if not (WITHOUT_JAX and name.startswith("cg.jax."))
+    }
+
+
+def examples_of(found):
+    """Return the examples of an object that the test above runs; of a value, those of its class."""
+    if not hasattr(found, "__qualname__"):
+        found = type(found)
+    module = importlib.import_module(found.__module__)
+    if module.__name__ not in NAMES:
+        return []
+    wanted = f"{found.__module__}.{found.__qualname__}"
+    return [
+        example
+        for test in doctest.DocTestFinder(recurse=True).find(module)
+        if test.name == wanted
+        for example in test.examples
+        if not example.options.get(doctest.SKIP)
+    ]
+
+
+def without_example(objects):
+    return [
+        name
+        for name, found in objects.items()
+        if not isinstance(found, ModuleType | int) and not examples_of(found)
+    ]
+
+
+def test_what_is_public_is_found():
+    names = set(public())
+    assert {"cg.Tableau", "cg.frames.Sphere", "cg.plot.tree", "cg.conditions.count"} <= names
+    assert {
+        "cg.trees.OrderedTree",
+        "cg.MissingQuadsError",
+        "cg.methods",
+    } <= names
+    assert len(names) > 100
+
+
+def test_an_object_without_example_is_found():
+    from cg.proofs.certificate import Beyond
+    from cg.support.checks import check_real
+
+    assert without_example({"Beyond": Beyond, "check_real": check_real}) == ["Beyond", "check_real"]
+    assert without_example({"OrderedTree": cg.trees.OrderedTree}) == []
+
+
+def test_all_that_is_public_has_an_example():
+    assert without_example(public()) == []
+
+
+def test_the_reference_lists_what_is_offered():
+    told_elsewhere = {"cg.methods"} | {f"cg.conditions.{name}" for name in cg.conditions.__all__}
+    modules = {name for name in offered() if isinstance(resolved(name), ModuleType)}
+    assert offered() - told_elsewhere - modules <= in_reference()

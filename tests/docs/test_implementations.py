@@ -1,0 +1,91 @@
+"""The page of other implementations: what it says is what is computed."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+
+import cg
+from cg.method.tableau import Tableau
+
+pytestmark = pytest.mark.no_core
+
+TOOLS = Path(__file__).parents[2] / "tools"
+
+
+@pytest.fixture(scope="module")
+def tool():
+    sys.path.insert(0, str(TOOLS))
+    yield importlib.import_module("check_implementations")
+    sys.path.remove(str(TOOLS))
+
+
+@pytest.fixture(scope="module")
+def checked(tool):
+    monkeypatch = pytest.MonkeyPatch()
+    monkeypatch.setattr(tool, "slope_of", lambda _: float("nan"))
+    found = [tool.check(entry) for entry in tool.read()]
+    monkeypatch.undo()
+    return {(c.entry["implementation"].split(" ")[0], c.entry["name"]): c for c in found}
+
+
+def without_slope(row):
+    cells = row.split(" | ")
+    return cells[:5] + cells[6:]
+
+
+def test_the_page_has_what_is_computed(tool, checked):
+    page = tool.PAGE.read_text(encoding="utf-8")
+    rows = page.partition(tool.BEGIN)[2].partition(tool.END)[0].splitlines()[2:]
+    rows = rows[: rows.index("")]
+    computed = tool.table(list(checked.values())).splitlines()[2:]
+    assert [*map(without_slope, rows)] == [*map(without_slope, computed[: computed.index("")])]
+
+
+def test_orders(checked):
+    orders = {key: c.diagnosis.order for key, c in checked.items()}
+    julia, manifold = "OrdinaryDiffEq.jl", "ManifoldDiffEq.jl"
+    assert [orders[julia, name] for name in ("CG2", "CG3", "CG4a")] == [2, 2, 2]
+    assert [orders[manifold, name] for name in ("CG2", "CG3", "CG4a")] == [2, 3, 4]
+    assert [orders["DiffMan", name] for name in ("CG23", "CG43", "CG4a", "CG5a")] == [2, 4, 4, 5]
+    assert [orders["Lielab", name] for name in ("CG23", "CG4a", "CG5a")] == [2, 4, 5]
+
+
+def test_mistakes(checked):
+    mistakes = {key: [f.kind for f in c.diagnosis.mistakes] for key, c in checked.items()}
+    wrong = {key: kinds for key, kinds in mistakes.items() if kinds}
+    assert wrong == {
+        ("OrdinaryDiffEq.jl", "CG3"): ["reversed"],
+        ("OrdinaryDiffEq.jl", "CG4a"): ["reversed"],
+        ("DiffMan", "CG43"): ["equal weights"],
+        ("DiffMan", "CG34"): ["equal weights"],
+        ("DiffMan", "CG4test"): ["abscissae", "abscissae"],
+        ("Attitude", "CG4"): ["abscissae", "slip"],
+    }
+
+
+@pytest.mark.slow
+def test_slopes(tool, checked):
+    for c in checked.values():
+        slope = tool.slope_of(Tableau(c.entry["a"], c.entry["b"]))
+        # digits that are wrong beyond the eighth don't show in the slope
+        meant = c.entry["says"] if c.entry["name"] in {"CG4test", "CG4"} else c.diagnosis.order
+        assert slope == pytest.approx(meant, abs=0.25), c.entry["name"]
+
+
+def test_lielab_still_has_these(checked):
+    lielab = pytest.importorskip("lielab.integrate")
+    for name in ("CG23", "CG4a", "CG5a"):
+        kind = getattr(lielab.CrouchGrossmanCoefficients, name)
+        a, b, *_ = lielab.get_crouch_grossman_coefficients(kind)
+        method = checked["Lielab", name].diagnosis.method
+        s = method.stages
+        assert [row[:s] for row in a[:s]] == method.a.tolist()
+        assert b[:s] == method.b.tolist()
+
+
+def test_the_wrong_rational_of_the_symmetric_method(checked):
+    entry = checked["DiffMan", "CG4test"].entry
+    right = [[x.replace("-443/2993", "-1087/7344") for x in row] for row in entry["a"]]
+    assert cg.diagnose(cg.Tableau(right, entry["b"]), c=entry["c"]).order == 4

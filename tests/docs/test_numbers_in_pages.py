@@ -1,0 +1,155 @@
+"""Numbers in prose are those of stored data, or of what a run computes: a stale one fails here."""
+
+import json
+import re
+from collections import Counter
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+from tests_of_pages import power_of_ten, words_of
+
+import cg
+from cg import conditions
+from cg.proofs import certificate_of, proved
+from cg.reproduce import evidence
+from cg.reproduce.appendix_a import nearest_exact
+
+pytestmark = pytest.mark.no_core
+
+ROOT = Path(__file__).parents[2]
+
+
+def certificates():
+    counts = Counter(map(proved, cg.methods.values()))
+    yield (
+        f"Of the {len(cg.methods)} methods of the catalogue the orders of {counts['whole']} are "
+        f"proved; of {counts['partly']} it is"
+    )
+    for name, method in cg.methods.items():
+        if proved(method) == "partly":
+            (small,) = certificate_of(method).identities
+            heading, _, trees = small.partition(": ")
+            orders = (method.order, *filter(None, (method.embedded_order,)))
+            parts = [conditions.count(order, independent=True) for order in orders]
+            left = len(trees.split())
+            yield (
+                f"| {name} | {' + '.join(map(str, parts))} | {sum(parts) - left} | {left} | "
+                f"{heading.rpartition(' ')[2]} |"
+            )
+
+
+def reproduction():
+    cg6a = cg.methods["CG6a"]
+    residuals = conditions.exact_residuals_of(cg6a, 6)
+    independent = conditions.exact_residuals_of(cg6a, 6, independent=True)
+    held = sum(abs(residual) <= Fraction(1, 10**6) for residual in residuals)
+    every, own = (power_of_ten(sum(r * r for r in rs), 1) for rs in (residuals, independent))
+    yield f"{held} of {len(residuals)} hold to 10⁻⁶"
+    yield f"Σb − 1 = {power_of_ten(sum(cg6a.exact[1]) - 1, 0)}:"
+    yield f"has f = {own} ({every} over all trees"
+    cut, rounded = (
+        [f"{nearest_exact(name, truncated=truncated):.2f}" for name in ("CG4a", "CG5a")]
+        for truncated in (True, False)
+    )
+    yield f"{cut[0]} units of the last place (CG4a) and {cut[1]} (CG5a) from the middle"
+    yield f"{rounded[0]} and {rounded[1]} from what is rounded"
+    numbers = evidence.gather(0)
+    assert numbers["approximate"]["six"] == held
+    for name, sizes in numbers["drift"].items():
+        first, second, last = (f"{size:.2g}" for size in sizes)
+        yield f"{name} by {first}, {second} and {last}"
+    for name, run in numbers["rotation_slopes"]["Munthe-Kaas"].items():
+        yield f"{run['slope']:.2f} for `{name}`"
+    runs = numbers["rotation_slopes"]["implicit"]
+    *slopes, last = (f"{run['slope']:.2f}" for run in runs.values())
+    *names, other = (f"`{name}`" for name in runs)
+    yield f"{', '.join(slopes)} and {last} for {', '.join(names)} and {other}"
+
+
+def compared():
+    notes = measured("rivals")["notes"][0]
+    contests = dict(
+        re.findall(r"By (\w+) a method of the catalogue needs least in ([\d of]+)", notes)
+    )
+    least, _, total = contests["time"].split()
+    yield (
+        f"in time a method of the catalogue needs least in {least} of {total} contests of the "
+        f"benchmarks, in evaluations in {contests['evaluations'].split()[0]}."
+    )
+
+
+def lifting():
+    values = {row["quantity"].split("`")[1]: row["value"] for row in measured("output")["rows"]}
+    above = {name: value for name, value in values.items() if value > 3}
+    assert set(above) == {"DOP853", "DVERK6(5)", "Verner7(6)"}
+    yield f"up to {above['DOP853']:.2f} times that at the ends in the"
+    yield f"of `DVERK6(5)` up to {above['DVERK6(5)']:.2f} and of `Verner7(6)` up to "
+    yield f"{above['Verner7(6)']:.2f}, and of the other pairs at most 3."
+    pairs = {name for name, method in cg.methods.items() if method.embedded_order}
+    first, second = sorted(pairs - set(values))
+    yield f"`{first}` and `{second}` are not among these"
+
+
+def implicit():
+    stages = (m.stages for m in tableaux(6))
+    yield f"of order 6 in the catalogue have {min(stages)} stages or more"
+
+
+def impossible():
+    methods = [m for m in cg.methods.values() if m.explicit and m.order == 6]
+    fewest = min(methods, key=lambda method: method.exponentials)
+    number = {13: "thirteen"}[fewest.exponentials]
+    yield f"or fewer flows than {fewest.name}'s {number}"
+    for name, flows in (("CF3", 2), ("CF4", 2), ("CF5b", 4), ("CF5c", 4), ("CF6b", 4)):
+        assert len(cg.methods[name].tree.path(cg.methods[name].result)) == flows
+
+
+def catalogue():
+    best = min(tableaux(6), key=lambda method: method.principal_error())
+    small = cg.methods["CG6f"]
+    yield (
+        f"| `CG6f`, `{best.name}` | principal error {small.principal_error():.3g} with "
+        f"{small.stages} stages, {best.principal_error():.3g} with {best.stages} |"
+    )
+
+
+def readme():
+    four, five = (
+        60 / next(row["value"] for row in measured("search")["rows"] if start in row["quantity"])
+        for start in ("order 4", "order 5")
+    )
+    yield f"of order four in {1000 * four:.0f} ms each, of order five in {five:.1g} s"
+    constructed = [row for row in measured("order_six")["rows"] if "construct" in row["quantity"]]
+    assert all(1.0 < row["value"] < 10.0 for row in constructed)
+
+
+def measured(section):
+    results = json.loads((ROOT / "benchmarks" / "results.json").read_text("utf-8"))["results"]
+    return results[section]
+
+
+def tableaux(order):
+    return [
+        method
+        for method in cg.methods.values()
+        if isinstance(method, cg.Tableau) and method.explicit and method.order == order
+        if not method.approximate
+    ]
+
+
+@pytest.mark.parametrize(
+    "page",
+    [catalogue, certificates, compared, implicit, impossible, lifting, readme, reproduction],
+    ids=lambda page: page.__name__,
+)
+def test_a_page_says_what_is_stored(page):
+    text = words_of("README.md" if page is readme else f"docs/{page.__name__}.md")
+    for sentence in page():
+        assert sentence in text
+
+
+def test_the_table_of_partial_proofs_has_no_others():
+    text = (ROOT / "docs" / "certificates.md").read_text("utf-8")
+    rows = text.partition("| only small |")[2].partition("\n\n")[0].splitlines()[2:]
+    assert len(rows) == sum(proved(method) == "partly" for method in cg.methods.values())

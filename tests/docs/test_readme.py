@@ -1,0 +1,163 @@
+"""What the README and the other pages show can be run as it stands."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import cg
+
+pytestmark = pytest.mark.no_core
+
+HERE = Path(__file__).parents[2]
+
+
+def blocks_of(page, language="python"):
+    text = (HERE / page).read_text(encoding="utf-8")
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def run(page):
+    names = {}
+    for block in blocks_of(page):
+        exec(compile(block, page, "exec"), names)
+    return names
+
+
+def test_the_python_in_the_readme_runs(capsys):
+    assert len(blocks_of("README.md")) >= 3
+    names = run("README.md")
+    assert names["run"].success
+    assert names["frame"].membership_error(names["run"].y).max() < 1e-14
+    assert names["found"]
+    assert names["five"].order == 5
+    assert names["proof"].order == names["method"].order == 6
+    assert "The end of t_span was reached" in capsys.readouterr().out
+
+
+def test_the_python_in_the_package_index_runs(capsys):
+    names = run("PACKAGE.md")
+    assert names["run"].success
+    assert "The end of t_span was reached" in capsys.readouterr().out
+
+
+def test_the_package_index_gets_no_links_that_lead_nowhere():
+    assert "](" not in (HERE / "PACKAGE.md").read_text(encoding="utf-8")
+
+
+def test_the_examples_of_frames():
+    names = run("docs/frames.md")
+    path, flight = names["path"], names["flight"]
+    # latitude: z' = -(1 - z^2) / 2; longitude grows with time
+    z = -np.tanh(path.t / 2)
+    wanted = np.stack([np.cos(path.t), np.sin(path.t), z], axis=-1)
+    wanted[:, :2] *= np.sqrt(1 - z * z)[:, None]
+    np.testing.assert_allclose(path.y, wanted, atol=1e-7)
+
+    scalar_first = cg.frames.Product(
+        cg.frames.UnitQuaternion(scalar_first=True), cg.frames.Euclidean(3)
+    )
+    last = names["frame"]
+
+    def euler(t, y):
+        q, omega = scalar_first.split(y)
+        return names["euler"](t, last.join(np.roll(q, -1), omega))
+
+    y0 = scalar_first.join(names["start"].as_quat(scalar_first=True), last.split(flight.y[0])[1])
+    again = cg.solve_ivp(euler, (0, 10), y0, frame=scalar_first, rtol=1e-9, atol=1e-9)
+    first = Rotation.from_quat(scalar_first.split(again.y[-1])[0], scalar_first=True)
+    second = Rotation.from_quat(last.split(flight.y[-1])[0])
+    assert (first * second.inv()).magnitude() < 1e-12
+    assert names["angles"].shape == (50, 3)
+
+    eigenvalues, vectors = np.linalg.eigh(names["lattice"])
+    np.testing.assert_allclose(names["sorted_"].y[-1], np.diag(eigenvalues[::-1]), atol=1e-5)
+    columns = names["columns"].y[-1]
+    np.testing.assert_allclose(columns @ columns.T, vectors[:, 1:] @ vectors[:, 1:].T, atol=1e-5)
+    momentum, vertical = names["top"].y[:, :3], names["top"].y[:, 3:]
+    np.testing.assert_allclose(np.vecdot(vertical, vertical), 1.0, atol=1e-14)
+    np.testing.assert_allclose(np.vecdot(momentum, vertical), 1.32, atol=1e-14)
+    assert names["course"].success
+
+
+def test_the_equations_in_the_table_of_frames():
+    rng = np.random.default_rng(2)
+    omega = rng.standard_normal(3)
+    turn, pauli = Rotation.from_rotvec, cg.frames.SU(2)
+    h = 1e-6
+
+    def derivative(frame, y):
+        return (frame.flow(h * omega, y) - frame.flow(-h * omega, y)) / (2 * h)
+
+    start = Rotation.random(rng=rng)
+    for convention in ("body", "space"):
+        frame = cg.frames.UnitQuaternion(convention)
+        both = (start, turn(h * omega))
+        moved = both[0] * both[1] if convention == "body" else both[1] * both[0]
+        end = Rotation.from_quat(frame.flow(h * omega, start.as_quat()))
+        assert (end * moved.inv()).magnitude() < 1e-14
+        matrix = cg.frames.SO3(convention).flow(h * omega, start.as_matrix())
+        np.testing.assert_allclose(matrix, moved.as_matrix(), atol=1e-14)
+    y = start.apply([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(derivative(cg.frames.Sphere(2), y), np.cross(omega, y), atol=1e-9)
+    orbit = cg.frames.CoadjointOrbit(cg.frames.SO3(), y)
+    np.testing.assert_allclose(derivative(orbit, y), np.cross(y, omega), atol=1e-9)
+    x, y, z = omega
+    hamiltonian = np.array([[z, x - 1j * y], [x + 1j * y, -z]]) / 2
+    point = pauli.random_point(rng)
+    np.testing.assert_allclose(derivative(pauli, point), -1j * hamiltonian @ point, atol=1e-9)
+
+
+def test_the_compiled_top(tmp_path, monkeypatch):
+    (source,) = blocks_of("docs/compiled.md", "c")
+    (command,) = re.findall(
+        r"^    (cc .*)$", (HERE / "docs/compiled.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    (tmp_path / "top.c").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    warnings = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
+    subprocess.run([*command.split(), *warnings], check=True)
+    names = {}
+    block = blocks_of("docs/compiled.md")[0]
+    exec(compile(block.replace("(0, 100)", "(0, 1)"), "docs/compiled.md", "exec"), names)
+    top, solution = names["top"], names["solution"]
+    reference = top.reference([1]).y[0]
+    np.testing.assert_allclose(solution.y[-1], reference[:12], atol=1e-9)
+
+
+def test_the_compiled_turn_in_numba():
+    pytest.importorskip("numba")
+    names = {"np": np, "cg": cg}
+    exec(compile(blocks_of("docs/compiled.md")[1], "docs/compiled.md", "exec"), names)
+    wanted = Rotation.from_rotvec([0, 0, 0.5]).as_matrix()
+    np.testing.assert_allclose(names["solution"].y[-1], wanted, atol=1e-14)
+
+
+def test_the_examples_of_problems():
+    names = run("docs/problems.md")
+    assert names["drift"] < 1e-6
+    assert names["error"] < 1e-8
+    energy = names["energy"]
+    np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-6)
+    assert (np.diff(names["action"]) < 0.0).all()
+
+
+def test_the_examples_of_munthe_kaas():
+    assert run("docs/rkmk.md")["heun"].order == 2
+
+
+def test_the_examples_of_long_searches(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    names = run("docs/runs.md")
+    made = {"runs.db", "Mine.toml", "Mine.certificate.toml"}
+    assert {path.name for path in tmp_path.iterdir()} == made
+    assert names["made"].certificate.order == names["made"].method.order == 4
+    found, told = names["found"], capsys.readouterr().out.splitlines()
+    assert told[0] == repr(found)
+    exact = sum(start.exact for start in found.starts)
+    assert exact > 10
+    best = min(start.quad.f for start in found.starts if start.quad)
+    assert told[1] == f"search 4 200 {exact} {best}"

@@ -1,0 +1,348 @@
+"""Steps that are exported are our steps, to the last bits."""
+
+import math
+import shutil
+import subprocess
+import sys
+from fractions import Fraction
+
+import heisenberg
+import numpy as np
+import pytest
+from heisenberg import START, STEP, TIME, Heisenberg
+from python_steps import Step
+
+import cg
+from cg.catalogue import munthe_kaas, resolve_method
+from cg.formats.program import identifier
+
+pytestmark = pytest.mark.no_core
+
+ALL = [name for name in [*cg.methods, *munthe_kaas] if resolve_method(name).explicit]
+SOME = [
+    "LieEuler", "CG2(3)", "CG4a", "CG4(3)b", "CF4", "CF5(4)", "CF5r", "DP5(4)", "BS3(2)",
+    "RKMK4", "RKMK5(4)", "RKMK3(2)",
+]  # fmt: skip
+
+
+def ours(name):
+    """Return the result of a step, and what else there is of a pair, as rows of numbers."""
+    method = resolve_method(name)
+    step = Step(heisenberg.field, Heisenberg(), method)
+    start = np.array(START)
+    if method.embedded_order is None:
+        return [step(TIME, start, STEP)]
+    if not method.error_weights:
+        return list(step.pair(TIME, start, STEP))
+    point = step(TIME, start, STEP)
+    return [point, *errors_of(step)]
+
+
+def errors_of(step):
+    """Return the coefficients of the errors, summed over the stages in their order."""
+    weights = [[STEP * float(weight) for weight in row] for row in step.paths.errors]
+    return [sum(w * v for w, v in zip(row, step.fields, strict=True)) for row in weights]
+
+
+def agree(found, names):
+    """Compare lines of numbers as C's %a writes them."""
+    wanted = [row for name in names for row in ours(name)]
+    rows = [[float.fromhex(number) for number in line.split()] for line in found.splitlines()]
+    assert len(rows) == len(wanted)
+    np.testing.assert_array_equal(rows, wanted)
+
+
+def on_algebra(method):
+    return isinstance(method, cg.MuntheKaas)
+
+
+def python_program(names):
+    lines = ["import numpy as np", "def hexes(row):"]
+    lines += ["    print(*[float(x).hex() for x in row])"]
+    lines += [
+        "def field(t, y):",
+        "    return [0.3 + y[1] * y[2] - 0.5 * t, y[0] * y[0] - 0.2 * y[2], t * y[0] + y[1]]",
+        "def flow(v, y):",
+        "    turn = 0.5 * (y[0] * v[1] - y[1] * v[0])",
+        "    return y + np.array([v[0], v[1], v[2] + turn])",
+        "def dexpinv(u, v):",
+        "    return np.array([v[0], v[1], v[2] - 0.5 * (u[1] * v[0] - u[0] * v[1])])",
+        f"y = np.array({START})",
+    ]
+    for name in names:
+        method = resolve_method(name)
+        functions = "field, flow, dexpinv" if on_algebra(method) else "field, flow"
+        arguments = f"{functions}, {TIME}, y, {STEP}"
+        lines += ["names = {}", f"exec({cg.export(name, 'python')!r}, names)"]
+        if method.embedded_order is None:
+            lines.append(f"hexes(names['step']({arguments}))")
+        elif method.error_weights:
+            lines += [f"point, errors = names['step_error']({arguments})", "hexes(point)"]
+            lines += ["for row in errors: hexes(row)"]
+            lines.append(f"assert (names['step']({arguments}) == point).all()")
+        else:
+            lines += [f"for row in names['step_pair']({arguments}): hexes(row)"]
+    lines += ["import sys", "assert 'cg' not in sys.modules"]
+    return "\n".join(lines)
+
+
+def check_python(names, tmp_path):
+    program = tmp_path / "program.py"
+    program.write_text(python_program(names), encoding="utf-8")
+    run = subprocess.run(
+        [sys.executable, "-I", program], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    agree(run.stdout, names)
+
+
+def test_python_without_this_package(tmp_path):
+    check_python(SOME, tmp_path)
+
+
+def c_program(names):
+    lines = ["#include <stdio.h>", heisenberg.C]
+    lines += ["static void hexes(const double *x)"]
+    lines += ['{\n    printf("%a %a %a\\n", x[0], x[1], x[2]);\n}', "int main(void)", "{"]
+    for name in names:
+        method, prefix = resolve_method(name), identifier(name)
+        functions = "field, flow, dexpinv" if on_algebra(method) else "field, flow"
+        rows = len(method.error_weights) or int(method.embedded_order is not None)
+        second = "second, " if rows else ""
+        lines += [
+            "    {",
+            f"        double y[3] = {{{START[0]}, {START[1]}, {START[2]}}};",
+            f"        double second[6], work[{prefix.upper()}_WORK(3, 3)];",
+            f"        if ({prefix}_step({functions}, 0, 3, 3, {TIME}, {STEP}, y, {second}work))",
+            "            return 1;",
+            "        hexes(y);",
+            *(f"        hexes(second + {3 * k});" for k in range(rows)),
+            "        (void)second;",
+            "    }",
+        ]
+    return "\n".join([*lines, "    return 0;", "}"])
+
+
+def check_c(names, folder):
+    headers = []
+    for name in names:
+        header = folder / f"{identifier(name)}.h"
+        header.write_text(cg.export(name, "c"), encoding="utf-8")
+        headers.append(f'#include "{header.name}"\n')
+    (folder / "program.c").write_text("".join(headers) + c_program(names), encoding="utf-8")
+    flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+    subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=folder)
+    run = subprocess.run([folder / "program"], capture_output=True, text=True, check=True)
+    agree(run.stdout, names)
+
+
+def test_c(tmp_path):
+    check_c(SOME, tmp_path)
+
+
+def fortran_program(names):
+    lines = ["program main"]
+    lines += [f"  use {identifier(name)}_method, only: {identifier(name)}_step" for name in names]
+    lines += [
+        "  implicit none",
+        "  integer, parameter :: wp = kind(1.0d0)",
+        f"  real(wp), parameter :: t = {TIME}_wp, h = {STEP}_wp",
+        f"  real(wp), parameter :: start(3) = [{', '.join(f'{x}_wp' for x in START)}]",
+        "  real(wp) :: y(3), other(3), errors(3, 2)",
+    ]
+    for name in names:
+        method = resolve_method(name)
+        functions = "field, flow, dexpinv" if on_algebra(method) else "field, flow"
+        rows = len(method.error_weights)
+        more = f", errors(:, :{rows})" if rows else ", other" if method.embedded_order else ""
+        lines += ["  y = start"]
+        lines += [f"  call {identifier(name)}_step({functions}, 3, t, h, y{more})"]
+        lines += ["  call show(y)"]
+        lines += [f"  call show(errors(:, {k + 1}))" for k in range(rows)]
+        if method.embedded_order and not rows:
+            lines.append("  call show(other)")
+    lines += ["contains", heisenberg.FORTRAN]
+    lines += [
+        "  subroutine show(x)",
+        "    use, intrinsic :: iso_fortran_env, only: int64",
+        "    real(wp), intent(in) :: x(3)",
+        "    print '(3(z16.16, 1x))', transfer(x, 0_int64, 3)",
+        "  end subroutine show",
+        "end program main",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def check_fortran(names, folder):
+    text = "".join(cg.export(name, "fortran") for name in names) + fortran_program(names)
+    assert max(map(len, text.split("\n"))) <= 132
+    (folder / "program.f90").write_text(text, encoding="utf-8")
+    flags = ["-std=f2018", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
+    flags += ["-Wno-unused-function"]
+    subprocess.run(["gfortran", *flags, "program.f90", "-o", "program"], check=True, cwd=folder)
+    run = subprocess.run([folder / "program"], capture_output=True, text=True, check=True)
+    words = [[int(word, 16) for word in line.split()] for line in run.stdout.splitlines()]
+    rows = np.array(words, dtype=np.uint64).view(np.float64)
+    agree("\n".join(" ".join(x.hex() for x in row) for row in rows.tolist()), names)
+
+
+def test_fortran(tmp_path):
+    check_fortran(SOME, tmp_path)
+
+
+GROWTH = sum(Fraction(1, 8**k * math.factorial(k)) for k in range(5))
+"""What a step of size 1/8 of a method of order four with four stages multiplies by, y' = y."""
+
+
+def test_numbers_of_another_kind_in_c(tmp_path):
+    (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
+    program = """
+#define CF4_REAL long double
+#define CF4_NUMBER(x) x##L
+#include <stdio.h>
+#include "cf4.h"
+static int field(long double t, const long double *y, long double *f, void *data)
+{ (void)t; (void)data; f[0] = y[0]; return 0; }
+static int flow(const long double *v, long double *y, void *data)
+{ (void)data; y[0] += v[0]; return 0; }
+int main(void)
+{
+    long double y[1] = {1.0L}, work[CF4_WORK(1, 1)];
+    if (cf4_step(field, flow, 0, 1, 1, 0.0L, 0.125L, y, work)) return 1;
+    printf("%.25Lf\\n", y[0]);
+    return 0;
+}
+"""
+    (tmp_path / "program.c").write_text(program, encoding="utf-8")
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=tmp_path)
+    run = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)
+    assert abs(Fraction(run.stdout.strip()) - GROWTH) < Fraction(
+        4 * float(np.finfo(np.longdouble).eps)
+    )
+
+
+def test_numbers_of_another_kind_in_fortran(tmp_path):
+    module = cg.export("CF4", "fortran")
+    assert module.count("kind(1.0d0)") == 1
+    module = module.replace("kind(1.0d0)", "selected_real_kind(30)")
+    program = """
+program main
+  use cf4_method, only: cf4_step, wp => cf4_wp
+  implicit none
+  real(wp) :: y(1)
+  y = 1.0_wp
+  call cf4_step(field, flow, 1, 0.0_wp, 0.125_wp, y)
+  print '(f40.36)', y
+contains
+  subroutine field(t, y, f)
+    real(wp), intent(in) :: t, y(:)
+    real(wp), intent(out) :: f(:)
+    f = y + 0.0_wp * t
+  end subroutine field
+  subroutine flow(v, y)
+    real(wp), intent(in) :: v(:)
+    real(wp), intent(inout) :: y(:)
+    y = y + v
+  end subroutine flow
+end program main
+"""
+    (tmp_path / "program.f90").write_text(module + program, encoding="utf-8")
+    subprocess.run(["gfortran", "program.f90", "-o", "program"], check=True, cwd=tmp_path)
+    run = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=True)
+    assert abs(Fraction(run.stdout.strip()) - GROWTH) < Fraction(1, 10**32)
+
+
+def check_octave(names, folder):
+    lines = ["1;", heisenberg.MATLAB, f"y = [{'; '.join(map(str, START))}];"]
+    for name in names:
+        method, prefix = resolve_method(name), identifier(name)
+        (folder / f"{prefix}_step.m").write_text(cg.export(name, "matlab"), encoding="utf-8")
+        functions = "f, flow, dexpinv" if on_algebra(method) else "f, flow"
+        call = f"{prefix}_step({functions}, {TIME}, y, {STEP})"
+        if method.embedded_order is None:
+            lines.append(f"rows = {call};")
+        else:
+            lines.append(f"[point, others] = {call}; rows = [point, others];")
+        # rounded to 17 digits, doubles come back as they were
+        lines.append("printf('%.17g %.17g %.17g\\n', rows);")
+    (folder / "program.m").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    run = subprocess.run(
+        ["octave-cli", "--norc", "program.m"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=folder,
+    )
+    rows = [list(map(float, line.split())) for line in run.stdout.splitlines()]
+    agree("\n".join(" ".join(x.hex() for x in row) for row in rows), names)
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave isn't installed")
+def test_octave(tmp_path):
+    check_octave(SOME, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("check", [check_python, check_c, check_fortran, check_octave])
+def test_all_methods(check, tmp_path):
+    if check is check_octave and shutil.which("octave-cli") is None:
+        pytest.skip("Octave isn't installed")
+    check(ALL, tmp_path)
+
+
+NO_FLOWS = {
+    "one stage": cg.Tableau([[]], [0], name="Still"),
+    "two stages": cg.Tableau([[], [0]], [0, 0], name="Still"),
+    "a pair": cg.Tableau([[]], [0], b_embedded=[1], name="Still"),
+    "tiny": cg.Tableau([[], ["1e-400"]], ["-1e-9999", "1e-320"], name="Still"),
+}
+
+
+@pytest.mark.parametrize("what", NO_FLOWS)
+def test_methods_that_stay_where_they_are(what, tmp_path):
+    """Without flows some tables are empty."""
+    for format, suffix in (("c", "c"), ("fortran", "f90"), ("python", "py"), ("matlab", "m")):
+        text = cg.export(NO_FLOWS[what], format)
+        (tmp_path / f"still_step.{suffix}").write_text(text, encoding="utf-8")
+    warn = ["-Wall", "-Wextra", "-pedantic", "-Werror", "-c"]
+    subprocess.run(["gcc", "-std=c99", *warn, "still_step.c"], check=True, cwd=tmp_path)
+    subprocess.run(["gfortran", "-std=f2018", *warn, "still_step.f90"], check=True, cwd=tmp_path)
+    names = {}
+    exec((tmp_path / "still_step.py").read_text(encoding="utf-8"), names)
+    point = names["step"](lambda t, y: [1.0], lambda v, y: y + v, 0.0, np.ones(1), 0.1)
+    assert point == (1.1 if what == "a pair" else 1.0)
+    if shutil.which("octave-cli") is not None:
+        call = f"assert(still_step(@(t, y) 1, @(v, y) y + v, 0, 1, 0.1) == {point[0]})"
+        subprocess.run(["octave-cli", "--norc", "--eval", call], check=True, cwd=tmp_path)
+
+
+def swapped():
+    """Return pairs whose second results are of higher order, and make the steps."""
+    rows = cg.methods["CG2(3)"]
+    yield cg.Tableau(rows.entries, rows.embedded_weights, b_embedded=rows.weights)
+    flat = munthe_kaas["RKMK3(2)"].tableau
+    tableau = cg.Tableau(flat.entries, flat.embedded_weights, b_embedded=flat.weights)
+    yield cg.MuntheKaas(tableau)
+    points = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
+    yield cg.CommutatorFree([*points, (-1, {1: 1})], [-1, 0, 1], 3, embedded_result=2)
+
+
+@pytest.mark.parametrize("method", list(swapped()), ids=lambda method: type(method).__name__)
+def test_steps_are_those_of_higher_order(method):
+    assert method.embedded_order > method.order
+    names = {}
+    exec(cg.export(method, "python"), names)
+    functions = [heisenberg.field, Heisenberg().flow]
+    functions += [heisenberg.dexpinv] * on_algebra(method)
+    start = np.array(START)
+    found = names["step"](*functions, TIME, start, STEP)
+    step = Step(heisenberg.field, Heisenberg(), method)
+    np.testing.assert_array_equal(found, step(TIME, start, STEP))
+    if method.error_weights:
+        point, error = names["step_error"](*functions, TIME, start, STEP)
+        wanted = errors_of(step)
+        np.testing.assert_array_equal(error, wanted)
+    else:
+        point, second = names["step_pair"](*functions, TIME, start, STEP)
+        np.testing.assert_array_equal(second, step.pair(TIME, start, STEP)[1])
+    np.testing.assert_array_equal(point, found)

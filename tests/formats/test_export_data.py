@@ -1,0 +1,230 @@
+"""Exports as data and documents: digits, LaTeX, Julia's syntax, and what is refused."""
+
+import json
+import re
+import shutil
+import subprocess
+import tomllib
+from fractions import Fraction
+
+import pytest
+
+import cg
+from cg.catalogue import dumps, loads, munthe_kaas, packaged, resolve_method
+from cg.command.showing import _tableau
+from cg.formats import FORMATS, known_digits
+from cg.formats.program import identifier
+from cg.support.quads import to_decimal
+
+pytestmark = pytest.mark.no_core
+
+ALL = [*packaged, *munthe_kaas]
+SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
+CODE = ["python", "jax", "c", "fortran", "julia", "matlab"]
+
+
+@pytest.mark.parametrize("format", ["json", "toml"])
+def test_data_are_read_back_equal(format):
+    for name in ALL:
+        method = resolve_method(name)
+        text = cg.export(name, format)
+        found = loads(text)
+        assert found == method
+        assert dumps(found) == dumps(method)
+        tables = json.loads(text) if format == "json" else tomllib.loads(text)
+        assert tables["name"] == name
+
+
+class TestDigits:
+    def test_those_that_are_stored(self):
+        method = cg.methods["CG5d"]
+        assert known_digits(method) == 34
+        assert known_digits(cg.methods["CG3"]) is None
+        assert known_digits(cg.Tableau([[], [0.1]], [0.3, 0.7])) == 16
+        assert known_digits(cg.Tableau([[], ["0.123456789"]], [0, 1])) == 9
+        texts = [row for row in json.loads(method.export("json", digits=20))["a"] if row]
+        assert max(len(x.lstrip("-0.").replace(".", "")) for row in texts for x in row) == 20
+
+    def test_many_come_from_the_certificate(self):
+        method = cg.methods["CG3(2)"]
+        a, b = method.digits(60)
+        table = json.loads(method.export("json", digits=60))
+        assert table["b"] == b
+        assert [row + ["0"] * (3 - len(row)) for row in table["a"]] == a
+        found = loads(method.export("toml", digits=200))
+        residuals = cg.conditions.exact_residuals_of(found, 3)
+        assert max(map(abs, residuals)) < Fraction(1, 10**198)
+        assert found.order == 3
+
+    def test_sums_of_coefficients_have_all_digits_too(self):
+        method = cg.methods["CG3(2)"]
+        a, _ = method.digits(90)
+        c3 = sum(map(Fraction, a[2]))
+        text = method.export("c", digits=80)
+        numbers = re.search(r"cg3_2_c\[3\] = \{(.*?)\};", text, re.DOTALL)[1]
+        found = re.findall(r"NUMBER\((.*?)\)", numbers)
+        assert found[1] == a[1][0]  # which the certificate holds at its stored value
+        assert len(found[2]) == 82
+        assert abs(Fraction(found[2]) - c3) < Fraction(1, 10**80)
+
+    def test_a_certificate_of_the_user(self):
+        method = cg.Tableau(cg.methods["CG3(2)"].entries, cg.methods["CG3(2)"].weights, name="mine")
+        with pytest.raises(
+            ValueError,
+            match=r"digits must be at most 34, which are stored, since mine isn't in the "
+            r"catalogue: see cg.certify; got 50",
+        ):
+            method.export("json", digits=50)
+        certificate = cg.certify(method)
+        assert (
+            len(json.loads(method.export("json", digits=50, certificate=certificate))["b"][0]) > 50
+        )
+        with pytest.raises(TypeError, match="certificate must be a Certificate, got 'proof'"):
+            method.export("json", certificate="proof")
+        with pytest.raises(cg.CertificationError):
+            cg.methods["CG5d"].export("json", digits=50, certificate=certificate)
+
+    def test_more_than_are_known(self):
+        with pytest.raises(ValueError, match=r"at most \d+, which are stored, since CG6a has no c"):
+            cg.export("CG6a", "c", digits=50)
+        assert loads(cg.export("CG3", "json", digits=3000)) == cg.methods["CG3"]
+
+    def test_rational_methods_have_any_number_in_code(self):
+        text = cg.export("CG3", "python", digits=1000)
+        assert "0.75" in text
+        assert re.search(r"0\.550(925){300}", text)
+
+    def test_too_few(self):
+        with pytest.raises(ValueError, match="digits: 1 are too few for CG6a: nominal_order 6 is"):
+            cg.export("CG6a", "toml", digits=1)
+
+    @pytest.mark.parametrize("digits", [0, -1, 4001])
+    def test_numbers_of_digits_out_of_range(self, digits):
+        with pytest.raises(ValueError, match=r"digits must be at (least 1|most 4000), got"):
+            cg.export("CG3", "c", digits=digits)
+        with pytest.raises(TypeError, match=r"digits must be an integer, got 3.5"):
+            cg.export("CG3", "c", digits=3.5)
+
+
+def test_what_is_refused():
+    with pytest.raises(ValueError, match=r"format must be one of json, toml, .*, got 'excel'"):
+        cg.export("CG3", "excel")
+    with pytest.raises(TypeError, match="format must be a str, got None"):
+        cg.export("CG3", None)
+    with pytest.raises(ValueError, match=r"method must be one of .* near it are CG3"):
+        cg.export("CG33", "c")
+    for format in CODE:
+        with pytest.raises(ValueError, match="must be json, toml or latex for an implicit"):
+            cg.export("DICG4", format)
+    assert set(FORMATS) == {"json", "toml", "latex", *CODE}
+
+
+def test_names_become_identifiers():
+    assert identifier("Ünïcode – 5") == "n_code_5"
+    assert identifier("x" * 100) == "x" * 40
+    odd = cg.Tableau([[]], [1], name='*/ "\n\\', source="*/ ''' \n% end\0")
+    for format in CODE:
+        text = cg.export(odd, format)
+        assert "\0" not in text
+        heads = [line for line in text.split("\n") if "*/" in line and "'''" in line]
+        assert all(line.lstrip()[0] in "#/!%" for line in heads)
+
+
+class TestLatex:
+    def test_a_tableau(self):
+        text = cg.export("CG2(3)", "latex")
+        body = text.split("\n")
+        assert body[1] == r"% \usepackage{booktabs}"
+        rows = [line for line in body if line.endswith(r"\\")]
+        assert [row.count("&") for row in rows] == [3] * 5
+        assert r"$\frac{17}{24}$ & $\frac{119}{216}$ & $\frac{17}{108}$ &  \\" in rows
+        assert [line for line in body if line.endswith("rule")] == [
+            r"\toprule", r"\midrule", r"\bottomrule"
+        ]  # fmt: skip
+
+    def test_points(self):
+        text = cg.export("CF4", "latex")
+        rows = [line.split("&") for line in text.split("\n") if line.endswith(r"\\")]
+        assert [len(row) for row in rows] == [5] * (2 + 12)
+        assert [row[3].strip() for row in rows[2:4]] == [r"$\frac{1}{2}$"] * 2
+        assert "result" in rows[10][4]
+
+    def test_entries_that_are_too_long_for_a_tableau(self):
+        text = cg.export("CG5d", "latex")
+        assert r"$a_{8,7}$ & $" in text
+        assert r"$b_{8}$ & $" in text
+        assert text.count(r"\\") == 1 + sum(c.value != 0 for c in cg.methods["CG5d"].coefficients)
+        short = cg.export("CG5d", "latex", digits=6)
+        assert r"\begin{tabular}{r@{\qquad}rrrrrrrr}" in short
+        assert "frac" not in short
+        assert "longtable" in cg.export("CG6a", "latex")
+
+    @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="TeX isn't installed")
+    def test_it_is_typeset(self, tmp_path):
+        parts = [cg.export(name, "latex") for name in SOME]
+        parts += [cg.export(name, "latex", digits=5) for name in ("CG5d", "RKMK8(5,3)", "DICG6")]
+        parts += [f"{resolve_method(name)._repr_latex_()}\n" for name in ("CF3", "CG6a", "DICG4")]
+        text = "\n\n\\clearpage\n".join(parts)
+        head = r"\documentclass{article}\usepackage{booktabs,longtable,amsmath}\begin{document}"
+        (tmp_path / "all.tex").write_text(f"{head}\n{text}\n\\end{{document}}\n", encoding="utf-8")
+        run = subprocess.run(
+            ["pdflatex", "-halt-on-error", "-interaction=nonstopmode", "all.tex"],
+            capture_output=True, text=True, check=False, cwd=tmp_path,
+        )  # fmt: skip
+        assert run.returncode == 0, run.stdout[-2000:]
+        assert "pages" in run.stdout
+
+
+def test_julia_is_julia():
+    """Parsed by a grammar; nothing runs it here."""
+    tree_sitter = pytest.importorskip("tree_sitter")
+    language = pytest.importorskip("tree_sitter_julia")
+    parser = tree_sitter.Parser(tree_sitter.Language(language.language()))
+    assert parser.parse(b"module X\nf(x = \nend").root_node.has_error
+    for name in ("CG3", "CG2(3)", "DP5(4)", "RKMK4", "RKMK8(5,3)"):
+        root = parser.parse(cg.export(name, "julia").encode()).root_node
+        assert not root.has_error
+        (module,) = (node for node in root.children if node.type == "module_definition")
+        found = sum(node.type == "function_definition" for node in module.children)
+        assert found >= 2 + (resolve_method(name).embedded_order is not None)
+
+
+class TestRounded:
+    def test_abscissae_are_sums_that_are_rounded(self):
+        method = cg.methods["CG4a"]
+        for digits in (4, 6, 9, 15):
+            rows = [
+                re.findall(r"\$(.*?)\$", line)
+                for line in method.export("latex", digits=digits).split("\n")
+                if line.endswith(r"\\")
+            ]
+            for found, row in zip(rows[1:5], method.exact[0][1:], strict=True):
+                exact = sum(row)
+                assert abs(Fraction(found[0]) - exact) <= Fraction(1, 2 * 10**digits), digits
+        assert "$0.876890$ & " in method.export("latex", digits=6)
+
+    def test_zeros_that_are_digits_stay(self):
+        rows = [[], ["-1.09699999999"]], ["0.99999999", "12.3000000000004"]
+        text = cg.Tableau(*rows).export("latex", digits=6)
+        assert "-1.09700" in text
+        assert "12.3000" in text
+        assert re.search(r"\b1\.00000\b", text)
+
+    def test_sums_of_more_digits_than_python_writes_are_decimals(self):
+        row = [f"{10**399}/{10**400 + k}" for k in range(1, 31)]
+        tableau = cg.Tableau([[0] * 30] * 29 + [row], row, name="long")
+        assert tableau.export("latex").count("frac") == 60
+        assert "3 & 0.1" in tableau._repr_latex_()
+        assert _tableau(tableau, 6).splitlines()[29].split()[:3] == ["3", "│", "0.1"]
+        found = cg.diagnose(tableau, c=[0] * 29 + [1]).findings
+        assert [f.message for f in found if f.message.startswith("row 30 of a sums to 3, not to")]
+
+
+@pytest.mark.parametrize(
+    ("digits", "zeros", "text"),
+    [(3, True, "1.00"), (3, False, "1"), (4, True, "0.9996"), (1, True, "1"), (2, True, "1.0")],
+)
+def test_zeros_of_decimals(digits, zeros, text):
+    assert to_decimal(Fraction("0.9996"), digits, zeros=zeros) == text
+    tiny = to_decimal(Fraction("0.9996e-200"), digits, zeros=zeros)
+    assert Fraction(tiny) == Fraction(text) / 10**200

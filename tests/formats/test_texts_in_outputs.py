@@ -1,0 +1,137 @@
+"""Names and sources that files hold stay texts: in code, in documents and on a terminal."""
+
+import ast
+import json
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import cg
+from cg.catalogue import dumps, dumps_json, loads
+from cg.command import main
+from cg.formats import FORMATS
+from cg.support.parsing import visible
+
+CODE = ["python", "jax", "c", "fortran", "julia", "matlab"]
+TEXTS = {
+    "encoding": ("M coding=raw_unicode_escape", "\\u000araise SystemExit(1)"),
+    "no encoding": ("M", "Channel coding: an overview"),
+    "line breaks": ("M", "one\rint x;\x0bint x;\x0cint x;\x85int x;\u2028int x;\u2029int x;"),
+    "terminal": ("M\x1b]0;owned\x07", "\x9b31mred\x1b[2J\x7f\x08\x08"),
+    "right to left": ("M\u202e", "\u2066 hidden \u2069 \ufeff"),
+    "ends of comments": ("M */ =# ]] %} --> ''' \"\"\"", "*/ int x; /* =# #= %} %{\n%}\n%{"),
+    "continued": ("M", "\\\nint x;??/\nint x;\n" + "x" * 95 + "\\ " + "x" * 93 + "??/ &"),
+    "directives": ("!TeX program = sh", "$omp parallel\n#codegen\nDIR$ x\n-*- texinfo -*-\n&latex"),
+    "beyond": ("M \U0001f600 \U000e0001", "\u00a0K\u00f6nig\u3000"),
+}
+
+
+def method_of(what: str) -> cg.Tableau:
+    name, source = TEXTS[what]
+    return cg.Tableau([[], ["1/2"]], [0, 1], name=name, source=source)
+
+
+@pytest.mark.parametrize("format", ["python", "jax"])
+@pytest.mark.parametrize("what", TEXTS)
+def test_python_reads_code_and_comments(what: str, format: str) -> None:
+    def parsed(method: cg.Tableau) -> str:
+        return ast.dump(ast.parse(cg.export(method, format).encode()))
+
+    assert parsed(method_of(what)) == parsed(cg.Tableau([[], ["1/2"]], [0, 1]))
+
+
+@pytest.mark.parametrize("format", CODE)
+@pytest.mark.parametrize("what", TEXTS)
+def test_texts_are_in_comments_alone(what: str, format: str) -> None:
+    method = method_of(what)
+    plain = cg.Tableau(method.entries, method.weights, name=method.name)
+    text = cg.export(method, format)
+    mark = {"c": "// ", "fortran": "! ", "matlab": "% "}.get(format, "# ")
+
+    def rest(text: str) -> list[str]:
+        return [line for line in text.split("\n") if not f"{line} ".startswith(mark)]
+
+    assert rest(text) == rest(cg.export(plain, format))
+    assert text.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
+    comments = [line for line in text.split("\n") if line.startswith(mark)]
+    assert not any(line.endswith(("\\", "??/")) for line in comments)
+
+
+@pytest.mark.parametrize("what", TEXTS)
+def test_c_has_no_warnings(what: str, tmp_path: Path) -> None:
+    (tmp_path / "m.h").write_text(cg.export(method_of(what), "c"), encoding="utf-8")
+    (tmp_path / "m.c").write_text('#include "m.h"\nint main(void) { return 0; }\n')
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    subprocess.run(["gcc", *flags, "m.c"], check=True, cwd=tmp_path)
+
+
+@pytest.mark.parametrize("what", TEXTS)
+def test_a_table_begins_with_a_comment_that_says_nothing_to_tex(what: str) -> None:
+    first, rest = cg.export(method_of(what), "latex").split("\n", 1)
+    assert first.startswith("% Method ")
+    assert visible(TEXTS[what][0]) in first
+    assert rest == cg.export(cg.Tableau([[], ["1/2"]], [0, 1]), "latex").split("\n", 1)[1]
+
+
+@pytest.mark.parametrize("what", TEXTS)
+def test_data_keep_texts_as_escapes(what: str) -> None:
+    method = method_of(what)
+    for text in (dumps(method), dumps_json(method)):
+        assert text.replace("\n", "").isprintable()
+        found = loads(text)
+        assert (found.name, found.source) == TEXTS[what]
+    assert tomllib.loads(dumps(method))["source"] == json.loads(dumps_json(method))["source"]
+
+
+@pytest.mark.parametrize("what", TEXTS)
+def test_notebooks_show_texts(what: str) -> None:
+    method = method_of(what)
+    text = method._repr_html_()
+    assert text.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
+    assert 'class="tex2jax_ignore mathjax_ignore"' in text  # dollars begin no formula
+    assert visible(repr(method)) == repr(method)
+
+
+@pytest.mark.parametrize("what", TEXTS)
+def test_a_terminal_gets_lines_of_text(
+    what: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("CG_METHODS", str(tmp_path))
+    file, bad = tmp_path / "mine.toml", tmp_path / "broken\x1b[2J.json"
+    file.write_text(dumps(method_of(what)), encoding="utf-8")
+    bad.write_text('{"name": 1, "\\u001b[2J": 2}', encoding="utf-8")
+    with pytest.warns(UserWarning, match=r"left out of cg.methods: .*broken\\x1b\[2J.json") as seen:
+        main(["list"])
+    for command in ("show", "check", "certify"):
+        for path in (file, bad):
+            main([command, str(path)])
+            main([command, str(path), "--json"])
+    main(["list", "--json"])
+    for format in FORMATS:
+        main(["export", str(file), format])
+    captured = capsys.readouterr()
+    told = captured.out + captured.err + "".join(str(one.message) for one in seen)
+    assert told.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
+
+
+def test_text_that_no_file_can_hold_is_refused() -> None:
+    with pytest.raises(cg.TableauError, match=r"source must be text, got 'x\\ud800'"):
+        cg.Tableau([[]], [1], source="x\ud800")
+    with pytest.raises(cg.TableauError, match="name must be text"):
+        loads('{"name": "\\ud800", "source": "", "a": [[]], "b": ["1"]}')
+
+
+@pytest.mark.parametrize("draw", ["tableau", "points", "stability_region"])
+def test_pictures_show_names_as_they_are(draw: str, tmp_path: Path) -> None:
+    from matplotlib import pyplot as plt
+
+    other = cg.Tableau([[]], [1], name="LieEuler")
+    method = cg.Tableau([[], ["1/2"]], [0, 1], name="$\\frac$\x1b")
+    ax = getattr(cg.plot, draw)([other, method] if draw == "stability_region" else method)
+    ax.figure.savefig(tmp_path / "picture.svg")
+    plt.close(ax.figure)

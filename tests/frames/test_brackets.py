@@ -1,0 +1,186 @@
+"""Brackets of frames: antisymmetry, the Jacobi identity, and what flows say about them."""
+
+import numpy as np
+import pytest
+from bracket_examples import CLOSED_FORMS, WITH, has_bracket, vectors
+from frame_examples import FRAMES, HEISENBERG, name
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cg.frames import (
+    SO,
+    SO3,
+    SU,
+    FieldFrame,
+    MatrixFrame,
+    Product,
+    Semidirect,
+    Sphere,
+)
+from cg.frames.dexpinv import bernoulli_terms, series_dexpinv
+
+pytestmark = pytest.mark.no_core
+
+# Flows of the fields of HEISENBERG don't keep to their span.
+OPEN = MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]])
+over_frames = pytest.mark.parametrize("frame", WITH, ids=name)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def test_only_fields_that_do_not_close_have_none():
+    without = [frame for frame in FRAMES if not has_bracket(frame)]
+    assert [type(frame) for frame in without] == [FieldFrame, MatrixFrame]
+    assert without[0] is HEISENBERG
+
+
+@over_frames
+@given(seed=seeds)
+def test_it_is_antisymmetric_and_bilinear(frame, seed):
+    u, v, w = vectors(frame, seed, 3)
+    np.testing.assert_allclose(frame.bracket(u, v), -frame.bracket(v, u), rtol=0, atol=1e-13)
+    together = frame.bracket(2.0 * u - w, v)
+    apart = 2.0 * frame.bracket(u, v) - frame.bracket(w, v)
+    np.testing.assert_allclose(together, apart, rtol=0, atol=1e-12)
+
+
+@over_frames
+@given(seed=seeds)
+def test_it_satisfies_the_jacobi_identity(frame, seed):
+    u, v, w = vectors(frame, seed, 3)
+    b = frame.bracket
+    cyclic = b(u, b(v, w)) + b(v, b(w, u)) + b(w, b(u, v))
+    size = np.linalg.norm(u) * np.linalg.norm(v) * np.linalg.norm(w)
+    np.testing.assert_allclose(cyclic, 0.0, rtol=0, atol=1e-13 * size)
+
+
+@over_frames
+def test_it_broadcasts(frame):
+    u, v = vectors(frame, 1, 2), vectors(frame, 2, 6).reshape(3, 2, -1)
+    for order, function in ((0, frame.bracket), (7, frame.dexpinv)):
+        options = {"order": order} if order else {}
+        found = function(u, v, **options)
+        assert found.shape == v.shape
+        for i, j in np.ndindex(3, 2):
+            np.testing.assert_allclose(found[i, j], function(u[j], v[i, j], **options), atol=1e-14)
+
+
+@over_frames
+def test_flows_say_what_it_is(frame):
+    """Around a square of flows the commutator is left."""
+    u, v = 0.5 * vectors(frame, 5, 2)
+    y = frame.random_point(np.random.default_rng(6))
+    w = frame.bracket(u, v)
+
+    def around(e):
+        moved = frame.flow(-e * u, frame.flow(-e * v, frame.flow(e * u, frame.flow(e * v, y))))
+        return (moved - y) / e**2
+
+    # errors of first and second order in e cancel
+    e = 4e-3
+    fine = 0.5 * (around(e) + around(-e)), 0.5 * (around(e / 2) + around(-e / 2))
+    extrapolated = (4.0 * fine[1] - fine[0]) / 3.0
+    np.testing.assert_allclose(extrapolated, frame.field(w, y), rtol=0, atol=3e-8)
+
+
+@over_frames
+def test_two_flows_are_that_of_baker_campbell_hausdorff(frame):
+    u, v = 0.5 * vectors(frame, 7, 2)
+    y = frame.random_point(np.random.default_rng(8))
+    b = frame.bracket
+    errors = []
+    for e in (0.2, 0.1):
+        p, q = e * u, e * v
+        pq = b(p, q)
+        w = p + q + pq / 2 + (b(p, pq) - b(q, pq)) / 12 - b(q, b(p, pq)) / 24
+        errors.append(np.abs(frame.flow(p, frame.flow(q, y)) - frame.flow(w, y)).max())
+    assert errors[1] < 1e-13 or errors[0] / errors[1] > 2**4.3
+
+
+@over_frames
+def test_dexpinv_is_the_derivative_of_coordinates(frame):
+    """Along y = flow(u(t), y0) coefficients v have u' = dexpinv(u, v)."""
+    rng = np.random.default_rng(9)
+    u, slope = 0.15 * rng.standard_normal((2, frame.dim))
+    y0 = frame.random_point(rng)
+
+    def tangent(e):
+        ends = [frame.flow(u + s * e * slope, y0) for s in (-2, -1, 1, 2)]
+        return (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * e)
+
+    # slope = dexpinv(u) v, so v = dexpinv(u)^-1 slope
+    matrix = frame.dexpinv(u, np.eye(frame.dim), order=14).T
+    v = np.linalg.solve(matrix, slope)
+    np.testing.assert_allclose(tangent(2e-3), frame.field(v, frame.flow(u, y0)), rtol=0, atol=2e-9)
+
+
+@pytest.mark.parametrize("frame", CLOSED_FORMS, ids=name)
+@pytest.mark.parametrize("size", [1e-200, 1e-9, 1e-4, 0.1, 0.9, 1.1, 2.0])
+def test_closed_forms_are_the_sum_of_the_series(frame, size):
+    rng = np.random.default_rng(3)
+    u, v = rng.standard_normal((2, frame.dim))
+    u[:3] *= size / np.linalg.norm(u[:3])
+    if frame.dim > 6 and isinstance(frame, Product):
+        u[6:] *= size / np.linalg.norm(u[6:])
+    series = series_dexpinv(lambda w: frame.bracket(u, w), v, 70)
+    np.testing.assert_allclose(frame.dexpinv(u, v), series, rtol=0, atol=4e-15 * (1 + size))
+
+
+@pytest.mark.parametrize("frame", [SO(4), SU(3), Semidirect(SO(2))], ids=name)
+def test_the_series_ends_where_the_order_says(frame):
+    u, v = vectors(frame, 4, 2)
+    powers = [v]
+    for _ in range(8):
+        powers.append(frame.bracket(u, powers[-1]))
+    terms = [float(t) for t in bernoulli_terms(8)]
+    for order, last in ((1, 0), (2, 0), (3, 1), (4, 2), (5, 2), (6, 4), (7, 4), (8, 6), (10, 8)):
+        expected = sum(terms[k] * powers[k] for k in range(last + 1))
+        np.testing.assert_allclose(
+            frame.dexpinv(u, v, order=order), expected, rtol=0, atol=1e-13 * np.abs(powers).max()
+        )
+
+
+def test_numbers_of_bernoulli():
+    numbers = [str(t) for t in bernoulli_terms(8)]
+    assert numbers == ["1", "-1/2", "1/12", "0", "-1/720", "0", "1/30240", "0", "-1/1209600"]
+
+
+@pytest.mark.parametrize("frame", [Sphere(2), Sphere(4), Product(SO3(), Sphere(1))], ids=name)
+def test_shortest_coefficients_have_the_same_tangent(frame):
+    rng = np.random.default_rng(1)
+    v, y = rng.standard_normal((5, frame.dim)), frame.random_point(rng, 5)
+    short = frame.shortest(v, y)
+    np.testing.assert_allclose(frame.field(short, y), frame.field(v, y), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(frame.shortest(short, y), short, rtol=0, atol=1e-14)
+    assert (np.linalg.norm(short, axis=-1) <= np.linalg.norm(v, axis=-1)).all()
+
+
+def test_errors_say_what_is_wrong():
+    with pytest.raises(NotImplementedError, match=r"bracket=\.\.\."):
+        HEISENBERG.bracket([1.0, 0.0], [0.0, 1.0])
+    with pytest.raises(NotImplementedError, match="commutators of its matrices are not all"):
+        OPEN.bracket([1.0, 0.0], [0.0, 1.0])
+    with pytest.raises(NotImplementedError, match="commutators of its matrices are not all"):
+        Product(SO3(), OPEN).dexpinv(np.ones(5), np.ones(5))
+    with pytest.raises(ValueError, match=r"u must have shape \(\.\.\., 3\), got \(2,\)"):
+        SO3().bracket([1.0, 0.0], [0.0, 1.0, 0.0])
+    with pytest.raises(ValueError, match=r"v must have shape \(\.\.\., 3\), got \(2,\)"):
+        SO3().dexpinv([1.0, 0.0, 0.0], [0.0, 1.0])
+    with pytest.raises(ValueError, match="order must be at least 1, got 0"):
+        SO3().dexpinv([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], order=0)
+    with pytest.raises(TypeError, match="bracket must be a function or None"):
+        FieldFrame([lambda y: y], lambda v, y: y, point_shape=1, bracket=3)
+
+
+@pytest.mark.parametrize(
+    ("bracket", "message"),
+    [
+        (lambda u, v: np.array([u[1] * v[2], 0.0, 0.0]), "must change its sign"),
+        (lambda u, v: np.array([u[1] * v[2] - u[2] * v[1], u[0] * v[1] - u[1] * v[0],
+                                u[0] * v[1] - u[1] * v[0]]), "must satisfy Jacobi's identity"),
+    ],
+)  # fmt: skip
+def test_brackets_of_no_lie_algebra_are_refused(bracket, message):
+    fields = [lambda y, k=k: np.eye(3)[k] for k in range(3)]
+    with pytest.raises(ValueError, match=message):
+        FieldFrame(fields, lambda v, y: y + v, point_shape=3, bracket=bracket)
+    FieldFrame(fields, lambda v, y: y + v, point_shape=3, bracket=lambda u, v: 0.0 * u)

@@ -1,0 +1,183 @@
+"""The flows of a row in compiled code are those of the frame."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.frames import GL, SE3, SO, SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
+from cg.integration.step.blocks import is_compiled
+from cg.integration.step.flows import _CompiledFlows, _Flows, difference_of, flows_of
+
+pytestmark = pytest.mark.sanitize
+
+FRAMES = [
+    SO3(),
+    SO3("space"),
+    SO(3),
+    UnitQuaternion(),
+    UnitQuaternion(scalar_first=True, convention="space"),
+    SE3(),
+    SE3("space"),
+    Sphere(2),
+    SU(2),
+    SU(2, "body"),
+    SO(2),
+    SO(4),
+    SO(5, "space"),
+    SU(3),
+    SU(4, "body"),
+    U(1),
+    U(3, "body"),
+    Product(SU(3), Euclidean(1), SO(4)),
+    Euclidean(4),
+    Product(SO3(), Euclidean(3), Product(Sphere(2), SU(2), SE3())),
+]
+WEIGHTS = 0.75 * np.array([0.5, -1.25, 0.0625])[:, None]
+
+
+@pytest.mark.parametrize("batch", [(), (5,), (2, 3)], ids=repr)
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_compiled_flows_are_the_frames(frame, batch):
+    rng = np.random.default_rng(5)
+    points = frame.random_point(rng, batch)
+    before = points.copy()
+    fields = frame.random_vector(rng, (*batch, 3))
+    moved = flows_of(frame)(WEIGHTS * fields, points)
+    np.testing.assert_array_equal(points, before)
+    np.testing.assert_allclose(moved, _Flows(frame)(WEIGHTS * fields, points), rtol=0, atol=1e-14)
+    assert isinstance(flows_of(frame), _CompiledFlows)
+    assert frame.membership_error(moved).max() < 1e-15
+
+
+CURVED = [SO3("space"), SO3(), UnitQuaternion(), Sphere(2), SU(2), SO(2), SO(4), SU(3), U(1)]
+
+
+@pytest.mark.parametrize("frame", CURVED, ids=repr)
+def test_a_point_off_the_manifold_is_led_to_the_same_point(frame):
+    rng = np.random.default_rng(11)
+    points, fields = frame.random_point(rng, (20,)), frame.random_vector(rng, (20, 3))
+    off = rng.standard_normal((2, *points.shape))
+    off = off[0] + 1j * off[1] if frame.dtype.kind == "c" else off[0]
+    points = points + 1e-9 * off
+    moved = flows_of(frame)(WEIGHTS * fields, points)
+    np.testing.assert_allclose(moved, _Flows(frame)(WEIGHTS * fields, points), rtol=0, atol=1e-14)
+    assert frame.membership_error(moved).max() < 1e-15
+
+
+@pytest.mark.parametrize("frame", [SE3(), SE3("space")], ids=repr)
+def test_a_motion_off_the_group_is_led_to_the_same_rotation(frame):
+    rng = np.random.default_rng(12)
+    points, fields = frame.random_point(rng, (20,)), frame.random_vector(rng, (20, 3))
+    points[..., :3, :3] += 1e-9 * rng.standard_normal((20, 3, 3))
+    moved = flows_of(frame)(WEIGHTS * fields, points)
+    wanted = _Flows(frame)(WEIGHTS * fields, points)
+    np.testing.assert_allclose(moved[..., :3], wanted[..., :3], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(moved, wanted, rtol=0, atol=1e-8)
+    assert frame.membership_error(moved).max() < 1e-15
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-300, 1e-12, 1e-4, 1.0, 3.0])
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_compiled_differences_are_the_frames(frame, size):
+    rng = np.random.default_rng(8)
+    points = frame.random_point(rng, (2, 50))
+    v = frame.random_vector(rng, (2, 50))
+    v *= size / np.linalg.norm(v, axis=-1, keepdims=True)
+    moved = frame.flow(v, points)
+    found = difference_of(frame)(points, moved)
+    expected = frame.exp_coordinates(points, moved)
+    # a translation may be as long as the points are, for which the roundings grow
+    np.testing.assert_allclose(found, expected, rtol=0, atol=5e-15)
+    if size < 2.0:
+        np.testing.assert_allclose(frame.flow(found, points), moved, rtol=0, atol=1e-14)
+
+
+def half_turns():
+    rng = np.random.default_rng(9)
+    axes = rng.standard_normal((40, 3))
+    axes = np.concatenate([np.eye(3), axes / np.linalg.norm(axes, axis=-1, keepdims=True)])
+    return np.pi * axes
+
+
+@pytest.mark.parametrize("frame", [SO3(), SE3(), UnitQuaternion(), SU(2)], ids=repr)
+def test_compiled_differences_of_half_turns(frame):
+    v = np.zeros((43, frame.dim))
+    v[:, :3] = half_turns()
+    y0 = frame.random_point(np.random.default_rng(10))
+    y1 = frame.flow(v, np.broadcast_to(y0, (43, *y0.shape)))
+    found = difference_of(frame)(np.broadcast_to(y0, y1.shape), y1)
+    np.testing.assert_allclose(np.linalg.norm(found[:, :3], axis=-1), np.pi, rtol=1e-14)
+    np.testing.assert_allclose(frame.flow(found, y0), y1, rtol=0, atol=2e-14)
+
+
+def test_compiled_differences_at_the_ends():
+    opposite = difference_of(Sphere(2))(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]))
+    assert np.isnan(opposite).all()
+    q = np.array([0.0, 0.0, 0.0, 1.0])
+    turn = difference_of(UnitQuaternion())(q, -q)
+    np.testing.assert_array_equal(turn, UnitQuaternion().exp_coordinates(q, -q))
+
+
+def test_the_order_of_the_flows_matters():
+    rng = np.random.default_rng(6)
+    frame = SO3()
+    y, fields = frame.random_point(rng), frame.random_vector(rng, (3,))
+    flows = flows_of(frame)
+    there, back = flows(fields, y), flows(fields[::-1], y)
+    assert frame.distance(there, back) > 0.1
+
+
+class Turned(SO3):
+    """Another frame on the same points."""
+
+    def flow(self, v, y):
+        return super().flow(2.0 * np.asarray(v), y)
+
+
+@pytest.mark.parametrize("frame", [Turned(), Product(Euclidean(1), Turned())], ids=repr)
+def test_a_subclass_keeps_its_own_flow(frame):
+    assert not is_compiled(frame)
+    y0 = frame.random_point(np.random.default_rng(7))
+    v = np.arange(1.0, frame.dim + 1)
+    end = cg.integrate(lambda t, y: v, (0, 1), y0, frame=frame, method="CG3", h=1.0).y[-1]
+    np.testing.assert_allclose(end, frame.flow(v, y0), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("frame", [GL(2), Sphere(3), SO(13)], ids=repr)
+def test_other_frames_are_moved_by_themselves(frame):
+    assert not is_compiled(frame)
+
+
+MATRICES = [SO(2), SO(4), SO(5, "space"), SU(3), SU(4, "body"), U(1), U(3, "body")]
+
+
+@pytest.mark.parametrize("size", [10.0, 1e3, 1e6, 1e9])
+@pytest.mark.parametrize("frame", MATRICES, ids=repr)
+def test_large_turns_stay_on_the_group(frame, size):
+    rng = np.random.default_rng(4)
+    y, v = frame.random_point(rng, 10), frame.random_vector(rng, 10)
+    v *= size / np.linalg.norm(v, axis=-1, keepdims=True)
+    moved = flows_of(frame)(v[:, None], y)
+    assert frame.membership_error(moved).max() < 2e-15
+    np.testing.assert_allclose(moved, frame.flow(v, y), rtol=0, atol=3e-15 * size)
+
+
+@pytest.mark.parametrize("frame", MATRICES, ids=repr)
+def test_no_difference_over_half_a_turn_is_wrong(frame):
+    """There is the one of the frame, or none."""
+    rng = np.random.default_rng(4)
+    y, v = frame.random_point(rng, 200), 3.0 * frame.random_vector(rng, 200)
+    far = flows_of(frame)(v[:, None], y)
+    found = difference_of(frame)(y, far)
+    known = np.isfinite(found).all(axis=-1)
+    assert known.any()
+    np.testing.assert_allclose(frame.flow(found[known], y[known]), far[known], rtol=0, atol=1e-13)
+    half = np.diag([-1.0, -1.0, *[1.0] * (frame.n - 2)]) if frame.n > 1 else -np.eye(1)
+    assert np.isnan(difference_of(frame)(np.eye(frame.n, dtype=frame.dtype), half + 0 * y[0])).all()
+
+
+def test_flows_that_are_no_numbers():
+    for frame in (SO(4), SU(3)):
+        v = np.full((1, frame.dim), np.inf)
+        moved = flows_of(frame)(v, frame.random_point(np.random.default_rng(0)))
+        assert np.isnan(moved).all()

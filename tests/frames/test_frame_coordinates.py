@@ -1,0 +1,253 @@
+"""Coordinates that every frame has: their sizes, those of nearby points, and compiled blocks."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from frame_examples import FRAMES, MAX_SCALE, name
+
+from cg.frames import (
+    SE3,
+    SO,
+    SO3,
+    SU,
+    CoadjointOrbit,
+    Euclidean,
+    FieldFrame,
+    HomogeneousSpace,
+    IsospectralOrbit,
+    Product,
+    Semidirect,
+    Sphere,
+    Stiefel,
+    UnitQuaternion,
+)
+from cg.frames.block_kinds import SCALAR_FIRST, SPACE_AXES, BlockKind
+
+pytestmark = pytest.mark.no_core
+
+every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
+BATCHES = [(), (5,), (2, 3)]
+
+
+def largest(points, frame):
+    axes = tuple(range(-len(frame.point_shape), 0))
+    return np.abs(points).max(axis=axes)
+
+
+@every_frame
+@pytest.mark.parametrize("batch", BATCHES, ids=repr)
+@pytest.mark.parametrize("size", [1e-3, 1e-9, 1e-13, 0.1])
+def test_nearby_points_are_reached(frame, batch, size):
+    rng = np.random.default_rng(71)
+    y0 = frame.random_point(rng, batch)
+    v = min(size, size * MAX_SCALE.get(frame, 1.0)) * frame.random_vector(rng, batch)
+    y1 = frame.flow(v, y0)
+    found = frame.nearby_coordinates(y0, y1)
+    assert found.shape == v.shape
+    assert found.dtype == np.float64
+    error = largest(frame.flow(found, y0) - y1, frame)
+    assert (error <= 4e-15 * largest(y0, frame) ** 2).all()
+    # no longer than the way that is known, up to the rounding of the points
+    length = np.linalg.norm(v, axis=-1)
+    rounding = 1e-13 * largest(y0, frame) ** 2
+    assert (np.linalg.norm(found, axis=-1) <= 1.1 * length + rounding).all()
+
+
+@every_frame
+def test_a_point_is_at_no_distance_from_itself(frame):
+    y = frame.random_point(np.random.default_rng(72), (4,))
+    rounding = 4e-15 * max(1.0, np.abs(y).max()) ** 2
+    np.testing.assert_allclose(frame.nearby_coordinates(y, y), 0.0, rtol=0, atol=rounding)
+    y0 = frame.flow(np.zeros(frame.dim), y[0])
+    np.testing.assert_allclose(frame.nearby_coordinates(y0, y0), 0.0, rtol=0, atol=rounding)
+
+
+@every_frame
+def test_nearby_points_broadcast_and_are_checked(frame):
+    rng = np.random.default_rng(73)
+    y0 = frame.random_point(rng)
+    v = 1e-3 * frame.random_vector(rng, (3,))
+    y1 = frame.flow(v, y0)
+    together = frame.nearby_coordinates(y0, y1)
+    back = frame.nearby_coordinates(y1, y0)
+    assert together.shape == back.shape == (3, frame.dim)
+    for k in range(3):
+        alone = frame.nearby_coordinates(y0, y1[k])
+        np.testing.assert_allclose(together[k], alone, rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match="y0 must have shape"):
+        frame.nearby_coordinates(np.append(y0, 1.0), y0)
+    with pytest.raises(ValueError, match="y1 must have shape"):
+        frame.nearby_coordinates(y0, np.append(y0, 1.0))
+
+
+@every_frame
+def test_what_is_not_finite_spoils_no_neighbour(frame):
+    rng = np.random.default_rng(74)
+    y0 = frame.random_point(rng, (2,))
+    y1 = frame.flow(1e-3 * frame.random_vector(rng, (2,)), y0)
+    alone = frame.nearby_coordinates(y0[1], y1[1])
+    y1[0].flat[0] = np.nan
+    found = frame.nearby_coordinates(y0, y1)
+    assert np.isnan(found[0]).any()
+    np.testing.assert_allclose(found[1], alone, rtol=0, atol=1e-12)
+
+
+def test_points_that_no_flow_connects_have_no_coordinates():
+    """The field vanishes at zero and leads away from there nowhere."""
+    frame = FieldFrame([lambda y: y], lambda v, y: np.exp(v[0]) * y, point_shape=1)
+    found = frame.nearby_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
+    assert np.isnan(found[0]).all()
+    np.testing.assert_allclose(found[1], np.log(1.5), rtol=1e-14)
+
+
+@pytest.mark.parametrize("frame", [Stiefel(50, 5), IsospectralOrbit(tuple(range(12)))], ids=name)
+def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
+    """A dense solution for the 1225 coefficients of Stiefel(50, 5) takes seconds for this."""
+    rng = np.random.default_rng(75)
+    y0 = frame.random_point(rng, (4,))
+    y1 = frame.flow(1e-3 * frame.random_vector(rng, (4,)), y0)
+    monkeypatch.delattr(np.linalg, "pinv")
+    found = frame.nearby_coordinates(y0, y1)
+    np.testing.assert_allclose(frame.flow(found, y0), y1, rtol=0, atol=4e-15 * np.abs(y0).max())
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Stiefel(4, 2),
+        Stiefel(3, 3),
+        IsospectralOrbit((-1.0, 0.25, 1.5)),
+        IsospectralOrbit((0.0, 0.0, 1.0), hermitian=True),
+        CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)),
+    ],
+    ids=name,
+)
+def test_coefficients_of_tangents_are_the_shortest(frame):
+    rng = np.random.default_rng(76)
+    y = frame.random_point(rng, (3,))
+    tangent = frame.field(frame.random_vector(rng, (3,)), y)
+    found = frame._coefficients_at(y, tangent)
+    np.testing.assert_allclose(frame.field(found, y), tangent, rtol=0, atol=1e-14)
+    for k in range(3):
+        fields = frame.field(np.eye(frame.dim), y[k]).reshape(frame.dim, -1)
+        matrix = np.concatenate([fields.real, fields.imag], axis=1).T
+        right = np.concatenate([tangent[k].real.ravel(), tangent[k].imag.ravel()])
+        wanted = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
+        np.testing.assert_allclose(found[k], wanted, rtol=0, atol=2e-14)
+
+
+def test_homogeneous_spaces_may_leave_the_tangents_to_the_matrix_of_fields():
+    class Plain(Stiefel):
+        _coefficients_at = HomogeneousSpace._coefficients_at
+
+    rng = np.random.default_rng(77)
+    y0 = Stiefel(4, 2).random_point(rng, (3,))
+    y1 = Stiefel(4, 2).flow(0.1 * rng.standard_normal((3, 6)), y0)
+    plain, closed = Plain(4, 2), Stiefel(4, 2)
+    np.testing.assert_allclose(
+        plain.nearby_coordinates(y0, y1), closed.nearby_coordinates(y0, y1), rtol=0, atol=1e-13
+    )
+
+
+@every_frame
+@pytest.mark.parametrize("batch", BATCHES, ids=repr)
+def test_sizes_of_coordinates_have_their_shape(frame, batch):
+    y = frame.random_point(np.random.default_rng(78), batch)
+    sizes = frame.coordinate_sizes(y)
+    assert sizes.shape == (*batch, frame.dim)
+    assert (sizes >= 0.0).all()
+
+
+def test_sizes_of_coordinates():
+    frame = Product(SO3(), Euclidean(2), Semidirect(SO3(), 2), SU(2))
+    point = np.eye(5)
+    point[:3, 3], point[:3, 4] = [3.0, 0.0, 4.0], [0.0, -7.0, 0.0]
+    y = frame.join(np.eye(3), [-2.0, 0.5], point, np.eye(2))
+    ones = np.ones(3)
+    wanted = np.concatenate([ones, [2.0, 0.5], ones, 5.0 * ones, 7.0 * ones, ones])
+    np.testing.assert_array_equal(frame.coordinate_sizes(y), wanted)
+    many = frame.coordinate_sizes(np.stack([y, 2.0 * y]))
+    assert many.shape == (2, frame.dim)
+    np.testing.assert_array_equal(many[1, 3:5], [4.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("frame", "blocks"),
+    [
+        (Euclidean(4), ((BlockKind.EUCLIDEAN, 4, 0),)),
+        (SO3(), ((BlockKind.SO3, 3, 0),)),
+        (SO(3, "space"), ((BlockKind.SO3, 3, SPACE_AXES),)),
+        (SO(4), ((BlockKind.SO, 4, 0),)),
+        (SO(13), None),
+        (
+            UnitQuaternion("space", scalar_first=True),
+            ((BlockKind.QUATERNION, 3, SPACE_AXES + SCALAR_FIRST),),
+        ),
+        (UnitQuaternion(), ((BlockKind.QUATERNION, 3, 0),)),
+        (SE3(), ((BlockKind.SE3, 3, 0),)),
+        (Semidirect(SO3()), None),
+        (Sphere(2), ((BlockKind.SPHERE, 3, 0),)),
+        (Sphere(3), None),
+        (SU(2, "body"), ((BlockKind.SU2, 3, 0),)),
+        (SU(2), ((BlockKind.SU2, 3, SPACE_AXES),)),
+        (SU(3), ((BlockKind.SU, 3, SPACE_AXES),)),
+        (SU(13), None),
+        (Stiefel(3, 2), None),
+        (
+            Product(Euclidean(1), Product(SO3(), Sphere(2))),
+            ((BlockKind.EUCLIDEAN, 1, 0), (BlockKind.SO3, 3, 0), (BlockKind.SPHERE, 3, 0)),
+        ),
+        (Product(Euclidean(1), Product(SO3(), Sphere(3))), None),
+    ],
+    ids=str,
+)
+def test_compiled_blocks(frame, blocks):
+    assert frame.compiled_blocks() == blocks
+
+
+COMPILED = [Euclidean, SO3, SO, UnitQuaternion, SE3, Sphere, SU]
+
+
+@pytest.mark.parametrize("kind", COMPILED)
+def test_subclasses_are_not_compiled(kind):
+    """They may have other flows."""
+    arguments = {Euclidean: (2,), SO: (3,), Sphere: (2,), SU: (2,)}.get(kind, ())
+    assert kind(*arguments).compiled_blocks() is not None
+    child = type("Child", (kind,), {})(*arguments)
+    assert child.compiled_blocks() is None
+    assert Product(Euclidean(1), child).compiled_blocks() is None
+
+
+def test_subclasses_of_products_are_not_compiled():
+    assert type("Child", (Product,), {})(SO3()).compiled_blocks() is None
+
+
+@every_frame
+def test_logarithms_are_kept_however_far_they_lead(frame):
+    rng = np.random.default_rng(79)
+    y0, y1 = frame.random_point(rng, (20,)), frame.random_point(rng, (20,))
+    known = frame.exp_coordinates(y0, y1)
+    if known is None:
+        return
+    found = frame.nearby_coordinates(y0, y1)
+    has = np.isfinite(known).all(axis=-1)
+    assert np.isfinite(found[has]).all()
+    off, before = (largest(frame.flow(v[has], y0[has]) - y1[has], frame) for v in (found, known))
+    assert (off <= np.maximum(before, 5e-15 * largest(y1[has], frame))).all()
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_coordinates_on_su_are_the_shortest(n):
+    """Of all choices of the angles whose sum is zero: where principal ones add up to a turn too."""
+    frame, rng = SU(n), np.random.default_rng(80)
+    angles = rng.uniform(-np.pi, np.pi, (40, n))
+    angles[:, 0] = np.angle(np.exp(-1j * angles[:, 1:].sum(axis=-1)))
+    assert n == 2 or (np.abs(angles.sum(axis=-1)) > 1.0).sum() > 5
+    vectors = frame.random_point(rng, (40,))
+    y = (vectors * np.exp(1j * angles)[:, None, :]) @ vectors.conj().swapaxes(-1, -2)
+    found = np.linalg.norm(frame.algebra(frame.exp_coordinates(np.eye(n), y)), axis=(-2, -1))
+    for own, length in zip(angles, found, strict=True):
+        moved = own + 2.0 * np.pi * np.array([*product((-1, 0, 1), repeat=n)])
+        traceless = np.abs(moved.sum(axis=-1)) < 1e-9
+        assert length == pytest.approx(np.linalg.norm(moved[traceless], axis=-1).min(), abs=1e-13)

@@ -1,0 +1,295 @@
+"""Digits of exponentials and logarithms, from the smallest coefficients to the largest.
+
+The references are computed by flint in 120 digits and more.
+"""
+
+import numpy as np
+import pytest
+from flint import acb, acb_mat, arb_mat, ctx
+
+import cg
+from cg.frames import (
+    GL,
+    SE3,
+    SL,
+    SO,
+    SO3,
+    SU,
+    CoadjointOrbit,
+    FlowOverflowError,
+    IsospectralOrbit,
+    MatrixFrame,
+    Product,
+    Semidirect,
+    Sp,
+    Sphere,
+    Stiefel,
+    U,
+    UnitQuaternion,
+)
+
+pytestmark = pytest.mark.no_core
+
+UNITARY = [
+    SO(2),
+    SO3(),
+    SO(4),
+    SO(5, "space"),
+    SO(6),
+    U(1),
+    U(2, "body"),
+    U(3),
+    SU(2),
+    SU(3),
+    SU(4, "body"),
+]
+OTHERS = [
+    GL(1),
+    GL(2),
+    GL(3, "body"),
+    SL(2),
+    SL(3, "body"),
+    Sp(2),
+    Sp(4, "body"),
+    SE3(),
+    Semidirect(SL(2)),
+    Semidirect(SO(4), 2),
+]
+GROUPS = UNITARY + OTHERS
+EPSILON = np.finfo(float).eps
+SMALL = [1e-300, 1e-160, 1e-20, 1e-16, 1e-12, 1e-9, 1e-6, 1e-3, 0.03]
+
+
+def flint_matrix(group, x):
+    return (acb_mat if group.dtype.kind == "c" else arb_mat)(x.tolist())
+
+
+def doubles(group, matrix):
+    convert = complex if group.dtype.kind == "c" else float
+    rows = [[convert(x) for x in row] for row in matrix.tolist()]
+    return np.array(rows, dtype=group.dtype)
+
+
+def identity(group):
+    return flint_matrix(group, np.eye(group.size))
+
+
+def exact_exponential(group, v):
+    """The exponential of the algebra's matrix of doubles."""
+    return flint_matrix(group, group.algebra(v)).exp()
+
+
+def exact_logarithm(group, away):
+    """The coefficients of the logarithm of I + away, by its series in away (2 I + away)^-1."""
+    z = away * (away + identity(group) * 2).inv()
+    square, power, total = z * z, z, z
+    for k in range(3, 400, 2):
+        power = power * square
+        total += power * (acb(1) / k if group.dtype.kind == "c" else acb(1).real / k)
+    # scaled, so that the projection in doubles neither under- nor overflows
+    return group._algebra_projection(doubles(group, total * 2))
+
+
+def of_size(group, rng, size):
+    v = group.random_vector(rng)
+    return v * (size / np.linalg.norm(group.algebra(v)))
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=repr)
+@pytest.mark.parametrize("size", [*SMALL, 1.0, 10.0, 1e3])
+def test_exponentials(group, size):
+    if group in OTHERS and size > 10.0:
+        size = 30.0  # they grow exponentially
+    rng = np.random.default_rng(61)
+    with ctx.workdps(400):
+        for _ in range(5):
+            v = of_size(group, rng, size)
+            exact = exact_exponential(group, v)
+            found = group.exponential(v)
+            wanted = doubles(group, exact)
+            scale = max(1.0, np.abs(wanted).max())
+            rounding = 8.0 * EPSILON * (1.0 + size) * scale
+            np.testing.assert_allclose(found, wanted, rtol=0, atol=rounding)
+            # what is far below one has its own digits beside the diagonal
+            away = doubles(group, exact - identity(group))
+            beside = ~np.eye(group.size, dtype=bool)
+            error = np.abs(found - away)[beside].max(initial=0.0)
+            if size < 1.0:
+                assert error <= 4.0 * EPSILON * size
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=repr)
+@pytest.mark.parametrize("size", SMALL)
+def test_logarithms_near_the_identity(group, size):
+    """Relative to the difference from the identity, of a matrix that is given exactly."""
+    rng = np.random.default_rng(62)
+    with ctx.workdps(400):
+        for _ in range(5):
+            x = group.exponential(of_size(group, rng, size))
+            away = flint_matrix(group, x) - identity(group)
+            wanted = exact_logarithm(group, away)
+            found = group.logarithm(x)
+            length = np.linalg.norm(wanted)
+            # half-rounded cosines on the diagonal are no part of the algebra
+            assert np.linalg.norm(found - wanted) <= 6.0 * EPSILON * length
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=repr)
+@pytest.mark.parametrize("size", [0.2, 0.3, 1.0, 3.0])
+def test_logarithms_far_from_the_identity(group, size):
+    rng = np.random.default_rng(63)
+    with ctx.workdps(120):
+        for _ in range(5):
+            x = group.exponential(of_size(group, rng, size))
+            found = group.logarithm(x)
+            back = doubles(group, exact_exponential(group, found) - flint_matrix(group, x))
+            condition = np.linalg.cond(x)
+            assert np.abs(back).max() <= 30.0 * EPSILON * condition * np.abs(x).max()
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=repr)
+@pytest.mark.parametrize("size", [1e-15, 1e-12, 1e-9, 1e-5, 1e-2])
+def test_coordinates_of_points_nearby(group, size):
+    """They have the digits of the difference of the points, rounded as these are."""
+    rng = np.random.default_rng(64)
+    with ctx.workdps(120):
+        for _ in range(5):
+            y0 = group.random_point(rng)
+            y1 = group.flow(of_size(group, rng, size), y0)
+            start, end = flint_matrix(group, y0), flint_matrix(group, y1)
+            inverse = start.inv()
+            quotient = inverse * end if group.convention == "body" else end * inverse
+            wanted = exact_logarithm(group, quotient - identity(group))
+            found = group.exp_coordinates(y0, y1)
+            condition = np.linalg.cond(y0)
+            difference = np.abs(y1 - y0).max()
+            assert np.linalg.norm(found - wanted) <= 30.0 * EPSILON * condition**2 * difference
+
+
+@pytest.mark.parametrize("size", [1e-15, 1e-12, 1e-9, 1e-5])
+def test_coordinates_of_quaternions_and_unit_vectors_nearby(size):
+    """The difference of the points, turned to the axes of the coefficients, is the coefficients."""
+    rng = np.random.default_rng(65)
+    for frame in (
+        UnitQuaternion(),
+        UnitQuaternion("space", scalar_first=True),
+        Sphere(2),
+        Sphere(4),
+    ):
+        y0 = frame.random_point(rng)
+        y1 = frame.flow(size * frame.random_vector(rng), y0)
+        found = frame.exp_coordinates(y0, y1)
+        tangent = (y1 - y0) - y0 * (y0 @ (y1 - y0))
+        np.testing.assert_allclose(
+            frame.field(found, y0), tangent, rtol=0, atol=size * (1e-15 + 3.0 * size**2)
+        )
+
+
+@pytest.mark.parametrize("size", [1e4, 1e6, 1e9, 1e12, 1e15, 1e50, 1e150])
+@pytest.mark.parametrize(
+    "frame",
+    [
+        *UNITARY,
+        UnitQuaternion(),
+        Sphere(2),
+        Sphere(4),
+        Stiefel(5, 2),
+        IsospectralOrbit((-1.0, 0.25, 1.5)),
+        IsospectralOrbit((0.0, 0.5, 1.0), hermitian=True),
+        CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)),
+        Product(SO(4), U(2)),
+    ],
+    ids=repr,
+)
+def test_large_angles_stay_on_compact_manifolds(frame, size):
+    rng = np.random.default_rng(66)
+    y = frame.random_point(rng, (3,))
+    v = frame.random_vector(rng, (3,))
+    v[0] *= size / np.linalg.norm(v[0])
+    moved = frame.flow(v, y)
+    assert frame.membership_error(moved).max() < 4e-15
+    np.testing.assert_allclose(moved[1], frame.flow(v[1], y[1]), rtol=0, atol=1e-15)
+    if size <= 1e9:
+        back = frame.flow(-v, moved)
+        np.testing.assert_allclose(back, y, rtol=0, atol=100.0 * EPSILON * size)
+
+
+@pytest.mark.parametrize("group", [SO(4), U(2), U(3), SU(3)], ids=repr)
+@pytest.mark.parametrize("size", [1e4, 1e8])
+def test_large_angles_are_reduced(group, size):
+    v = of_size(group, np.random.default_rng(67), size)
+    with ctx.workdps(60):
+        wanted = doubles(group, exact_exponential(group, v))
+    np.testing.assert_allclose(group.exponential(v), wanted, rtol=0, atol=10.0 * EPSILON * size)
+
+
+NOT_COMPACT = [
+    *OTHERS[:7],
+    Semidirect(SL(2)),
+    CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
+    CoadjointOrbit(SU(3), (0.5, -0.25, 1.0, 0.0, 0.75, 0.0, -0.5, 0.25)),
+    MatrixFrame([[[0.0, 1.0], [-1.0, 0.0]]]),
+    MatrixFrame([[[0.0, 1j], [1j, 0.0]]], 2),
+    Product(SO3(), Sp(2)),
+]
+
+
+@pytest.mark.parametrize("frame", NOT_COMPACT, ids=repr)
+def test_flows_without_any_digits_are_refused(frame):
+    rng = np.random.default_rng(68)
+    y, v = frame.random_point(rng, (2,)), frame.random_vector(rng, (2,))
+    v[1] *= 1e14 / np.linalg.norm(v[1])
+    with pytest.raises(
+        FlowOverflowError, match=r"v with \|v\| = 1e\+14 can't be computed|\|v\| = [0-9.]*e\+13"
+    ):
+        frame.flow(v, y)
+    with pytest.raises(OverflowError):
+        frame.flow(v[1], y)
+    v[1] = np.nan
+    assert np.isnan(frame.flow(v, y)[1]).any()
+
+
+@pytest.mark.parametrize("size", [1e3, 1e6, 1e9])
+@pytest.mark.parametrize(
+    ("group", "omega"),
+    [
+        (SL(2), [[0.0, 1.0], [-1.0, 0.0]]),
+        (SL(3), [[0.0, 1.0, 0.0], [-1.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+        (Sp(2), [[0.0, 1.0], [-2.0, 0.0]]),
+        (Sp(4), [[0, 0, 1, 0], [0, 0, 0, 2], [-3, 0, 0, 0], [0, -1, 0, 0]]),
+    ],
+    ids=str,
+)
+def test_as_long_as_they_have_digits_flows_stay_on_the_manifold(group, omega, size):
+    """Oscillations, which stay bounded."""
+    v = group.coefficients(size * np.array(omega))
+    moved = group.flow(v, np.eye(group.size))
+    assert group.relative_error(moved) < max(4e-15, 1e-8 * (size / 2**32) ** 2)
+    with ctx.workdps(60):
+        wanted = doubles(group, exact_exponential(group, v))
+    np.testing.assert_allclose(moved, wanted, rtol=0, atol=20.0 * EPSILON * size)
+
+
+def test_nearby_coordinates_of_points_that_no_corrections_find():
+    """Corrections that are far too long are no reason for an exception."""
+    frame = CoadjointOrbit(SL(2), (0.5, 0.25, 0.75))
+    y0 = frame.random_point(np.random.default_rng(69))
+    found = frame.nearby_coordinates(y0, 1e12 * y0)
+    assert np.isnan(found).all()
+    assert cg.frames.GL(1).nearby_coordinates([[1.0]], [[-1.0]]).shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("group", "growth"), [(SL(2), 1e6), (Sp(2), 1e6), (Sp(4), 1e4), (GL(2), 1e6)], ids=str
+)
+def test_nearby_coordinates_of_points_that_have_grown(group, growth):
+    stretch = np.eye(group.size)
+    stretch[0, 0], stretch[group.size // 2, group.size // 2] = growth, 1.0 / growth
+    for seed in range(66, 90):
+        rng = np.random.default_rng(seed)
+        y0 = group.restore(stretch @ group.random_point(rng))
+        for size in (1e-3, 1e-9):
+            y1 = group.flow(size * group.random_vector(rng), y0)
+            found = group.nearby_coordinates(y0, y1)
+            off = np.abs(group.flow(found, y0) - y1).max()
+            assert off <= 2e-14 * np.abs(y1).max(), (seed, size)

@@ -1,0 +1,363 @@
+"""Facts particular to single frames, and what frames refuse."""
+
+import doctest
+import importlib
+import pkgutil
+
+import numpy as np
+import pytest
+import scipy.linalg
+from frame_examples import CIRCLE, ELLIPSE, HEISENBERG
+
+import cg.frames
+from cg.frames import (
+    GL,
+    SE3,
+    SL,
+    SO,
+    SO3,
+    SU,
+    CoadjointOrbit,
+    Euclidean,
+    FieldFrame,
+    IsospectralOrbit,
+    MatrixFrame,
+    MatrixGroup,
+    Product,
+    Semidirect,
+    Sp,
+    Sphere,
+    Stiefel,
+    U,
+    UnitQuaternion,
+)
+from cg.frames.logarithms import real_log1p
+from cg.frames.u import gell_mann
+
+pytestmark = pytest.mark.no_core
+
+GROUPS = [SO(4), U(2), SU(2), SU(3), GL(2), SL(3), Sp(4), SE3(), Semidirect(SL(2), 2)]
+
+
+@pytest.mark.parametrize("module", [m.name for m in pkgutil.iter_modules(cg.frames.__path__)])
+def test_examples_of_the_documentation(module):
+    result = doctest.testmod(importlib.import_module(f"cg.frames.{module}"))
+    assert result.failed == 0
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=repr)
+def test_bases_span_lie_algebras(group):
+    rng = np.random.default_rng(30)
+    v = rng.standard_normal((3, group.dim))
+    np.testing.assert_allclose(group.coefficients(group.algebra(v)), v, rtol=0, atol=1e-14)
+    u, w = group.algebra(v[0]), group.algebra(v[1])
+    bracket = np.einsum("i,j,ijk->k", v[0], v[1], group.structure_constants)
+    np.testing.assert_allclose(group.algebra(bracket), u @ w - w @ u, rtol=0, atol=1e-13)
+    with pytest.raises(ValueError, match="read-only"):
+        group.basis[0] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("group", "dim"),
+    [(SO(5), 10), (U(3), 9), (SU(3), 8), (GL(3), 9), (SL(3), 8), (Sp(4), 10), (SE3(), 6)],
+    ids=repr,
+)
+def test_dimensions(group, dim):
+    assert isinstance(group, MatrixGroup)
+    assert group.dim == dim
+
+
+def test_gell_mann_matrices():
+    np.testing.assert_array_equal(gell_mann(2)[1], [[0, -1j], [1j, 0]])
+    np.testing.assert_allclose(gell_mann(3)[7], np.diag([1, 1, -2]) / np.sqrt(3))
+    gram = np.einsum("aij,bji->ab", gell_mann(4), gell_mann(4))
+    np.testing.assert_allclose(gram, 2 * np.eye(15), rtol=0, atol=1e-15)
+
+
+def test_membership_by_known_distances():
+    phase = np.exp(0.3j) * np.eye(3)
+    assert U(3).membership_error(phase) == pytest.approx(0.0, abs=1e-15)
+    assert SU(3).membership_error(phase) == pytest.approx(2 * np.sin(0.15))
+    assert U(3).membership_error(1.01 * phase) == pytest.approx(0.01)
+    assert SO(4).membership_error(np.diag([1.0, 1.0, 1.0, -1.0])) == pytest.approx(2.0)
+    assert SL(2).membership_error(np.diag([1.0, 1.02])) == pytest.approx(0.01)
+    assert Sp(2).membership_error(np.diag([1.0, 1.02])) == pytest.approx(0.01)
+    assert Stiefel(3, 2).membership_error(1.01 * np.eye(3, 2)) == pytest.approx(0.01)
+    assert Sphere(3).membership_error([0.0, 0.98, 0.0, 0.0]) == pytest.approx(0.02)
+    assert GL(2).membership_error(np.ones((2, 2))) == np.inf
+    bent = np.eye(4)
+    bent[3, 0] = 0.01
+    assert SE3().membership_error(bent) == pytest.approx(0.01)
+    orbit = IsospectralOrbit((1.0, 2.0))
+    assert orbit.membership_error(np.diag([2.0, 1.03])) == pytest.approx(0.03)
+    assert orbit.membership_error([[1.0, 0.01], [-0.01, 2.0]]) == pytest.approx(0.01, rel=1e-2)
+    momentum = CoadjointOrbit(SO3(), (3.0, 0.0, 4.0))
+    assert momentum.membership_error([0.0, 5.05, 0.0]) == pytest.approx(0.05, rel=1e-2)
+    assert momentum.membership_error([0.0, 0.0, 0.0]) > 1.0
+
+
+def test_logarithms_that_do_not_exist_are_nan():
+    assert np.isnan(GL(2).exp_coordinates(np.eye(2), np.diag([-1.0, 1.0]))).all()
+    assert np.isnan(GL(2).exp_coordinates(np.eye(2), np.zeros((2, 2)))).all()
+    mixed = GL(2).exp_coordinates(np.eye(2), [np.diag([-1.0, 2.0]), 2.0 * np.eye(2)])
+    assert np.isnan(mixed[0]).all()
+    np.testing.assert_allclose(mixed[1], [np.log(2.0), 0.0, 0.0, np.log(2.0)])
+
+
+@pytest.mark.parametrize("size", [1e-14, 1e-9, 1e-4, 0.1, 0.2499, 0.2501, 1.0])
+def test_real_logarithm_undoes_the_exponential(size):
+    matrix = np.random.default_rng(31).standard_normal((4, 4))
+    matrix *= size / np.linalg.norm(matrix)
+    found = real_log1p(scipy.linalg.expm(matrix)[None] - np.eye(4))[0]
+    # The exponential itself is only known to a rounding.
+    np.testing.assert_allclose(found, matrix, rtol=0, atol=2e-15)
+
+
+def test_logarithms_of_rotations_by_half_turns():
+    rng = np.random.default_rng(32)
+    for n in (4, 5):
+        basis = SO(n).random_point(rng)
+        half = basis @ np.diag([-1.0] * 4 + [1.0] * (n - 4)) @ basis.T
+        v = SO(n).logarithm(half)
+        np.testing.assert_allclose(SO(n).exponential(v), half, rtol=0, atol=1e-14)
+
+
+def test_su_logarithms_stay_in_the_algebra():
+    turned = np.diag(np.exp(1j * np.array([2.5, 2.0, -4.5])))
+    v = SU(3).logarithm(turned)
+    np.testing.assert_allclose(SU(3).exponential(v), turned, rtol=0, atol=1e-14)
+
+
+def test_isospectral_orbits_keep_the_spectrum_of_a_matrix():
+    rng = np.random.default_rng(33)
+    matrix = rng.standard_normal((4, 4))
+    symmetric = matrix + matrix.T
+    frame = IsospectralOrbit.through(symmetric)
+    moved = frame.flow(rng.standard_normal(6), symmetric)
+    np.testing.assert_allclose(np.linalg.eigvalsh(moved), np.linalg.eigvalsh(symmetric))
+    hermitian = IsospectralOrbit.through(symmetric + 1j * (matrix - matrix.T))
+    assert hermitian.hermitian
+    assert hermitian.dim == 15
+    with pytest.raises(ValueError, match="y0 must be symmetric, or Hermitian"):
+        IsospectralOrbit.through(matrix)
+    with pytest.raises(ValueError, match="y0 must be a finite square matrix"):
+        IsospectralOrbit.through(np.ones((2, 3)))
+
+
+def test_coadjoint_orbits_find_their_casimirs():
+    body = CoadjointOrbit(SO3(), (1.0, 2.0, 3.0))
+    assert body.linear_casimirs.shape == (0, 3)
+    np.testing.assert_allclose(abs(body.quadratic_casimirs), [np.eye(3) / np.sqrt(3)], atol=1e-15)
+    assert len(CoadjointOrbit(SE3(), (1.0,) * 6).quadratic_casimirs) == 2
+    assert len(CoadjointOrbit(SU(3), (1.0,) * 8).quadratic_casimirs) == 1
+    m, v = np.random.default_rng(34).standard_normal((2, 3))
+    np.testing.assert_allclose(body.field(v, m), np.cross(m, v), rtol=0, atol=1e-15)
+    space = CoadjointOrbit(SO3(), (1.0, 2.0, 3.0), "space")
+    np.testing.assert_allclose(space.field(v, m), np.cross(v, m), rtol=0, atol=1e-15)
+    constants = tuple(tuple(map(tuple, block)) for block in SO(3).structure_constants.tolist())
+    same = CoadjointOrbit(constants, (1.0, 2.0, 3.0))
+    np.testing.assert_allclose(same.flow(v, m), body.flow(v, m), rtol=0, atol=1e-14)
+
+
+def test_coadjoint_motion_keeps_the_spatial_momentum():
+    rng = np.random.default_rng(35)
+    v, m = rng.standard_normal((2, 3))
+    moved = CoadjointOrbit(SO3(), tuple(m)).flow(v, m)
+    rotation = SO3().flow(v, np.eye(3))
+    np.testing.assert_allclose(rotation @ moved, m, rtol=0, atol=1e-15)
+
+
+def test_a_matrix_frame_of_generators_is_the_sphere():
+    rng = np.random.default_rng(36)
+    frame = MatrixFrame(SO(4).basis)
+    y, v = Sphere(3).random_point(rng), rng.standard_normal(6)
+    np.testing.assert_allclose(frame.flow(v, y), Sphere(3).flow(v, y), rtol=0, atol=1e-14)
+    columns = MatrixFrame(SO(4).basis, 2)
+    y = Stiefel(4, 2).random_point(rng)
+    np.testing.assert_allclose(columns.flow(v, y), Stiefel(4, 2).flow(v, y), rtol=0, atol=1e-14)
+    with pytest.raises(ValueError, match="read-only"):
+        frame.matrices[0] = 0.0
+
+
+def test_user_functions_are_used():
+    assert HEISENBERG.membership_error([1.0, 2.0, 3.0]) == 0.0
+    assert ELLIPSE.membership_error([1.01, 0.0]) == pytest.approx(0.01)
+    assert CIRCLE.distance([1.0 + 0j], [1j]) == pytest.approx(np.pi / 2)
+    without = MatrixFrame([[[0.0]]], membership_error=lambda y: 0.0)
+    with pytest.raises(NotImplementedError, match="no random_point"):
+        without.random_point(np.random.default_rng(37))
+
+
+def test_what_user_functions_return_is_checked():
+    def frame(**changes):
+        functions = {"fields": [lambda y: y], "flow": lambda v, y: y, "point_shape": 2, **changes}
+        return FieldFrame(functions.pop("fields"), functions.pop("flow"), **functions)
+
+    y = [1.0, 2.0]
+    with pytest.raises(ValueError, match=r"fields\[0\] must return shape \(2,\), got shape \(3,"):
+        frame(fields=[lambda y: np.ones(3)]).field([1.0], y)
+    with pytest.raises(ValueError, match=r"the value of flow must be an array of real numbers"):
+        frame(flow=lambda v, y: 1j * y).flow([1.0], y)
+    with pytest.raises(ValueError, match="membership_error must return shape"):
+        frame(membership_error=lambda y: y).membership_error(y)
+    with pytest.raises(ZeroDivisionError):
+        frame(flow=lambda v, y: 1 / 0).flow([1.0], y)
+
+
+def test_product_splits_what_it_joins():
+    frame = Product(SO3(), Euclidean(3), SO3("space"))
+    y = frame.random_point(np.random.default_rng(12), (4,))
+    parts = frame.split(y)
+    assert [part.shape for part in parts] == [(4, 3, 3), (4, 3), (4, 3, 3)]
+    np.testing.assert_array_equal(frame.join(*parts), y)
+    np.testing.assert_array_equal(frame.join(np.eye(3), [1, 2, 3], np.eye(3))[9:12], [1, 2, 3])
+    with pytest.raises(ValueError, match="parts must be 3 points, got 1"):
+        frame.join(np.eye(3))
+    with pytest.raises(ValueError, match=r"parts\[1\] must have shape"):
+        frame.join(np.eye(3), [1, 2], np.eye(3))
+
+
+def test_product_adds_up_its_factors():
+    frame = Product(SO3(), Euclidean(2))
+    x = frame.join(np.eye(3), [0.0, 0.0])
+    y = frame.join(SO3().flow([0.3, 0, 0], np.eye(3)), [0.0, 0.4])
+    assert frame.distance(x, y) == pytest.approx(0.5)
+    assert frame.membership_error(frame.join(2 * np.eye(3), [0.0, 0.4])) == pytest.approx(1.0)
+
+
+# e1 e2 = e1, e2 e3 = e2, e3 e1 = e3 breaks the Jacobi identity.
+NO_ALGEBRA = np.zeros((3, 3, 3))
+for i in range(3):
+    NO_ALGEBRA[i, (i + 1) % 3, i], NO_ALGEBRA[(i + 1) % 3, i, i] = 1.0, -1.0
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: SO3("left"), ValueError, "convention must be"),
+        (lambda: SO(1), ValueError, "n must be an integer of at least 2, got 1"),
+        (lambda: SO(3, "left"), ValueError, "convention must be"),
+        (lambda: SE3("left"), ValueError, "convention must be"),
+        (lambda: UnitQuaternion("left"), ValueError, "convention must be"),
+        (lambda: UnitQuaternion(scalar_first=1), ValueError, "scalar_first must be True or"),
+        (lambda: Sp(3), ValueError, "n must be even, got 3"),
+        (lambda: GL(0), ValueError, "n must be a positive integer"),
+        (lambda: SU(1), ValueError, "n must be an integer of at least 2"),
+        (lambda: Sphere(0), ValueError, "n must be a positive integer"),
+        (lambda: Stiefel(2, 3), ValueError, "k must be at most n = 2, got 3"),
+        (lambda: Semidirect(SO3), TypeError, "group must be a MatrixGroup"),
+        (lambda: Semidirect(SU(2)), ValueError, "group must be real"),
+        (lambda: Semidirect(SO3(), 0), ValueError, "copies must be a positive integer"),
+        (lambda: IsospectralOrbit((1.0,)), ValueError, "spectrum must be at least two"),
+        (lambda: IsospectralOrbit((1.0, np.nan)), ValueError, "spectrum must be at least two"),
+        (lambda: IsospectralOrbit((1, 2), hermitian=2), ValueError, "hermitian must be True or"),
+        (lambda: CoadjointOrbit(SO3(), (1.0, 2.0)), ValueError, "point must be 3 finite"),
+        (lambda: CoadjointOrbit(np.eye(3), (1.0,)), ValueError, r"shape \(m, m, m\), got shape"),
+        (lambda: CoadjointOrbit(np.ones((2, 2, 2)), (1, 2)), ValueError, "antisymmetric"),
+        (lambda: CoadjointOrbit(NO_ALGEBRA, (1, 2, 3)), ValueError, "the Jacobi identity"),
+        (lambda: MatrixFrame(np.eye(2)), ValueError, r"matrices must have shape \(m, n, n\)"),
+        (lambda: MatrixFrame([[[np.inf]]]), ValueError, "matrices must be finite"),
+        (lambda: MatrixFrame([[["a"]]]), ValueError, "matrices must be an array of real"),
+        (lambda: MatrixFrame([[[1.0]]], 0), ValueError, "columns must be a positive integer"),
+        (lambda: MatrixFrame([[[1.0]]], restore=1), TypeError, "restore must be a function or"),
+        (lambda: FieldFrame([], abs, point_shape=1), ValueError, "at least one function"),
+        (lambda: FieldFrame([1], abs, point_shape=1), TypeError, r"fields\[0\] must be a function"),
+        (lambda: FieldFrame([abs], 1, point_shape=1), TypeError, "flow must be a function"),
+        (lambda: FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
+        (lambda: FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
+        (lambda: FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
+        (lambda: Euclidean(0), ValueError, "n must be a positive integer, got 0"),
+        (lambda: Euclidean(2.0), ValueError, "n must be a positive integer"),
+        (lambda: Euclidean(True), ValueError, "n must be a positive integer"),
+        (Product, ValueError, "at least one frame"),
+        (lambda: Product(SO3(), SO3), TypeError, r"factors\[1\] must be a Frame"),
+    ],
+)
+def test_bad_frames_are_refused(make, error, message):
+    with pytest.raises(error, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("y", "message"),
+    [
+        (np.eye(2), r"start must have shape \(3, 3\), got \(2, 2\)"),
+        (np.full((3, 3), np.nan), "start must be finite"),
+        (1.5 * np.eye(3), r"start must be a point of SO3\(\): its distance .* is 0.5"),
+        (1j * np.eye(3), "start must be an array of real numbers"),
+        ("rotation", "start must be an array of real numbers"),
+        ([[1, 2], [3]], "start must be an array of real numbers"),
+    ],
+)
+def test_check_point_says_what_is_wrong(y, message):
+    with pytest.raises(ValueError, match=message):
+        SO3().check_point(y, name="start")
+
+
+def test_check_point_takes_integers_and_the_tolerance():
+    assert SO3().check_point(np.eye(3, dtype=int)).dtype == np.float64
+    assert SO3().check_point(1.1 * np.eye(3), tolerance=0.2)[0, 0] == 1.1
+
+
+def test_check_point_of_complex_frames():
+    point = U(2).check_point(np.eye(2), name="start")
+    assert point.dtype == np.complex128
+    with pytest.raises(ValueError, match="start must be an array of complex numbers"):
+        U(2).check_point("phase", name="start")
+    with pytest.raises(ValueError, match=r"its distance from the manifold is 0\.765"):
+        SU(2).check_point(1j**0.5 * np.eye(2))
+
+
+ALGEBRAS = [SO3(), SO(2), *GROUPS[:4], SU(2, "body"), *GROUPS[5:], U(1)]
+
+
+@pytest.mark.parametrize("group", ALGEBRAS, ids=repr)
+@pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
+def test_matrices_outside_the_algebra_have_no_coefficients(group, size):
+    rng = np.random.default_rng(38)
+    v = size * rng.standard_normal((2, 3, group.dim))
+    inside = group.algebra(v)
+    np.testing.assert_allclose(group.coefficients(inside), v, rtol=0, atol=1e-14 * size)
+    rounded = inside * (1.0 + 1e-11 * rng.standard_normal(inside.shape))
+    np.testing.assert_allclose(group.coefficients(rounded), v, rtol=0, atol=1e-9 * size)
+    if size < 1.0:
+        return
+    off = inside.copy()
+    off[1, 2] += 1e-6 * size * rng.standard_normal(group.point_shape)
+    message = r"matrix must be in the Lie algebra of .*: its distance from it is .*e-0[678] of its"
+    with pytest.raises(ValueError, match=message):
+        group.coefficients(off)
+    np.testing.assert_allclose(group.coefficients(off[0]), v[0], rtol=0, atol=1e-14 * size)
+
+
+@pytest.mark.parametrize(
+    ("group", "matrix"),
+    [
+        (SU(2), [[0.0, 1.0], [1.0, 0.0]]),  # a Hamiltonian, without -1j
+        (U(3), np.diag([1.0, 2.0, 3.0])),
+        (SU(3), 1j * np.eye(3)),
+        (SO(4), np.ones((4, 4))),
+        (SO3(), np.eye(3)),
+        (SL(2), np.eye(2)),
+        (Sp(2), np.eye(2)),
+        (SE3(), np.eye(4)),
+    ],
+    ids=lambda value: repr(value) if hasattr(value, "dim") else "",
+)
+def test_what_is_no_element_of_the_algebra(group, matrix):
+    with pytest.raises(ValueError, match=r"matrix must be in the Lie algebra of .* its distance"):
+        group.coefficients(matrix)
+
+
+def test_rounding_of_terms_that_cancel_is_no_mistake():
+    """Of an equation at rest only that is left."""
+    group = SO(3)
+    rounding = 1e-15 * np.random.default_rng(39).standard_normal((3, 3))
+    assert np.abs(group.coefficients(rounding)).max() < 1e-14
+    np.testing.assert_array_equal(group.coefficients(np.zeros((3, 3))), np.zeros(3))
+    assert np.isnan(group.coefficients(np.full((3, 3), np.nan))).all()
+
+
+def test_coefficients_of_any_matrix_on_gl():
+    matrix = np.random.default_rng(40).standard_normal((2, 2))
+    np.testing.assert_allclose(GL(2).coefficients(matrix), matrix.ravel(), rtol=1e-15)

@@ -1,0 +1,188 @@
+"""Solutions that grow on manifolds that aren't compact: rounding stays as small as they are large.
+
+Flows with exponentials in 100 digits are the reference.
+"""
+
+import numpy as np
+import pytest
+from flint import acb_mat, arb, arb_mat, ctx
+
+import cg
+from cg.frames import GL, SE3, SL, SO3, CoadjointOrbit, MatrixFrame, Product, Semidirect, Sp
+from cg.frames.matrix_functions import determinant_correction, symplectic_correction
+
+GROUPS = [
+    GL(2),
+    GL(3, "body"),
+    SL(2),
+    SL(2, "body"),
+    SL(3),
+    SL(4),
+    SL(3, "body"),
+    Sp(2),
+    Sp(4),
+    Sp(4, "body"),
+    Sp(6),
+    Semidirect(SL(2)),
+    Semidirect(Sp(4, "body"), 2),
+]
+SPACES = [
+    CoadjointOrbit(SL(2), (0.5, 0.25, 0.75)),
+    CoadjointOrbit(SL(2), (0.5, 0.25, 0.75), "space"),
+    CoadjointOrbit(SL(3), (0.5, 0.25, 0.75, -0.5, 0.1, 0.3, 1.0, -0.2)),
+    CoadjointOrbit(Sp(4), tuple(np.linspace(-1.0, 1.0, 10))),
+    CoadjointOrbit(SE3(), (0.5, 0.25, -0.5, 0.3, 0.2, 0.1)),
+    MatrixFrame([[[0.0, 1j], [1j, 0.0]], [[0.5, 0.0], [0.0, -1j]]], 2),
+]
+
+
+def generator(frame, v):
+    """The matrix of the flow, which acts from the left or the right."""
+    if isinstance(frame, CoadjointOrbit):
+        return np.einsum("i,ijk->jk", v, frame._fields)
+    if isinstance(frame, MatrixFrame):
+        return np.einsum("i,ijk->jk", v, frame.matrices)
+    return frame.algebra(v)
+
+
+def exact_flows(frame, vectors, y0):
+    """The point after the flows of some coefficients in turn, as an array of doubles."""
+    right = isinstance(frame, GL | SL | Sp | Semidirect) and frame.convention == "body"
+    with ctx.workdps(100):
+        matrix = acb_mat if frame.dtype.kind == "c" else arb_mat
+        y = matrix(y0.reshape(len(y0), -1).tolist())
+        known = {}
+        for v in vectors:
+            key = v.tobytes()
+            if key not in known:
+                known[key] = matrix(generator(frame, v).tolist()).exp()
+            y = y * known[key] if right else known[key] * y
+        convert = complex if frame.dtype.kind == "c" else float
+        return np.array([[convert(x) for x in row] for row in y.tolist()]).reshape(y0.shape)
+
+
+def hyperbolic(frame, rng, rate):
+    """Coefficients whose matrix has an eigenvalue of that real part, and a general one."""
+    while True:
+        v = frame.random_vector(rng)
+        found = np.linalg.eigvals(generator(frame, v)).real.max()
+        if found > 0.3:
+            return v * (rate / found)
+        if isinstance(frame, CoadjointOrbit) and frame.algebra == SE3():
+            return 5.0 * rate * v  # grows like the square of time, at most
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0], ids=["forward", "backward"])
+@pytest.mark.parametrize("frame", GROUPS + SPACES, ids=repr)
+def test_growing_solutions_keep_their_digits(frame, way):
+    rng = np.random.default_rng(51)
+    for _ in range(3):
+        v = way * hyperbolic(frame, rng, 0.1)
+        vectors = np.tile(v, (200, 1))
+        y0 = y = frame.random_point(rng)
+        for u in vectors:
+            y = frame.flow(u, y)
+        wanted = exact_flows(frame, vectors, y0)
+        size = np.abs(wanted).max()
+        assert size > (10.0 if "SE3" in repr(frame) else 1e7) or way < 0.0
+        np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("frame", [f for f in GROUPS if "Semi" not in repr(f)], ids=repr)
+def test_growth_in_changing_directions(frame):
+    rng = np.random.default_rng(52)
+    vectors = np.array([hyperbolic(frame, rng, 0.4) for _ in range(100)])
+    y0 = y = frame.random_point(rng)
+    for u in vectors:
+        y = frame.flow(u, y)
+    wanted = exact_flows(frame, vectors, y0)
+    size = np.abs(wanted).max()
+    assert size > 1e3
+    np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-11 * size)
+
+
+@pytest.mark.parametrize("end", [15.0, 19.0, 40.0, 300.0])
+@pytest.mark.parametrize("frame", [SL(2), Sp(2), GL(2)], ids=repr)
+def test_a_constant_field_to_any_time(frame, end):
+    omega = np.array([[0.0, 1.0], [1.0, 0.0]])
+    v = frame.coefficients(omega)
+    with ctx.workdps(50):
+        growth = [float(arb(end).cosh()), float(arb(end).sinh())]
+    for way in (1.0, -1.0):
+        found = cg.integrate(
+            lambda t, y: v, (0.0, way * end), np.eye(2), frame=frame, method="CG4", h=0.1
+        )
+        wanted = growth[0] * np.eye(2) + way * growth[1] * omega
+        np.testing.assert_allclose(found.y[-1], wanted, rtol=1e-10)
+        if frame != GL(2):  # there it is singular, as far as doubles can tell
+            assert frame.relative_error(found.y[-1]) < 1e-14
+            frame.check_point(found.y[-1])
+
+
+@pytest.mark.parametrize("frame", [SL(2), SL(3), Sp(2), Sp(4), Semidirect(SL(2))], ids=repr)
+@pytest.mark.parametrize("growth", [1.0, 1e4, 1e8, 1e12, 1e100])
+def test_restoring_makes_no_point_worse(frame, growth):
+    """A point that is right to rounding stays that, however large it is."""
+    rng = np.random.default_rng(53)
+    n = frame.size - (frame.copies if isinstance(frame, Semidirect) else 0)
+    for _ in range(20):
+        first, second = SL(2).random_point(rng, (2,)) if n == 2 else frame.random_point(rng, (2,))
+        stretch = np.eye(n)
+        stretch[0, 0], stretch[n // 2, n // 2] = growth, 1.0 / growth
+        with ctx.workdps(300):
+            product = arb_mat(first.tolist()) * arb_mat(stretch.tolist()) * arb_mat(second.tolist())
+            y = np.array(product.tolist(), dtype=float)
+        if isinstance(frame, Semidirect):
+            y = frame._assemble(y, np.ones((n, frame.copies)))
+        size = np.abs(y).max()
+        np.testing.assert_allclose(frame.restore(y), y, rtol=0, atol=2e-14 * size)
+
+
+def test_points_off_the_group_are_refused_however_large():
+    large = np.diag([1e6, 1e-6])
+    SL(2).check_point(large)
+    Sp(2).check_point(large)
+    wrong = large @ [[1.0, 1e-3], [1e-3, 1.0]]
+    for frame in (SL(2), Sp(2)):
+        off = wrong + np.diag([0.0, 0.1])
+        with pytest.raises(ValueError, match=r"its relative distance from the manifold is"):
+            frame.check_point(off)
+    with pytest.raises(ValueError, match=r"its relative distance from the manifold is"):
+        Semidirect(SL(2)).check_point(np.diag([1.0, 1.0 + 1e-6, 1.0]))
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-6])
+def test_corrections_are_the_shortest(size):
+    """Among all changes that meet the constraint to first order."""
+    rng = np.random.default_rng(54)
+    for frame in (SL(3), Sp(4)):
+        on = frame.random_point(rng, (5,))
+        y = on + size * rng.standard_normal(on.shape)
+        change = (
+            determinant_correction(y)
+            if isinstance(frame, SL)
+            else symplectic_correction(y, frame._form)
+        )
+        assert (frame.membership_error(y + change) < 100.0 * size**2).all()
+        fields = frame.field(np.eye(frame.dim), on[:, None]).reshape(5, frame.dim, -1)
+        along = np.abs(fields @ change.reshape(5, -1, 1)).max()
+        assert along < 30.0 * size**2 * np.abs(fields).max()
+
+
+def test_a_product_grows_as_its_factors_do():
+    frame = Product(SL(2), SO3())
+    rng = np.random.default_rng(55)
+    v = np.concatenate([SL(2).coefficients([[0.0, 0.1], [0.1, 0.0]]), [0.0, 0.0, 0.1]])
+    y = frame.join(np.eye(2), SO3().random_point(rng))
+    for _ in range(190):
+        y = frame.flow(v, y)
+    np.testing.assert_allclose(frame.split(y)[0][0, 0], np.cosh(19.0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("frame", [Sp(2), Sp(4), SL(2), SL(3)], ids=repr)
+def test_points_that_are_singular_to_rounding_are_kept(frame):
+    """All singular values but one may be zero exactly, or anything below rounding."""
+    size = 1e130
+    for y in (np.full((frame.n, frame.n), size), size * np.diag([1.0] + [0.0] * (frame.n - 1))):
+        assert np.abs(frame.restore(y) - y).max() <= 1e-14 * size
+        assert frame.relative_error(y) <= 1e-14

@@ -1,0 +1,268 @@
+"""Axioms that every frame must satisfy."""
+
+import numpy as np
+import pytest
+from frame_examples import FLAT, FRAMES, MAX_SCALE, OPEN, name
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cg.frames
+from cg.frames import (
+    FieldFrame,
+    Frame,
+    HomogeneousSpace,
+    MatrixFrame,
+    MatrixGroup,
+    Product,
+    UnitQuaternion,
+)
+from cg.frames.user import UserFrame
+
+pytestmark = pytest.mark.no_core
+
+every_frame = pytest.mark.parametrize("frame", FRAMES, ids=name)
+seeds = st.integers(0, 2**32 - 1)
+# From far below the square root of the smallest number to several turns.
+scales = st.sampled_from([0.0, 1e-300, 1e-160, 1e-20, 1e-9, 1e-8, 1e-5, 1e-3, 0.1, 1.0, 3.0, 30.0])
+axioms = settings(max_examples=15, deadline=None)
+
+
+def capped(frame: Frame, scale: float) -> float:
+    return min(scale, MAX_SCALE.get(frame, np.inf))
+
+
+def sample(frame: Frame, seed: int, scale: float):
+    rng = np.random.default_rng(seed)
+    return frame.random_point(rng), capped(frame, scale) * frame.random_vector(rng)
+
+
+def condition(*points) -> float:
+    """Return the factor by which rounding may grow on the way: one on compact manifolds."""
+    return float(np.prod([max(1.0, np.abs(point).max()) for point in points])) ** 2
+
+
+def acts_freely(frame: Frame) -> bool:
+    """Return whether different small coefficients lead to different points."""
+    if isinstance(frame, Product):
+        return all(map(acts_freely, frame.factors))
+    return isinstance(frame, MatrixGroup | UnitQuaternion) or frame in FLAT
+
+
+@every_frame
+@axioms
+@given(seed=seeds, scale=scales)
+def test_flow_stays_on_the_manifold(frame, seed, scale):
+    y, v = sample(frame, seed, scale)
+    moved = frame.flow(v, y)
+    assert y.dtype == moved.dtype == frame.dtype
+    assert frame.membership_error(y) < 2e-15 * condition(y)
+    assert frame.membership_error(moved) < 2e-15 * condition(y, moved)
+
+
+@every_frame
+@axioms
+@given(seed=seeds)
+def test_membership_error_sees_what_is_off_the_manifold(frame, seed):
+    y = frame.random_point(np.random.default_rng(seed))
+    n = y.size * (2 if y.dtype.kind == "c" else 1)
+    axes = np.eye(n).view(y.dtype).reshape(n, *y.shape)
+    errors = frame.membership_error(y + 0.02 * np.concatenate([axes, -axes]))
+    if frame in OPEN:
+        assert (errors == 0.0).all()
+    else:
+        # The squares of the axes' components along a unit normal add up to one, so that one of
+        # the n components is 1 / sqrt(n) or more; terms of second order add to it there or the
+        # other way. Where errors are 2-norms of matrices of n entries, or a determinant's over
+        # their rows, they are less by up to sqrt(n), and those of the ellipse by 2.
+        assert 0.02 / (2 * n * condition(y)) < errors.max() < 0.2 * condition(y)
+
+
+@every_frame
+@axioms
+@given(seed=seeds, scale=scales, s=st.floats(-2, 2), t=st.floats(-2, 2))
+def test_flow_is_a_one_parameter_group(frame, seed, scale, s, t):
+    y, v = sample(frame, seed, scale)
+    middle = frame.flow(t * v, y)
+    two = frame.flow(s * v, middle)
+    there = frame.flow(v, y)
+    longest = np.linalg.norm(v) * (1 + abs(s) + abs(t))
+    rounding = 1e-14 * (1 + longest) * condition(y, middle, two, there)
+    np.testing.assert_allclose(frame.flow(0 * v, y), y, rtol=0, atol=4e-15 * condition(y))
+    np.testing.assert_allclose(frame.flow((s + t) * v, y), two, rtol=0, atol=rounding)
+    np.testing.assert_allclose(frame.flow(-v, there), y, rtol=0, atol=rounding)
+
+
+@every_frame
+@axioms
+@given(seed=seeds, scale=scales)
+def test_derivative_of_the_flow_is_the_field(frame, seed, scale):
+    y, v = sample(frame, seed, 1.0)
+    v /= np.linalg.norm(v)
+    scale = capped(frame, scale)
+    here = frame.flow(scale * v, y)
+    step = 1e-3
+    near = [frame.flow((scale + k * step) * v, y) for k in (-2, -1, 1, 2)]
+    derivative = (near[0] - 8 * near[1] + 8 * near[2] - near[3]) / (12 * step)
+    rounding = 3e-11 * (1 + scale) * condition(y, here)
+    np.testing.assert_allclose(derivative, frame.field(v, here), rtol=0, atol=rounding)
+
+
+@every_frame
+@axioms
+@given(seed=seeds, factor=st.floats(-5, 5))
+def test_field_is_linear_in_the_coefficients(frame, seed, factor):
+    rng = np.random.default_rng(seed)
+    y, u, v = frame.random_point(rng), frame.random_vector(rng), frame.random_vector(rng)
+    combined = frame.field(u, y) + factor * frame.field(v, y)
+    rounding = 1e-13 * condition(y)
+    np.testing.assert_allclose(frame.field(u + factor * v, y), combined, rtol=0, atol=rounding)
+
+
+@every_frame
+@axioms
+@given(seed=seeds, scale=scales)
+def test_exp_coordinates_undo_the_flow(frame, seed, scale):
+    scale = min(scale, 0.1)
+    y, v = sample(frame, seed, scale)
+    moved = frame.flow(v, y)
+    found = frame.exp_coordinates(y, moved)
+    if found is None:
+        assert isinstance(frame, HomogeneousSpace | UserFrame) or "Coadjoint" in repr(frame)
+        return
+    rounding = 1e-14 * condition(y, moved)
+    np.testing.assert_allclose(frame.flow(found, y), moved, rtol=0, atol=rounding)
+    assert np.linalg.norm(found) <= np.linalg.norm(v) + rounding
+    if acts_freely(frame):
+        np.testing.assert_allclose(found, v, rtol=0, atol=rounding)
+
+
+@every_frame
+@axioms
+@given(seed=seeds)
+def test_exp_coordinates_lead_from_any_point_to_any_other(frame, seed):
+    rng = np.random.default_rng(seed)
+    x, y = frame.random_point(rng), frame.random_point(rng)
+    found = frame.exp_coordinates(x, y)
+    if found is None or not np.isfinite(found).all():
+        return
+    np.testing.assert_allclose(frame.flow(found, x), y, rtol=0, atol=2e-14 * condition(x, y) ** 2)
+
+
+@every_frame
+def test_batches_agree_with_single_points(frame):
+    rng = np.random.default_rng(3)
+    y, v = frame.random_point(rng, (2, 3)), frame.random_vector(rng, (2, 3))
+    v *= capped(frame, 1.0)
+    x = frame.random_point(rng, (2, 3))
+    close = 1e-14 * condition(x, y)
+    assert y.shape == (2, 3, *frame.point_shape)
+    assert v.shape == (2, 3, frame.dim)
+    moved, tangent, distance = frame.flow(v, y), frame.field(v, y), frame.distance(x, y)
+    error, coordinates = frame.membership_error(x), frame.exp_coordinates(y, moved)
+    assert moved.shape == tangent.shape == y.shape
+    assert distance.shape == error.shape == (2, 3)
+    for i in np.ndindex(2, 3):
+        np.testing.assert_allclose(moved[i], frame.flow(v[i], y[i]), rtol=0, atol=close)
+        np.testing.assert_allclose(tangent[i], frame.field(v[i], y[i]), rtol=0, atol=close)
+        assert distance[i] == pytest.approx(float(frame.distance(x[i], y[i])), abs=close)
+        assert error[i] == pytest.approx(float(frame.membership_error(x[i])), abs=close)
+        if coordinates is not None:
+            assert coordinates.shape == v.shape
+            single = frame.exp_coordinates(y[i], moved[i])
+            np.testing.assert_allclose(coordinates[i], single, rtol=0, atol=close)
+    many = frame.flow(v, y[0, 0])
+    assert many.shape == (2, 3, *frame.point_shape)
+    np.testing.assert_allclose(many[1, 2], frame.flow(v[1, 2], y[0, 0]), rtol=0, atol=close)
+    assert frame.flow(v[0, 0], y).shape == y.shape
+    assert frame.field(v[0, 0], y).shape == y.shape
+    assert frame.field(v, y[0, 0]).shape == y.shape
+    assert frame.distance(x[0, 0], y).shape == (2, 3)
+    if coordinates is not None:
+        assert frame.exp_coordinates(y[0, 0], y).shape == v.shape
+    empty = frame.flow(v[:0], y[:0])
+    assert empty.shape == (0, 3, *frame.point_shape)
+
+
+@every_frame
+def test_distance_is_a_metric(frame):
+    rng = np.random.default_rng(4)
+    x, y, z = (frame.random_point(rng, (50,)) for _ in range(3))
+    np.testing.assert_array_equal(frame.distance(x, x), np.zeros(50))
+    np.testing.assert_allclose(frame.distance(x, y), frame.distance(y, x))
+    assert (frame.distance(x, z) <= frame.distance(x, y) + frame.distance(y, z) + 1e-14).all()
+
+
+@every_frame
+def test_inputs_are_left_alone_and_outputs_are_new(frame):
+    rng = np.random.default_rng(5)
+    y, v = frame.random_point(rng), frame.random_vector(rng)
+    y.flags.writeable = v.flags.writeable = False
+    for result in (frame.flow(v, y), frame.field(v, y), frame.flow(0 * v, y), frame.check_point(y)):
+        assert not np.shares_memory(result, y)
+        assert not np.shares_memory(result, v)
+
+
+@every_frame
+def test_wrong_shapes_are_refused(frame):
+    rng = np.random.default_rng(6)
+    y, v = frame.random_point(rng), frame.random_vector(rng)
+    long = np.append(y, 1.0)
+    for operation in (frame.flow, frame.field):
+        with pytest.raises(ValueError, match=r"v must have shape"):
+            operation(np.append(v, 1.0), y)
+        with pytest.raises(ValueError, match=r"y must have shape"):
+            operation(v, long)
+        with pytest.raises(ValueError, match=r"v must have shape"):
+            operation(1.0, y)
+    with pytest.raises(ValueError, match=r"x must have shape"):
+        frame.distance(long, y)
+    with pytest.raises(ValueError, match=r"y must have shape"):
+        frame.membership_error(1.0)
+    with pytest.raises(ValueError, match=r"y0 must have shape"):
+        frame.exp_coordinates(long, y)
+    with pytest.raises(ValueError, match=r"y1 must have shape"):
+        frame.exp_coordinates(y, long)
+
+
+@every_frame
+def test_what_overflows_is_not_finite(frame):
+    rng = np.random.default_rng(7)
+    y, v = frame.random_point(rng, (2,)), frame.random_vector(rng, (2,))
+    v *= capped(frame, 1.0)
+    alone = frame.flow(v[1], y[1])
+    y[0].flat[0] = np.nan
+    moved = frame.flow(v, y)
+    assert not np.isfinite(moved[0]).all()
+    np.testing.assert_allclose(moved[1], alone, rtol=1e-14, atol=1e-14)
+
+
+@every_frame
+def test_frames_are_values(frame):
+    if not isinstance(frame, FieldFrame | MatrixFrame):
+        copy = eval(repr(frame), vars(cg.frames))
+        assert copy == frame
+        assert hash(copy) == hash(frame)
+    assert sum(other == frame for other in FRAMES) == 1
+    for attribute in ("n", "convention", "factors", "_flow", "_matrices"):
+        if hasattr(frame, attribute):
+            with pytest.raises(AttributeError):
+                setattr(frame, attribute, None)
+
+
+UNDRIFTING = [f for f in FRAMES if f not in OPEN and not isinstance(f, Product)]
+
+
+@pytest.mark.parametrize("frame", UNDRIFTING, ids=name)
+def test_ten_thousand_flows_do_not_drift(frame):
+    rng = np.random.default_rng(8)
+    y = frame.random_point(rng)
+    worst = 0.0
+    # Rounding errors of equal flows add up, those of different flows walk at random.
+    constant = np.tile(0.02 * frame.random_vector(rng), (10, 1))
+    for forth in (constant, 0.3 * frame.random_vector(rng, (10,))):
+        # There and back, so that points of manifolds that aren't compact don't run away.
+        for way in (forth, -forth[::-1]) * 250:
+            for v in way:
+                y = frame.flow(v, y)
+            worst = max(worst, float(frame.membership_error(y)) / condition(y))
+    assert worst < 4e-15

@@ -1,0 +1,61 @@
+"""Frames with brackets."""
+
+import numpy as np
+from frame_examples import FRAMES
+
+from cg.frames import (
+    SE3,
+    SO3,
+    SU,
+    CoadjointOrbit,
+    Euclidean,
+    FieldFrame,
+    MatrixFrame,
+    Product,
+    Semidirect,
+    Sphere,
+    UnitQuaternion,
+)
+
+CLOSED = MatrixFrame(
+    [[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]]
+)
+HEISENBERG_GROUP = FieldFrame(
+    [
+        lambda y: np.array([1.0, 0.0, -y[1]]),
+        lambda y: np.array([0.0, 1.0, y[0]]),
+        lambda y: np.array([0.0, 0.0, 1.0]),
+    ],
+    lambda v, y: y + np.array([v[0], v[1], v[2] + y[0] * v[1] - y[1] * v[0]]),
+    point_shape=3,
+    bracket=lambda u, v: [0.0, 0.0, 2.0 * (u[1] * v[0] - u[0] * v[1])],
+)
+
+
+def has_bracket(frame):
+    try:
+        frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
+    except NotImplementedError:
+        return False
+    return True
+
+
+WITH = [frame for frame in [*FRAMES, CLOSED, HEISENBERG_GROUP] if has_bracket(frame)]
+CLOSED_FORMS = [
+    SO3(),
+    SO3("space"),
+    UnitQuaternion(),
+    SU(2),
+    SU(2, "body"),
+    SE3(),
+    SE3("space"),
+    Semidirect(SO3(), 2),
+    Sphere(2),
+    CoadjointOrbit(SO3(), (0.6, 0.0, -0.8)),
+    Euclidean(3),
+    Product(SE3(), SO3("space")),
+]
+
+
+def vectors(frame, seed, count):
+    return np.random.default_rng(seed).standard_normal((count, frame.dim))

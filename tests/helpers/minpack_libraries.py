@@ -1,0 +1,249 @@
+"""The solver's own Fortran, compiled with all checks for the tests, and Debian's MINPACK."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cg.support.shared_numbers import fortran_module
+
+TESTS = Path(__file__).parents[1]
+SOURCES = TESTS.parent / "fortran"
+MODULES = ("kinds", "stop_flag", "least_squares", "linalg", "levenberg_marquardt", "lmdif", "lmder")
+KINDS = {"r64": "real64", "r128": "real128"}
+FLAGS = [
+    *("-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra"),
+    *("-Wno-compare-reals", "-Wno-unused-dummy-argument", "-Werror"),
+    *("-fcheck=all", "-ffpe-trap=invalid,zero,overflow"),
+]
+
+HAS_COMPILER = shutil.which("gfortran") is not None
+
+C_DOUBLES = ctypes.POINTER(ctypes.c_double)
+C_INTS = ctypes.POINTER(ctypes.c_int)
+
+
+def compile_fortran(folder: Path, suffix: str, test_source: Path, output: str, *flags: str) -> Path:
+    """Compile the solver and one source of the tests in one kind, into `output`."""
+    shared = folder / "shared_numbers.f90"
+    shared.write_text(fortran_module())
+    sources = [str(shared)]
+    for source in (*(SOURCES / f"{module}.f90.in" for module in MODULES), test_source):
+        text = source.read_text().replace("@SFX@", suffix).replace("@KIND@", KINDS[suffix])
+        configured = folder / source.name.removesuffix(".in")
+        configured.write_text(text)
+        sources.append(str(configured))
+    target = folder / output
+    command = ["gfortran", *FLAGS, *flags, f"-J{folder}", *sources, "-o", str(target)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return target
+
+
+def load_debian_minpack() -> ctypes.CDLL | None:
+    name = ctypes.util.find_library("minpack")
+    return None if name is None else ctypes.CDLL(name)
+
+
+def pointer(array: np.ndarray) -> ctypes.c_void_p:
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+def reference(value: int | float) -> Any:
+    kind = ctypes.c_int if isinstance(value, int) else ctypes.c_double
+    return ctypes.byref(kind(value))
+
+
+class DebianMinpack:
+    """MINPACK's Fortran subroutines as Debian compiles them."""
+
+    EPS = 2.22044604926e-16  # its dpmpar(1): the machine precision rounded to twelve digits
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self._library = library
+        library.enorm_.restype = ctypes.c_double
+
+    def lmdif(
+        self,
+        f: Callable[[np.ndarray], np.ndarray],
+        x0: np.ndarray,
+        m: int,
+        *,
+        ftol: float,
+        xtol: float,
+        gtol: float,
+        maxfev: int,
+        epsfcn: float,
+        factor: float,
+    ) -> dict[str, Any]:
+        n = x0.size
+        x, fvec, fjac = x0.copy(), np.empty(m), np.empty((m, n), order="F")
+        diag, qtf, ipvt = np.ones(n), np.empty(n), np.empty(n, np.intc)
+        work = [np.empty(n), np.empty(n), np.empty(n), np.empty(m)]
+        info, nfev = ctypes.c_int(), ctypes.c_int()
+
+        def callback(_m: Any, _n: Any, x_in: Any, f_out: Any, _flag: Any) -> None:
+            at = np.ctypeslib.as_array(x_in, (n,)).copy()
+            np.ctypeslib.as_array(f_out, (m,))[:] = f(at)
+
+        signature = ctypes.CFUNCTYPE(None, C_INTS, C_INTS, C_DOUBLES, C_DOUBLES, C_INTS)
+        self._library.lmdif_(
+            signature(callback),
+            *(reference(m), reference(n), pointer(x), pointer(fvec)),
+            *(reference(ftol), reference(xtol), reference(gtol)),
+            *(reference(maxfev), reference(epsfcn), pointer(diag), reference(1)),
+            *(reference(factor), reference(0), ctypes.byref(info), ctypes.byref(nfev)),
+            *(pointer(fjac), reference(m), pointer(ipvt), pointer(qtf)),
+            *(pointer(array) for array in work),
+        )
+        return {
+            "x": x,
+            "fvec": fvec,
+            "info": info.value,
+            "nfev": nfev.value,
+            "fjac": fjac,
+            "ipvt": ipvt - 1,
+            "qtf": qtf,
+        }
+
+    def lmder(
+        self,
+        f: Callable[[np.ndarray], np.ndarray],
+        jacobian: Callable[[np.ndarray], np.ndarray],
+        x0: np.ndarray,
+        m: int,
+        tolerance: float,
+    ) -> dict[str, Any]:
+        n = x0.size
+        x, fvec, fjac = x0.copy(), np.empty(m), np.empty((m, n), order="F")
+        diag, qtf, ipvt = np.ones(n), np.empty(n), np.empty(n, np.intc)
+        work = [np.empty(n), np.empty(n), np.empty(n), np.empty(m)]
+        info, nfev, njev = ctypes.c_int(), ctypes.c_int(), ctypes.c_int()
+
+        def callback(
+            _m: Any, _n: Any, x_in: Any, f_out: Any, jac_out: Any, _ld: Any, flag: Any
+        ) -> None:
+            at = np.ctypeslib.as_array(x_in, (n,)).copy()
+            if flag[0] == 1:
+                np.ctypeslib.as_array(f_out, (m,))[:] = f(at)
+            else:
+                np.ctypeslib.as_array(jac_out, (n, m))[:] = jacobian(at).T
+
+        signature = ctypes.CFUNCTYPE(
+            None, C_INTS, C_INTS, C_DOUBLES, C_DOUBLES, C_DOUBLES, C_INTS, C_INTS
+        )
+        self._library.lmder_(
+            signature(callback),
+            *(reference(m), reference(n), pointer(x), pointer(fvec)),
+            *(pointer(fjac), reference(m)),
+            *(reference(tolerance), reference(tolerance), reference(0.0)),
+            *(reference(1000), pointer(diag), reference(1), reference(100.0), reference(0)),
+            *(ctypes.byref(info), ctypes.byref(nfev), ctypes.byref(njev)),
+            *(pointer(ipvt), pointer(qtf), *(pointer(array) for array in work)),
+        )
+        return {
+            "x": x,
+            "fvec": fvec,
+            "info": info.value,
+            "nfev": nfev.value,
+            "njev": njev.value,
+            "fjac": fjac,
+            "ipvt": ipvt - 1,
+            "qtf": qtf,
+        }
+
+
+class Faces:
+    """The package's real(8) linear algebra and lmder, compiled for the tests."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self._library = library
+        library.face_enorm.restype = ctypes.c_double
+
+    def enorm(self, x: np.ndarray) -> float:
+        return float(self._library.face_enorm(ctypes.c_int(x.size), pointer(x)))
+
+    def qrfac(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return the factored copy of `a`, the pivots from 0, R's diagonal, the column norms."""
+        m, n = a.shape
+        factored = np.array(a, order="F")
+        ipvt, rdiag, acnorm = np.empty(n, np.intc), np.empty(n), np.empty(n)
+        self._library.face_qrfac(
+            *(ctypes.c_int(m), ctypes.c_int(n), pointer(factored)),
+            *(pointer(ipvt), pointer(rdiag), pointer(acnorm)),
+        )
+        return factored, ipvt - 1, rdiag, acnorm
+
+    def qrsolv(
+        self, r: np.ndarray, ipvt: np.ndarray, diag: np.ndarray, qtb: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and S, upper triangular."""
+        n = qtb.size
+        work, pivots = np.array(r, order="F"), (ipvt + 1).astype(np.intc)
+        x, sdiag = np.empty(n), np.empty(n)
+        self._library.face_qrsolv(
+            *(ctypes.c_int(n), pointer(work), pointer(pivots), pointer(diag), pointer(qtb)),
+            *(pointer(x), pointer(sdiag)),
+        )
+        assert np.array_equal(np.triu(work), np.triu(r))
+        return x, np.tril(work, -1).T + np.diag(sdiag)
+
+    def lmpar(
+        self, r: np.ndarray, ipvt: np.ndarray, diag: np.ndarray, qtb: np.ndarray, delta: float
+    ) -> tuple[np.ndarray, float]:
+        """Return x and the parameter."""
+        n = qtb.size
+        work, pivots = np.array(r, order="F"), (ipvt + 1).astype(np.intc)
+        x, sdiag, par = np.empty(n), np.empty(n), ctypes.c_double(0)
+        self._library.face_lmpar(
+            *(ctypes.c_int(n), pointer(work), pointer(pivots), pointer(diag), pointer(qtb)),
+            *(ctypes.c_double(delta), ctypes.byref(par), pointer(x), pointer(sdiag)),
+        )
+        return x, par.value
+
+    def lmder(
+        self,
+        f: Callable[[np.ndarray], np.ndarray],
+        jacobian: Callable[[np.ndarray], np.ndarray],
+        x0: np.ndarray,
+        m: int,
+        tolerance: float,
+    ) -> dict[str, Any]:
+        n = x0.size
+        x, fvec, fjac = x0.copy(), np.empty(m), np.empty((m, n), order="F")
+        diag, qtf, ipvt = np.ones(n), np.empty(n), np.empty(n, np.intc)
+        info, nfev, njev = ctypes.c_int(), ctypes.c_int(), ctypes.c_int()
+
+        def callback(_n: int, _m: int, x_in: Any, out: Any, flag: Any) -> None:
+            at = np.ctypeslib.as_array(x_in, (n,)).copy()
+            if flag[0] == 1:
+                np.ctypeslib.as_array(out, (m,))[:] = f(at)
+            else:
+                np.ctypeslib.as_array(out, (n, m))[:] = jacobian(at).T
+
+        signature = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_int, C_DOUBLES, C_DOUBLES, C_INTS)
+        zero, one = ctypes.c_double(0), ctypes.c_int(1)
+        self._library.face_lmder(
+            *(signature(callback), ctypes.c_int(n), ctypes.c_int(m), pointer(x), pointer(fvec)),
+            *(ctypes.c_double(tolerance), ctypes.c_double(tolerance), zero),
+            *(ctypes.c_int(1000), pointer(diag), one, ctypes.c_double(100)),
+            *(ctypes.byref(info), ctypes.byref(nfev), ctypes.byref(njev)),
+            *(pointer(fjac), pointer(ipvt), pointer(qtf)),
+        )
+        return {
+            "x": x,
+            "fvec": fvec,
+            "info": info.value,
+            "nfev": nfev.value,
+            "njev": njev.value,
+            "fjac": fjac,
+            "ipvt": ipvt - 1,
+            "qtf": qtf,
+        }

@@ -1,0 +1,33 @@
+"""Blocks of programs in the pages of the documentation and how they are run; words of pages."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def words_of(page):
+    """Return the text of a page with a space for every line break."""
+    return " ".join((ROOT / page).read_text(encoding="utf-8").split())
+
+
+def power_of_ten(x, digits):
+    """Return a number as pages write it."""
+    mantissa, exponent = f"{float(x):.{digits}e}".split("e")
+    return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}"
+
+
+def blocks_of(page):
+    """Return the kind of each block of Python, what follows the language, and its text."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return re.findall(r"^```python *(\w*)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+def run(page, kind="", names=None):
+    """Run all blocks of a kind, one after the other, and return the names that they leave."""
+    names = {} if names is None else names
+    for number, (this, block) in enumerate(blocks_of(page)):
+        if this == kind:
+            exec(compile(block, f"{page}, block {number + 1}", "exec"), names)
+    return names

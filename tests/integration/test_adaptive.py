@@ -1,0 +1,407 @@
+"""Steps chosen by embedded pairs: error estimates, tolerances, failures."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.integrate
+from frame_examples import HEISENBERG
+from python_steps import Step, choose_steps, error, uncompiled
+
+import cg
+from cg.analysis.convergence import observed_order
+from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
+from cg.integration.step.blocks import is_compiled
+from cg.integration.step.interpolant import extra_evaluations
+from cg.integration.step.plan import error_exponent
+from cg.method.tableau import Tableau
+from cg.problems import StateDependentRotation
+
+pytestmark = pytest.mark.sanitize
+
+PAIRS = {name: m for name, m in cg.methods.items() if m.exact_embedded is not None}
+PROBLEM = StateDependentRotation()
+FRAMES = [
+    SO3(),
+    SO3("space"),
+    UnitQuaternion(),
+    SE3(),
+    SU(2),
+    Sphere(2),
+    Stiefel(3, 1),
+    Product(SO3(), Euclidean(2)),
+]
+
+
+def generic(frame, seed=3):
+    """A smooth equation that depends on time and every entry of the point."""
+    rng = np.random.default_rng(seed)
+    y0 = frame.random_point(rng)
+    weights = rng.standard_normal((frame.dim, 2 * y0.size)) / np.sqrt(2 * y0.size)
+
+    def f(t, y):
+        flat = y.ravel()
+        return np.sin(weights @ np.concatenate([flat.real, flat.imag]) + np.arange(frame.dim) + t)
+
+    return f, y0
+
+
+@pytest.fixture(scope="module")
+def rotations():
+    """Return the solution at 1 and 2."""
+    reference = PROBLEM.reference([1, 2], bits=128)
+    return reference.y[:, :9].reshape(2, 3, 3)
+
+
+@pytest.fixture(scope="module")
+def rotation(rotations):
+    return rotations[0]
+
+
+@pytest.mark.parametrize("name", list(PAIRS))
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_error_estimate_has_the_order_of_the_embedded_method(name, frame):
+    f, y0 = generic(frame)
+    step = Step(f, frame, PAIRS[name])
+    order = min(PAIRS[name].order, PAIRS[name].embedded_order)
+    # the largest of several: at one time alone the leading term may happen to be small
+    times = (0.0, 0.3, 0.7)
+    # of high orders only longer steps have estimates far above rounding
+    for largest in (0.1, 0.16, 0.2, 0.3, 0.4):
+        sizes = largest * np.array([1.0, 0.7, 0.5])
+        errors = [max(first_estimate(step, t, y0, h) for t in times) for h in sizes]
+        if min(errors) > 1e-12:
+            break
+    assert min(errors) > 1e-12
+    assert observed_order(sizes, errors).order == pytest.approx(order + 1, abs=0.35)
+
+
+def first_estimate(step, t, y, h):
+    """Return the error that the second result tells, or the first combination of stages."""
+    y1, error = step.trial(t, y, h, 1.0, 0.0)
+    return step.estimates(y, h, y1, 1.0, 0.0)[0] if step.paths.errors else error
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_estimate_is_near_the_error_of_the_embedded_method(frame):
+    f, y0 = generic(frame)
+    pair = cg.methods["CG2(3)"]
+    h = 0.05
+    truth = cg.integrate(f, (0, h), y0, frame=frame, method="CG5a", h=h / 4).y[-1]
+    step = Step(f, frame, pair)
+    reached, other = step.pair(0.0, y0, h)
+    estimate = step.trial(0.0, y0, h, 1.0, 0.0)[1]
+    assert error(frame, truth, reached, y0, 1.0, 0.0) < 0.2 * estimate
+    assert error(frame, truth, other, y0, 1.0, 0.0) == pytest.approx(estimate, rel=0.2)
+
+
+@pytest.mark.parametrize("name", list(PAIRS))
+def test_error_is_proportional_to_the_tolerance(name, rotations):
+    # high orders are asymptotic at small tolerances only, and low ones need many steps there
+    tolerances = 10.0 ** -(np.arange(8, 12) if PAIRS[name].order > 3 else np.arange(4, 10))
+    end = 1
+    if PAIRS[name].order > 6:  # in half the time too few steps
+        end = 2
+    if PAIRS[name].order > 7:  # beyond, errors are near rounding
+        tolerances = 10.0 ** -np.arange(7, 11)
+    errors, steps = [], []
+    for tolerance in tolerances:
+        solution = cg.solve_ivp(
+            PROBLEM.f,
+            (0, end),
+            PROBLEM.y0,
+            frame=SO3(),
+            method=name,
+            rtol=tolerance,
+            atol=tolerance,
+        )
+        errors.append(float(SO3().distance(solution.y[-1], rotations[end - 1])))
+        steps.append(solution.steps)
+    exponent = observed_order(tolerances, errors).order
+    order = 1.0 / error_exponent(PAIRS[name])  # of the estimate: that of DOP853 is of two
+    assert exponent == pytest.approx(PAIRS[name].order / order, abs=0.15)
+    assert (np.array(errors) < 30 * tolerances).all()
+    work = observed_order(tolerances, 1.0 / np.array(steps)).order
+    assert work == pytest.approx(1.0 / order, abs=0.08)
+
+
+def test_the_default_is_chosen_by_frame_and_tolerance():
+    def chosen(frame, **options):
+        f, y0 = generic(frame)
+        return cg.solve_ivp(f, (0, 0.1), y0, frame=frame, **options).method.name
+
+    compiled = (SO3(), Sphere(2), SO(4), Product(SO3(), Euclidean(2)))
+    for frame in (*compiled, Stiefel(3, 2), Product(Sphere(3), SO3())):
+        loose = "CF5(4)" if frame in compiled else "RKMK5(4)"
+        assert chosen(frame) == chosen(frame, rtol=1e-4) == loose
+        assert chosen(frame, h=0.05) == loose
+        assert chosen(frame, rtol=9e-5) == chosen(frame, rtol=1e-12, method="auto") == "RKMK8(5,3)"
+        assert chosen(frame, rtol=1e-12, method="CF4(3)") == "CF4(3)"
+
+    assert isinstance(HEISENBERG, cg.frames.FieldFrame)
+    for options, name in (({}, "CF5(4)"), ({"h": 0.05}, "CF5(4)"), ({"rtol": 1e-8}, "CF6(5)")):
+        assert chosen(HEISENBERG, **options) == name
+
+
+def test_the_weights_of_higher_order_make_the_step():
+    pair = cg.methods["CG2(3)"]
+    swapped = Tableau(pair.entries, pair.embedded_weights, b_embedded=pair.weights)
+    assert (pair.order, swapped.order, swapped.embedded_order) == (3, 2, 3)
+    solutions = [
+        cg.solve_ivp(PROBLEM.f, (0, 1), PROBLEM.y0, frame=SO3(), method=method)
+        for method in (pair, swapped)
+    ]
+    np.testing.assert_array_equal(solutions[0].y, solutions[1].y)
+
+
+def accelerated(t, y):
+    return np.array([1.0, 0.2, y[0, 1]]) * (1.0 + 99.0 / (1.0 + np.exp(-50.0 * (t - 5.0))))
+
+
+def test_rejected_steps_are_counted_and_repeat_no_evaluation():
+    calls = []
+
+    def f(t, y):
+        calls.append((t, y.tobytes()))
+        return accelerated(t, y)
+
+    solution = cg.solve_ivp(f, (0, 10), np.eye(3), frame=SO3(), method="CG2(3)")
+    assert solution.nrejected > 3
+    assert solution.nfev == len(calls)
+    # One more is for the choice of the first step.
+    assert solution.nfev == 3 * solution.steps + 2 * solution.nrejected + 1
+    assert len(set(calls)) == len(calls)
+    flows = PAIRS["CG2(3)"].exponentials + 3
+    assert solution.nexp == flows * (solution.steps + solution.nrejected) + 1
+    sizes = np.diff(solution.t)
+    # medians: how far the steps overshoot after the jump depends on rounding
+    before, after = solution.t[1:] < 4.8, solution.t[1:] > 5.2
+    assert np.median(sizes[after]) < 0.3 * np.median(sizes[before])
+
+
+def test_backward_returns_to_the_start(rotation):
+    solution = cg.solve_ivp(PROBLEM.f, (1, 0), rotation, frame=SO3(), rtol=1e-9, atol=1e-9)
+    assert (np.diff(solution.t) < 0).all()
+    assert SO3().distance(solution.y[-1], np.eye(3)) < 1e-7
+
+
+def test_backward_takes_the_steps_of_reversed_time():
+    back = cg.solve_ivp(PROBLEM.f, (1, 0), PROBLEM.y0, frame=SO3())
+    mirrored = cg.solve_ivp(lambda t, y: -PROBLEM.f(-t, y), (-1, 0), PROBLEM.y0, frame=SO3())
+    np.testing.assert_allclose(back.t, -mirrored.t, rtol=1e-12)
+    np.testing.assert_allclose(back.y, mirrored.y, rtol=0, atol=1e-12)
+
+
+def test_max_step_and_first_step_are_kept():
+    still = {"frame": SO3(), "t_span": (0.0, 3.0), "y0": np.eye(3)}
+    solution = cg.solve_ivp(lambda t, y: [0.01, 0.0, 0.0], max_step=0.25, **still)
+    assert np.diff(solution.t).max() <= 0.25
+    solution = cg.solve_ivp(PROBLEM.f, first_step=1e-5, **still)
+    assert np.diff(solution.t)[0] == pytest.approx(1e-5)
+    assert np.diff(solution.t).max() > 0.01
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_first_step_follows_the_time_scale(scale):
+    solution = cg.solve_ivp(
+        lambda t, y: PROBLEM.f(t / scale, y) / scale, (0, scale), PROBLEM.y0, frame=SO3()
+    )
+    first = np.diff(solution.t)[0] / scale
+    assert 1e-3 < first < 0.3
+    assert solution.nrejected <= 1
+
+
+def test_motion_without_error_takes_ever_larger_steps():
+    solution = cg.solve_ivp(lambda t, y: [0.0, 0.0, 1.0], (0, 1e6), np.eye(3), frame=SO3())
+    assert solution.success
+    assert solution.steps < 25
+    assert cg.solve_ivp(lambda t, y: np.zeros(3), (0, 5), np.eye(3), frame=SO3()).steps < 15
+
+
+def test_blow_up_ends_without_success_and_keeps_what_was_accepted():
+    solution = cg.solve_ivp(lambda t, y: y**2, (0, 2), [1.0], frame=Euclidean(1), dense_output=True)
+    assert not solution.success
+    assert solution.status == -1
+    assert "step size fell below" in solution.message
+    assert solution.t[-1] == pytest.approx(1.0, abs=1e-2)
+    assert len(solution.t) == solution.steps + 1 > 20
+    assert np.isfinite(solution.y).all()
+    early = solution.t < 0.9
+    np.testing.assert_allclose(solution.y[early, 0], 1 / (1 - solution.t[early]), rtol=0.05)
+    np.testing.assert_array_equal(solution.sol(solution.t), solution.y)
+
+
+def test_blow_up_with_t_eval_keeps_the_times_that_were_reached():
+    times = np.linspace(0, 2, 8)
+    solution = cg.solve_ivp(lambda t, y: y**2, (0, 2), [1.0], frame=Euclidean(1), t_eval=times)
+    np.testing.assert_array_equal(solution.t, times[:4])
+    assert solution.y.shape == (4, 1)
+    assert solution.status == -1
+
+
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered")
+def test_a_trial_step_that_overflows_is_rejected():
+    # The second stage of the first step is not finite, and f isn't finite there.
+    solution = cg.solve_ivp(
+        lambda t, y: 1e308 / (1.0 + t) ** 4 + 0.0 * y,
+        (0, 100),
+        [1.0],
+        frame=Euclidean(1),
+        first_step=100.0,
+        method="CG2(3)",
+    )
+    assert solution.success
+    assert solution.nrejected > 0
+    assert solution.y[-1, 0] == pytest.approx(1e308 / 3, rel=1e-2)
+
+
+def test_tolerances_are_for_each_coordinate():
+    frame = Product(SO3(), Euclidean(1))
+
+    def f(t, y):
+        return [1.0, t, y[0], 1e6 * np.cos(3 * t)]
+
+    y0 = frame.join(np.eye(3), [0.0])
+    loose = cg.solve_ivp(f, (0, 2), y0, frame=frame, rtol=1e-12, atol=[1e-4] * 3 + [1e3])
+    tight = cg.solve_ivp(f, (0, 2), y0, frame=frame, rtol=1e-12, atol=[1e-4] * 3 + [1.0])
+    assert loose.steps < 0.5 * tight.steps
+
+
+def test_sizes_that_errors_are_relative_to():
+    rng = np.random.default_rng(0)
+    frame = Product(SO3(), Euclidean(2), SE3())
+    pose = SE3().random_point(rng)
+    pose[:3, 3] = [3.0, 0.0, 4.0]
+    y = frame.join(np.eye(3), [-2.0, 7.0], pose)
+    expected = [1, 1, 1, 2, 7, 1, 1, 1, 5, 5, 5]
+    np.testing.assert_allclose(frame.coordinate_sizes(y), expected)
+    np.testing.assert_allclose(frame.coordinate_sizes(np.stack([y, y])), [expected] * 2)
+
+
+@pytest.mark.parametrize("name", list(PAIRS))
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("frame", [*FRAMES, uncompiled(SO3()), uncompiled(SE3())], ids=repr)
+def test_steps_are_those_that_the_formulas_choose(frame, name, sign):
+    """Errors in tolerances, of which some steps have more than one, and what follows from them."""
+    f, y0 = generic(frame)
+    tolerance = {2: 1e-5, 3: 1e-5, 8: 1e-12}.get(PAIRS[name].order, 1e-8)
+    options = {"frame": frame, "method": PAIRS[name], "rtol": tolerance, "atol": tolerance / 3}
+    found = cg.solve_ivp(f, (0.1, 0.1 + sign), y0, first_step=0.4, **options)
+    expected = choose_steps(f, (0.1, 0.1 + sign), y0, first_step=0.4, **options)
+    assert (found.steps, found.nrejected) == (len(expected.times) - 1, expected.rejected)
+    assert found.nrejected > 0
+    # rounding of points as a part of the tolerance is one of the sizes too
+    atol = 1e-6 if tolerance > 1e-9 else 1e-3
+    np.testing.assert_allclose(found.t, expected.times, rtol=0, atol=atol)
+    np.testing.assert_allclose(found.y[-1], expected.y, rtol=0, atol=1e-12)
+    if PAIRS[name].explicit:
+        assert (found.nfev, found.nexp) == (expected.nfev, expected.nexp)
+
+
+def test_tolerances_of_each_coordinate_by_the_formulas():
+    frame = Product(SO3(), Euclidean(2))
+    f, y0 = generic(frame)
+    options = {"frame": frame, "method": PAIRS["CG2(3)"], "rtol": 1e-4, "first_step": 0.1}
+    for atol in ([1e-4, 1.0, 1e-5, 1e-3, 1e-6], [0.0] * 5):
+        found = cg.solve_ivp(f, (0, 2), y0, atol=atol, **options)
+        expected = choose_steps(f, (0, 2), y0, atol=np.array(atol), **options)
+        np.testing.assert_allclose(found.t, expected.times, rtol=0, atol=1e-9)
+
+
+def test_the_largest_and_the_smallest_change_of_the_size():
+    """By five where there is no error; by a fifth, or a fourth where there is no number."""
+    still = {"frame": Euclidean(1), "method": PAIRS["CG2(3)"], "first_step": 1e-3}
+    found = cg.solve_ivp(lambda t, y: [1.0], (0, 10), [0.0], **still)
+    np.testing.assert_allclose(np.diff(found.t)[:5], 1e-3 * 5.0 ** np.arange(5), rtol=1e-11)
+    cases = ((lambda t, y: [1e9 * np.cos(1e3 * t)], 0.2), (lambda t, y: [1e308], 0.25))
+    for f, factor in cases:
+        seen = []
+
+        def recorded(t, y, f=f, seen=seen):
+            seen.append(t)
+            return f(t, y)
+
+        cg.solve_ivp(recorded, (0, 10), [1.0], **(still | {"first_step": 8.0, "max_steps": 2}))
+        stages = 8.0 * np.array(PAIRS["CG2(3)"].c[1:])
+        np.testing.assert_allclose(seen[1:], [*stages, *(factor * stages)], rtol=1e-15)
+
+
+def test_errors_are_those_of_scipy_angles_or_distances():
+    before, other, y = np.array([10.0, 1.0]), np.array([4.0, 6.0]), np.array([5.0, 8.0])
+    expected = math.sqrt(((1 / (1 + 1.0)) ** 2 + (2 / (2 + 0.8)) ** 2) / 2)
+    found = error(Euclidean(2), other, y, before, 0.1, np.array([1.0, 2.0]))
+    assert found == pytest.approx(expected)
+    turned = SO3().flow([0.0, 3e-3, 0.0], np.eye(3))
+    found = error(SO3(), np.eye(3), turned, np.eye(3), 1e-3, 0.0)
+    assert found == pytest.approx(3.0 / math.sqrt(3))
+    frame = Stiefel(3, 1)
+    rng = np.random.default_rng(1)
+    y = frame.random_point(rng)
+    moved = frame.flow(1e-3 * frame.random_vector(rng), y)
+    assert frame.exp_coordinates(y, y) is None
+    # A column of length one: its three entries have root mean square 1/√3.
+    expected = np.sqrt(np.mean((moved - y) ** 2)) * np.sqrt(3.0)
+    assert error(frame, y, moved, y, 1.0, 0.0) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_every_kind_of_frame_is_integrated_to_its_tolerance(frame):
+    f, y0 = generic(frame)
+    truth = cg.integrate(f, (0, 1), y0, frame=frame, method="CF6c", h=0.02).y[-1]
+    for method, least in (("CG4(3)", 1e-9), ("auto", 0.0)):
+        solution = cg.solve_ivp(f, (0, 1), y0, frame=frame, method=method, rtol=1e-6, atol=1e-6)
+        assert least < frame.distance(solution.y[-1], truth) < 1e-5
+    assert frame.membership_error(solution.y).max() < 1e-12
+
+
+@pytest.mark.parametrize("extra", [{}, {"dense_output": True}])
+def test_the_last_stage_is_the_first_of_the_next_step(extra):
+    pair = cg.methods["DP5(4)"]
+    for frame in (SO3(), SO(4)):  # in compiled code, and in Python
+        y0 = frame.random_point(np.random.default_rng(3))
+        found = cg.solve_ivp(
+            lambda t, y, n=frame.dim: np.cos(t + np.arange(n)) * y[0, 1],
+            (0, 1), y0, frame=frame, method=pair, h=0.125, **extra,
+        )  # fmt: skip
+        between = 8 * extra_evaluations(pair) if extra else 0
+        assert found.nfev == 1 + 8 * (pair.stages - 1) + between
+
+
+SHORT = [
+    (1.7e9, 1.7e9 + 2e-6),  # eight units of the last place
+    (10.0 - 5e-15, 10.0),
+    (1.0, 1.0 + 2.0**-52),
+    (-3.0, -3.0 - 2.0**-51),
+    (1e15, 1e15 + 0.25),
+]
+
+
+@pytest.mark.parametrize("span", SHORT)
+@pytest.mark.parametrize("frame", [Euclidean(1), Stiefel(2, 1)], ids=repr)
+def test_spans_below_the_resolution_of_steps(span, frame):
+    """One step leads to the end, in compiled code and in Python."""
+    y0 = frame.random_point(np.random.default_rng(1))
+
+    def f(t, y):
+        return [1.0]
+
+    assert is_compiled(frame) is (frame == Euclidean(1))
+    solution = cg.solve_ivp(f, span, y0, frame=frame)
+    assert (solution.status, solution.steps, solution.nrejected) == (0, 1, 0)
+    assert solution.t.tolist() == list(span)
+    moved = frame.flow([span[1] - span[0]], y0)
+    np.testing.assert_allclose(solution.y[-1], moved, rtol=1e-15)
+    assert scipy.integrate.solve_ivp(f, span, [0.0]).status == 0
+
+
+@pytest.mark.parametrize("frame", [Euclidean(1), Stiefel(2, 1)], ids=repr)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_first_step_below_the_resolution_is_raised_to_it(frame, sign):
+    y0 = frame.random_point(np.random.default_rng(1))
+    span = (1e3, 1e3 + sign)
+    solution = cg.solve_ivp(lambda t, y: [1.0], span, y0, frame=frame, first_step=1e-13)
+    assert solution.success
+    assert abs(solution.t[1] - solution.t[0]) == pytest.approx(10 * np.spacing(1e3), rel=0.1)
+    shorter = cg.solve_ivp(lambda t, y: [1.0], span, y0, frame=frame, max_step=1e-13)
+    assert (shorter.status, shorter.steps) == (-1, 0)  # it must not be longer
+    assert "step size fell below" in shorter.message

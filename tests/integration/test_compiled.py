@@ -1,0 +1,427 @@
+"""Compiled right-hand sides: C functions in every guise, on every frame that is compiled."""
+
+import ctypes
+import re
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from compiled_examples import DOUBLES, FRAMES, PROBLEMS
+from scipy import LowLevelCallable
+
+import cg
+from cg.analysis.convergence import observed_order
+from cg.catalogue import methods
+from cg.frames import GL, SO3, SU, Euclidean, Product, Sphere
+from cg.integration import integrate
+from cg.integration.loop.step_budget import StepBudget
+from cg.integration.rhs.compiled import compiled_rhs
+from cg.problems.affine import AffineField
+from cg.reproduce.reference_runs import integrate_affine
+from cg.support.shared_numbers import (
+    BlockKind,
+    ConditionOwner,
+    FieldFlag,
+    MinimumNormStatus,
+    Status,
+    Stop,
+    c_header,
+    fortran_module,
+)
+
+pytestmark = pytest.mark.sanitize
+
+EXPLICIT = [name for name, tableau in methods.items() if tableau.explicit]
+
+
+def test_the_numbers_of_fortran_and_c_are_made_of_the_enumerations():
+    text = fortran_module()
+    for kind in BlockKind:
+        assert f"integer, parameter :: {kind.name.lower()}_block = {kind.value}\n" in text
+    for member in (*Stop, *Status, *MinimumNormStatus, *ConditionOwner, *FieldFlag):
+        assert f"integer, parameter :: {member.name.lower()} = {member.value}\n" in text
+    names = re.findall(r"parameter :: (\w+) =", text)
+    assert len(names) == len(set(names))
+    assert f"RAISED_IN_PYTHON = {FieldFlag.RAISED_IN_PYTHON.value} " in c_header()
+
+
+@pytest.mark.parametrize("name", list(PROBLEMS))
+@pytest.mark.parametrize("method", ["CG4a", "CG5a"])
+def test_compiled_equals_python(name, method, affine):
+    problem = PROBLEMS[name]
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "method": method, "h": 0.07}
+    slow = integrate(problem.f, (0.2, 1.0), problem.y0, **options)
+    fast = integrate(f, (0.2, 1.0), problem.y0, **options)
+    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
+    np.testing.assert_array_equal(fast.t, slow.t)
+    assert (fast.nfev, fast.nexp, fast.h) == (slow.nfev, slow.nexp, slow.h)
+    assert fast.method is slow.method
+    assert fast.y.shape == slow.y.shape
+    assert problem.frame.membership_error(fast.y).max() < 2e-15
+
+
+@pytest.mark.parametrize("method", EXPLICIT)
+def test_every_explicit_method_runs(method, affine):
+    problem = PROBLEMS["product"]
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "method": method, "h": 0.125}
+    slow = integrate(problem.f, (0.0, 1.0), problem.y0, **options)
+    fast = integrate(f, (0.0, 1.0), problem.y0, **options)
+    scale = 1.0 + np.abs(methods[method].a).max()
+    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=4e-14 * scale)
+    assert fast.nexp == slow.nexp
+
+
+@pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])
+def test_rounding_off_the_manifold_does_not_add_up(name, affine):
+    problem = PROBLEMS[name]
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "method": "CG2", "h": 1 / 16384}
+    end = integrate(f, (0.0, 1.0), problem.y0, save_every=16384, **options).y[-1]
+    assert problem.frame.membership_error(end) < 1e-15  # of all steps it would be 1e-14
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-160, 1e-154, 1e-9, 1e-4, 30.0, 3e3])
+@pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "Euclidean"])
+def test_large_and_tiny_rotations(name, size, affine):
+    # Constant coefficients, since others amplify rounding at large angles.
+    problem = AffineField(*FRAMES[name])
+    problem.linear[:] = problem.slope[:] = 0.0
+    problem.constant[:] = size * np.resize([0.5, -1.0, 0.75], problem.frame.dim)
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "method": "CG3", "h": 0.5}
+    slow = integrate(problem.f, (0, 1), problem.y0, **options)
+    fast = integrate(f, (0, 1), problem.y0, **options)
+    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=4e-15 * max(1.0, size))
+    moved = np.abs(fast.y[-1] - fast.y[0]).max()
+    assert moved > size / 8 if size < 1e-3 else moved > 0.1
+
+
+def test_backward_and_no_step_at_all(affine):
+    problem = PROBLEMS["SE3 body"]
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "method": "CG4a", "h": 0.07}
+    slow = integrate(problem.f, (1, -0.5), problem.y0, **options)
+    fast = integrate(f, (1, -0.5), problem.y0, **options)
+    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
+    still = integrate(f, (1, 1), problem.y0, **options)
+    np.testing.assert_array_equal(still.y, problem.y0[None])
+    assert still.nfev == 0
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 5, 7, 100])
+@pytest.mark.parametrize("compiled", [False, True])
+def test_every_kth_step_and_the_last_are_stored(every, compiled, affine):
+    problem = PROBLEMS["product"]
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "method": "CG3", "h": 0.1}
+    all_steps = integrate(f if compiled else problem.f, (0, 1), problem.y0, **options)
+    some = integrate(f if compiled else problem.f, (0, 1), problem.y0, save_every=every, **options)
+    wanted = sorted({*range(0, 11, every), 10})
+    np.testing.assert_array_equal(some.t, all_steps.t[wanted])
+    np.testing.assert_array_equal(some.y, all_steps.y[wanted])
+    assert some.nfev == all_steps.nfev
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 6, 7, 30])
+def test_stored_steps_do_not_depend_on_pauses(every, monkeypatch):
+    options = {"frame": SO3(), "method": "CG3", "h": 0.05, "save_every": every}
+    f = lambda t, y: [t, y[0, 0], 1.0]  # noqa: E731
+    wanted = integrate(f, (0, 1), np.eye(3), **options)
+    rng = np.random.default_rng(6)
+    for most in range(1, 20):
+        monkeypatch.setattr(StepBudget, "start", lambda _, most=most: rng.integers(1, most + 1))
+        found = integrate(f, (0, 1), np.eye(3), **options)
+        np.testing.assert_array_equal(found.t, wanted.t)
+        np.testing.assert_array_equal(found.y, wanted.y)
+
+
+def test_pointers_and_callables_are_the_same(function, library):
+    pointer = function("growth")
+    address = ctypes.cast(pointer, ctypes.c_void_p).value
+    prototype = ctypes.CFUNCTYPE(
+        ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.POINTER(ctypes.c_int)
+    )
+    options = {"frame": Euclidean(1), "method": "CG4a", "h": 0.125}
+    results = [
+        integrate(f, (0, 1), [1.0], **options).y
+        for f in (pointer, LowLevelCallable(pointer), prototype(address))
+    ]
+    for found in results:
+        np.testing.assert_array_equal(found, results[0])
+    assert results[0][-1, 0] == pytest.approx(np.e, abs=1e-4)
+
+
+def test_a_callback_into_python_works_too():
+    @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p)
+    def growth(t, y, f, user_data):
+        f[0] = y[0]
+        return 0
+
+    found = integrate(growth, (0, 1), [1.0], frame=Euclidean(1), method="CG4a", h=0.125)
+    wanted = integrate(lambda t, y: y, (0, 1), [1.0], frame=Euclidean(1), method="CG4a", h=0.125)
+    np.testing.assert_allclose(found.y, wanted.y, rtol=0, atol=1e-15)
+
+
+def test_numba(affine):
+    numba = pytest.importorskip("numba")
+    pointer = numba.types.CPointer(numba.types.float64)
+
+    @numba.cfunc(
+        numba.types.int32(numba.types.float64, pointer, pointer, numba.types.voidptr), cache=False
+    )
+    def growth(t, y, f, user_data):
+        f[0] = y[0]
+        return 0
+
+    options = {"frame": Euclidean(1), "method": "CG4a", "h": 0.125}
+    wanted = integrate(lambda t, y: y, (0, 1), [1.0], **options).y
+    for f in (growth, LowLevelCallable(growth.ctypes)):
+        assert compiled_rhs(f) is not None
+        np.testing.assert_allclose(integrate(f, (0, 1), [1.0], **options).y, wanted, atol=1e-15)
+
+
+class Meeting(ctypes.Structure):
+    _fields_ = (("callers", ctypes.c_int), ("patience", ctypes.c_int))
+
+
+def meeting(function, patience):
+    data = Meeting(0, patience)
+    return LowLevelCallable(
+        function("meets"), ctypes.cast(ctypes.byref(data), ctypes.c_void_p)
+    ), data
+
+
+OPTIONS = {"frame": Euclidean(1), "method": "CG3", "h": 0.5}
+
+
+def test_python_lock_is_released(function):
+    f, data = meeting(function, 20_000)
+    with ThreadPoolExecutor(2) as pool:
+        runs = [pool.submit(integrate, f, (0, 1), [0.0], **OPTIONS) for _ in range(2)]
+        found = [run.result().y for run in runs]
+    np.testing.assert_array_equal(found[0], found[1])
+    assert data.callers == 2
+
+
+def test_workers_run_at_the_same_time(function):
+    f, data = meeting(function, 20_000)
+    cg.solve_ensemble(f, (0, 1), np.zeros((2, 1)), workers=2, **OPTIONS)
+    assert data.callers == 2
+    f, data = meeting(function, 2)
+    alone = cg.solve_ensemble(f, (0, 1), np.zeros((2, 1)), workers=1, **OPTIONS)
+    assert alone.messages[0] == "f returned the error code 3 at t = 0"
+
+
+def test_solve_ivp_takes_the_compiled_way(affine):
+    problem = PROBLEMS["product"]
+    f, _keep = affine(problem)
+    options = {"frame": problem.frame, "method": "CG4a", "h": 0.07}
+    found = cg.solve_ivp(f, (0, 1), problem.y0, **options)
+    wanted = integrate(f, (0, 1), problem.y0, **options)
+    np.testing.assert_array_equal(found.y, wanted.y)
+    assert (found.nfev, found.nexp) == (wanted.nfev, wanted.nexp)
+    assert found.success
+    assert found.steps == len(found.t) - 1
+
+
+def test_solve_ivp_calls_it_from_python_for_the_rest(affine):
+    problem = PROBLEMS["product"]
+    f, _keep = affine(problem)
+    for changes in (
+        {"method": "CG4(3)", "rtol": 1e-6},
+        {"method": "CG4a", "h": 0.1, "t_eval": [0.25, 0.5]},
+        {"method": "CG4a", "h": 0.1, "dense_output": True},
+        {"method": "ImplicitMidpoint", "h": 0.25},
+    ):
+        found = cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **changes)
+        wanted = cg.solve_ivp(problem.f, (0, 1), problem.y0, frame=problem.frame, **changes)
+        # An error estimate is a small difference, so the steps agree to fewer digits.
+        np.testing.assert_allclose(found.t, wanted.t, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.y, wanted.y, rtol=0, atol=1e-9)
+
+
+def test_ensembles_and_complex_points_from_python(function):
+    growth = compiled_rhs(function("growth"))
+    assert growth.on(Euclidean(1), None)(0.0, np.array([[2.0], [3.0]])).tolist() == [
+        [2.0],
+        [3.0],
+    ]
+    # SU(2) has three coefficients; the others stay unwritten.
+    y = np.array([[0.6 + 0.8j, 0.0], [0.0, 0.6 - 0.8j]])
+    found = growth.on(SU(2), None)(0.0, y)
+    assert found[0] == 0.6
+    assert np.isnan(found[1:]).all()
+    with pytest.raises(RuntimeError, match="f returned the error code 7 at t = 1"):
+        compiled_rhs(function("stops")).on(Euclidean(1), None)(1.0, np.zeros(1))
+    with pytest.raises(ValueError, match="frame must be given"):
+        growth(0.0, np.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("name", "y0", "error", "message"),
+    [
+        ("stops", [0.0], RuntimeError, r"f returned the error code 7 at t = 0\.625"),
+        ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.625"),
+        ("writes_nothing", [0.0], ValueError, r"f must return finite numbers, and all"),
+        ("square", [1e160], ValueError, "f must return finite numbers"),
+    ],
+)
+def test_failures_of_f(name, y0, error, message, function):
+    with pytest.raises(error, match=message):
+        integrate(function(name), (0, 1), y0, frame=Euclidean(1), method="CG2", h=0.25)
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [
+        ("LieEuler", "the solution is no longer finite at t = 10000000000"),
+        ("CG2", "a stage is no longer finite at t = 5000000000"),
+    ],
+)
+def test_solutions_that_overflow(method, message, function):
+    with pytest.raises(OverflowError, match=message):
+        integrate(function("growth"), (0, 1e10), [1e300], frame=Euclidean(1), method=method, h=1e10)
+
+
+@pytest.mark.parametrize(
+    ("frame", "y0"),
+    [
+        (Sphere(3), [0.0, 0.0, 0.0, 1.0]),
+        (SU(13), np.eye(13)),
+        (Product(SO3(), GL(2)), np.concatenate([np.eye(3).ravel(), np.eye(2).ravel()])),
+    ],
+)
+def test_on_frames_that_are_not_compiled_it_is_called_from_python(frame, y0, function):
+    with pytest.raises(ValueError, match="f must return finite numbers"):  # it sets one only
+        integrate(function("growth"), (0, 1), y0, frame=frame, method="CG3", h=0.1)
+    options = {"frame": frame, "method": "CG3", "h": 0.1, "parameters": [frame.dim]}
+    still = integrate(function("rests_all"), (0, 1), y0, **options)
+    np.testing.assert_allclose(still.y[-1], y0, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"save_every": 0}, ValueError, "save_every must be a positive integer, got 0"),
+        ({"save_every": 1.0}, ValueError, "save_every must be a positive integer"),
+        ({"y0": [1.0, 2.0]}, ValueError, "y0 must have shape"),
+        ({"y0": [np.nan]}, ValueError, "y0 must be finite"),
+        ({"h": -0.1}, ValueError, "h must be positive"),
+        ({"h": 1e-15}, ValueError, "h is too small for t_span: 1000000000000000 steps need"),
+        ({"frame": "R"}, TypeError, "frame must be a Frame"),
+    ],
+)
+def test_bad_arguments_are_refused(changes, error, message, function):
+    arguments = {"y0": [1.0], **OPTIONS, **changes}
+    with pytest.raises(error, match=message):
+        integrate(function("growth"), (0, 1), **arguments)
+
+
+def test_further_arguments_of_a_compiled_function_are_refused(function):
+    with pytest.raises(ValueError, match="args must be None for a compiled f"):
+        cg.solve_ivp(function("growth"), (0, 1), [1.0], frame=Euclidean(1), h=0.1, args=(1,))
+
+
+def reads_numbers(library):
+    """Return functions that read numbers, which a null pointer in their place would crash."""
+    pointer = library["decays"]
+    pointer.argtypes, pointer.restype = [ctypes.c_double, DOUBLES, DOUBLES, DOUBLES], ctypes.c_int
+    address = ctypes.cast(pointer, ctypes.c_void_p).value
+    prototype = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, DOUBLES, DOUBLES, DOUBLES)
+    capsule = ctypes.PYFUNCTYPE(
+        ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p
+    )(ctypes.cast(ctypes.pythonapi.PyCapsule_New, ctypes.c_void_p).value)
+    text = b"int (double, double const *, double *, double const *)"
+    return {
+        "pointer": pointer,
+        "prototype": prototype(address),
+        "callable": LowLevelCallable(pointer),
+        "capsule": LowLevelCallable(capsule(address, text, None)),
+        "cfunc": type("CFunc", (), {"address": address, "ctypes": prototype(address)})(),
+        "text": text,
+    }
+
+
+@pytest.mark.parametrize("kind", ["pointer", "prototype", "callable", "capsule", "cfunc"])
+def test_functions_that_read_numbers_need_them(kind, library):
+    f = reads_numbers(library)[kind]
+    message = "parameters must be given for a compiled f .* double \\*, got None"
+    with pytest.raises(ValueError, match=message):
+        integrate(f, (0, 1), [1.0], **OPTIONS)
+    with pytest.raises(ValueError, match=message):
+        cg.solve_ensemble(f, (0, 1), [[1.0], [2.0]], frame=Euclidean(1))
+    options = OPTIONS | {"parameters": [-1.0, 2.0], "h": 0.125}
+    found = integrate(f, (0, 1), [1.0], **options)
+    assert found.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
+
+
+def test_functions_that_read_numbers_may_have_user_data(library):
+    data = np.array([-1.0, 2.0])
+    f = LowLevelCallable(reads_numbers(library)["pointer"], ctypes.c_void_p(data.ctypes.data))
+    found = integrate(f, (0, 1), [1.0], **(OPTIONS | {"h": 0.125}))
+    assert found.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
+
+
+def test_other_signatures_are_refused(library):
+    bare = library["growth"]
+    with pytest.raises(ValueError, match="f must have argtypes and restype"):
+        integrate(bare, (0, 1), [1.0], **OPTIONS)
+    bare.argtypes = [ctypes.c_double, DOUBLES, ctypes.c_void_p]
+    bare.restype = ctypes.c_int
+    with pytest.raises(ValueError, match=r"f must have the signature 'int \(double, .* got 'int"):
+        integrate(bare, (0, 1), [1.0], **OPTIONS)
+    bare.argtypes = [ctypes.c_double, DOUBLES, DOUBLES, ctypes.c_void_p]
+    bare.restype = ctypes.c_double
+    with pytest.raises(ValueError, match="f must have the signature"):
+        integrate(LowLevelCallable(bare), (0, 1), [1.0], **OPTIONS)
+
+
+@pytest.mark.parametrize("name", list(PROBLEMS))
+def test_built_in_affine_fields_agree_with_python(name):
+    problem = PROBLEMS[name]
+    slow = integrate(problem.f, (0, 1), problem.y0, frame=problem.frame, method="CG4a", h=1 / 16)
+    for kind in ("real64", "real128"):
+        fast = integrate_affine(problem, method="CG4a", h="1/16", steps=16, kind=kind)
+        np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
+        assert fast.raw.shape[:2] == (17, problem.frame.point_shape[0])
+
+
+@pytest.mark.parametrize("name", ["quaternion space", "SE3 body", "sphere"])
+@pytest.mark.parametrize(
+    ("method", "steps"),
+    [("CG3", (64, 128, 256)), ("CG4a", (64, 128, 256)), ("CG5a", (64, 128, 256))],
+)
+def test_order_slopes_in_quadruple_precision(name, method, steps):
+    problem = PROBLEMS[name]
+    exact = exact_end(name)
+    errors = [
+        float(max(abs(x - y) for x, y in zip(found.exact(-1), exact, strict=True)))
+        for found in (
+            integrate_affine(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
+            for n in steps
+        )
+    ]
+    slope = observed_order(1 / np.array(steps), errors)
+    assert slope.order == pytest.approx(methods[method].order, abs=0.1)
+
+
+_ENDS = {}
+
+
+def exact_end(name):
+    if name not in _ENDS:
+        _ENDS[name] = PROBLEMS[name].reference([1], bits=160).values[0][:-1]
+    return _ENDS[name]
+
+
+def test_bad_affine_fields_are_refused():
+    with pytest.raises(ValueError, match="frame must have real points"):
+        AffineField(SU(2), np.eye(2))
+    with pytest.raises(ValueError, match="initial must be a point of SO3"):
+        AffineField(SO3(), 2 * np.eye(3))
+    with pytest.raises(TypeError, match="problem must be an AffineField"):
+        integrate_affine(None, method="CG3", h=1, steps=1)
+    with pytest.raises(ValueError, match="frame must be one that is compiled"):
+        integrate_affine(AffineField(GL(2), np.eye(2)), method="CG3", h=1, steps=1)

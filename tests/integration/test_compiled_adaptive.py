@@ -1,0 +1,289 @@
+"""Adaptive steps on compiled frames: those through functions in Python, with all there is."""
+
+import numpy as np
+import pytest
+from compiled_examples import PROBLEMS, frames_in_python
+
+import cg
+from cg.frames import SO3, SU, Euclidean, Product
+from cg.integration.loop import step_budget
+from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
+from cg.problems.affine import AffineField
+
+pytestmark = pytest.mark.sanitize
+
+TOLERANCE = 1e-13
+
+
+def from_python(f, frame):
+    """Return the compiled function as one in Python."""
+    return compiled_rhs(f).on(frame, None).__call__
+
+
+def both(f, span, y0, frame, *, method="CG4(3)", **options):
+    """Solve both ways; with large steps of a high order rounding shows in their sizes."""
+    options["method"] = method
+    fast = cg.solve_ivp(f, span, y0, frame=frame, **options)
+    with frames_in_python():
+        slow = cg.solve_ivp(from_python(f, frame), span, y0, frame=frame, **options)
+    return fast, slow
+
+
+def assert_same_steps(fast, slow, rounding=TOLERANCE):
+    assert (fast.steps, fast.nrejected) == (slow.steps, slow.nrejected)
+    np.testing.assert_allclose(fast.t, slow.t, rtol=rounding, atol=rounding)
+    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=10 * rounding)
+    assert (fast.nfev, fast.nexp) == (slow.nfev, slow.nexp)
+    assert (fast.status, fast.message, fast.success) == (slow.status, slow.message, slow.success)
+    assert fast.method is slow.method
+
+
+@pytest.mark.parametrize("name", list(PROBLEMS))
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+@pytest.mark.parametrize("span", [(0.2, 3.0), (1.0, -1.5)])
+def test_the_steps_are_those_of_a_frame_in_python(name, tolerance, span, affine):
+    problem = PROBLEMS[name]
+    f, _keep = affine(problem)
+    fast, slow = both(f, span, problem.y0, problem.frame, rtol=tolerance, atol=tolerance)
+    # error estimates are differences of points: once the last digit of a norm, whose terms the
+    # loops add in different orders, has differed, so much of the step size does
+    assert_same_steps(fast, slow, 0.5 * np.finfo(float).eps / tolerance)
+    assert problem.frame.membership_error(fast.y).max() < 2e-15
+    options = {"method": "CG4(3)", "rtol": tolerance, "atol": tolerance}
+    plain = cg.solve_ivp(problem.f, span, problem.y0, frame=problem.frame, **options)
+    assert plain.steps == fast.steps
+    np.testing.assert_allclose(plain.t, fast.t, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "method", [n for n, m in cg.methods.items() if m.explicit and m.exact_embedded]
+)
+def test_every_explicit_pair_takes_the_same_steps(method, affine):
+    problem = PROBLEMS["SE3 body"]
+    f, _keep = affine(problem)
+    fast, slow = both(f, (0, 1), problem.y0, problem.frame, method=method, rtol=1e-4, atol=1e-7)
+    assert_same_steps(fast, slow)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"max_step": 0.05},
+        {"first_step": 1e-6},
+        {"first_step": 1.0},
+        {"rtol": 1e-5, "atol": [1e-3, 1e-6, 1e-9]},
+        {"rtol": 0.0, "atol": 1e-4},
+        {"rtol": 1e-4, "atol": 0.0},
+    ],
+)
+@pytest.mark.filterwarnings("ignore:rtol = 0 is too small:UserWarning")
+def test_options_mean_the_same(options, affine):
+    problem = PROBLEMS["SO3 space"]
+    f, _keep = affine(problem)
+    assert_same_steps(*both(f, (0, 2), problem.y0, problem.frame, **options))
+
+
+def test_rejected_steps_and_jumps(function):
+    for options in ({}, {"first_step": 5.0}, {"t_eval": [0.1, 4.95, 5.0, 5.05, 9.9]}):
+        fast, slow = both(function("jump"), (0, 10), np.eye(3), SO3(), **options)
+        assert fast.nrejected > 2
+        assert (fast.steps, fast.nrejected) == (slow.steps, slow.nrejected)
+        assert (fast.nfev, fast.nexp) == (slow.nfev, slow.nexp)
+        np.testing.assert_allclose(fast.t, slow.t, rtol=0, atol=1e-9)
+
+
+def test_motion_without_error(function):
+    for y0, span in (([0.0], (0, 5)), ([0.0], (0, 1e-320)), ([0.0], (0, 1e6))):
+        fast, slow = both(function("rests"), span, y0, Euclidean(1))
+        assert_same_steps(fast, slow)
+        assert fast.t[-1] == span[1]
+
+
+def test_no_span_is_the_initial_point(function):
+    fast, slow = both(function("growth"), (2, 2), [1.0], Euclidean(1), dense_output=True)
+    assert_same_steps(fast, slow)
+    assert fast.nfev == 0
+    assert fast.sol(2.0) == 1.0
+
+
+@pytest.mark.parametrize("name", list(PROBLEMS))
+@pytest.mark.parametrize("span", [(0.0, 2.0), (2.0, 0.0)])
+def test_chosen_times(name, span, affine):
+    problem = PROBLEMS[name]
+    f, _keep = affine(problem)
+    times = np.linspace(*span, 37)
+    options = {"rtol": 1e-4, "atol": 1e-4}
+    fast, slow = both(f, span, problem.y0, problem.frame, t_eval=times, **options)
+    np.testing.assert_array_equal(fast.t, times)
+    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=1e-12)
+    assert (fast.steps, fast.nfev) == (slow.steps, slow.nfev)
+    assert slow.nexp == fast.nexp
+    assert problem.frame.membership_error(fast.y).max() < 1e-14
+    steps = cg.solve_ivp(f, span, problem.y0, frame=problem.frame, **options)
+    some = cg.solve_ivp(
+        f, span, problem.y0, frame=problem.frame, t_eval=steps.t[[0, 2, -1]], **options
+    )
+    np.testing.assert_array_equal(some.y, steps.y[[0, 2, -1]])
+    assert some.nfev == steps.nfev
+    assert cg.solve_ivp(f, span, problem.y0, frame=problem.frame, t_eval=[]).y.size == 0
+
+
+@pytest.mark.parametrize("name", list(PROBLEMS))
+def test_dense_output(name, affine):
+    problem = PROBLEMS[name]
+    f, _keep = affine(problem)
+    options = {"rtol": 1e-4, "atol": 1e-4, "dense_output": True, "method": "CG4(3)"}
+    fast, slow = both(f, (0, 2), problem.y0, problem.frame, **options)
+    times = np.random.default_rng(2).uniform(0, 2, (5, 9))
+    assert fast.sol(times).shape == (5, 9, *problem.frame.point_shape)
+    np.testing.assert_allclose(fast.sol(times), slow.sol(times), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(fast.sol(fast.t), fast.y)
+    np.testing.assert_array_equal(fast.sol.ts, fast.t)
+    assert problem.frame.membership_error(fast.sol(times)).max() < 1e-14
+    assert fast.nfev == slow.nfev
+    chosen = cg.solve_ivp(f, (0, 2), problem.y0, frame=problem.frame, t_eval=[0.5, 1.5], **options)
+    np.testing.assert_allclose(chosen.y, fast.sol([0.5, 1.5]), rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(chosen.sol.ts, fast.t)
+
+
+def test_pauses_change_nothing(affine, monkeypatch):
+    problem = PROBLEMS["product"]
+    f, _keep = affine(problem)
+    y0 = problem.frame.random_point(np.random.default_rng(0), (2,))
+
+    def results():
+        options = {"frame": problem.frame, "rtol": 1e-4, "atol": 1e-4}
+        times = np.linspace(0, 2, 15)
+        return [
+            cg.solve_ivp(f, (0, 2), y0[0], **options),
+            cg.solve_ivp(f, (0, 2), y0[0], t_eval=times, dense_output=True, **options),
+            cg.solve_ivp(f, (0, 2), y0[1], t_eval=times, **options),
+            cg.integrate(
+                f, (0, 2), y0[0], frame=problem.frame, method="CG4a", h=0.03, save_every=4
+            ),
+        ]
+
+    free = results()
+    monkeypatch.setattr(step_budget, "_SECONDS", 0.0)
+    calls = []
+    start = step_budget.StepBudget.start
+
+    def counted(self):
+        calls.append(start(self))
+        return calls[-1]
+
+    monkeypatch.setattr(step_budget.StepBudget, "start", counted)
+    for one, other in zip(free, results(), strict=True):
+        np.testing.assert_array_equal(one.t, other.t)
+        np.testing.assert_array_equal(one.y, other.y)
+        assert (one.nfev, one.nexp) == (other.nfev, other.nexp)
+    assert set(calls) == {1}
+    assert len(calls) >= sum(one.steps + one.nrejected for one in free)
+
+
+def test_complex_points(affine):
+    problem = PROBLEMS["SU2 space"]
+    f, _keep = affine(problem)
+    y0 = problem.y0.view(complex).reshape(2, 2)
+    options = {"rtol": 1e-6, "atol": 1e-6, "t_eval": [0.0, 0.4, 1.0], "dense_output": True}
+    found = cg.solve_ivp(f, (0, 1), y0, frame=SU(2), **options)
+    flat = cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **options)
+    assert (found.y.dtype, found.y.shape) == (complex, (3, 2, 2))
+    np.testing.assert_array_equal(found.y.reshape(3, 4).view(float), flat.y)
+    assert SU(2).membership_error(found.sol(np.linspace(0, 1, 7))).max() < 1e-14
+    fixed = cg.integrate(f, (0, 1), y0, frame=SU(2), method="CG4a", h=0.1)
+    slow = cg.integrate(from_python(f, SU(2)), (0, 1), y0, frame=SU(2), method="CG4a", h=0.1)
+    assert fixed.y.dtype == complex
+    np.testing.assert_allclose(fixed.y, slow.y, rtol=0, atol=1e-14)
+
+
+def test_too_many_steps(function):
+    f = function("growth")
+    fast, slow = both(f, (0, 1), [1.0], Euclidean(1), max_step=0.01, max_steps=20)
+    assert_same_steps(fast, slow)
+    assert fast.message.startswith("Failure: max_steps = 20 steps, rejected ones included, led")
+    assert fast.steps == 20
+    chosen = {"frame": Euclidean(1), "rtol": 1e-8, "method": "CG4(3)"}
+    free = cg.solve_ivp(f, (0, 1), [1.0], **chosen)
+    most = free.steps + free.nrejected
+    for count, success in ((most, True), (most - 1, False)):
+        options = {**chosen, "max_steps": count}
+        assert cg.solve_ivp(f, (0, 1), [1.0], **options).success is success
+        together = cg.solve_ensemble(f, (0, 1), [[1.0], [0.0]], t_eval=[1.0], **options)
+        assert together.success is success
+        assert np.isnan(together.y[0, :, 0]).tolist() == [not success, False]
+    endless = cg.solve_ivp(f, (0, 1), [1.0], frame=Euclidean(1), max_step=1e-30, t_eval=[1.0])
+    assert "max_steps = 1000000 steps" in endless.message
+
+
+def test_blow_up_keeps_what_was_accepted(function):
+    fast, slow = both(function("square"), (0, 2), [1.0], Euclidean(1), dense_output=True)
+    assert fast.status == -1
+    assert "step size fell below" in fast.message
+    assert len(fast.t) == fast.steps + 1 > 20
+    assert fast.t[-1] == pytest.approx(1.0, abs=1e-2)
+    assert (fast.steps, fast.nfev) == (slow.steps, slow.nfev)
+    np.testing.assert_array_equal(fast.sol(fast.t), fast.y)
+    times = np.linspace(0, 2, 8)
+    found = cg.solve_ivp(function("square"), (0, 2), [1.0], frame=Euclidean(1), t_eval=times)
+    np.testing.assert_array_equal(found.t, times[:4])
+    assert found.y.shape == (4, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "y0", "error", "message"),
+    [
+        ("stops", [0.0], RuntimeError, r"f returned the error code 7 at t = 0\.[5-9]"),
+        ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.[5-9]"),
+        ("writes_nothing", [0.0], ValueError, r"f must return finite numbers, and all"),
+        ("square", [1e160], ValueError, "f must return finite numbers"),
+    ],
+)
+@pytest.mark.parametrize("options", [{}, {"t_eval": [0.25, 0.9]}, {"max_step": 0.01}])
+def test_failures_of_f(name, y0, error, message, options, function):
+    with pytest.raises(error, match=message):
+        cg.solve_ivp(function(name), (0, 1), y0, frame=Euclidean(1), **options)
+
+
+def test_a_right_hand_side_too_large_for_any_step(affine):
+    problem = AffineField(Euclidean(1), [0.0])
+    problem.constant[:] = 1e308
+    f, _keep = affine(problem)
+    with pytest.raises(OverflowError, match=r"f is too large to choose a step at t = 0.*1.e\+308"):
+        cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame)
+
+
+def test_a_trial_step_that_overflows_is_rejected(function):
+    found = cg.solve_ivp(
+        function("growth"), (0, 10), [1e300], frame=Euclidean(1), first_step=10.0, rtol=1e-8
+    )
+    assert found.success
+    assert found.nrejected > 0
+    assert found.y[-1, 0] == pytest.approx(np.exp(10) * 1e300, rel=1e-5)
+
+
+def test_points_between_where_the_step_has_no_logarithm(affine):
+    # A difference of the ends overflows, so that the method itself leads to the points between.
+    problem = AffineField(Euclidean(1), [-1.2e308])
+    problem.linear[:] = problem.slope[:] = 0.0
+    problem.constant[:] = 1.2e308
+    f, _keep = affine(problem)
+    options = {"method": "CG4(3)", "first_step": 2.0, "t_eval": [0.5, 1.0, 1.5, 2.0]}
+    found = cg.solve_ivp(f, (0, 2), problem.y0, frame=problem.frame, **options)
+    assert found.steps == 1
+    np.testing.assert_allclose(found.y[:, 0] / 1e308, [-0.6, 0.0, 0.6, 1.2], rtol=0, atol=1e-14)
+
+
+def test_products_of_one_frame_are_that_frame(affine):
+    problem = PROBLEMS["SO3 body"]
+    f, _keep = affine(problem)
+    one = cg.solve_ivp(f, (0, 1), problem.y0, frame=SO3())
+    other = cg.solve_ivp(f, (0, 1), problem.y0.ravel(), frame=Product(SO3()))
+    np.testing.assert_array_equal(one.y.reshape(-1, 9), other.y)
+
+
+def test_the_loop_runs_in_compiled_code(affine, monkeypatch):
+    problem = PROBLEMS["SO3 body"]
+    f, _keep = affine(problem)
+    monkeypatch.setattr(CompiledRhs, "__call__", None)
+    assert cg.solve_ivp(f, (0, 1), problem.y0, frame=SO3(), t_eval=[0.3]).success

@@ -1,0 +1,101 @@
+"""Exponentials and brackets of compiled groups against extended precision and those in Python."""
+
+import numpy as np
+import pytest
+from flint import acb_mat, ctx
+from frame_examples import name
+
+from cg.frames import SO, SU, IsospectralOrbit, Sphere, Stiefel, U
+from cg.integration.step.flows import (
+    _CompiledDexpinv,
+    _CompiledFlows,
+    _Flows,
+    _GroupFlows,
+    dexpinv_of,
+    flows_of,
+)
+
+pytestmark = pytest.mark.sanitize
+
+GROUPS = [
+    SO(2),
+    SO(4),
+    SO(5),
+    SO(6),
+    SO(8, "space"),
+    SO(12),
+    SU(3),
+    SU(4),
+    U(2),
+    U(3),
+    U(3, "body"),
+]
+SIZES = [0.0, 1e-200, 1e-9, 1e-3, 0.05, 0.5, 0.86, 1.9, 2.1, 7.0, 90.0]
+
+
+def exact(x):
+    """Return the exponential of a matrix in 192 bits, rounded."""
+    with ctx.workprec(192):
+        found = acb_mat(x.astype(complex).tolist()).exp()
+        entries = [complex(float(z.real.mid()), float(z.imag.mid())) for z in found.entries()]
+    values = np.array(entries).reshape(x.shape)
+    return values if x.dtype.kind == "c" else values.real
+
+
+@pytest.mark.parametrize("frame", GROUPS, ids=name)
+@pytest.mark.parametrize("size", SIZES)
+def test_exponentials(frame, size):
+    v = np.random.default_rng(4).standard_normal(frame.dim)
+    x = frame.algebra(v)
+    v *= size / np.linalg.norm(x, 2)
+    y = np.eye(frame.size, dtype=frame.dtype)
+    found = flows_of(frame)(v[None], y, restore=False)
+    # a rounding of the matrix turns by so much
+    np.testing.assert_allclose(found, exact(frame.algebra(v)), rtol=0, atol=4e-15 * (1 + size))
+
+
+@pytest.mark.parametrize("frame", [SO(4), SO(5), SO(7), SU(3), U(3)], ids=name)
+def test_several_flows_of_either_side(frame):
+    rng = np.random.default_rng(2)
+    for side in ("body", "space"):
+        group = type(frame)(frame.n, side)
+        v = rng.standard_normal((6, 3, frame.dim))
+        y = group.random_point(rng, 6)
+        found, expected = (flows(v, y) for flows in (flows_of(group), _Flows(group)))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-14)
+
+
+def test_what_is_not_finite_stays_so():
+    for frame in (SO(4), SO(7), SU(3), SU(4)):
+        for value in (np.nan, np.inf):
+            v = np.full((1, frame.dim), value)
+            moved = flows_of(frame)(v, np.eye(frame.n, dtype=frame.dtype), restore=False)
+            assert not np.isfinite(moved).all()
+
+
+ACTED_ON = [
+    Sphere(3),
+    Stiefel(5, 2),
+    IsospectralOrbit((1.0, 2.0, 4.0), hermitian=True),
+]
+
+
+@pytest.mark.parametrize("frame", ACTED_ON, ids=name)
+@pytest.mark.parametrize("lead", [(), (5,), (2, 3)])
+def test_spaces_are_moved_by_their_compiled_group(frame, lead):
+    flows, dexpinv = flows_of(frame), dexpinv_of(frame, 8)
+    assert isinstance(flows, _GroupFlows)
+    assert isinstance(dexpinv, _CompiledDexpinv)
+    rng = np.random.default_rng(1)
+    v, y = rng.standard_normal((*lead, 3, frame.dim)), frame.random_point(rng, lead)
+    for restore in (False, True):
+        moved = flows(v, y, restore)
+        np.testing.assert_allclose(moved, _Flows(frame)(v, y), rtol=0, atol=4e-14)
+    assert frame.membership_error(flows(v, y)).max() < 1e-13
+    u, w = 0.1 * v[..., 0, :], v[..., 1, :]
+    np.testing.assert_allclose(dexpinv(u, w), frame.dexpinv(u, w, order=8), rtol=0, atol=1e-13)
+
+
+def test_spaces_that_are_compiled_or_too_large_are_not_among_them():
+    assert isinstance(flows_of(Sphere(2)), _CompiledFlows)
+    assert isinstance(flows_of(Sphere(12)), _Flows)

@@ -1,0 +1,265 @@
+"""Fixed steps with output between them, and events, of a compiled f: as in Python."""
+
+import numpy as np
+import pytest
+from compiled_examples import PROBLEMS
+from test_compiled_adaptive import both
+
+import cg
+from cg.frames import SU, Euclidean, Sphere
+from cg.integration.loop import step_budget
+from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
+from cg.integration.step.interpolant import extra_evaluations
+
+pytestmark = pytest.mark.sanitize
+
+CLOSE = {"rtol": 0, "atol": 1e-12}
+PAIR = {"rtol": 1e-5, "atol": 1e-5}
+FIXED = {"method": "CG4a", "h": 0.07}
+
+
+def first_entry(t, y):
+    return y.ravel().real[0] - 0.3
+
+
+def time(t, y):
+    return np.sin(5.0 * t)
+
+
+def marked(function, **attributes):
+    def event(t, y):
+        return function(t, y)
+
+    vars(event).update(attributes)
+    return event
+
+
+@pytest.mark.parametrize("name", list(PROBLEMS))
+@pytest.mark.parametrize("span", [(0.2, 2.0), (1.0, -1.5)])
+def test_fixed_steps(name, span, affine):
+    problem = PROBLEMS[name]
+    f, _keep = affine(problem)
+    times = np.linspace(*span, 41)
+    options = FIXED | {"t_eval": times, "dense_output": True}
+    fast, slow = both(f, span, problem.y0, problem.frame, **options)
+    np.testing.assert_array_equal(fast.t, times)
+    np.testing.assert_array_equal(fast.sol.ts, slow.sol.ts)
+    np.testing.assert_allclose(fast.y, slow.y, **CLOSE)
+    np.testing.assert_allclose(fast.y, fast.sol(times), **CLOSE)
+    assert (fast.steps, fast.nfev, fast.nrejected) == (slow.steps, slow.nfev, 0)
+    assert (fast.status, fast.message, fast.success) == (slow.status, slow.message, True)
+    assert problem.frame.membership_error(fast.y).max() < 1e-14
+    plain = cg.solve_ivp(f, span, problem.y0, frame=problem.frame, **FIXED)
+    dense = cg.solve_ivp(f, span, problem.y0, frame=problem.frame, **FIXED, dense_output=True)
+    np.testing.assert_array_equal(dense.t, plain.t)
+    np.testing.assert_array_equal(dense.y, plain.y)
+    np.testing.assert_array_equal(dense.sol(dense.t), dense.y)
+    extra = extra_evaluations(cg.methods["CG4a"])
+    assert dense.nfev == plain.nfev + 1 + extra * plain.steps
+
+
+@pytest.mark.parametrize("method", ["LieEuler", "CG4(3)", "CG6d"])
+def test_every_kind_of_method(method, affine):
+    problem = PROBLEMS["product"]
+    f, _keep = affine(problem)
+    options = {"method": method, "h": 0.3, "t_eval": [0.1, 0.3, 0.31, 1.0]}
+    fast, slow = both(f, (0, 1), problem.y0, problem.frame, **options)
+    np.testing.assert_allclose(fast.y, slow.y, **CLOSE)
+    assert fast.nfev == slow.nfev
+
+
+def test_no_span_is_the_initial_point(function):
+    options = {"frame": Euclidean(1), "method": "CG4a", "h": 0.1}
+    found = cg.solve_ivp(function("growth"), (2, 2), [1.0], dense_output=True, **options)
+    assert (found.t, found.y, found.sol(2.0), found.steps) == (2.0, 1.0, 1.0, 0)
+    assert cg.solve_ivp(function("growth"), (2, 2), [1.0], t_eval=[2], **options).y == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "y0", "error", "message"),
+    [
+        ("stops", [0.0], RuntimeError, r"^f returned the error code 7 at t = 0\.625"),
+        ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.625"),
+        ("square", [1e160], ValueError, "f must return finite numbers"),
+    ],
+)
+@pytest.mark.parametrize("options", [{"dense_output": True}, {"t_eval": [0.1, 0.9]}])
+def test_failures_of_f(name, y0, error, message, options, function):
+    with pytest.raises(error, match=message):
+        cg.solve_ivp(
+            function(name), (0, 1), y0, frame=Euclidean(1), method="CG2", h=0.25, **options
+        )
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [
+        ("LieEuler", "the solution is no longer finite at t = 10000000000"),
+        ("CG2", "a stage is no longer finite at t = 5000000000"),
+    ],
+)
+def test_solutions_that_overflow(method, message, function):
+    options = {"frame": Euclidean(1), "method": method, "h": 1e10, "dense_output": True}
+    with pytest.raises(OverflowError, match=message):
+        cg.solve_ivp(function("growth"), (0, 1e10), [1e300], **options)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"h": 1e-9, "dense_output": True},
+            "h is too small for t_span: 1000000000000 steps need .* GiB",
+        ),
+    ],
+)
+def test_too_many_steps(changes, message, function):
+    y0 = np.zeros((1000, 1))
+    with pytest.raises(ValueError, match=message):
+        cg.solve_ensemble(
+            function("growth"), (0, 1), y0, frame=Euclidean(1), method="CG2", **changes
+        )
+
+
+@pytest.mark.parametrize("name", [*PROBLEMS, "SU2"])
+@pytest.mark.parametrize("options", [PAIR, FIXED], ids=["pair", "fixed"])
+@pytest.mark.parametrize("span", [(0.1, 3.0), (0.1, -3.0)])
+def test_events(name, options, span, affine):
+    problem = PROBLEMS["SU2 space" if name == "SU2" else name]
+    f, _keep = affine(problem)
+    frame, y0 = problem.frame, problem.y0
+    if name == "SU2":
+        frame, y0 = SU(2), y0.view(complex).reshape(2, 2)
+    events = [first_entry, marked(time, direction=1), marked(time, direction=-1)]
+    for extra in ({}, {"t_eval": np.linspace(*span, 9)}, {"dense_output": True}):
+        fast, slow = both(f, span, y0, frame, events=events, **options, **extra)
+        assert_same_events(fast, slow)
+        assert fast.nfev <= slow.nfev  # which has a continuous solution in all steps
+        assert len(fast.t_events[1]) in (2, 3)
+
+
+@pytest.mark.parametrize("options", [PAIR, FIXED], ids=["pair", "fixed"])
+@pytest.mark.parametrize("span", [(0.1, 30.0), (0.1, -30.0)])
+@pytest.mark.parametrize("terminal", [True, 2, 13])
+def test_terminal_events(options, span, terminal, affine):
+    problem = PROBLEMS["product"]
+    f, _keep = affine(problem)
+    events = [marked(time, terminal=terminal), first_entry]
+    for extra in (
+        {},
+        {"t_eval": np.linspace(*span, 400)},
+        {"dense_output": True},
+        {"dense_output": True, "t_eval": [0.1, np.copysign(0.2, span[1])]},
+    ):
+        fast, slow = both(f, span, problem.y0, problem.frame, events=events, **options, **extra)
+        assert_same_events(fast, slow)
+        assert len(fast.t_events[0]) == terminal
+        assert (fast.status, fast.message) == (1, "A terminal event ended the integration.")
+        if fast.sol is not None:
+            assert fast.sol.ts[-1] == fast.t_events[0][-1]
+            ends = np.linspace(fast.sol.t_min, fast.sol.t_max, 50)
+            np.testing.assert_allclose(fast.sol(ends), slow.sol(ends), rtol=0, atol=1e-9)
+
+
+def assert_same_events(fast, slow):
+    assert (fast.steps, fast.status, fast.message) == (slow.steps, slow.status, slow.message)
+    np.testing.assert_allclose(fast.t, slow.t, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=1e-10)
+    for t, other, y, wanted in zip(
+        fast.t_events, slow.t_events, fast.y_events, slow.y_events, strict=True
+    ):
+        np.testing.assert_allclose(t, other, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-10)
+        assert (y.shape, y.dtype) == (wanted.shape, wanted.dtype)
+
+
+@pytest.mark.parametrize("options", [{"max_step": 0.01}, {"method": "CG2", "h": 0.01}])
+def test_what_comes_after_the_end_does_no_harm(options, function):
+    # The function returns an error from one half on.
+    f, event = function("stops"), marked(lambda t, y: t - 0.45, terminal=True)
+    solve = {"frame": Euclidean(1)} | options
+    for extra in ({}, {"t_eval": np.linspace(0, 1, 21)}, {"dense_output": True}):
+        found = cg.solve_ivp(f, (0, 1), [0.0], events=event, **solve, **extra)
+        assert found.status == 1
+        assert found.t[-1] == pytest.approx(0.45, abs=1e-12)
+        assert found.t_events[0] == pytest.approx([0.45])
+    event.terminal = False
+    with pytest.raises(RuntimeError, match=r"f returned the error code 7 at t = 0\.5"):
+        cg.solve_ivp(f, (0, 1), [0.0], events=event, **solve)
+
+
+def test_an_event_in_the_last_step_before_an_error(function):
+    event = marked(lambda t, y: t - 0.45, terminal=True)
+    options = {"frame": Euclidean(1), "method": "LieEuler", "h": 0.25, "events": event}
+    found = cg.solve_ivp(function("stops"), (0, 2), [0.0], dense_output=True, **options)
+    assert (found.status, found.steps) == (1, 2)
+    assert found.sol(0.4) == 0.0
+    options["h"] = 0.375  # the coefficients at the end of the step with the event can't be had
+    event.terminal = False
+    with pytest.raises(RuntimeError, match=r"code 7 at t = 0\.75"):
+        cg.solve_ivp(function("stops"), (0, 2), [0.0], **options)
+
+
+def test_little_is_computed_beyond_the_end(function):
+    event = marked(lambda t, y: t - 1.0, terminal=True)
+    options = {"frame": Euclidean(1), "method": "CG4a", "h": 1e-3, "events": event}
+    found = cg.solve_ivp(function("rests"), (0, 1e6), [0.0], t_eval=[0.5], **options)
+    assert found.t.tolist() == [0.5]
+    assert found.steps == 1000
+    assert found.nfev <= (1000 + 64) * cg.methods["CG4a"].stages + 2
+
+
+def test_blow_up_before_and_after_an_event(function):
+    event = marked(lambda t, y: y[0] - 100.0, terminal=True)
+    options = {"frame": Euclidean(1), "events": event}
+    found = cg.solve_ivp(function("square"), (0, 2), [1.0], **options)
+    assert found.status == 1
+    assert found.y[-1, 0] == pytest.approx(100.0)
+    event.terminal = False
+    found = cg.solve_ivp(function("square"), (0, 2), [1.0], **options)
+    assert (found.status, len(found.t_events[0])) == (-1, 1)
+
+
+def test_errors_of_events_pass_through(function):
+    def fails(t, y):
+        if t > 0.5:
+            raise ArithmeticError("half")
+        return 1.0
+
+    with pytest.raises(ArithmeticError, match="half"):
+        cg.solve_ivp(function("growth"), (0, 1), [1.0], frame=Euclidean(1), events=fails)
+
+
+def test_the_loop_runs_in_compiled_code(affine, monkeypatch):
+    problem = PROBLEMS["SO3 body"]
+    f, _keep = affine(problem)
+    monkeypatch.setattr(CompiledRhs, "__call__", None)
+    for options in (FIXED | {"t_eval": [0.3]}, FIXED | {"events": first_entry}, {"events": time}):
+        assert cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **options).success
+
+
+def test_pauses_change_nothing(affine, monkeypatch):
+    problem = PROBLEMS["product"]
+    f, _keep = affine(problem)
+
+    def results():
+        events = marked(first_entry, terminal=2)
+        extra = {"t_eval": np.linspace(0, 2, 15), "dense_output": True}
+        return [
+            cg.solve_ivp(f, (0, 2), problem.y0, frame=problem.frame, **options)
+            for options in (FIXED | extra, FIXED | extra | {"events": events}, {"events": events})
+        ]
+
+    free = results()
+    monkeypatch.setattr(step_budget, "_SECONDS", 0.0)
+    for one, other in zip(free, results(), strict=True):
+        np.testing.assert_array_equal(one.t, other.t)
+        np.testing.assert_array_equal(one.y, other.y)
+        np.testing.assert_array_equal(one.steps, other.steps)
+
+
+def test_frames_that_are_not_compiled_are_run_from_python(function):
+    options = {"frame": Sphere(1), "method": "CG2", "h": 0.25}
+    found = cg.solve_ivp(function("rests"), (0, 1), [1.0, 0.0], **options)
+    np.testing.assert_array_equal(found.y, [[1.0, 0.0]] * 5)
+    assert compiled_rhs(function("rests")) is not None

@@ -1,0 +1,192 @@
+"""Coordinates beyond the radius of dexp⁻¹: no step is taken there, and no number returned."""
+
+import numpy as np
+import pytest
+from bracket_examples import CLOSED, CLOSED_FORMS, HEISENBERG_GROUP, vectors
+from compiled_examples import PROBLEMS
+from frame_examples import name
+from python_steps import uncompiled
+from test_munthe_kaas import generic
+
+import cg
+from cg.frames import (
+    SE3,
+    SL,
+    SO,
+    SO3,
+    SU,
+    Euclidean,
+    IsospectralOrbit,
+    Power,
+    Product,
+    Semidirect,
+    Sphere,
+    Stiefel,
+    U,
+    UnitQuaternion,
+)
+from cg.integration.step.blocks import is_compiled
+from cg.integration.step.flows import _Dexpinv, dexpinv_of
+
+TURN = 2 * np.pi
+TIMES = np.linspace(0.1, 0.9, 9)
+WITH_SERIES = [
+    SO(4),
+    SO(5, "space"),
+    SU(3),
+    SU(4, "body"),
+    U(2),
+    SL(3),
+    Sphere(3),
+    Stiefel(4, 2),
+    IsospectralOrbit((1.0, 2.0, 4.0, 7.0)),
+    Semidirect(SO(4)),
+    CLOSED,
+    Power(SU(3), 2),
+    SO(8),
+]
+ALL = [frame for frame in CLOSED_FORMS if not isinstance(frame, Euclidean)] + WITH_SERIES
+
+
+def sized(frame, radius, seed=3):
+    """Return coefficients whose brackets have a spectral radius, and others."""
+    u, v = vectors(frame, seed, 2)
+    adjoint = frame.bracket(u, np.eye(frame.dim))
+    return u * (radius / np.abs(np.linalg.eigvals(adjoint)).max()), v
+
+
+def functions(frame):
+    return (
+        [_Dexpinv(frame, 8), dexpinv_of(frame, 8)] if is_compiled(frame) else [_Dexpinv(frame, 8)]
+    )
+
+
+@pytest.mark.parametrize("frame", ALL, ids=name)
+def test_beyond_it_there_is_no_derivative(frame):
+    for radius in (1.3 * TURN, 3.5 * TURN):
+        u, v = sized(frame, radius)
+        for dexpinv in functions(frame):
+            assert np.isnan(dexpinv(u, v)).any()
+            members = dexpinv(np.stack([u, 0.1 * u]), np.stack([v, v]))
+            assert np.isnan(members[0]).any()
+            assert np.isfinite(members[1]).all()
+
+
+@pytest.mark.parametrize("frame", ALL, ids=name)
+def test_within_it_there_is(frame):
+    u, v = sized(frame, 0.98 * TURN)
+    first, *others = (dexpinv(u, v) for dexpinv in functions(frame))
+    assert np.isfinite(first).all()
+    for other in others:
+        np.testing.assert_allclose(other, first, rtol=0, atol=1e-11 * np.abs(first).max())
+
+
+@pytest.mark.parametrize("frame", ALL, ids=name)
+def test_what_commutes_is_left_as_it_is(frame):
+    u, _ = sized(frame, 3.5 * TURN)
+    for dexpinv in functions(frame):
+        np.testing.assert_allclose(dexpinv(u, -2.0 * u), -2.0 * u, rtol=1e-13, atol=1e-13)
+
+
+def test_a_nilpotent_algebra_has_no_radius():
+    u, v = 1e3 * vectors(HEISENBERG_GROUP, 1, 2)
+    expected = v - HEISENBERG_GROUP.bracket(u, v) / 2
+    np.testing.assert_allclose(HEISENBERG_GROUP.dexpinv(u, v), expected, rtol=1e-13)
+
+
+def test_a_factor_that_commutes_is_none_of_the_others():
+    frame = Product(SO3(), Euclidean(2), UnitQuaternion())
+    u = np.array([9.0, 0.0, 0.0, 50.0, 60.0, 0.1, 0.2, 0.3])
+    v = np.array([1.0, 0.0, 0.0, 1.0, 2.0, 1.0, 2.0, 3.0])
+    for dexpinv in functions(frame):
+        found = dexpinv(u, v)
+        np.testing.assert_array_equal(found[:5], v[:5])
+        np.testing.assert_allclose(found[5:], frame.factors[2].dexpinv(u[5:], v[5:]), atol=1e-15)
+
+
+FAST = 40.0
+STEPPED = [
+    SO3(),
+    SE3("space"),
+    UnitQuaternion(),
+    SU(2),
+    Sphere(2),
+    SO(4),
+    SU(3),
+    Product(Euclidean(2), SO3("space")),
+    SL(3),
+    Sphere(3),
+    Stiefel(4, 2),
+    CLOSED,
+]
+
+
+def fast(frame):
+    f, y0 = generic(frame)
+    return (lambda t, y: FAST * f(t, y)), y0
+
+
+@pytest.mark.parametrize("key", ["RKMK4", "RKMK8(5,3)"])
+@pytest.mark.parametrize("frame", STEPPED, ids=name)
+def test_an_equal_step_that_is_too_long_is_named(frame, key):
+    f, y0 = fast(frame)
+    message = r"step from t = 0.5 .*too long.*smaller h"
+
+    def late(t, y):
+        return f(t, y) if t > 0.5 else 0.001 * f(t, y)
+
+    for same in (frame, uncompiled(frame)):
+        with pytest.raises(cg.StepTooLongError, match=message):
+            cg.integrate(late, (0, 4), y0, frame=same, method=key, h=0.5)
+
+
+@pytest.mark.parametrize("frame", STEPPED, ids=name)
+def test_a_chosen_step_that_is_too_long_is_rejected(frame):
+    f, y0 = fast(frame)
+    # tolerances that anything meets
+    options = {"method": "RKMK5(4)", "rtol": 0.5, "atol": 1e6, "first_step": 0.25}
+    found, again = (
+        cg.solve_ivp(f, (0, 0.25), y0, frame=same, **options) for same in (frame, uncompiled(frame))
+    )
+    assert found.success
+    assert found.nrejected >= 1
+    assert found.steps >= 2
+    assert frame.membership_error(found.y).max() < 1e-9
+    assert (found.steps, found.nrejected, found.nfev) == (
+        again.steps,
+        again.nrejected,
+        again.nfev,
+    )
+
+
+def test_functions_in_c(affine):
+    problem = PROBLEMS["SE3 body"]
+    f, _keep = affine(problem)
+    points = problem.frame.random_point(np.random.default_rng(2), 3)
+    options = {"frame": problem.frame, "method": "RKMK5(4)"}
+    with pytest.raises(cg.StepTooLongError, match=r"step from t = 0 .*too long"):
+        cg.integrate(f, (0, 60), problem.y0, h=30.0, **options)
+    run = cg.solve_ensemble(f, (0, 60), points, h=30.0, **options)
+    assert list(run.messages) == [0, 1, 2]
+    assert all("too long" in message for message in run.messages.values())
+    options |= {"rtol": 1e-3, "atol": 1e-3, "first_step": 30.0}
+    chosen = cg.solve_ensemble(f, (0, 60), points, **options)
+    assert chosen.success
+    assert (chosen.nrejected >= 1).all()
+
+
+@pytest.mark.parametrize(("turns", "coordinates"), [(1.0, True), (8.0, False)])
+def test_steps_beyond_it_of_methods_with_flows_have_output_too(turns, coordinates):
+    """Coordinates of a step of many turns may not exist where the axis moves."""
+
+    def f(t, y):
+        return [0.1 * np.sin(t), 0.1 * np.cos(t), turns]
+
+    solution = cg.integrate(f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0)
+    made = cg.solve_ivp(
+        f, (0, 1), np.eye(3), frame=SO3(), method="CG4a", h=1.0, dense_output=True
+    ).sol
+    assert bool(made._steps.t[0, 3]) == coordinates
+    np.testing.assert_array_equal(made(1.0), solution.y[-1])
+    exact = cg.solve_ivp(f, (0, 1), np.eye(3), frame=SO3(), rtol=1e-11, atol=1e-11, t_eval=TIMES)
+    assert SO3().distance(made(TIMES), exact.y).max() < 3e-2

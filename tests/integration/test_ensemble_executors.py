@@ -1,0 +1,390 @@
+"""Ensembles on executors: every member by itself, the same wherever it runs."""
+
+import ctypes
+import math
+import pickle
+import subprocess
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+import cg
+from cg.frames import SO3, Euclidean
+from cg.integration import ensemble
+from cg.runs import Finished
+
+pytestmark = pytest.mark.sanitize
+
+FRAME = SO3()
+SOURCE = """
+int rhs(double t, const double *y, double *f, void *user_data)
+{
+    const double *rate = user_data;
+    if (rate[0] > 100.0 && t > 0.5)
+        return 3;
+    f[0] = rate[0];
+    f[1] = y[0] - t;
+    f[2] = rate[1] * y[4];
+    return 0;
+}
+"""
+TIMES = [0.0, 0.3, 1.0]
+RATES = np.random.default_rng(3).uniform(0.5, 2.0, (10, 2))
+POINTS = FRAME.random_point(np.random.default_rng(4), 10)
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compiled")
+    (folder / "rhs.c").write_text(SOURCE)
+    built = folder / "librhs.so"
+    command = ["gcc", "-O2", "-shared", "-fPIC", "-o", str(built), str(folder / "rhs.c")]
+    subprocess.run(command, check=True)
+    return built
+
+
+def field(t, y):
+    return np.stack([y[..., 0, 0], np.cos(t) * y[..., 1, 1], 0.5 + 0 * y[..., 0, 0]], axis=-1)
+
+
+def all_fields(t, y):
+    return np.stack([y[:, 0, 0], np.cos(t) * y[:, 1, 1], 0.5 + 0 * t], axis=-1)
+
+
+def quarter(t, y, row):
+    return t - 0.25 * row[0]
+
+
+def turned(t, y):
+    return y[0, 0]
+
+
+def diverging(t, y):
+    if t > 0.5:
+        raise ArithmeticError("too late")
+    return field(t, y)
+
+
+turned.terminal = True
+
+
+def processes():
+    return ProcessPoolExecutor(2, mp_context=get_context("spawn"))
+
+
+@pytest.mark.parametrize("step", [{"rtol": 1e-7}, {"h": 0.1}])
+@pytest.mark.parametrize("method", ["auto", "CF4(3)"])
+def test_compiled_members_are_those_of_the_whole(library, step, method):
+    f = cg.CompiledFunction(library, "rhs")
+    options = {"frame": FRAME, "parameters": RATES, "t_eval": TIMES, "method": method, **step}
+    options |= {"dense_output": True, "events": quarter}
+    whole = cg.solve_ensemble(f, (0, 1), POINTS, **options)
+    for change in ({"workers": 1}, {"workers": 2}, {"executor": ThreadPoolExecutor(3)}):
+        apart = cg.solve_ensemble(f, (0, 1), POINTS, **options, **change)
+        np.testing.assert_array_equal(apart.y, whole.y)
+        np.testing.assert_array_equal(apart.t, whole.t)
+        np.testing.assert_array_equal(apart.sol(TIMES), whole.sol(TIMES))
+        np.testing.assert_array_equal(apart[7].sol.ts, whole[7].sol.ts)
+        for one, other in zip(apart.y_events[0], whole.y_events[0], strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert apart.message == whole.message
+        for count in ("steps", "nfev", "nexp", "status"):
+            np.testing.assert_array_equal(getattr(apart, count), getattr(whole, count))
+        assert not apart.y.flags.writeable
+
+
+def test_processes_are_told_of_everything(library):
+    f = cg.CompiledFunction(library, "rhs")
+    options = {"frame": FRAME, "t_eval": TIMES, "rtol": 1e-6}
+    with processes() as pool:
+        apart = cg.solve_ensemble(f, (0, 1), POINTS, **options, parameters=RATES, executor=pool)
+        python = cg.solve_ensemble(field, (0, 1), POINTS, **options, events=turned, executor=pool)
+    whole = cg.solve_ensemble(f, (0, 1), POINTS, **options, parameters=RATES)
+    np.testing.assert_array_equal(apart.y, whole.y)
+    for member in range(10):
+        alone = cg.solve_ivp(field, (0, 1), POINTS[member], **options, events=turned)
+        np.testing.assert_array_equal(python[member].y, alone.y)
+        np.testing.assert_array_equal(python.t_events[0][member], alone.t_events[0])
+        np.testing.assert_array_equal(python.y_events[0][member], alone.y_events[0])
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("step", [{"rtol": 1e-6}, {"h": 0.25}])
+def test_python_members_are_those_of_the_whole(step, vectorized):
+    options = {"frame": FRAME, "vectorized": vectorized, **step}
+    f = all_fields if vectorized else field
+    whole = cg.solve_ensemble(f, (0, -1), POINTS, **options)
+    apart = cg.solve_ensemble(f, (0, -1), POINTS, **options, workers=2)
+    assert apart.t.tolist() == [0, -1]
+    np.testing.assert_allclose(apart.y, whole.y, rtol=0, atol=1e-12 if vectorized else 0.0)
+    np.testing.assert_array_equal(apart.nfev, whole.nfev)
+    assert apart.success
+
+
+def test_members_that_fail_are_named(library):
+    f = cg.CompiledFunction(library, "rhs")
+    rates = RATES.copy()
+    rates[7, 0] = 200.0
+    options = {"frame": FRAME, "t_eval": TIMES, "parameters": rates, "rtol": 1e-6}
+    whole = cg.solve_ensemble(f, (0, 1), POINTS, **options)
+    apart = cg.solve_ensemble(f, (0, 1), POINTS, **options, workers=2)
+    assert apart.status.tolist() == [0] * 7 + [-1, 0, 0]
+    assert apart.messages == whole.messages
+    assert list(apart.messages) == [7]
+    assert apart.message == whole.message
+    np.testing.assert_array_equal(apart.y, whole.y)
+
+
+def test_all_members_that_fail_are_named(library):
+    f = cg.CompiledFunction(library, "rhs")
+    y0 = FRAME.random_point(np.random.default_rng(4), (40,))
+    rates = np.full((40, 2), 200.0)
+    rates[::3] = 1.0
+    options = {"frame": FRAME, "t_eval": TIMES, "parameters": rates, "rtol": 1e-6}
+    apart = cg.solve_ensemble(f, (0, 1), y0, **options, workers=1)
+    assert list(apart.messages) == [k for k in range(40) if k % 3]
+
+
+def test_an_exception_of_f_ends_the_call():
+    with pytest.raises(ArithmeticError, match="too late"):
+        cg.solve_ensemble(diverging, (0, 1), POINTS, frame=FRAME, workers=2)
+
+
+@pytest.mark.parametrize("out", [None, np.full((2, 10, 3, 3), 777.0)], ids=["own", "out"])
+def test_a_worker_that_dies(out, monkeypatch):
+    def ended(work, indices, total, workers, executor, *, data):
+        for k in indices:
+            yield Finished(k, None if k == 3 else work(data([k])), 0.0, "Killed", [k])
+
+    monkeypatch.setattr(ensemble, "completed", ended)
+    options = {"frame": FRAME, "events": turned, "dense_output": True, "workers": 1}
+    apart = cg.solve_ensemble(field, (0, 0.1), POINTS, **options, out=out)
+    assert apart.messages == {3: "Killed"}
+    assert (apart.status[3], apart.t_end[3], apart.success) == (-1, 0.0, False)
+    assert apart.message == "Failure of 1 of 10 trajectories; of y0[3]: Killed."
+    assert np.isnan(apart.y[:, 3]).all()
+    assert np.isfinite(np.delete(apart.y, 3, axis=1)).all()
+    assert apart.t_events[0][3].size == 0
+    np.testing.assert_array_equal(apart[3].sol(0.0), POINTS[3])
+    assert np.isnan(apart.sol(0.1)[3]).all()
+
+
+def test_workers_that_all_die(monkeypatch):
+    def ended(work, indices, total, workers, executor, *, data):
+        for k in indices:
+            yield Finished(k, None, 0.0, "Killed", [k])
+
+    monkeypatch.setattr(ensemble, "completed", ended)
+    with pytest.raises(RuntimeError, match=r"Failure of 10 of 10 trajectories; of y0\[0\]: Killed"):
+        cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, workers=1)
+
+
+def test_results_go_to_an_array_on_disk(library, tmp_path):
+    f = cg.CompiledFunction(library, "rhs", [1.0, 2.0])
+    y0 = POINTS
+    options = {"frame": FRAME, "t_eval": TIMES, "workers": 2}
+    out = np.lib.format.open_memmap(tmp_path / "y.npy", "w+", float, (3, 10, 3, 3))
+    found = cg.solve_ensemble(f, (0, 1), y0, **options, out=out)
+    assert found.y is out
+    out.flush()
+    whole = cg.solve_ensemble(f, (0, 1), y0, frame=FRAME, t_eval=TIMES)
+    np.testing.assert_array_equal(np.load(tmp_path / "y.npy"), whole.y)
+    with pytest.raises(
+        ValueError, match=r"out must have shape \(3, 10, 3, 3\), got \(3, 9, 3, 3\)"
+    ):
+        cg.solve_ensemble(f, (0, 1), y0, **options, out=np.empty((3, 9, 3, 3)))
+
+
+def test_zarr_and_hdf5(library, tmp_path):
+    zarr, h5py = pytest.importorskip("zarr"), pytest.importorskip("h5py")
+    f = cg.CompiledFunction(library, "rhs", [1.0, 2.0])
+    y0 = POINTS
+    whole = cg.solve_ensemble(f, (0, 1), y0, frame=FRAME, t_eval=TIMES)
+    options = {"frame": FRAME, "t_eval": TIMES, "workers": 2}
+    array = zarr.open(str(tmp_path / "y.zarr"), mode="w", shape=(3, 10, 3, 3), dtype="f8")
+    cg.solve_ensemble(f, (0, 1), y0, **options, out=array)
+    np.testing.assert_array_equal(array[:], whole.y)
+    with h5py.File(tmp_path / "y.h5", "w") as file:
+        data = file.create_dataset("y", (3, 10, 3, 3), dtype="f8")
+        cg.solve_ensemble(f, (0, 1), y0, **options, out=data)
+        np.testing.assert_array_equal(data[:], whole.y)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"executor": "fast"}, ValueError, "executor must be 'threads'"),
+        ({"workers": 0}, ValueError, "workers must be at least 1"),
+        (
+            {"executor": "processes", "f": lambda t, y: [0, 0, 0]},
+            TypeError,
+            "f, frame and all.*pickled",
+        ),
+        ({"rtol": -1.0}, ValueError, "rtol"),
+    ],
+)
+def test_arguments(change, error, message):
+    given = {"f": field, "y0": POINTS, "frame": FRAME, "executor": "threads", **change}
+    with pytest.raises(error, match=message):
+        cg.solve_ensemble(given.pop("f"), (0, 1), given.pop("y0"), **given)
+
+
+def test_methods_of_the_package_travel_by_name(monkeypatch):
+    """So that what was found out about one isn't found out again for each chunk."""
+    known, complete = [], ensemble.completed
+
+    def noted(work, *args, **options):
+        known.append(work)
+        return complete(work, *args, **options)
+
+    monkeypatch.setattr(ensemble, "completed", noted)
+    pair = cg.methods["CF4(3)"]
+    own = cg.catalogue.loads(cg.catalogue.dumps(pair).replace("CF4(3)", "Mine", 1))
+    for method in ("CF4(3)", pair, "RKMK5(4)", own):
+        cg.solve_ensemble(field, (0, 0.1), POINTS, frame=FRAME, method=method, workers=2)
+    again = [pickle.loads(pickle.dumps(work)).problem.plan.method for work in known]
+    assert again[0] is again[1] is pair
+    assert again[2] is known[2].problem.plan.method
+    assert again[3] == own
+
+
+def test_pointers_do_not_travel(library):
+    pointer = ctypes.CDLL(str(library)).rhs
+    doubles = ctypes.POINTER(ctypes.c_double)
+    pointer.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
+    pointer.restype = ctypes.c_int
+    with pytest.raises(TypeError, match=r"a compiled one cg\.CompiledFunction\(path, symbol\)"):
+        cg.solve_ensemble(
+            pointer, (0, 1), POINTS, frame=FRAME, parameters=RATES, executor="processes"
+        )
+
+
+LINE = Euclidean(1)
+
+
+def steady(t, y):
+    return np.ones_like(y)
+
+
+def at_one(t, y):
+    return y[0] - 1.0
+
+
+at_one.terminal = True
+
+
+@pytest.mark.parametrize("executor", ["threads", "processes"])
+@pytest.mark.parametrize("t_eval", [None, [0.0, 0.25, 0.75, 2.0]])
+def test_points_are_those_of_their_times(executor, t_eval):
+    """Events at times of their own end members, whose points there are in ``y_events`` alone."""
+    starts = np.array([0.0, 0.55, -5.0, -0.9, 0.05, 0.5, 0.25])
+    run = cg.solve_ensemble(
+        steady, (0, 2), starts[:, None], executor=executor, workers=1, t_eval=t_eval, frame=LINE,
+        events=at_one, h=0.25, method="CG3",
+    )  # fmt: skip
+    times = [0.0, 2.0] if t_eval is None else t_eval
+    assert run.t.tolist() == times
+    wanted = starts + np.reshape(times, (-1, 1))
+    wanted[wanted > 1.0] = np.nan
+    np.testing.assert_allclose(run.y[..., 0], wanted, rtol=0, atol=1e-14)
+    for start, ends in zip(starts, run.t_events[0], strict=True):
+        np.testing.assert_allclose(ends, [1.0 - start] if start > -1.0 else [])
+
+
+class TestOut:
+    OPTIONS = {"frame": LINE, "events": at_one, "h": 0.25, "method": "CG3"}  # noqa: RUF012
+
+    @pytest.mark.parametrize("y0", [[-5.0, 0.0, 0.5], [0.0, 0.5, -5.0]])
+    @pytest.mark.parametrize("kind", [np.float64, np.float32, np.complex128])
+    def test_it_is_what_is_returned_without_it(self, y0, kind):
+        y0 = np.array(y0)[:, None]
+        times = [0.0, 0.25, 0.75, 2.0]
+        without = cg.solve_ensemble(steady, (0, 2), y0, t_eval=times, workers=1, **self.OPTIONS)
+        out = np.full((4, 3, 1), 777.0, dtype=kind)
+        run = cg.solve_ensemble(steady, (0, 2), y0, t_eval=times, out=out, **self.OPTIONS)
+        assert run.y is out
+        np.testing.assert_array_equal(out, without.y.astype(kind))
+
+    @pytest.mark.parametrize(
+        ("out", "error", "message"),
+        [
+            ([1], TypeError, r"out must be an array, such as one of .*, got \[1\]"),
+            (np.zeros((2, 2, 1), dtype=int), ValueError, "hold numbers of type float64, got"),
+            (np.zeros((2, 2, 1), dtype="S3"), ValueError, "hold numbers of type float64, got"),
+            (np.zeros((3, 2, 1)), ValueError, r"out must have shape \(2, 2, 1\), got \(3, 2, 1\)"),
+            (np.broadcast_to(0.0, (2, 2, 1)), ValueError, "out must be writable, got ndarray"),
+        ],
+    )  # fmt: skip
+    def test_what_is_refused_before_anything_is_called(self, out, error, message):
+        def never(t, y):
+            raise AssertionError
+
+        with pytest.raises(error, match=message):
+            cg.solve_ensemble(never, (0, 1), np.zeros((2, 1)), frame=LINE, out=out)
+
+    def test_real_numbers_for_complex_points(self):
+        frame = cg.frames.SU(2)
+        with pytest.raises(ValueError, match="hold numbers of type complex128, got one of float64"):
+            cg.solve_ensemble(
+                lambda t, y: [1.0, 0.0, 0.0], (0, 1), np.eye(2)[None], frame=frame,
+                out=np.zeros((2, 1, 2, 2)),
+            )  # fmt: skip
+
+    def test_files_that_are_read_only(self, tmp_path):
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(tmp_path / "y.h5", "w") as file:
+            file.create_dataset("y", (2, 2, 1), dtype="f8")
+        with (
+            h5py.File(tmp_path / "y.h5", "r") as file,
+            pytest.raises(ValueError, match="out must be writable, got Dataset that is read-only"),
+        ):
+            cg.solve_ensemble(steady, (0, 1), np.zeros((2, 1)), frame=LINE, out=file["y"])
+
+
+class UnusualError(Exception):
+    """Can be pickled, but not unpickled."""
+
+    def __init__(self, first, second):
+        super().__init__(f"{first} and {second}")
+
+
+def unusual(t, y):
+    raise UnusualError("one", "two")
+
+
+def test_errors_that_cannot_travel_are_told():
+    """Another process that is sent one takes its worker for dead."""
+    y0 = np.zeros((2, 1))
+    with pytest.raises(RuntimeError, match=r"test_ensemble_executors\.UnusualError: one and two"):
+        cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, executor="processes", workers=1)
+    with pytest.raises(UnusualError, match="one and two"):
+        cg.solve_ensemble(unusual, (0, 1), y0, frame=LINE, executor="threads", workers=1)
+
+
+class TestCompiledFunction:
+    def test_it_travels(self, library):
+        f = cg.CompiledFunction(library, "rhs", [1.0, math.pi])
+        again = pickle.loads(pickle.dumps(f))
+        assert again == f
+        assert hash(again) == hash(f)
+        assert f != cg.CompiledFunction(library, "rhs")
+        assert repr(f) == f"CompiledFunction({str(library)!r}, 'rhs', [1.0, {math.pi}])"
+        one, two = (cg.solve_ivp(g, (0, 1), np.eye(3), frame=FRAME).y[-1] for g in (f, again))
+        np.testing.assert_array_equal(one, two)
+
+    @pytest.mark.parametrize(
+        ("arguments", "error", "message"),
+        [
+            ((3, "rhs"), TypeError, "path must be a path, got 3"),
+            (("/none.so", "rhs"), ValueError, "path must be a shared library, got '/none.so'"),
+            (("LIBRARY", 3), TypeError, "symbol must be a string, got 3"),
+            (("LIBRARY", "lhs"), ValueError, "symbol must be a function of .*, got 'lhs'"),
+            (("LIBRARY", "rhs", "x"), ValueError, "user_data must be an array of real numbers"),
+        ],
+    )
+    def test_arguments(self, library, arguments, error, message):
+        arguments = tuple(library if each == "LIBRARY" else each for each in arguments)
+        with pytest.raises(error, match=message):
+            cg.CompiledFunction(*arguments)

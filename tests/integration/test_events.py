@@ -1,0 +1,261 @@
+"""Events: where they are found, which count, when they end the integration."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.integrate
+
+import cg
+from cg.frames import SO3, Euclidean, Stiefel
+from cg.integration.step.interpolant import extra_evaluations
+
+pytestmark = pytest.mark.sanitize
+
+CIRCLE = {"frame": Euclidean(2), "rtol": 1e-8, "atol": 1e-8}
+
+
+def circle(t, y):
+    return [-y[1], y[0]]
+
+
+def height(t, y):
+    return y[1]
+
+
+def marked(function=height, **attributes):
+    def event(t, y):
+        return function(t, y)
+
+    for name, value in attributes.items():
+        setattr(event, name, value)
+    return event
+
+
+def solve(events, t_span=(0.1, 10.0), **options):
+    y0 = [np.cos(t_span[0]), np.sin(t_span[0])]
+    return cg.solve_ivp(circle, t_span, y0, events=events, **(CIRCLE | options))
+
+
+@pytest.mark.parametrize(
+    ("direction", "multiples"), [(0, [1, 2, 3]), (1, [2]), (-1, [1, 3]), (0.5, [2])]
+)
+def test_zeros_are_found_in_their_direction(direction, multiples):
+    solution = solve(marked(direction=direction))
+    assert solution.status == 0
+    np.testing.assert_allclose(solution.t_events[0], np.pi * np.array(multiples), atol=1e-6)
+    for t, y in zip(solution.t_events[0], solution.y_events[0], strict=True):
+        np.testing.assert_allclose(y, [np.cos(t), 0.0], atol=1e-6)
+
+
+def test_direction_is_along_the_integration_when_backward():
+    solution = solve(marked(direction=1), t_span=(10.0, 0.1))
+    np.testing.assert_allclose(solution.t_events[0], np.pi * np.array([3, 1]), atol=1e-6)
+
+
+@pytest.mark.parametrize(("terminal", "stop"), [(True, 1), (1, 1), (2, 2), (np.bool_(True), 1)])
+def test_terminal_events_end_the_integration(terminal, stop):
+    solution = solve(marked(terminal=terminal), dense_output=True)
+    assert (solution.status, solution.success) == (1, True)
+    assert "terminal event" in solution.message
+    assert solution.t[-1] == solution.t_events[0][-1] == solution.sol.t_max
+    assert solution.t[-1] == pytest.approx(stop * np.pi, abs=1e-6)
+    assert len(solution.t_events[0]) == stop
+    np.testing.assert_array_equal(solution.y[-1], solution.y_events[0][-1])
+    np.testing.assert_array_equal(solution.sol(solution.t[-1]), solution.y[-1])
+    assert abs(height(0.0, solution.y[-1])) < 1e-14
+
+
+@pytest.mark.parametrize("terminal", [False, None, 4])
+def test_events_that_are_not_terminal_end_nothing(terminal):
+    assert solve(marked(terminal=terminal)).status == 0
+
+
+def test_events_after_the_terminal_one_in_the_same_step_are_left_out():
+    events = [marked(lambda t, y: t - 5.02), marked(lambda t, y: t - 5.01, terminal=True)]
+    options = {"method": "CG4a", "h": 0.5, "rtol": None, "atol": None}
+    solution = solve(events, **options)
+    assert solution.t[-1] == pytest.approx(5.01)
+    assert [len(t) for t in solution.t_events] == [0, 1]
+    assert solution.y_events[0].shape == (0, 2)
+    backward = solve(events[::-1], t_span=(10.0, 0.1), **options)
+    assert [len(t) for t in backward.t_events] == [1, 1]
+    assert backward.t[-1] == pytest.approx(5.01)
+
+
+def test_t_eval_ends_with_a_terminal_event():
+    solution = solve(marked(terminal=True), t_eval=np.arange(1.0, 10.0))
+    np.testing.assert_array_equal(solution.t, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(solution.y[:, 0], np.cos(solution.t), atol=1e-6)
+
+
+def test_agrees_with_scipy():
+    def pendulum(t, y):
+        return [y[1], -np.sin(y[0])]
+
+    events = [
+        marked(lambda t, y: y[0]),
+        marked(lambda t, y: y[1] - 0.3, direction=-1),
+        marked(lambda t, y: y[0] + y[1], direction=1, terminal=3),
+    ]
+    options = {"events": events, "rtol": 1e-8, "atol": 1e-9}
+    ours = cg.solve_ivp(pendulum, (0, 40), [1.2, 0.1], frame=Euclidean(2), **options)
+    theirs = scipy.integrate.solve_ivp(pendulum, (0, 40), [1.2, 0.1], method="DOP853", **options)
+    assert ours.status == theirs.status == 1
+    for a, b, x, y in zip(
+        ours.t_events, theirs.t_events, ours.y_events, theirs.y_events, strict=True
+    ):
+        np.testing.assert_allclose(a, b, rtol=0, atol=3e-6)
+        np.testing.assert_allclose(x, y, rtol=0, atol=3e-6)
+
+
+@pytest.mark.parametrize(
+    ("frame", "method"), [(SO3(), "CG4a"), (SO3("space"), "CG2(3)"), (Stiefel(3, 1), "CG4a")]
+)
+def test_events_lie_on_the_manifold(frame, method):
+    y0 = frame.random_point(np.random.default_rng(2))
+
+    def f(t, y):
+        return np.array([0.3, y[0, 0], 2.0])
+
+    solution = cg.solve_ivp(
+        f, (0, 6), y0, frame=frame, method=method, h=0.2, events=lambda t, y: y[1, 0]
+    )
+    assert len(solution.t_events[0]) >= 2
+    points = solution.y_events[0]
+    assert points.shape == (len(solution.t_events[0]), *frame.point_shape)
+    assert frame.membership_error(points).max() < 1e-14
+    np.testing.assert_allclose(points[:, 1, 0], 0.0, atol=1e-13)
+
+
+def test_a_zero_at_the_start_or_at_a_step_is_counted_rightly():
+    # A grid with steps at the zeros themselves, exactly representable.
+    options = {"method": "CG4a", "h": 0.5, "rtol": None, "atol": None}
+    solution = solve(lambda t, y: (t - 1.0) * (t - 2.0) * (t - 3.0), t_span=(1.0, 4.0), **options)
+    np.testing.assert_array_equal(solution.t_events[0], [2.0, 3.0])
+
+
+def test_without_zeros_the_lists_are_empty():
+    solution = solve([marked(lambda t, y: 1.0), marked(lambda t, y: y[1] - 5)])
+    assert [t.shape for t in solution.t_events] == [(0,), (0,)]
+    assert [y.shape for y in solution.y_events] == [(0, 2), (0, 2)]
+    assert solve([]).t_events == []
+
+
+def test_events_do_not_change_the_steps():
+    plain, watched = solve(None), solve(height)
+    np.testing.assert_array_equal(plain.t, watched.t)
+    np.testing.assert_array_equal(plain.y, watched.y)
+    assert plain.t_events is None
+    # only steps with an event in them take more, and the coefficients at their ends are used again
+    extra = extra_evaluations(plain.method) * len(watched.t_events[0])
+    assert watched.nfev == plain.nfev + extra
+
+
+def test_events_cannot_change_the_point():
+    def event(t, y):
+        y[0] = 0.0
+        return 1.0
+
+    with pytest.raises(ValueError, match="read-only"):
+        solve(event)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ({"terminal": 0.5}, r"events\[0\].terminal must be a bool or a whole number, not negative"),
+        ({"terminal": np.inf}, r"events\[0\].terminal must be"),
+        ({"terminal": np.nan}, r"events\[0\].terminal must be"),
+        ({"terminal": -1}, r"events\[0\].terminal must be"),
+        ({"terminal": "yes"}, r"events\[0\].terminal must be"),
+        ({"direction": "up"}, r"events\[0\].direction must be a number, got 'up'"),
+        ({"direction": np.nan}, r"events\[0\].direction must be a number"),
+    ],
+)
+def test_bad_attributes_are_refused(attributes, message):
+    with pytest.raises(ValueError, match=message):
+        solve(marked(**attributes))
+
+
+@pytest.mark.parametrize(
+    ("terminal", "count"),
+    [(0, 3), (0.0, 3), (None, 3), (1.0, 1), (2, 2), (np.float64(2.0), 2), (10**400, 3)],
+)
+def test_how_often_is_counted_as_in_scipy(terminal, count):
+    def event(t, y):
+        return math.cos(t)
+
+    event.terminal = terminal
+    given = (lambda t, y: [1.0], (0, 9), [0.0])
+    here = cg.solve_ivp(*given, frame=Euclidean(1), events=event, max_step=1.0)
+    assert len(here.t_events[0]) == count
+    if not isinstance(terminal, int) or terminal < 10:
+        there = scipy.integrate.solve_ivp(*given, events=event, max_step=1.0)
+        assert len(there.t_events[0]) == count
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.nan, r"events\[1\] must return a finite number, got nan at t = "),
+        (None, r"events\[1\] must return a"),
+        ("zero", r"events\[1\] must return a real number, got 'zero'"),
+        ([1.0, 2.0], r"events\[1\] must return a real number"),
+    ],
+)
+def test_bad_values_are_refused(value, message):
+    with pytest.raises(ValueError, match=message):
+        solve([height, lambda t, y: value if t > 2 else 1.0])
+
+
+def test_exceptions_of_an_event_pass_through():
+    def event(t, y):
+        if t > 2:
+            raise KeyError("at last")
+        return 1.0
+
+    with pytest.raises(KeyError, match="at last"):
+        solve(event)
+
+
+OSCILLATOR = {"frame": Euclidean(2), "rtol": 1e-10, "atol": 1e-10}
+
+
+@pytest.mark.parametrize("method", ["CG4(3)", "CG5(4)", "CG6(5)"])
+@pytest.mark.parametrize(("unit", "start"), [(1.0, 0.0), (1e-12, 0.0), (1e12, 0.0), (1.0, 1.7e9)])
+def test_event_times_are_as_accurate_as_the_steps_in_any_unit_of_time(method, unit, start):
+    def f(t, y):
+        return np.array([y[1], -y[0]]) / unit
+
+    found = cg.solve_ivp(
+        f, (start, start + 8 * unit), [1.0, 0.0], events=lambda t, y: y[0], method=method,
+        **OSCILLATOR,
+    )  # fmt: skip
+    (times,), (points,) = found.t_events, found.y_events
+    exact = np.pi * np.array([0.5, 1.5, 2.5])
+    rounding = np.spacing(start) / unit
+    np.testing.assert_allclose((times - start) / unit, exact, rtol=0, atol=2e-9 + rounding)
+    np.testing.assert_allclose(points[:, 0], 0.0, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("multiplicity", "zero", "h"),
+    # Brent's method takes 146 steps for the second, more than it is allowed by itself
+    [(9, 0.45, 0.3), (3, 0.6369616873214543, 1.0), (9, 0.2697867137638703, 1.0)],
+)
+def test_an_event_of_odd_multiplicity_is_found(multiplicity, zero, h):
+    found = cg.solve_ivp(
+        lambda t, y: [1.0], (0, 1), [0.0], frame=Euclidean(1), method="CG4a", h=h,
+        events=lambda t, y: (t - zero) ** multiplicity,
+    )  # fmt: skip
+    # such a function is zero in floating point within 1e-324 ** (1 / 9) of its zero
+    assert found.t_events[0] == pytest.approx([zero], abs=1e-9)
+
+
+@pytest.mark.parametrize("value", [True, np.bool_(False), np.array(True)])
+def test_a_boolean_event_is_refused_by_name(value):
+    with pytest.raises(
+        ValueError, match=r"events\[1\] must return a real number that changes sign"
+    ):
+        solve([lambda t, y: 1.0, lambda t, y: value])

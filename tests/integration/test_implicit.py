@@ -1,0 +1,321 @@
+"""Implicit methods: their stage equations, orders, invariants and failures."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.analysis.convergence import final_errors, observed_order
+from cg.frames import SE3, SO3, CoadjointOrbit, Euclidean, Product, Sphere
+from cg.integration.step.implicit import STAGE_SOLVERS
+from cg.method.tableau import Tableau
+from cg.problems import StateDependentRotation
+
+MIDPOINT = Tableau([["1/2"]], ["1"], name="implicit midpoint")
+TRAPEZOIDAL = Tableau([["0", "0"], ["1/2", "1/2"]], ["1/2", "1/2"], name="trapezoidal")
+BACKWARD_EULER = Tableau([["1"]], ["1"], name="backward Euler")
+# On flat manifolds of order 4; the flows don't commute, so its order is lower elsewhere.
+GAUSS = Tableau(
+    [["1/4", "-0.038675134594812882254574390251"], ["0.538675134594812882254574390251", "1/4"]],
+    ["1/2", "1/2"],
+    name="Gauss",
+)
+KINDS = list(STAGE_SOLVERS)
+IMPLICIT = {name: m for name, m in cg.methods.items() if not m.explicit}
+METHODS = [MIDPOINT, TRAPEZOIDAL, BACKWARD_EULER, GAUSS, *IMPLICIT.values()]
+INERTIA = np.array([1.0, 2.0, 3.0])
+MOMENTUM = np.array([0.8, 1.1, -0.6])
+BODY = Product(SO3(), Euclidean(3))
+
+
+def euler(t, y):
+    """The free rigid body: attitude, and angular momentum in body axes."""
+    m = y[9:]
+    w = m / INERTIA
+    return np.concatenate([w, np.cross(m, w)])
+
+
+def energy(m):
+    return 0.5 * (m**2 / INERTIA).sum(axis=-1)
+
+
+@pytest.fixture(scope="module", params=["body", "space"])
+def problem(request):
+    problem = StateDependentRotation(request.param)
+    reference = problem.reference([1], bits=128)
+    return problem, reference.y[0, :9].reshape(3, 3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+def test_stages_solve_their_equations(method, kind):
+    """The step is redone from the coefficients that f returned last for each stage."""
+    problem = StateDependentRotation()
+    frame, h, t0 = problem.frame, 0.2, 0.3
+    y0 = frame.random_point(np.random.default_rng(0))
+    calls = []
+
+    def f(t, y):
+        calls.append((t, y.copy()))
+        return problem.f(t, y)
+
+    solution = cg.integrate(f, (t0, t0 + h), y0, frame=frame, method=method, h=h, stage_solver=kind)
+    fields = []
+    for c in method.c:
+        at_stage = [y for t, y in calls if t == t0 + c * h]
+        fields.append(problem.f(t0 + c * h, at_stage[-1]))
+    for row, c in zip(method.a, method.c, strict=True):
+        point = y0
+        for a, v in zip(row, fields, strict=True):
+            point = frame.flow(h * a * v, point)
+        at_stage = [y for t, y in calls if t == t0 + c * h]
+        np.testing.assert_allclose(at_stage[-1], point, rtol=0, atol=1e-13)
+    point = y0
+    for b, v in zip(method.b, fields, strict=True):
+        point = frame.flow(h * b * v, point)
+    np.testing.assert_allclose(solution.y[-1], point, rtol=0, atol=1e-13)
+    assert solution.nfev == len(calls)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+def test_slope_is_the_order(problem, method, kind):
+    equation, exact = problem
+    h = 1.0 / np.array([16, 32, 64])
+    errors = [
+        cg.integrate(
+            equation.f,
+            (0, 1),
+            equation.y0,
+            frame=equation.frame,
+            method=method,
+            h=size,
+            stage_solver=kind,
+        ).y[-1]
+        for size in h
+    ]
+    errors = equation.frame.distance(np.array(errors), exact)
+    order = observed_order(h, errors, floor=1e-13).order
+    assert order == pytest.approx(method.order, abs=0.15)
+
+
+def test_orders_that_the_conditions_give():
+    assert [m.order for m in METHODS[:3]] == [2, 2, 1]
+    assert GAUSS.order == 2
+
+
+def test_flat_space_gives_the_classical_method():
+    matrix = np.random.default_rng(1).standard_normal((4, 4))
+    y0 = np.ones(4)
+    h, n = 0.25, 8
+
+    def classical(method):
+        identity = np.eye(4 * method.stages)
+        stages = np.linalg.solve(
+            identity - h * np.kron(method.a, matrix), np.tile(matrix @ y0, method.stages)
+        )
+        return y0 + h * method.b @ stages.reshape(-1, 4)
+
+    for method in METHODS:
+        solution = cg.integrate(
+            lambda t, y: matrix @ y, (0, h), y0, frame=Euclidean(4), method=method, h=h
+        )
+        np.testing.assert_allclose(solution.y[-1], classical(method), rtol=0, atol=1e-13)
+    sizes = 1.0 / np.array([4, n, 16])
+    exact = cg.integrate(
+        lambda t, y: matrix @ y, (0, 1), y0, frame=Euclidean(4), method="CG5a", h=1 / 128
+    ).y[-1]
+    errors = final_errors(
+        lambda t, y: matrix @ y, (0, 1), y0, exact, frame=Euclidean(4), method=GAUSS, h=sizes
+    )
+    assert observed_order(sizes, errors).order == pytest.approx(4.0, abs=0.2)
+
+
+@pytest.mark.parametrize("frame", [SO3(), SE3(), Sphere(2), BODY], ids=repr)
+@pytest.mark.parametrize("method", [MIDPOINT, GAUSS], ids=lambda m: m.name)
+def test_both_solvers_find_the_same_solution(frame, method):
+    rng = np.random.default_rng(4)
+    y0 = frame.random_point(rng)
+    weights = rng.standard_normal((frame.dim, y0.size))
+
+    def f(t, y):
+        return np.sin(weights @ y.ravel() + t)
+
+    newton, fixed = (
+        cg.solve_ivp(f, (0, 2), y0, frame=frame, method=method, h=0.1, stage_solver=kind)
+        for kind in KINDS
+    )
+    np.testing.assert_allclose(newton.y, fixed.y, rtol=0, atol=1e-12)
+    assert 0 < newton.njev == newton.nlu
+    assert fixed.njev == fixed.nlu == 0
+
+
+def test_midpoint_is_its_own_adjoint():
+    problem = StateDependentRotation()
+    options = {"frame": SO3(), "method": MIDPOINT, "h": 0.125}
+    there = cg.integrate(problem.f, (0, 1), problem.y0, **options).y[-1]
+    back = cg.integrate(problem.f, (1, 0), there, **options).y[-1]
+    np.testing.assert_allclose(back, problem.y0, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_ensembles_equal_loops(kind, vectorized):
+    problem = StateDependentRotation()
+    y0 = SO3().random_point(np.random.default_rng(6), (4,))
+
+    def all_members(t, y):
+        return np.array([problem.f(*member) for member in zip(t, y, strict=True)])
+
+    f = all_members if vectorized else problem.f
+    options = {"frame": SO3(), "h": 0.2, "stage_solver": kind, "dense_output": True}
+    for method in (MIDPOINT, GAUSS):
+        together = cg.solve_ensemble(
+            f, (0, 1), y0, method=method, vectorized=vectorized,
+            t_eval=np.linspace(0, 1, 6), **options,
+        )  # fmt: skip
+        for k in range(4):
+            alone = cg.solve_ivp(
+                problem.f, (0, 1), y0[k], method=method, t_eval=together.t, **options
+            )
+            np.testing.assert_allclose(together.y[:, k], alone.y, rtol=0, atol=1e-13)
+            np.testing.assert_allclose(together.sol(0.7)[k], alone.sol(0.7), rtol=0, atol=1e-13)
+
+
+def test_newton_needs_fewer_evaluations_where_steps_are_large():
+    y0 = BODY.join(np.eye(3), MOMENTUM)
+    nfev = [
+        cg.solve_ivp(euler, (0, 20), y0, frame=BODY, method=MIDPOINT, h=0.5, stage_solver=kind).nfev
+        for kind in KINDS
+    ]
+    assert KINDS[0] == "newton"
+    assert nfev[0] < 0.8 * nfev[1]
+
+
+def test_newton_takes_steps_that_are_too_large_for_fixed_points():
+    """A stiff spring in the momentum: |h df/dy| is 50."""
+
+    def f(t, y):
+        return np.concatenate([[0.3, 0.1, y[9]], -1000.0 * (y[9:] - np.cos(t))])
+
+    y0 = BODY.join(np.eye(3), [1.0, 1.0, 1.0])
+    options = {"frame": BODY, "method": BACKWARD_EULER, "h": 0.1}
+    solution = cg.integrate(f, (0, 2), y0, **options)
+    np.testing.assert_allclose(solution.y[-1, 9:], np.cos(2.0), atol=2e-3)
+    with pytest.raises(cg.ConvergenceError, match="diverges"):
+        cg.integrate(f, (0, 2), y0, stage_solver="fixed-point", **options)
+
+
+def test_failure_tells_what_failed():
+    with pytest.raises(cg.ConvergenceError) as caught:
+        cg.integrate(
+            lambda t, y: -10.0 * y + t,
+            (0.5, 2.0),
+            [1.0],
+            frame=Euclidean(1),
+            method=BACKWARD_EULER,
+            h=0.25,
+            stage_solver="fixed-point",
+        )
+    error = caught.value
+    assert error.t == 0.5
+    assert error.h == 0.25
+    assert 1 < error.iterations < STAGE_SOLVERS["fixed-point"]
+    assert error.residual > 1.0
+    for part in (f"after {error.iterations} iterations", "h = 0.25", "t = 0.5", "residual is"):
+        assert part in str(error)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_equations_without_solution_are_reported(kind):
+    # k = 1 + (h k)^2 has no real solution for h > 1/2.
+    with pytest.raises(cg.ConvergenceError):
+        cg.integrate(
+            lambda t, y: 1.0 + y**2,
+            (0, 4),
+            [0.0],
+            frame=Euclidean(1),
+            method=BACKWARD_EULER,
+            h=2.0,
+            stage_solver=kind,
+        )
+
+
+def test_exceptions_and_nan_of_f_pass_through():
+    options = {"frame": SO3(), "method": MIDPOINT, "h": 0.1}
+    with pytest.raises(ValueError, match="f must return finite numbers"):
+        cg.integrate(lambda t, y: [np.nan, 0, 0], (0, 1), np.eye(3), **options)
+
+    def f(t, y):
+        raise OverflowError("mine")
+
+    with pytest.raises(OverflowError, match="mine"):
+        cg.integrate(f, (0, 1), np.eye(3), **options)
+
+
+def test_implicit_pairs_choose_their_steps():
+    """Stages that can't be found make a smaller step, not an error."""
+    pair = Tableau(TRAPEZOIDAL.entries, ["1/2", "1/2"], b_embedded=["1", "0"])
+
+    def f(t, y):
+        return np.array([y[2, 0], np.cos(t), -3.0 * y[0, 1]]) * (1.0 if t < 1.0 else 30.0)
+
+    truth = cg.solve_ivp(f, (0, 2), np.eye(3), frame=SO3(), rtol=1e-7, atol=1e-7)
+    for kind in KINDS:
+        solution = cg.solve_ivp(
+            f, (0, 2), np.eye(3), frame=SO3(), method=pair, stage_solver=kind, max_step=0.5,
+            rtol=1e-4, atol=1e-4,
+        )  # fmt: skip
+        assert solution.success
+        assert SO3().distance(solution.y[-1], truth.y[-1]) < 3e-2
+
+
+def rigid_body_drift(steps, h=0.1):
+    """The momentum in body axes moves by addition, so that the method is the classical midpoint
+    rule there, which keeps every quadratic invariant: energy and the norm of the momentum.
+    """
+    y0 = BODY.join(np.eye(3), MOMENTUM)
+    solution = cg.integrate(euler, (0, steps * h), y0, frame=BODY, method=MIDPOINT, h=h)
+    rotation, momentum = BODY.split(solution.y)
+    drift = np.abs(energy(momentum) / energy(MOMENTUM) - 1.0).max()
+    norm = np.abs(np.linalg.norm(momentum, axis=-1) / np.linalg.norm(MOMENTUM) - 1.0).max()
+    assert np.ptp(momentum[:, 1]) > 1.0  # it tumbles
+    assert SO3().membership_error(rotation[:: steps // 100]).max() < 1e-14
+    return drift, norm
+
+
+def test_midpoint_keeps_energy_and_momentum_of_the_free_rigid_body():
+    assert max(rigid_body_drift(2_000)) < 2e-14
+
+
+@pytest.mark.slow
+def test_midpoint_keeps_energy_and_momentum_over_1e5_steps():
+    assert max(rigid_body_drift(100_000)) < 5e-13
+
+
+def test_an_explicit_method_loses_the_energy_that_midpoint_keeps():
+    y0 = BODY.join(np.eye(3), MOMENTUM)
+    solution = cg.integrate(euler, (0, 200), y0, frame=BODY, method="CG2", h=0.1)
+    assert abs(energy(solution.y[-1, 9:]) / energy(MOMENTUM) - 1.0) > 1e-4
+
+
+def coadjoint_energy(method, steps, h=0.2):
+    frame = CoadjointOrbit(SO3(), tuple(MOMENTUM))
+    solution = cg.integrate(
+        lambda t, m: m / INERTIA, (0, steps * h), MOMENTUM, frame=frame, method=method, h=h
+    )
+    assert np.ptp(np.linalg.norm(solution.y, axis=-1)) < 1e-14
+    return energy(solution.y) / energy(MOMENTUM) - 1.0
+
+
+def test_on_the_orbit_energy_oscillates_without_drift():
+    """The flow moves along the sphere of momenta, where the midpoint of an arc is not that of its
+    chord: the norm is exact, the energy is kept up to an oscillation of second order.
+    """
+    coarse, fine = coadjoint_energy(MIDPOINT, 1500, 0.2), coadjoint_energy(MIDPOINT, 3000, 0.1)
+    assert np.abs(coarse).max() > 1e-6
+    assert np.abs(coarse).max() / np.abs(fine).max() == pytest.approx(4.0, rel=0.1)
+    halves = [np.abs(part).max() for part in np.array_split(coarse, 2)]
+    assert halves[1] == pytest.approx(halves[0], rel=0.02)
+    explicit = coadjoint_energy("CG2", 1500, 0.2)
+    halves = [np.abs(part).max() for part in np.array_split(explicit, 2)]
+    assert halves[1] > 1.5 * halves[0]

@@ -1,0 +1,383 @@
+"""The fixed-step integrator: what it computes, what it counts, what it refuses."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from equal_grids import make_grid, times
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+
+from cg.catalogue import methods
+from cg.frames import SO3, Euclidean, Product, Stiefel
+from cg.integration import Solution, integrate
+from cg.integration.step.paths import paths_of
+from cg.method.tableau import Tableau
+from cg.problems import StateDependentRotation
+
+pytestmark = pytest.mark.sanitize
+
+IMPLICIT = Tableau([["1/2"]], ["1"])
+EXPLICIT = [name for name, tableau in methods.items() if tableau.explicit]
+
+
+def spin(t, y):
+    return np.array([y[0, 1] - 1.0, np.cos(t) + y[2, 2], 0.5 * y[1, 0]])
+
+
+def solve(f=spin, t_span=(0.0, 1.0), y0=None, **changes):
+    arguments = {"frame": SO3(), "method": "CG3", "h": 0.1} | changes
+    return integrate(f, t_span, np.eye(3) if y0 is None else y0, **arguments)
+
+
+def exponentials(method):
+    if not isinstance(method, Tableau):
+        ends = (*method.stage_points, method.result)
+        return len({point for end in ends for point in method.tree.path(end)})
+    a, b = method.exact
+    return sum(x != 0 for row in a for x in row) + sum(x != 0 for x in b)
+
+
+def classical_step(f, t, y, h, tableau):
+    stages = []
+    for c, row in zip(tableau.c, tableau.a, strict=True):
+        increment = sum((x * k for x, k in zip(row, stages, strict=False)), np.zeros_like(y))
+        stages.append(np.array(f(t + c * h, y + h * increment)))
+    return y + h * sum(x * k for x, k in zip(tableau.b, stages, strict=True))
+
+
+@pytest.mark.parametrize("name", EXPLICIT)
+def test_flat_manifold_gives_the_classical_method(name):
+    def f(t, y):
+        return np.array([y[1] * np.cos(t), -y[0] * y[2], y[0] + t])
+
+    y = np.array([0.3, -0.5, 1.0])
+    solution = integrate(f, (0.2, 1.2), y, frame=Euclidean(3), method=name, h=0.125)
+    for k in range(8):
+        y = classical_step(f, 0.2 + k * 0.125, y, 0.125, methods[name])
+        np.testing.assert_allclose(solution.y[k + 1], y, rtol=0, atol=2e-14)
+
+
+@pytest.mark.parametrize("name", list(methods))
+def test_constant_coefficients_are_solved_exactly(name):
+    v = np.array([0.4, -1.0, 0.7])
+    solution = solve(lambda t, y: v, method=name, h=0.25)
+    atol = 1e-13 if abs(methods[name].b.sum() - 1) < 1e-15 else 1e-7
+    for t, y in zip(solution.t, solution.y, strict=True):
+        np.testing.assert_allclose(y, SO3().flow(t * v, np.eye(3)), rtol=0, atol=atol)
+
+
+def test_one_step_follows_the_formula_stage_by_stage():
+    frame, h = SO3(), 0.3
+    y0 = frame.random_point(np.random.default_rng(0))
+    tableau = Tableau([[], ["1/3"], ["-1/4", "1/2"]], ["1/5", "3/10", "1/2"])
+    f1 = spin(0.5, y0)
+    y2 = frame.flow(h / 3 * f1, y0)
+    f2 = spin(0.5 + h / 3, y2)
+    y3 = frame.flow(h / 2 * f2, frame.flow(-h / 4 * f1, y0))
+    f3 = spin(0.5 + h / 4, y3)
+    y = frame.flow(h / 2 * f3, frame.flow(0.3 * h * f2, frame.flow(h / 5 * f1, y0)))
+    solution = solve(t_span=(0.5, 0.5 + h), y0=y0, method=tableau, h=h)
+    np.testing.assert_allclose(solution.y[1], y, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", EXPLICIT)
+def test_counts(name):
+    calls = []
+
+    def f(t, y):
+        calls.append(t)
+        return spin(t, y)
+
+    class Counting(SO3):
+        flows = 0
+
+        def flow(self, v, y):
+            Counting.flows += 1
+            return super().flow(v, y)
+
+    solution = solve(f, frame=Counting(), method=name)
+    tableau = methods[name]
+    again = 0 if paths_of(tableau).final_stage else 1  # the last stage may be the next step's first
+    assert solution.nfev == len(calls) == 10 * (tableau.stages - 1) + (10 if again else 1)
+    assert solution.nexp == Counting.flows == 10 * exponentials(tableau)
+    abscissae = [
+        k * 0.1 + c * 0.1
+        for k in range(10)
+        for i, c in enumerate(tableau.c)
+        if again or k == 0 or i > 0
+    ]
+    np.testing.assert_allclose(calls, abscissae, rtol=0, atol=1e-15)
+
+
+def test_zero_coefficients_cost_no_flow():
+    assert exponentials(methods["CG5a"]) == methods["CG5a"].exponentials == 43
+    tableau = Tableau([[], ["1/2"], ["0", "1"]], ["0", "0", "1"])
+    assert solve(method=tableau).nexp == 30
+    assert solve(method=tableau).nfev == 30
+
+
+def test_result_is_frozen_and_complete():
+    y0 = np.eye(3)
+    solution = solve(y0=y0)
+    assert isinstance(solution, Solution)
+    assert solution.t.shape == (11,)
+    assert solution.y.shape == (11, 3, 3)
+    assert solution.method is methods["CG3"]
+    assert solution.h == 0.1
+    assert (solution.steps, solution.nrejected, solution.status, solution.success) == (
+        10,
+        0,
+        0,
+        True,
+    )
+    assert (solution.sol, solution.t_events, solution.y_events, solution.y_after) == (None,) * 4
+    with pytest.raises(AttributeError):
+        solution.nfev = 0
+    for array in (solution.t, solution.y):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+    y0[:] = 0.0
+    np.testing.assert_array_equal(solution.y[0], np.eye(3))
+
+
+def test_backward_undoes_forward():
+    there = solve(t_span=(0.0, 2.0), method="CG5a", h=0.05)
+    back = solve(t_span=(2.0, 0.0), y0=there.y[-1], method="CG5a", h=0.05)
+    np.testing.assert_allclose(back.t, there.t[::-1], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(back.y[-1], np.eye(3), rtol=0, atol=1e-7)
+    assert (np.diff(back.t) < 0).all()
+
+
+def test_backward_is_forward_in_reversed_time():
+    back = solve(t_span=(1.0, 0.0))
+    mirrored = solve(lambda t, y: -spin(1.0 - t, y))
+    np.testing.assert_allclose(back.y, mirrored.y, rtol=0, atol=1e-14)
+
+
+def test_last_step_is_shortened():
+    whole = solve(t_span=(0.0, 1.0), h=0.3)
+    np.testing.assert_allclose(whole.t, [0.0, 0.3, 0.6, 0.9, 1.0])
+    rest = solve(t_span=(0.9, 1.0), y0=whole.y[3], h=0.1)
+    np.testing.assert_allclose(whole.y[-1], rest.y[-1], rtol=0, atol=1e-15)
+    assert whole.t[-1] == 1.0
+
+
+def test_step_larger_than_the_span_is_one_short_step():
+    large = solve(t_span=(0.0, 0.2), h=5.0)
+    np.testing.assert_array_equal(large.t, [0.0, 0.2])
+    np.testing.assert_allclose(large.y, solve(t_span=(0.0, 0.2), h=0.2).y, rtol=0, atol=1e-15)
+
+
+def test_empty_span_is_the_initial_point():
+    solution = solve(t_span=(1.5, 1.5))
+    np.testing.assert_array_equal(solution.t, [1.5])
+    np.testing.assert_array_equal(solution.y, [np.eye(3)])
+    assert (solution.nfev, solution.nexp) == (0, 0)
+
+
+@given(
+    start=st.floats(-1e3, 1e3),
+    steps=st.integers(1, 400),
+    h=st.floats(1e-4, 10.0),
+    backward=st.booleans(),
+)
+@example(start=7.0, steps=155, h=3.3458908554794844, backward=True)
+def test_grid_of_whole_steps_has_no_sliver_at_the_end(start, steps, h, backward):
+    stop = start - steps * h if backward else start + steps * h
+    t = times((start, stop), h)
+    assert len(t) == steps + 1
+    assert (t[0], t[-1]) == (start, stop)
+    np.testing.assert_allclose(
+        np.abs(np.diff(t)), h, rtol=0, atol=1e-12 * (1 + abs(start) + abs(stop))
+    )
+
+
+@given(start=st.floats(-10, 10), span=st.floats(1e-3, 10), h=st.floats(1e-3, 20))
+def test_grid_steps_are_h_but_for_a_shorter_last(start, span, h):
+    t = times((start, start + span), h)
+    sizes = np.diff(t)
+    assert (t[0], t[-1]) == (start, start + span)
+    np.testing.assert_allclose(sizes[:-1], h, rtol=0, atol=1e-13)
+    assert 0 < sizes[-1] <= h + 1e-13
+
+
+def test_f_gets_a_read_only_point_and_may_reuse_its_buffer():
+    buffer = np.empty(3)
+
+    def f(t, y):
+        assert not y.flags.writeable
+        buffer[:] = spin(t, y)
+        return buffer
+
+    np.testing.assert_array_equal(solve(f).y, solve().y)
+
+
+def test_f_may_return_a_list():
+    np.testing.assert_array_equal(solve(lambda t, y: spin(t, y).tolist()).y, solve().y)
+
+
+def test_tableau_and_name_are_the_same_method():
+    np.testing.assert_array_equal(solve(method=methods["CG4a"]).y, solve(method="CG4a").y)
+
+
+def test_step_size_may_be_a_fraction_or_an_integer():
+    np.testing.assert_array_equal(solve(h=Fraction(1, 4)).y, solve(h=0.25).y)
+    assert len(solve(h=1).t) == 2
+
+
+@pytest.mark.parametrize("convention", ["body", "space"])
+def test_rotations_stay_on_the_group_for_ten_thousand_steps(convention):
+    problem = StateDependentRotation(convention)
+    solution = integrate(
+        lambda t, y: problem.f(0.0, y),
+        (0.0, 100.0),
+        problem.y0,
+        frame=problem.frame,
+        method="CG3",
+        h=0.01,
+    )
+    assert len(solution.t) == 10_001
+    assert problem.frame.membership_error(solution.y).max() < 1e-14
+
+
+def test_product_moves_its_factors_independently():
+    frame = Product(SO3(), Euclidean(2))
+
+    def f(t, y):
+        rotation, _ = frame.split(y)
+        return np.concatenate([spin(t, rotation), [t, 1.0]])
+
+    y0 = frame.join(np.eye(3), [1.0, 2.0])
+    solution = integrate(f, (0.0, 1.0), y0, frame=frame, method="CG4a", h=0.1)
+    rotations, positions = frame.split(solution.y)
+    np.testing.assert_allclose(rotations, solve(method="CG4a").y, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(positions[-1], [1.5, 3.0], rtol=0, atol=1e-14)
+
+
+def never(t, y):
+    raise AssertionError("f was called although the arguments are bad")
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"f": 3}, TypeError, r"f must be callable as f\(t, y\), got 3"),
+        ({"frame": SO3}, TypeError, "frame must be a Frame"),
+        ({"frame": "SO3"}, TypeError, "frame must be a Frame"),
+        ({"method": "CG99"}, ValueError, "method must be one of .*CG3.*, got 'CG99'"),
+        ({"method": 3}, TypeError, "method must be a name or a Method, got 3"),
+        ({"method": IMPLICIT, "stage_solver": "guess"}, ValueError, "stage_solver must be .newton"),
+        ({"h": 0.0}, ValueError, "h must be positive and finite, got 0.0"),
+        ({"h": -0.1}, ValueError, "h must be positive and finite, got -0.1"),
+        ({"h": np.nan}, ValueError, "h must be positive and finite, got nan"),
+        ({"h": np.inf}, ValueError, "h must be positive and finite, got inf"),
+        ({"h": "0.1"}, TypeError, "h must be a real number, got '0.1'"),
+        ({"h": 0.1j}, TypeError, "h must be a real number"),
+        ({"h": None}, TypeError, "h must be a real number"),
+        ({"h": 1e-300}, ValueError, "h is too small"),
+        ({"h": 1e-5, "t_span": (1e15, 1e15 + 1)}, ValueError, "h is too small"),
+        ({"t_span": (0.0, np.nan)}, ValueError, "t_span must be finite"),
+        ({"t_span": (-np.inf, 0.0)}, ValueError, "t_span must be finite"),
+        ({"t_span": (-1.7e308, 1.7e308)}, ValueError, "t_span must have a finite length"),
+        ({"t_span": (0.0, 1.0, 2.0)}, ValueError, "t_span must be two numbers"),
+        ({"t_span": 1.0}, ValueError, "t_span must be two numbers, got 1.0"),
+        ({"t_span": ("a", "b")}, ValueError, "t_span must be two numbers"),
+        ({"y0": np.eye(2)}, ValueError, r"y0 must have shape \(3, 3\), got \(2, 2\)"),
+        ({"y0": np.full((3, 3), np.nan)}, ValueError, "y0 must be finite"),
+        ({"y0": np.diag([1, 1, 1.001])}, ValueError, "y0 must be a point of SO3.* is 0.001, more"),
+        ({"y0": np.diag([1.0, 1.0, -1.0])}, ValueError, "distance from the manifold is 2"),
+        ({"y0": "north"}, ValueError, "y0 must be an array of real numbers"),
+    ],
+)  # fmt: skip
+def test_bad_arguments_are_refused_before_any_work(changes, error, message):
+    with pytest.raises(error, match=message):
+        solve(**({"f": never} | changes))
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ([1.0, 2.0], r"f must return an array of shape \(3,\), got shape \(2,\) at t = 0.2"),
+        (np.zeros((3, 1)), r"got shape \(3, 1\)"),
+        (1.0, r"got shape \(\)"),
+        ([1.0, np.nan, 0.0], r"f must return finite numbers, got \[.*nan.*\] at t = 0.2"),
+        ([1.0, np.inf, 0.0], "f must return finite numbers"),
+        (None, r"f must return an array of shape \(3,\), got None at t = 0.2"),
+        ("rotation", "f must return 3 real numbers, got 'rotation'"),
+        ([1.0, [2.0], 3.0], "f must return 3 real numbers"),
+        (np.array([1j, 0, 0]), "f must return 3 real numbers"),
+    ],
+)
+def test_bad_values_of_f_are_refused(value, message):
+    with pytest.raises(ValueError, match=message):
+        solve(lambda t, y: value if t >= 0.2 else np.zeros(3), h=0.2, method="LieEuler")
+
+
+def test_exceptions_of_f_pass_through():
+    class Boom(Exception):
+        pass
+
+    def f(t, y):
+        if t > 0.5:
+            raise Boom("at last")
+        return spin(t, y)
+
+    with pytest.raises(Boom, match="at last"):
+        solve(f)
+
+
+def test_blow_up_is_reported():
+    def grow(t, y):
+        return [1.5e308]
+
+    space = {"frame": Euclidean(1), "h": 1.0}
+    with np.errstate(over="ignore"), pytest.raises(OverflowError, match=r"solution .* at t = 2"):
+        integrate(grow, (0, 3), [0.0], method="LieEuler", **space)
+
+    # The stage of CG2 at half a step is already beyond the largest number.
+    with np.errstate(over="ignore"), pytest.raises(OverflowError, match=r"stage .* at t = 0.5"):
+        integrate(lambda t, y: 1e308 + 0.1 * y, (0, 3), [1.5e308], method="CG2", **space)
+
+
+def test_the_last_step_does_not_overrun_the_span_however_large_time_is():
+    start, span, h = 1.7e9, 31 * 2.0**-22, 2e-6
+    run = integrate(
+        lambda t, y: [1.0], (start, start + span), [0.0], frame=Euclidean(1), method="CG4a", h=h
+    )
+    assert len(run.t) == 5
+    assert run.y[-1, 0] == pytest.approx(span, rel=1e-12)
+
+
+@given(
+    start=st.sampled_from([0.0, 1.0, -3.7e3, 1.7e9]),
+    span=st.floats(1e-6, 10.0),
+    parts=st.floats(1.0, 50.0),
+)
+def test_elapsed_time_is_right_to_rounding_of_time(start, span, parts):
+    stop = start + span
+    assume(stop > start)
+    h = (stop - start) / parts
+    assume(h > 4 * np.spacing(abs(stop)))
+    grid = make_grid((start, stop), h)
+    elapsed = (grid.steps - 1) * Fraction(h) + Fraction(grid.last)
+    off = abs(elapsed - (Fraction(stop) - Fraction(start)))
+    assert off <= np.spacing(max(abs(start), abs(stop))) + grid.steps * np.spacing(h)
+
+
+def test_numbers_that_are_not_finite_are_shown():
+    for value in (np.array([0.0, np.nan, 1.0]), [0.0, np.nan, 1.0]):
+        with pytest.raises(ValueError, match=r"finite numbers, got \[ *0. *nan *1.\] at t = 0"):
+            solve(lambda t, y, value=value: value)
+
+
+@pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 3)], ids=["compiled", "in Python"])
+@pytest.mark.parametrize("method", ["CG3", "ImplicitMidpoint"])
+@pytest.mark.parametrize(("save_every", "stored"), [(1, 21), (6, 5), (100, 2)])
+def test_steps_are_counted_whether_they_are_stored_or_not(frame, method, save_every, stored):
+    found = integrate(
+        lambda t, y: np.zeros(3), (0, 1), np.eye(3), frame=frame, method=method, h=0.05,
+        save_every=save_every,
+    )  # fmt: skip
+    assert (found.steps, len(found.t)) == (20, stored)
+    assert "steps=20, " in repr(found)

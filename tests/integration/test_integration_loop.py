@@ -1,0 +1,195 @@
+"""The loop over steps in detail: its grids, first steps, counts, and the ends of what it keeps."""
+
+import re
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from equal_grids import make_grid
+
+import cg
+from cg.catalogue import resolve_method
+from cg.frames import SO3, Euclidean, Stiefel
+from cg.integration.loop.run import Run
+from cg.integration.step.interpolant import extra_evaluations, node_count, result_flows
+
+pytestmark = pytest.mark.sanitize
+
+EXTRA = {
+    **{"CG2": 0, "CG3": 0, "CG2(3)": 0, "CG4a": 3, "CF4": 3, "DICG4": 3, "CG5a": 6, "CF5(4)": 6},
+    **{"CG6g": 10, "CF6(5)": 6, "CG7b": 15, "CF7(6)": 10, "CF8a": 15},
+    **{"RKMK3(2)": 0, "RKMK4": 1, "RKMK5(4)": 2, "RKMK8(5,3)": 8},
+}
+RATES, NEVER = np.array([-1.0, -2.0]), 1e9
+
+
+def decay(function, ends=(NEVER, NEVER)):
+    """Return a compiled right-hand side of two members, and their numbers."""
+    return function("decays"), np.stack([RATES, ends], axis=-1)
+
+
+def half(t, y, *parameters):
+    return y[0] - 0.5
+
+
+@pytest.mark.parametrize(("units", "steps"), [(0, 1600), (1, 1600), (2, 1601)])
+def test_what_rounding_may_add_to_a_whole_number_of_steps(units, steps):
+    """Of ends a unit; of 1600 steps of size 1, whose unit is 1024 times smaller, 0.78 units."""
+    unit = np.spacing(1600.0)
+    grid = make_grid((0.0, 1600.0 + units * unit), 1.0)
+    assert grid.steps == steps
+    assert grid.last == (1.0 if steps == 1600 else 2 * unit)
+
+
+def test_rounding_that_is_just_as_large_as_it_may_be():
+    h, stop = 0.125 * (1.0 + 2.0**-52), 5.0 + 5 * 2.0**-50
+    assert (Fraction(stop) + 3 - 64 * Fraction(h)) / Fraction(np.spacing(stop)) == 3
+    grid = make_grid((-3.0, stop), h)  # the unit of 8 is two of these, 64 halves of that of h one
+    assert (grid.steps, grid.last) == (64, h)
+
+
+def test_times_that_coincide():
+    for span in ((1e15, 1e15 + 1), (-1e15, 1 - 1e15), (1 - 1e15, -1e15)):
+        with pytest.raises(ValueError, match=r"h is too small for t_span .*: its times coincide"):
+            make_grid(span, 1e-5)
+        assert make_grid(span, 0.5).steps == 2
+        assert make_grid(span, 2.0).steps == 1
+    with pytest.raises(ValueError, match="its times coincide, got 1e-300"):
+        make_grid((0.0, 1.0), 1e-300)
+    below = 1.0 - 2.0**-53  # the number before 1, nearer to it than the one after
+    assert make_grid((below, 1.0), 2.0**-53).steps == 1
+    with pytest.raises(ValueError, match="its times coincide"):
+        make_grid((below, 1.0), 0.8 * 2.0**-53)
+
+
+def test_evaluations_of_the_continuous_solution():
+    """By the order of a method, and the stages that a node more may cost as many as."""
+    found = {name: extra_evaluations(resolve_method(name)) for name in EXTRA}
+    assert found == EXTRA
+
+
+@pytest.mark.parametrize("method", ["CG3", "CG4a", "CF4(3)", "RKMK5(4)"])
+@pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 1)], ids=repr)
+def test_flows_of_output_between_steps(method, frame):
+    y0 = frame.random_point(np.random.default_rng(1))
+    options = {"frame": frame, "method": method, "h": 0.25}
+
+    def solve(**extra):
+        return cg.solve_ivp(lambda t, y: [t, 1.0, y[0, 0]], (0, 1), y0, **options, **extra)
+
+    plain = solve()
+    assert solve(t_eval=[0.25, 0.75]).nexp == plain.nexp
+    extra, flows = extra_evaluations(plain.method), 1
+    if method.startswith("RKMK"):
+        made = extra
+    elif frame == SO3():  # some iterations lead to the coordinates of the end
+        made = solve(t_eval=[0.25, 0.6]).nexp - plain.nexp - flows
+        assert extra + 2 <= made <= extra + 4
+        return
+    else:
+        nodes, flows = node_count(plain.method), len(result_flows(plain.method)) + 1
+        # the interpolant with n nodes is closed at its end; that with one less leads to n - 2
+        made = (nodes - 1) * flows + extra * flows
+    assert solve(t_eval=[0.25, 0.6]).nexp == plain.nexp + made + flows
+    assert solve(t_eval=[0.3, 0.55, 0.7]).nexp == plain.nexp + 2 * made + 3 * flows
+    assert solve(dense_output=True).nexp == plain.nexp + 4 * made
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+@pytest.mark.filterwarnings("ignore:invalid:RuntimeWarning")
+@pytest.mark.parametrize("frame", [SO3(), Stiefel(3, 1)], ids=repr)
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize("common", [False, True])
+def test_one_member_whose_f_is_too_large_for_any_step(frame, vectorized, common):
+    y0 = frame.random_point(np.random.default_rng(2), (2,))
+    message = "f is too large to choose a step at t = 0, got [1.e+308 1.e+308 1.e+308]"
+    with pytest.raises(OverflowError, match=re.escape(message)):
+        cg.solve_ivp(lambda t, y: np.full(3, 1e308), (0, 1), y0[0], frame=frame)
+    for bad, large in ((1, [[1.0], [1e308]]), (0, [[1e308], [1.0]])):
+        found = cg.solve_ensemble(
+            lambda t, y, size: size * np.ones((*size.shape[:-1], 3)), (0, 1), y0, frame=frame,
+            parameters=large, vectorized=vectorized, common_steps=common,
+        )  # fmt: skip
+        assert found.messages == {bad: message}
+        assert found.status[bad] == -1
+        assert found.t_end[[bad, 1 - bad]].tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("span", [(0.0, 1.0), (1.0, -1.0)])
+def test_continuous_solutions_of_members_reach_both_ends(span, function):
+    f, parameters = decay(function)
+    y0 = np.array([[1.0], [3.0]])
+    for options in ({}, {"method": "CG4a", "h": 0.25}):
+        found = cg.solve_ensemble(
+            f, span, y0, frame=Euclidean(1), parameters=parameters, dense_output=True, **options
+        )
+        assert (found.njev.tolist(), found.nlu.tolist()) == ([0, 0], [0, 0])
+        assert (found.nfev > 0).all()
+        assert (found.sol.t_min, found.sol.t_max) == (min(span), max(span))
+        assert (found.sol.ts[0], found.sol.ts[-1]) == span
+        np.testing.assert_array_equal(found.sol(span[0]), y0)
+        np.testing.assert_array_equal(found.sol(span), found.y[[0, -1]])
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "CG4a", "h": 1 / 32}])
+@pytest.mark.parametrize("in_c", [True, False], ids=["C", "Python"])
+def test_a_member_s_solution_reaches_the_event_that_ends_it(options, in_c, function):
+    f, parameters = decay(function)
+    if not in_c:
+        f = lambda t, y, own: own[0] * y  # noqa: E731
+    for span in ((0.0, 2.0), (0.25, 2.25)):
+        found = cg.solve_ensemble(
+            f, span, np.ones((2, 1)), frame=Euclidean(1), events=cg.Event(half, terminal=True),
+            dense_output=True, parameters=parameters, **options,
+        )  # fmt: skip
+        for i in range(2):
+            end, point = found.t_events[0][i][0], found.y_events[0][i][0]
+            assert found.t_end[i] == end
+            np.testing.assert_array_equal(found.sol(end)[i], point)
+            assert np.isnan(found.sol(min(np.nextafter(end, 9), found.sol.t_max))[i]) == (i == 1)
+
+
+def test_events_at_the_end_of_a_step():
+    """Their zeros there need no solution within the step, their values there mean nothing else."""
+
+    def solve(event):
+        return cg.solve_ivp(
+            lambda t, y: [np.cos(t)], (0, 4), [0.0], frame=Euclidean(1), method="CG5a", h=2.0,
+            events=lambda t, y: event(t),
+        )  # fmt: skip
+
+    never, there, within = solve(lambda t: 1.0), solve(lambda t: t - 2.0), solve(lambda t: t - 1.0)
+    assert there.t_events[0].tolist() == [2.0]
+    assert (there.nfev, there.nexp) == (never.nfev, never.nexp)
+    assert within.t_events[0] == pytest.approx([1.0], abs=1e-14)
+    assert within.nfev == never.nfev + EXTRA["CG5a"]
+
+
+def test_a_member_that_an_event_ended_takes_no_more_steps(function):
+    """Its function fails later, which is no failure of what has ended before."""
+    f, parameters = decay(function, ends=(NEVER, 0.75))
+    options = {"frame": Euclidean(1), "parameters": parameters}
+    for way in ({"method": "CG4a", "h": 1 / 256}, {"max_step": 1 / 256}):
+        found = cg.solve_ensemble(
+            f, (0, 2), np.ones((2, 1)), events=cg.Event(half, terminal=True), **way, **options
+        )
+        assert found.success
+        assert [len(t) for t in found.t_events[0]] == [1, 1]
+        assert found.status.tolist() == [1, 1]
+
+
+def test_memory_for_steps_grows(monkeypatch):
+    sizes = []
+    make_buffers = Run._make_buffers
+
+    def note(self, capacity):
+        sizes.append(capacity)
+        make_buffers(self, capacity)
+
+    monkeypatch.setattr(Run, "_make_buffers", note)
+    run = cg.solve_ivp(
+        lambda t, y: [1.0], (0, 10), [0.0], frame=Euclidean(1), method="BS3(2)", max_step=0.002
+    )
+    assert sizes == [64, 256, 1024, 2048, 2048]
+    np.testing.assert_allclose(run.y[:, 0], run.t, rtol=0, atol=run.steps * np.spacing(10.0))
+    assert len(run.t) == run.steps + 1

@@ -1,0 +1,58 @@
+"""An interrupt from the keyboard ends compiled runs too."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+SETUP = """
+import ctypes
+import numpy as np
+import cg
+from cg.frames import Euclidean
+from cg.reproduce.reference_runs import integrate_heavy_top
+
+library = ctypes.CDLL({library!r})
+f = library.growth
+f.restype = ctypes.c_int
+doubles = ctypes.POINTER(ctypes.c_double)
+f.argtypes = [ctypes.c_double, doubles, doubles, ctypes.c_void_p]
+options = {{"frame": Euclidean(1)}}
+one, many = [0.0], np.zeros((2, 1))
+print("ready", flush=True)
+try:
+    {call}
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+CALLS = {
+    "fixed": "cg.integrate(f, (0, 2e9), one, method='CG3', h=1.0, save_every=10**9, **options)",
+    "workers": "cg.solve_ensemble(f, (0, 2e9), many, method='CG3', h=1.0, workers=2, **options)",
+    "adaptive": "cg.solve_ivp(f, (0, 1e9), one, max_step=1e-6, max_steps=10**12, t_eval=[], "
+    "**options)",
+    "ensemble": "cg.solve_ensemble(f, (0, 1e9), many, max_step=1e-6, max_steps=10**12, **options)",
+    "built in": "integrate_heavy_top(cg.problems.HeavyTop(), method='CG3', h=1e-3, steps=10**6, "
+    "kind='real128')",
+}
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
+@pytest.mark.parametrize("kind", list(CALLS))
+def test_an_interrupt_ends_the_call(kind, library):
+    program = textwrap.dedent(SETUP).format(library=library._name, call=CALLS[kind])
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout.readline() == "ready\n"
+            # Had it ended by itself, it would have said nothing.
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(0.3)
+            process.send_signal(signal.SIGINT)
+            said, _ = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert said == "interrupted\n"
+    assert process.returncode == 0

@@ -1,0 +1,304 @@
+"""Jumps of the solution at events: where they happen, what is kept of both sides, how they end."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.frames import SO3, Euclidean, Product
+
+pytestmark = pytest.mark.sanitize
+
+GRAVITY, KEPT = 9.81, 0.9
+BODY = Product(SO3(), Euclidean(3))
+
+
+def fall(t, y):
+    return [y[1], -GRAVITY]
+
+
+def height(t, y):
+    return y[0]
+
+
+def bounce(t, y):
+    return [0.0, -KEPT * y[1]]
+
+
+FLOOR = cg.Event(height, direction=-1, jump=bounce)
+
+
+def drop(t_span=(0.0, 3.0), y0=(1.0, 0.0), **options):
+    options = {"events": FLOOR, "rtol": 1e-9, "atol": 1e-9} | options
+    if "h" in options:
+        options = {"method": "CG4a"} | options | {"rtol": None, "atol": None}
+    return cg.solve_ivp(fall, t_span, y0, frame=Euclidean(2), **options)
+
+
+def impacts(count):
+    """Return when the ball from height one hits the floor, and how fast."""
+    speed = np.sqrt(2 * GRAVITY)
+    times, speeds = [speed / GRAVITY], [speed]
+    for _ in range(count - 1):
+        speeds.append(KEPT * speeds[-1])
+        times.append(times[-1] + 2 * speeds[-1] / GRAVITY)
+    return np.array(times), np.array(speeds)
+
+
+def ball(t, count=6):
+    """Return the closed form, after a bounce where there is one."""
+    times, speeds = impacts(count)
+    k = np.searchsorted(times, t, side="right") - 1
+    if k < 0:
+        return np.array([1.0 - GRAVITY * t**2 / 2, -GRAVITY * t])
+    s, up = t - times[k], KEPT * speeds[k]
+    return np.array([up * s - GRAVITY * s**2 / 2, up - GRAVITY * s])
+
+
+@pytest.mark.parametrize("options", [{}, {"h": 0.07}, {"h": 1.0}, {"method": "RKMK5(4)"}])
+def test_a_bouncing_ball_is_the_closed_form(options):
+    found = drop(dense_output=True, **options)
+    times, speeds = impacts(4)
+    assert (found.status, found.success) == (0, True)
+    np.testing.assert_allclose(found.t_events[0], times, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.y_events[0][:, 0], 0.0, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found.y_events[0][:, 1], -speeds, rtol=0, atol=1e-10)
+    expected = [[0.0, -KEPT * y[1]] for y in found.y_events[0]]
+    np.testing.assert_array_equal(found.y_after[0], expected)
+    at = np.linspace(0.0, 3.0, 41)
+    np.testing.assert_allclose(found.sol(at), [ball(t) for t in at], rtol=0, atol=1e-9)
+    kept = drop(t_eval=at, **options)
+    np.testing.assert_array_equal(kept.y, found.sol(at))
+    np.testing.assert_allclose(kept.t_events[0], times, rtol=0, atol=1e-11)
+
+
+def test_after_the_jump_is_what_t_eval_and_dense_output_give():
+    first = drop(dense_output=True)
+    for t, before, after in zip(
+        first.t_events[0], first.y_events[0], first.y_after[0], strict=True
+    ):
+        assert t in first.t
+        np.testing.assert_array_equal(first.y[first.t == t], [after])
+        np.testing.assert_array_equal(first.sol(t), after)
+        np.testing.assert_allclose(first.sol(np.nextafter(t, 0.0)), before, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(first.sol(np.nextafter(t, 9.0)), after, rtol=0, atol=1e-12)
+    t = first.t_events[0]
+    np.testing.assert_array_equal(drop(t_eval=t).y, first.y_after[0])
+    assert (np.diff(first.t) > 0.0).all()
+
+
+def test_a_velocity_is_reset_on_a_body():
+    """A wheel is braked whenever it has turned by half a circle."""
+
+    def spin(t, y):
+        return [*y[9:], 0.0, 0.0, 0.0]
+
+    def sideways(t, y):
+        return y[3]  # the sine of the angle
+
+    def brake(t, y):
+        rotation, velocity = BODY.split(y)
+        return BODY.join(rotation, 0.5 * velocity)
+
+    y0 = BODY.join(SO3().flow([0.0, 0.0, 0.1], np.eye(3)), [0.0, 0.0, 2.0])
+    found = cg.solve_ivp(
+        spin, (0, 5), y0, frame=BODY, rtol=1e-9, atol=1e-9, max_step=0.5,
+        events=cg.Event(sideways, jump=brake),
+    )  # fmt: skip
+    first = (np.pi - 0.1) / 2.0
+    np.testing.assert_allclose(found.t_events[0], [first, first + np.pi], rtol=0, atol=1e-8)
+    assert BODY.membership_error(found.y).max() < 1e-14
+    np.testing.assert_allclose(found.y_after[0][:, 11], [1.0, 0.5], rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(found.y_after[0][:, :11], found.y_events[0][:, :11])
+
+
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize("shift", [0.0, 1e-13, -1e-13])
+def test_an_event_does_not_happen_again_where_it_jumped(backward, shift):
+    """The jump leaves the function at its zero, or a rounding to either side."""
+    sign = -1.0 if backward else 1.0
+
+    def jump(t, y):
+        return [y[0], y[1] + 1.0]
+
+    found = cg.solve_ivp(
+        lambda t, y: [1.0, 0.0], (0, 6 * sign), [0.0, 0.0], frame=Euclidean(2), max_step=0.4,
+        events=cg.Event(lambda t, y: np.sin(np.pi * (t - 0.5 * sign)) + shift, jump=jump),
+    )  # fmt: skip
+    zeros = sign * (np.arange(6) + 0.5)
+    np.testing.assert_allclose(found.t_events[0], zeros, rtol=0, atol=1e-12)
+    assert found.y[-1, 1] == 6.0
+
+
+@pytest.mark.parametrize("h", [None, 0.3])
+def test_backward(h):
+    """The ball of before, whose time runs back: it gains what it had lost."""
+    end = 2.0
+    options = {} if h is None else {"h": h}
+    floor = cg.Event(height, direction=-1, jump=lambda t, y: [0.0, -y[1] / KEPT])
+    found = drop((end, 0.0), ball(end), events=floor, **options)
+    times = impacts(3)[0]
+    np.testing.assert_allclose(found.t_events[0], times[times < end][::-1], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.y[-1], [1.0, 0.0], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("terminal", [1, 2, 4])
+def test_a_terminal_event_ends_without_its_last_jump(terminal):
+    found = drop(
+        events=cg.Event(height, direction=-1, jump=bounce, terminal=terminal), dense_output=True
+    )
+    times, _ = impacts(terminal)
+    assert (found.status, found.success) == (1, True)
+    np.testing.assert_allclose(found.t_events[0], times, rtol=0, atol=1e-11)
+    assert found.t[-1] == found.t_events[0][-1] == found.sol.t_max
+    np.testing.assert_array_equal(found.y_after[0][-1], found.y_events[0][-1])
+    np.testing.assert_array_equal(found.y[-1], found.y_events[0][-1])
+    np.testing.assert_array_equal(found.sol(found.t[-1]), found.y[-1])
+
+
+@pytest.mark.parametrize("options", [{"h": 0.25}, {"h": 0.4}, {"max_step": 0.3}])
+def test_a_jump_at_the_end_of_the_span(options):
+    found = cg.solve_ivp(
+        lambda t, y: [1.0], (0, 1), [0.0], frame=Euclidean(1), dense_output=True,
+        **({"method": "CG4a"} if "h" in options else {}), **options,
+        events=cg.Event(lambda t, y: t - 1.0, jump=lambda t, y: y + 5.0),
+    )  # fmt: skip
+    assert found.t_events[0].tolist() == [1.0]
+    assert found.y_events[0] == pytest.approx(np.array([[1.0]]), abs=1e-14)
+    np.testing.assert_array_equal(found.y_after[0], found.y_events[0] + 5.0)
+    assert (found.t[-1], found.status) == (1.0, 0)
+    np.testing.assert_array_equal(found.y[-1], found.y_after[0][0])
+    np.testing.assert_array_equal(found.sol(1.0), found.y[-1])
+
+
+def test_jumps_without_progress_end_the_integration():
+    """Two events that send the solution back to each other, and a ball that comes to rest."""
+    events = [
+        cg.Event(lambda t, y: y[0] - 1.0, direction=1, jump=lambda t, y: [np.nextafter(2.0, 0.0)]),
+        cg.Event(lambda t, y: y[0] - 2.0, direction=1, jump=lambda t, y: [np.nextafter(1.0, 0.0)]),
+    ]
+    found = cg.solve_ivp(
+        lambda t, y: [1.0], (0, 3), [0.0], frame=Euclidean(1), events=events, rtol=1e-8
+    )
+    assert (found.status, found.success) == (-1, False)
+    assert "jumps of events follow each other without progress at t = 1" in found.message
+    rest = drop((0.0, 20.0))
+    last = impacts(500)[0][-1]
+    assert rest.status == -1
+    assert "step" in rest.message or "progress" in rest.message
+    assert rest.t[-1] == pytest.approx(last, abs=1e-3)
+    np.testing.assert_allclose(rest.t_events[0][:30], impacts(30)[0], rtol=0, atol=1e-8)
+
+
+def test_other_events_in_the_step_of_a_jump():
+    """Those before it happen, those after it only if the solution gets there."""
+    events = [
+        cg.Event(lambda t, y: y[0] - 0.4),
+        cg.Event(lambda t, y: y[0] - 0.5, jump=lambda t, y: [0.0]),
+        cg.Event(lambda t, y: y[0] - 0.6),
+    ]
+    found = cg.solve_ivp(
+        lambda t, y: [1.0],
+        (0, 1.95),
+        [0.0],
+        frame=Euclidean(1),
+        method="CG4a",
+        h=2.0,
+        events=events,
+    )
+    np.testing.assert_allclose(found.t_events[0], [0.4, 0.9, 1.4, 1.9], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found.t_events[1], [0.5, 1.0, 1.5], rtol=0, atol=1e-14)
+    assert len(found.t_events[2]) == 0
+    for before, after in zip(found.y_events[0], found.y_after[0], strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+@pytest.mark.parametrize("frame", [SO3(), cg.frames.Stiefel(3, 2)], ids=repr)
+def test_members_jump_on_their_own(frame):
+    y0 = frame.random_point(np.random.default_rng(1), 4)
+    turned = SO3().flow([0.3, 0.0, 0.0], np.eye(3))
+    event = cg.Event(lambda t, y, own: y[1, 0], jump=lambda t, y, own: turned @ y)
+    rates = np.arange(1.0, 5.0)[:, None]
+    options = {"frame": frame, "events": event, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
+
+    def f(t, y, own):
+        return own[0] * np.array([0.3, np.cos(t), 2.0])
+
+    together = cg.solve_ensemble(f, (0, 4), y0, parameters=rates, t_eval=[1, 4], **options)
+    assert sum(map(len, together.t_events[0])) >= 4
+    for i in range(4):
+        alone = cg.solve_ivp(f, (0, 4), y0[i], parameters=rates[i], t_eval=[1, 4], **options)
+        np.testing.assert_array_equal(together.y[:, i], alone.y)
+        np.testing.assert_array_equal(together.t_events[0][i], alone.t_events[0])
+        np.testing.assert_array_equal(together.y_after[0][i], alone.y_after[0])
+        t = alone.t_events[0]
+        np.testing.assert_array_equal(together.sol(t)[:, i], alone.y_after[0])
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ([0.0], r"events\[1\]\.jump\(t, y\) must have shape \(2,\), got \(1,\).*at t = 0.45"),
+        ([0.0, np.nan], r"events\[1\]\.jump\(t, y\) must be finite.*at t = 0.45"),
+        (None, r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
+        ("up", r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
+        ([1j, 0.0], r"events\[1\]\.jump\(t, y\) must .*at t = 0.45"),
+    ],
+)
+def test_a_wrong_point_after_a_jump_is_named(value, message):
+    events = [lambda t, y: 1.0, cg.Event(height, direction=-1, jump=lambda t, y: value)]
+    for options in ({}, {"h": 0.1}):
+        with pytest.raises(ValueError, match=message):
+            drop(events=events, **options)
+
+
+def test_a_point_off_the_manifold_after_a_jump_is_refused():
+    event = cg.Event(lambda t, y: t - 0.5, jump=lambda t, y: 1.1 * y)
+    with pytest.raises(ValueError, match=r"events\[0\]\.jump\(t, y\) must be a point of SO3"):
+        cg.solve_ivp(lambda t, y: [0.0, 0.0, 1.0], (0, 1), np.eye(3), frame=SO3(), events=event)
+
+
+def test_a_jump_cannot_change_its_point_and_its_exceptions_pass_through():
+    def spoil(t, y):
+        y[0] = 7.0
+        return y
+
+    def fail(t, y):
+        raise KeyError("mine")
+
+    with pytest.raises(ValueError, match="read-only"):
+        drop(events=cg.Event(height, jump=spoil))
+    with pytest.raises(KeyError, match="mine"):
+        drop(events=cg.Event(height, jump=fail))
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: cg.Event(3), TypeError, "function must be callable as event.t, y., got 3"),
+        (lambda: cg.Event(height, jump=3), TypeError, "event.jump must be callable as jump.t, y."),
+        (lambda: cg.Event(height, terminal=-1), ValueError, "event.terminal must be a bool or"),
+        (lambda: cg.Event(height, terminal=1.5), ValueError, "event.terminal must be a bool or"),
+        (lambda: cg.Event(height, direction="up"), ValueError, "event.direction must be a number"),
+        (lambda: cg.Event(height, direction=np.nan), ValueError, "event.direction must be a num"),
+    ],
+)
+def test_bad_events_are_refused_where_they_are_made(make, error, message):
+    with pytest.raises(error, match=message):
+        make()
+
+
+def test_functions_with_attributes_jump_as_events_do():
+    def floor(t, y):
+        return y[0] - 0.5
+
+    def double(t, y):
+        return 2.0 * y
+
+    given = cg.Event(floor, direction=-1, jump=double)
+    floor.direction, floor.jump = -1, double
+    options = {"frame": Euclidean(1), "rtol": 1e-8, "atol": 1e-8}
+    runs = [
+        cg.solve_ivp(lambda t, y: -y, (0, 3), [1.0], events=e, **options) for e in (given, floor)
+    ]
+    np.testing.assert_allclose(runs[0].t_events[0], np.log(2.0) * np.arange(1, 5), atol=1e-7)
+    np.testing.assert_array_equal(runs[0].y, runs[1].y)

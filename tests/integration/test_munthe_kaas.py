@@ -1,0 +1,400 @@
+"""Methods of Munthe-Kaas: what they are, their orders on all frames, their estimates and output."""
+
+import pickle
+
+import numpy as np
+import pytest
+import scipy.integrate
+from bracket_examples import HEISENBERG_GROUP, WITH
+from frame_examples import HEISENBERG, MAX_SCALE, name
+from python_steps import Step
+
+import cg
+from cg.catalogue import munthe_kaas
+from cg.frames import (
+    SE3,
+    SO,
+    SO3,
+    SU,
+    CoadjointOrbit,
+    Euclidean,
+    MatrixFrame,
+    Product,
+    Sphere,
+    Stiefel,
+    UnitQuaternion,
+)
+from cg.integration.step.interpolant import extension_of
+from cg.integration.step.plan import error_exponent
+
+METHODS = dict(munthe_kaas)
+
+
+def generic(frame, seed=11):
+    rng = np.random.default_rng(seed)
+    y0 = frame.random_point(rng)
+    weights = rng.standard_normal((frame.dim, 2 * y0.size)) / np.sqrt(2 * y0.size)
+
+    def f(t, y):
+        flat = y.reshape(*y.shape[: y.ndim - y0.ndim], -1)
+        both = np.concatenate([flat.real, flat.imag], axis=-1)
+        return np.sin(both @ weights.T + np.arange(frame.dim) + np.asarray(t)[..., None])
+
+    return f, y0
+
+
+STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}
+
+
+@pytest.mark.parametrize("frame", WITH, ids=name)
+def test_order_on_all_frames_with_brackets(frame):
+    f, y0 = generic(frame)
+    first = 0.06 if frame in MAX_SCALE else 0.125  # flows that grow
+
+    def solution(key, steps):
+        options = {"frame": frame, "method": key, "h": first / steps, "save_every": steps}
+        return cg.integrate(f, (0, 4 * first), y0, **options).y[1:]
+
+    fine = solution("RKMK8(5,3)", 4)
+    for key, counts in STEPS.items():
+        errors = [frame.distance(solution(key, n), fine).max() for n in counts]
+        if min(errors) > 2e-12:
+            assert np.log2(errors[0] / errors[1]) / 2 > METHODS[key].order - 0.5
+        else:
+            assert max(errors) < 1e-8  # next to exact: one field, or flows that commute
+    assert frame.distance(solution("CF5a", 3), fine).max() < 1e-6
+
+
+def test_reuse_of_the_last_stage():
+    f, y0 = generic(SO3())
+    steps = {"RKMK3(2)": 3, "RKMK4": 4, "RKMK5(4)": 6, "RKMK8(5,3)": 12}
+    for key, evaluations in steps.items():
+        run = cg.integrate(f, (0, 1), y0, frame=SO3(), method=key, h=0.1)
+        assert run.nfev == 10 * evaluations + (evaluations < METHODS[key].stages)
+
+
+class TestEuclideanSpaceIsScipy:
+    def f(self, t, y):
+        return np.array([y[1], -np.sin(y[0]) + 0.1 * t, y[0] * y[2] - 0.2])
+
+    y0 = np.array([1.0, 0.3, 0.7])
+
+    @pytest.mark.parametrize(
+        ("key", "solver"),
+        [
+            ("RKMK3(2)", scipy.integrate.RK23),
+            ("RKMK5(4)", scipy.integrate.RK45),
+            ("RKMK8(5,3)", scipy.integrate.DOP853),
+        ],
+    )
+    def test_steps_and_estimates(self, key, solver):
+        method = METHODS[key]
+        theirs = solver(self.f, 0.0, self.y0, 5.0, rtol=1e-6, atol=1e-8)
+        assert error_exponent(method) == -theirs.error_exponent
+        step, compared = Step(self.f, Euclidean(3), method), 0
+        while theirs.status == "running":
+            theirs.step()
+            t, h = theirs.t_old, theirs.t - theirs.t_old
+            scale = 1e-8 + 1e-6 * np.maximum(np.abs(theirs.y_old), np.abs(theirs.y))
+            expected = theirs._estimate_error_norm(theirs.K, h, scale)
+            y, error = step.trial(t, theirs.y_old, h, 1e-6, 1e-8)
+            np.testing.assert_allclose(y, theirs.y, rtol=1e-14, atol=1e-15)
+            assert error == pytest.approx(expected, rel=1e-6)
+            y, factor = self.first_step(method, t, theirs.y_old, h)
+            np.testing.assert_allclose(y, theirs.y, rtol=1e-14, atol=1e-15)
+            if factor < 5.0 - 1e-9:
+                error = (factor / 0.9) ** (-1.0 / (0.7 * error_exponent(method)))
+                assert error == pytest.approx(expected, rel=1e-6)
+                compared += 1
+        assert compared > 3
+
+    def first_step(self, method, t, y, h):
+        """Return the end of a step, and how much longer the next one is by its estimate."""
+        times = []
+
+        def f(t, y):
+            times.append(t)
+            return self.f(t, y)
+
+        options = {"frame": Euclidean(3), "method": method, "rtol": 1e-6, "atol": 1e-8}
+        run = cg.solve_ivp(f, (t, t + 100.0), y, first_step=h, max_steps=2, **options)
+        # the first time after the first step is that of the second stage of the second one
+        after = next(time for time in times if time > run.t[1] + 1e-12)
+        return run.y[1], (after - run.t[1]) / float(method.c[1]) / (run.t[1] - t)
+
+    def test_the_loop_in_compiled_code_estimates_the_same(self):
+        for key in ("RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)"):
+            options = {"rtol": 1e-7, "atol": 1e-7, "method": key}
+            here = cg.solve_ivp(self.f, (0, 5), self.y0, frame=Euclidean(3), **options)
+            # translations as matrices, which aren't compiled
+            matrices = np.zeros((3, 4, 4))
+            matrices[range(3), range(3), 3] = 1.0
+            there = cg.solve_ivp(
+                lambda t, y: self.f(t, y[:3]),
+                (0, 5),
+                [*self.y0, 1.0],
+                frame=_Measured(matrices),
+                **options,
+            )
+            assert (here.steps, here.nrejected) == (there.steps, there.nrejected)
+            # the estimates of tiny first steps are rounding
+            np.testing.assert_allclose(here.y, there.y[:, :3], rtol=0, atol=1e-6)
+
+
+class _Measured(MatrixFrame):
+    """Translations, with the coordinates of Euclidean space."""
+
+    def exp_coordinates(self, y0, y1):
+        return np.asarray(y1)[..., :3] - np.asarray(y0)[..., :3]
+
+    def coordinate_sizes(self, y):
+        return np.abs(np.asarray(y)[..., :3])
+
+
+@pytest.mark.parametrize("key", ["RKMK3(2)", "RKMK5(4)", "RKMK8(5,3)"])
+@pytest.mark.parametrize(
+    "frame",
+    [SO3(), SE3("space"), UnitQuaternion(), SU(3), Sphere(2), Sphere(3), Stiefel(4, 2)],
+    ids=name,
+)
+def test_errors_follow_tolerances(frame, key):
+    f, y0 = generic(frame)
+    fine = cg.integrate(f, (0, 2), y0, frame=frame, method="RKMK8(5,3)", h=0.02).y[-1]
+    for tolerance in (1e-4, 1e-7):
+        run = cg.solve_ivp(f, (0, 2), y0, frame=frame, method=key, rtol=tolerance, atol=tolerance)
+        assert run.success
+        assert 1e-5 * tolerance < frame.distance(run.y[-1], fine) < 20 * tolerance
+
+
+def test_turns_about_the_point_of_a_sphere_are_no_error():
+    f, y0 = generic(Sphere(2))
+
+    def spun(t, y):
+        return f(t, y) + 3.0 * np.sin(9.0 * t) * y
+
+    steps = [
+        cg.solve_ivp(g, (0, 2), y0, frame=Sphere(2), method="RKMK5(4)", rtol=1e-7, atol=1e-7).steps
+        for g in (f, spun)
+    ]
+    assert steps[1] < 2.5 * steps[0]
+
+
+def test_a_constant_field_is_solved_exactly():
+    v = np.array([0.0, 0.0, 50.0])
+    run = cg.solve_ivp(
+        lambda t, y: v, (0, 1), np.eye(3), frame=SO3(), method="RKMK5(4)", h=1.0, dense_output=True
+    )
+    t = np.linspace(0, 1, 40)
+    exact = SO3().flow(np.multiply.outer(t, v), np.eye(3))
+    np.testing.assert_allclose(run.sol(t), exact, rtol=0, atol=1e-13)
+
+
+ALL = [SO3(), Product(UnitQuaternion(), Euclidean(2)), SO(4), CoadjointOrbit(SE3(), range(6))]
+
+
+class TestOutput:
+    @pytest.mark.parametrize("frame", ALL, ids=name)
+    @pytest.mark.parametrize("key", ["RKMK4", "RKMK5(4)", "RKMK8(5,3)"])
+    def test_between_steps_it_is_as_accurate_as_at_the_steps(self, frame, key):
+        f, y0 = generic(frame, seed=5)
+        choice = {"h": 0.1} if key == "RKMK4" else {"rtol": 1e-8, "atol": 1e-8}
+        run = cg.solve_ivp(f, (0, 1), y0, frame=frame, method=key, dense_output=True, **choice)
+        at = np.linspace(0, 1, 5)
+        t = run.t[:-1, None] + np.diff(run.t)[:, None] * at
+        t[:, -1] = run.t[1:]
+        times = np.unique(t)
+        options = {"frame": frame, "method": "RKMK8(5,3)", "rtol": 1e-12, "atol": 1e-13}
+        fine = cg.solve_ivp(f, (0, 1), y0, t_eval=times, max_step=0.1, **options).y
+        errors = frame.distance(run.sol(times), fine)[np.searchsorted(times, t)]
+        ends = np.maximum(np.maximum(errors[:, 0], errors[:, -1]), 1e-13)
+        worst = (errors[:, 1:-1].max(axis=1) / ends).max()
+        assert worst < 3.0
+
+    @pytest.mark.parametrize("frame", ALL, ids=name)
+    def test_t_eval_and_dense_output_agree(self, frame):
+        f, y0 = generic(frame)
+        t = np.linspace(0, 2, 9)
+        options = {"frame": frame, "method": "RKMK5(4)", "rtol": 1e-6, "atol": 1e-6}
+        dense = cg.solve_ivp(f, (0, 2), y0, dense_output=True, **options)
+        some = cg.solve_ivp(f, (0, 2), y0, t_eval=t, **options)
+        np.testing.assert_allclose(some.y, dense.sol(t), rtol=0, atol=1e-13)
+        np.testing.assert_array_equal(dense.sol(dense.t), dense.y)
+        again = pickle.loads(pickle.dumps(dense.sol))
+        np.testing.assert_array_equal(again(t), dense.sol(t))
+        assert frame.membership_error(some.y).max() < 1e-12
+
+    @pytest.mark.parametrize("key", ["RKMK5(4)", "RKMK8(5,3)"])
+    def test_events(self, key):
+        run = cg.solve_ivp(
+            lambda t, y: [0.0, 0.0, t],
+            (0, 10),
+            np.eye(3),
+            frame=SO3(),
+            method=key,
+            rtol=1e-9,
+            atol=1e-9,
+            max_step=0.5,
+            events=_turned,
+        )
+        np.testing.assert_allclose(run.t_events[0], [np.sqrt(4 * np.pi)], rtol=0, atol=1e-8)
+        assert run.status == 1
+
+    def test_backward(self):
+        f, y0 = generic(SO3())
+        there = cg.solve_ivp(f, (0, 1), y0, frame=SO3(), method="RKMK5(4)", rtol=1e-10, atol=1e-10)
+        back = cg.solve_ivp(
+            f, (1, 0), there.y[-1], frame=SO3(), method="RKMK5(4)", rtol=1e-10, atol=1e-10
+        )
+        np.testing.assert_allclose(back.y[-1], y0, rtol=0, atol=1e-8)
+
+
+def _turned(t, y):
+    return y[1, 0]
+
+
+_turned.terminal, _turned.direction = True, 1
+
+
+@pytest.mark.parametrize("frame", [SO3(), SE3(), SO(4), Sphere(2)], ids=name)
+def test_members_of_ensembles(frame):
+    f, _ = generic(frame)
+    points = frame.random_point(np.random.default_rng(0), 4)
+    fixed = {"frame": frame, "method": "RKMK5(4)", "h": 0.125}
+    times = np.arange(9) / 8
+    whole = cg.solve_ensemble(f, (0, 1), points, t_eval=times, vectorized=True, **fixed)
+    own = cg.solve_ensemble(f, (0, 1), points, t_eval=times, **fixed)
+    for i, point in enumerate(points):
+        alone = cg.integrate(f, (0, 1), point, **fixed)
+        np.testing.assert_allclose(whole.y[:, i], alone.y, rtol=0, atol=1e-13)
+        np.testing.assert_array_equal(own.y[:, i], alone.y)
+    for key in ("RKMK5(4)", "RKMK8(5,3)"):
+        options = {"frame": frame, "method": key, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
+        together = cg.solve_ensemble(
+            f, (0, 1), points, vectorized=True, common_steps=True, **options
+        )
+        assert together.success
+        alone = [cg.solve_ivp(f, (0, 1), point, **options) for point in points]
+        steps = [run.steps for run in alone]
+        assert (together.steps == together.steps[0]).all()
+        assert max(steps) <= together.steps[0] <= 2 * max(steps)
+        own = cg.solve_ensemble(f, (0, 1), points, **options)
+        np.testing.assert_array_equal(own.steps, steps)
+        np.testing.assert_array_equal(own.y[-1], [run.y[-1] for run in alone])
+
+
+class TestBadInput:
+    @pytest.mark.parametrize(
+        ("frame", "reason"),
+        [
+            (HEISENBERG, "give it one"),
+            (Product(SO3(), HEISENBERG), "give it one"),
+            (MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]]), "commutators"),
+        ],
+        ids=["functions", "product", "matrices"],
+    )
+    def test_frames_without_brackets(self, frame, reason):
+        y0 = frame.random_point(np.random.default_rng(0))
+        for call in (cg.solve_ivp, cg.integrate):
+            with pytest.raises(ValueError, match=rf"method must be .*RKMK4.*brackets: .*{reason}"):
+                call(
+                    lambda t, y: np.ones(frame.dim), (0, 1), y0, frame=frame, method="RKMK4", h=0.1
+                )
+
+    def test_steps_of_no_pair(self):
+        with pytest.raises(ValueError, match="method must be a pair unless h"):
+            cg.solve_ivp(*generic_problem(), frame=SO3(), method="RKMK4")
+
+    def test_overflow(self):
+        frame = Euclidean(1)
+        with np.errstate(over="ignore"):
+            with pytest.raises(OverflowError, match="no longer finite"):
+                cg.integrate(
+                    lambda t, y: 10.0 * np.minimum(y, 1e307),
+                    (0, 900),
+                    [3.0],
+                    frame=frame,
+                    method="RKMK4",
+                    h=0.5,
+                )
+            run = cg.solve_ivp(
+                lambda t, y: y**2, (0, 9), [3.0], frame=frame, method="RKMK5(4)", max_steps=2000
+            )
+        assert not run.success
+
+    def test_an_error_of_f(self):
+        def f(t, y):
+            raise KeyError("mine")
+
+        for frame in (SO3(), SO(4)):
+            with pytest.raises(KeyError, match="mine"):
+                cg.solve_ivp(f, (0, 1), np.eye(frame.n), frame=frame, method="RKMK5(4)")
+
+
+def generic_problem():
+    f, y0 = generic(SO3())
+    return f, (0, 1), y0
+
+
+def test_a_frame_of_functions_with_a_bracket():
+    f, y0 = generic(HEISENBERG_GROUP)
+    run = cg.solve_ivp(
+        f, (0, 1), y0, frame=HEISENBERG_GROUP, method="RKMK5(4)", rtol=1e-8, atol=1e-8
+    )
+    exact = cg.integrate(f, (0, 1), y0, frame=HEISENBERG_GROUP, method="CF5a", h=0.01).y[-1]
+    assert run.success
+    np.testing.assert_allclose(run.y[-1], exact, rtol=0, atol=1e-7)
+
+
+def test_third_weights_make_the_estimate_smaller():
+    third = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0])
+    method = cg.MuntheKaas(third, third=[0, 0])
+    assert (method.third_order, error_exponent(method)) == (0, 1 / 3)
+    f, y0 = generic(SO3())
+    first, second = (
+        Step(f, SO3(), m).trial(0.0, y0, 0.1, 1e-3, 1e-3)[1] for m in (cg.MuntheKaas(third), method)
+    )
+    assert second < first
+
+
+@pytest.mark.parametrize("frame", [SO3(), SO(4)], ids=name)
+def test_rows_that_repeat_or_are_zero(frame):
+    """A stage at the initial point, two at one point, and one at the result that isn't the last."""
+    rows = [[], [0], ["1/2", 0], ["1/2", 0, 0], ["1/4", 0, 0, "3/4"], [0, 0, 0, 1, 0]]
+    weights = ["1/12", "1/12", "1/3", "1/3", 0, "1/6"]
+    method = cg.MuntheKaas(cg.Tableau(rows, weights))
+    # the same points, once each
+    plain = cg.MuntheKaas(
+        cg.Tableau(
+            [[], ["1/2"], ["1/4", "3/4"], [0, 1, 0]],
+            ["1/6", "2/3", 0, "1/6"],
+        )
+    )
+    f, y0 = generic(frame)
+    options = {"frame": frame, "h": 0.1, "dense_output": True}
+    one, other = (cg.solve_ivp(f, (0, 1), y0, method=m, **options) for m in (method, plain))
+    np.testing.assert_allclose(one.y, other.y, rtol=0, atol=1e-14)
+    t = np.linspace(0, 1, 23)
+    np.testing.assert_allclose(one.sol(t), other.sol(t), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["BS3(2)", "DVERK6(5)", "Verner7(6)", "Verner8(7)"])
+def test_interpolants_of_any_tableau_meet_the_conditions_of_their_order(name):
+    """On a quadrature and on an equation in the plane, where the flat order is seen."""
+    method = cg.MuntheKaas(cg.Tableau(*cg.methods[name].exact))
+    extension = extension_of(method)
+    known = {"BS3(2)": 0, "DVERK6(5)": 4, "Verner7(6)": 6, "Verner8(7)": 9}
+    assert len(extension.theta) == known[name]
+
+    def f(t, y):
+        return [-y[1] + 0.3 * np.sin(t), y[0] * y[1]]
+
+    sizes, t = np.array([0.2, 0.1]), np.linspace(0.1, 0.9, 9)
+    options = {"frame": Euclidean(2), "rtol": 1e-13, "atol": 1e-15, "dense_output": True}
+    exact = cg.solve_ivp(f, (0, 0.2), [1.0, 0.5], **options).sol
+    errors = []
+    for h in sizes:
+        made = cg.solve_ivp(
+            f, (0, h), [1.0, 0.5], frame=Euclidean(2), method=method, h=h, dense_output=True
+        ).sol
+        errors.append(np.abs(made(h * t) - exact(h * t)).max())
+    assert np.log2(errors[0] / errors[1]) > method.order + 0.6

@@ -1,0 +1,141 @@
+"""Methods of Munthe-Kaas as such: orders, coefficients, files, what is refused."""
+
+import pickle
+
+import numpy as np
+import pytest
+import scipy.integrate
+from test_munthe_kaas import METHODS, generic
+
+import cg
+from cg.catalogue import dumps, load, loads, resolve_method, save
+from cg.frames import SO3
+from cg.method.low_storage import from_two_registers
+from cg.structure.points import MethodError
+
+EULER = cg.Tableau([[]], [1])
+HEUN = cg.Tableau([[], [1]], ["1/2", "1/2"], b_embedded=[1, 0], name="Heun")
+
+
+class TestMethods:
+    def test_orders(self):
+        found = {key: (m.order, m.embedded_order, m.third_order) for key, m in METHODS.items()}
+        assert found == {
+            "RKMK3(2)": (3, 2, None),
+            "RKMK4": (4, None, None),
+            "RKMK5(4)": (5, 4, None),
+            "RKMK8(5,3)": (8, 5, 3),
+        }
+
+    def test_flows(self):
+        found = {key: (m.stages, m.exponentials, m.pair_exponentials) for key, m in METHODS.items()}
+        assert found == {
+            "RKMK3(2)": (4, 3, 3),
+            "RKMK4": (4, 4, 4),
+            "RKMK5(4)": (7, 6, 6),
+            "RKMK8(5,3)": (12, 12, 12),
+        }
+
+    @pytest.mark.parametrize("key", METHODS)
+    def test_they_can_be_written_and_read(self, key, tmp_path):
+        method = METHODS[key]
+        assert loads(dumps(method)) == method
+        save(method, tmp_path / "method.toml")
+        again = load(tmp_path / "method.toml")
+        assert (again, again.name, again.source) == (method, method.name, method.source)
+        assert pickle.loads(pickle.dumps(method)) == method
+        assert hash(again) == hash(method)
+        assert resolve_method(key) is method
+
+    def test_the_other_catalogue_says_where_they_are(self):
+        with pytest.raises(KeyError, match=r"RKMK4'; cg\.catalogue\.munthe_kaas has it"):
+            cg.methods["RKMK4"]
+
+    def test_coefficients_of_scipy(self):
+        for key, theirs in (
+            ("RKMK3(2)", scipy.integrate.RK23),
+            ("RKMK5(4)", scipy.integrate.RK45),
+            ("RKMK8(5,3)", scipy.integrate.DOP853),
+        ):
+            method, stages = METHODS[key], len(theirs.B)
+            size = min(theirs.A.shape[1], stages)
+            a = theirs.A[:stages, :size]
+            np.testing.assert_allclose(method.a[:stages, :size], a, rtol=0, atol=1e-14)
+            np.testing.assert_allclose(method.b[:stages], theirs.B, rtol=0, atol=1e-15)
+        weights = np.array(METHODS["RKMK8(5,3)"].error_weights, dtype=float)
+        np.testing.assert_allclose(weights[0], scipy.integrate.DOP853.E5[:-1], rtol=0, atol=1e-15)
+        np.testing.assert_allclose(weights[1], scipy.integrate.DOP853.E3[:-1], rtol=0, atol=1e-15)
+
+    def test_one_of_a_user(self):
+        method = cg.MuntheKaas(HEUN)
+        assert (method.name, method.order, method.embedded_order, method.stages) == (
+            "Heun",
+            2,
+            1,
+            2,
+        )
+        assert method.exact == HEUN.exact
+        assert method.exact_embedded == (1, 0)
+        assert method.principal_error() == pytest.approx(np.sqrt(2.0) / 6.0)
+        assert method.largest_residual() == 0
+        assert method.largest_residual(3) == pytest.approx(1 / 6)
+        assert repr(method) == "<MuntheKaas Heun: order 2(1), 2 evaluations, 2 flows>"
+        assert method == cg.MuntheKaas(HEUN, name="other")
+        assert method != cg.MuntheKaas(EULER)
+        assert method != HEUN
+        assert method.embedded == cg.MuntheKaas(cg.Tableau([[], [1]], [1, 0]))
+
+    def test_the_weights_of_higher_order_make_the_steps(self):
+        swapped = cg.Tableau([[], [1]], [1, 0], b_embedded=["1/2", "1/2"])
+        f, y0 = generic(SO3())
+        options = {"frame": SO3(), "rtol": 1e-5, "atol": 1e-5}
+        runs = [
+            cg.solve_ivp(f, (0, 1), y0, method=cg.MuntheKaas(m), **options) for m in (HEUN, swapped)
+        ]
+        np.testing.assert_array_equal(runs[0].y, runs[1].y)
+
+    @pytest.mark.parametrize(
+        ("make", "message"),
+        [
+            (lambda: cg.MuntheKaas(cg.methods["CF4"]), "tableau must be a Tableau, got"),
+            (lambda: cg.MuntheKaas("RK4"), "tableau must be a Tableau, got 'RK4'"),
+            (lambda: cg.MuntheKaas(cg.methods["ImplicitMidpoint"]), "tableau must be explicit"),
+            (lambda: cg.MuntheKaas(EULER, third=[1]), "third must be None unless"),
+            (lambda: cg.MuntheKaas(HEUN, third=[1]), "third must have 2 entries, got 1"),
+            (lambda: cg.MuntheKaas(HEUN, third=[1, 0]), "third must differ"),
+            (lambda: cg.MuntheKaas(HEUN, third="ab"), "third must be a sequence"),
+            (lambda: cg.MuntheKaas(HEUN, third=["x", 0]), "third_1: expected a finite real"),
+            (lambda: cg.MuntheKaas(cg.Tableau([[]], [0])), "result must depend on a stage"),
+            (lambda: cg.MuntheKaas(HEUN, name=3), "name must be a str"),
+            (lambda: loads(dumps(METHODS["RKMK4"]).replace("e-K", "e-k")), "kind must be"),
+        ],
+    )
+    def test_what_is_refused(self, make, message):
+        with pytest.raises(MethodError, match=message):
+            make()
+
+    def test_there_are_no_certificates(self):
+        with pytest.raises(TypeError, match="method must be a Tableau or CommutatorFree, got <Mun"):
+            cg.certify("RKMK4")
+
+    def test_a_name_that_is_none(self):
+        with pytest.raises(ValueError, match=r"method must be one of .*RKMK5\(4\).*, got 'RKMK9'"):
+            resolve_method("RKMK9")
+
+    def test_it_is_no_method_of_two_registers(self):
+        chain = from_two_registers([0], ["1"])
+        euler = cg.MuntheKaas(cg.Tableau([[]], chain.exact[1]))
+        f, y0 = generic(SO3())
+        runs = [cg.integrate(f, (0, 1), y0, frame=SO3(), method=m, h=0.5) for m in (chain, euler)]
+        np.testing.assert_allclose(runs[0].y, runs[1].y, rtol=0, atol=1e-15)
+
+    def test_warnings_of_pairs(self):
+        close = cg.Tableau(
+            [[], [1]], ["1/2", "1/2"], b_embedded=["50000001/100000000", "49999999/100000000"]
+        )
+        f, y0 = generic(SO3())
+        with pytest.warns(UserWarning, match="both its results|nearly coincide"):
+            cg.solve_ivp(f, (0, 1), y0, frame=SO3(), method=cg.MuntheKaas(close))
+        nothing = cg.MuntheKaas(cg.Tableau([[], [1]], ["1/2", "1/4"]))
+        with pytest.warns(UserWarning, match="has order 0"):
+            cg.integrate(f, (0, 1), y0, frame=SO3(), method=nothing, h=0.5)

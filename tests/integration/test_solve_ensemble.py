@@ -1,0 +1,396 @@
+"""Ensembles: every member is what it is alone, whatever else is asked for."""
+
+import itertools
+import pickle
+import tracemalloc
+
+import numpy as np
+import pytest
+from compiled_examples import PROBLEMS
+
+import cg
+from cg.frames import GL, SO3, SU, Euclidean, Stiefel
+from cg.integration import ensemble
+from cg.integration.arguments import check_points
+from cg.integration.loop import run as run_module
+from cg.integration.loop import step_budget
+from cg.integration.step.plan import plan_of
+
+pytestmark = pytest.mark.sanitize
+
+COUNTS = ("steps", "nrejected", "nfev", "nexp", "njev", "nlu", "status", "success")
+FRAMES = {
+    "SO3": SO3(), "SU2": SU(2), "Euclidean": Euclidean(3), "Stiefel": Stiefel(4, 2), "GL": GL(2),
+}  # fmt: skip
+STEPS = {
+    "fixed": {"method": "CG4a", "h": 0.3},
+    "chosen": {"method": "CF4(3)", "rtol": 1e-5, "atol": 1e-5},
+    "implicit": {"method": "DICG4", "h": 0.3},
+    "Munthe-Kaas": {"method": "RKMK5(4)", "rtol": 1e-5, "atol": 1e-5},
+    "fixed Munthe-Kaas": {"method": "RKMK4", "h": 0.3},
+}
+# steps of Munthe-Kaas methods with error estimates are those of groups
+COMBINED = [pair for pair in itertools.product(FRAMES, STEPS) if pair != ("Stiefel", "Munthe-Kaas")]
+MEMBERS = 3
+BACKWARDS = ["dense and times", "jumps"]
+
+
+def driven(t, y, weight, row):
+    """Return the coefficients of one point in Python."""
+    values = y.reshape(-1).view(float)
+    i = np.arange(int(row[2]))
+    return row[0] * np.cos(t + i) + weight * values[(5 * i + 1) % values.size]
+
+
+def all_driven(t, y, weight, rows):
+    """Return the coefficients of any number of points."""
+    values = y.reshape(len(t), -1).view(float)
+    i = np.arange(int(rows[0, 2]))
+    mixed = values[:, (5 * i + 1) % values.shape[1]]
+    return rows[:, :1] * np.cos(t[:, None] + i) + weight * mixed
+
+
+def one_driven(t, y, weight, row):
+    """Return the coefficients of one point, rounded as those of many are."""
+    return all_driven(np.array([t]), y[None], weight, row[None])[0]
+
+
+def time_of(value, **attributes):
+    def event(t, y, *others):
+        assert len(others) in (1, 2)
+        assert others[-1].shape == (4,)  # the member's own row
+        assert not y.flags.writeable
+        return t - value * others[-1][0]
+
+    vars(event).update(attributes)
+    return event
+
+
+def halfway(t, y, *others):
+    return y
+
+
+def outputs(span):
+    between = np.linspace(*span, 7)
+    middle = 0.5 * sum(span)
+    return {
+        "ends": {},
+        "times": {"t_eval": between[1:-1]},
+        "no times": {"t_eval": []},
+        "dense": {"dense_output": True},
+        "dense and times": {"dense_output": True, "t_eval": between},
+        "events": {"events": [time_of(0.6), time_of(middle, direction=-1)]},
+        "terminal": {"events": time_of(0.6, terminal=True), "dense_output": True},
+        "jumps": {"events": cg.Event(time_of(0.5), jump=halfway), "t_eval": between},
+        "breakpoints": {"breakpoints": [middle], "t_eval": between, "dense_output": True},
+    }
+
+
+def problem(kind, frame, function):
+    """Return the function, its points, rows of parameters, and further arguments."""
+    points = frame.random_point(np.random.default_rng(7), MEMBERS)
+    width = points[0].view(float).size
+    rows = np.array([[1.0 + 0.2 * k, 0.5, frame.dim, width] for k in range(MEMBERS)])
+    options = {"frame": frame, "parameters": rows}
+    if kind == "compiled":
+        return function("driven"), points, options
+    options["args"] = (0.5,)
+    return (driven if kind == "python" else all_driven), points, options
+
+
+def members_alone(f, span, y0, parameters=None, **options):
+    """Return each member's own solution, at the ends of the span unless times are wanted."""
+    options.setdefault("t_eval", list(dict.fromkeys(span)))
+    rows = itertools.repeat(None) if parameters is None else parameters
+    return [
+        cg.solve_ivp(f, span, point, parameters=row, **options)
+        for point, row in zip(y0, rows, strict=False)
+    ]
+
+
+def check(found, apart, *, atol=0.0):
+    """Check that members of an ensemble are their own solutions."""
+    assert len(found) == len(apart)
+    assert found.y.shape == (len(found.t), len(apart), *found.frame.point_shape)
+    assert not found.y.flags.writeable
+    assert not found.t.flags.writeable
+    for i, alone in enumerate(apart):
+        member = found[i]
+        same(member.t, alone.t, atol)
+        same(member.y, alone.y, atol)
+        n = len(alone.t)
+        same(found.y[:n, i], alone.y, atol)
+        assert np.isnan(found.y[n:, i]).all()
+        for count in COUNTS:
+            assert getattr(member, count) == getattr(alone, count)
+            if count != "success":
+                assert getattr(found, count)[i] == getattr(alone, count)
+        assert (member.method, member.frame, member.h) == (alone.method, alone.frame, alone.h)
+        assert member.message == alone.message
+        assert (member.t_events is None) == (alone.t_events is None)
+        for name in ("t_events", "y_events", "y_after"):
+            for j, wanted in enumerate(getattr(alone, name) or ()):
+                same(getattr(member, name)[j], wanted, atol)
+                same(getattr(found, name)[j][i], wanted, atol)
+        assert (member.sol is None) == (alone.sol is None)
+        if alone.sol is not None:
+            same(member.sol.ts, alone.sol.ts, 1e4 * atol)
+            ends = np.sort([member.sol.t_min, member.sol.t_max])
+            where = np.linspace(*ends, 11)
+            same(
+                member.sol(where), alone.sol(np.clip(where, alone.sol.t_min, alone.sol.t_max)), atol
+            )
+            same(found.sol(where)[:, i], member.sol(where), 0.0)
+
+
+def same(found, wanted, atol):
+    assert found.dtype == wanted.dtype
+    assert found.shape == wanted.shape
+    if atol:
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=atol)
+    else:
+        np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize(("frame", "steps"), COMBINED)
+@pytest.mark.parametrize("kind", ["python", "vectorized", "compiled"])
+def test_members_are_what_they_are_alone(kind, frame, steps, function):
+    f, y0, numbers = problem(kind, FRAMES[frame], function)
+    alone = one_driven if kind == "vectorized" else f
+    for span, names in (((0.0, 1.0), None), ((1.0, -0.25), BACKWARDS)):
+        given = outputs(span)
+        for output in (given[name] for name in names or given):
+            options = {**numbers, **STEPS[steps], **output}
+            found = cg.solve_ensemble(f, span, y0, vectorized=kind == "vectorized", **options)
+            # an error estimate is a small difference, so that steps agree to fewer digits
+            atol = (1e-10 if "rtol" in options else 1e-13) if kind == "vectorized" else 0.0
+            check(found, members_alone(alone, span, y0, **options), atol=atol)
+
+
+LINE = {"frame": Euclidean(1)}
+RATES = np.array([-1.0, -2.0, 0.5, 0.0])
+
+
+def growth(t, y, rate):
+    return rate * y
+
+
+def grown(t, y, rates):
+    return rates * y
+
+
+def rotated(t, y):
+    return np.stack([np.cos(t), y[..., 0, 0], y[..., 1, 2]], axis=-1)
+
+
+def test_one_point_serves_all_rows_of_parameters():
+    found = cg.solve_ensemble(growth, (0, 1), [2.0], parameters=RATES[:, None], rtol=1e-9, **LINE)
+    assert found.y.shape == (2, 4, 1)
+    np.testing.assert_allclose(found.y[-1, :, 0], 2.0 * np.exp(RATES), rtol=1e-7)
+    alone = cg.solve_ivp(growth, (0, 1), [2.0], parameters=RATES[:1], rtol=1e-9, **LINE)
+    np.testing.assert_array_equal(found[0].y[-1], alone.y[-1])
+    one = cg.solve_ensemble(lambda t, y: -y, (0, 1), [2.0], **LINE)
+    assert (len(one), one.y.shape) == (1, (2, 1, 1))
+
+
+def test_further_arguments_come_before_parameters():
+    def f(t, y, a, b, row):
+        return a * y[0] + b * row
+
+    found = cg.solve_ensemble(
+        f, (0, 1), [[1.0], [2.0]], args=iter((0.0, 2.0)), parameters=[[1.0], [3.0]], **LINE
+    )
+    np.testing.assert_allclose(found.y[-1], [[3.0], [8.0]], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"parameters": np.ones((3, 2))}, ValueError, r"parameters must have shape \(4, k\), got"),
+        ({"parameters": np.ones((4, 0))}, ValueError, r"parameters must have shape \(4, k\), got"),
+        ({"parameters": "many"}, ValueError, "parameters must be an array of real numbers"),
+        ({"y0": np.ones((2, 2, 1))}, ValueError, r"y0 must have one axis before shape \(1,\), got"),
+        ({"y0": np.ones((0, 1))}, ValueError, "y0 must hold at least one point"),
+        ({"vectorized": 1}, TypeError, "vectorized must be"),
+        ({"common_steps": "yes"}, TypeError, "common_steps must be"),
+        ({"common_steps": True, "workers": 2}, ValueError, "executor and workers must be None"),
+        ({"t_eval": [2.0]}, ValueError, "t_eval must lie within t_span"),
+        ({"rtol": -1.0}, ValueError, "rtol must be finite and not negative"),
+        ({"h": 0.1, "rtol": 1e-3}, ValueError, "rtol must not be given together with h"),
+        ({"events": 3}, TypeError, "events must be a function or a sequence"),
+        ({"progress": 3}, TypeError, "progress must be callable"),
+        ({"f": None}, TypeError, "f must be callable"),
+        ({"frame": "R"}, TypeError, "frame must be a Frame"),
+        (
+            {"common_steps": True, "events": cg.Event(lambda t, y, p: t, jump=lambda t, y, p: y)},
+            ValueError,
+            "events must have no jumps with common_steps",
+        ),
+    ],
+)
+def test_bad_arguments_are_refused(change, error, message):
+    def never(t, y, row):
+        raise AssertionError
+
+    given = {"f": never, "y0": np.ones((4, 1)), "parameters": RATES[:, None], **LINE, **change}
+    with pytest.raises(error, match=message):
+        cg.solve_ensemble(given.pop("f"), (0, 1), given.pop("y0"), **given)
+
+
+def test_many_points_are_for_ensembles(function):
+    for call, more in ((cg.solve_ivp, {}), (cg.integrate, {"method": "CG3", "h": 0.5})):
+        with pytest.raises(ValueError, match=r"cg\.solve_ensemble integrates many points"):
+            call(lambda t, y: -y, (0, 1), [[1.0], [2.0]], **more, **LINE)
+    with pytest.raises(ValueError, match="vectorized must be False for a compiled f"):
+        cg.solve_ensemble(function("growth"), (0, 1), [[1.0]], vectorized=True, **LINE)
+
+
+def test_parameters_are_for_functions_without_data(affine):
+    f, _keep = affine(PROBLEMS["SO3 body"])
+    with pytest.raises(ValueError, match="parameters must be None for a compiled f that has user"):
+        cg.solve_ensemble(f, (0, 1), np.eye(3), frame=SO3(), parameters=[[1.0]])
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (lambda t, y: y[0], r"f must return an array of shape \(\d, 1\), got shape \(1,\)"),
+        (lambda t, y: None, r"f must return an array of shape \(\d, 1\), got None"),
+        (lambda t, y: np.full(y.shape, np.nan), "f must return finite numbers"),
+    ],
+)
+def test_what_a_vectorized_function_must_return(value, message):
+    with pytest.raises(ValueError, match=message):
+        cg.solve_ensemble(value, (0, 1), [[1.0], [2.0]], vectorized=True, **LINE)
+
+
+def test_indices_and_copies():
+    y0 = SO3().random_point(np.random.default_rng(1), 3)
+    found = cg.solve_ensemble(
+        rotated, (0, 1), y0, frame=SO3(), dense_output=True, events=lambda t, y: t - 0.5
+    )
+    assert len(found) == 3
+    for i in range(3):
+        np.testing.assert_array_equal(found[i - 3].y, found[i].y)
+    for i in (3, -4):
+        with pytest.raises(IndexError):
+            found[i]
+    assert [member.steps for member in found] == found.steps.tolist()
+    assert "members=3" in repr(found)
+    assert "members=3" in repr(found.sol)
+    again = pickle.loads(pickle.dumps(found))
+    member = pickle.loads(pickle.dumps(found[-1]))
+    where = np.linspace(0, 1, 9)
+    np.testing.assert_array_equal(again.y, found.y)
+    np.testing.assert_array_equal(again.sol(where), found.sol(where))
+    np.testing.assert_array_equal(again[-1].sol(where), member.sol(where))
+    np.testing.assert_array_equal(member.y, found[-1].y)
+    np.testing.assert_array_equal(again.y_events[0][2], found.y_events[0][2])
+    assert again.messages == found.messages
+    assert not again.y.flags.writeable
+    assert not again.t.flags.writeable
+
+
+def test_no_span_at_all(function):
+    for f, options in ((function("growth"), {}), (lambda t, y: y, {"vectorized": True})):
+        still = cg.solve_ensemble(f, (1, 1), [[1.0], [3.0]], dense_output=True, **LINE, **options)
+        assert still.t.tolist() == [1.0]
+        np.testing.assert_array_equal(still.y[0], [[1.0], [3.0]])
+        np.testing.assert_array_equal(still.sol(1.0), [[1.0], [3.0]])
+        assert (still.nfev.tolist(), still.success) == ([0, 0], True)
+
+
+@pytest.mark.parametrize("size", [1, 3, 1000])
+def test_parts_and_pauses_change_nothing(size, function, monkeypatch):
+    rates = np.linspace(-3, 3, 10)
+    options = {
+        "rtol": 1e-9, "atol": 1e-9, "dense_output": True, "t_eval": np.linspace(0, 1, 23),
+        "events": lambda t, y, row: y[0] - 2.0, **LINE,
+    }  # fmt: skip
+    numbers = np.stack([rates, np.full(10, 1e9)], axis=-1)
+    runs = {
+        "compiled": lambda: cg.solve_ensemble(
+            function("decays"), (0, 1), [1.0], parameters=numbers, **options
+        ),
+        "python": lambda: cg.solve_ensemble(
+            growth, (0, 1), [1.0], parameters=rates[:, None], **options
+        ),
+        "vectorized": lambda: cg.solve_ensemble(
+            grown, (0, 1), [1.0], parameters=rates[:, None], vectorized=True, **options
+        ),
+    }
+    for run in runs.values():
+        whole = run()
+        np.testing.assert_allclose(whole.y[..., 0], np.exp(np.outer(whole.t, rates)), rtol=1e-7)
+        with monkeypatch.context() as patched:
+            patched.setattr(ensemble, "_AT_A_TIME", size)
+            patched.setattr(step_budget, "_SECONDS", 0.0)
+            parts = run()
+        np.testing.assert_array_equal(parts.y, whole.y)
+        np.testing.assert_array_equal(parts.sol(whole.t), whole.sol(whole.t))
+        for count in COUNTS[:-1]:
+            np.testing.assert_array_equal(getattr(parts, count), getattr(whole, count))
+        for ours, theirs in zip(parts.t_events[0], whole.t_events[0], strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+
+
+def test_lanes_change_nothing(monkeypatch):
+    """A vectorized function is called with whatever members are on their way."""
+    seen = set()
+
+    def f(t, y, rates):
+        seen.add(len(t))
+        return rates * y
+
+    options = {
+        "parameters": np.linspace(-3, 3, 7)[:, None],
+        "vectorized": True,
+        "rtol": 1e-7,
+        **LINE,
+    }
+    whole = cg.solve_ensemble(f, (0, 1), [1.0], **options)
+    assert max(seen) == 7
+    seen.clear()
+    monkeypatch.setattr(run_module, "_LANES", 2)
+    parts = cg.solve_ensemble(f, (0, 1), [1.0], **options)
+    assert max(seen) == 2
+    np.testing.assert_array_equal(parts.y, whole.y)
+    np.testing.assert_array_equal(parts.nfev, whole.nfev)
+
+
+def test_the_point_that_is_wrong_is_found_among_many():
+    y0 = np.broadcast_to(np.eye(3), (10_000, 3, 3)).copy()
+    y0[8007] *= 1.01
+    with pytest.raises(ValueError, match=r"y0\[8007\] must be a point of SO3\(\)"):
+        cg.solve_ensemble(rotated, (0, 1), y0, frame=SO3())
+    y0[9003, 1, 1] = np.nan
+    y0[9999] *= 2.0
+    with pytest.raises(ValueError, match=r"y0\[9003\] must be finite"):
+        cg.solve_ensemble(rotated, (0, 1), y0, frame=SO3())
+
+
+def test_checking_points_takes_little_memory():
+    y0 = np.broadcast_to(np.eye(3), (50_000, 3, 3))
+    check_points(plan_of(SO3(), cg.methods["CG3"]), y0[:10], None, True)
+    tracemalloc.start()
+    try:
+        points, _ = check_points(plan_of(SO3(), cg.methods["CG3"]), y0, None, True)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert points.nbytes <= peak < 1.6 * points.nbytes
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_common_steps_are_those_of_the_member_that_needs_most(vectorized):
+    def f(t, y, rate):
+        return rate * np.stack([np.cos(5.0 * t), np.sin(7.0 * t), 0.0 * t], axis=-1)
+
+    options = {"frame": SO3(), "rtol": 1e-6, "atol": 1e-6, "method": "CF5(4)", "first_step": 0.05}
+    alone = cg.solve_ivp(lambda t, y: f(t, y, 3.0), (0, 2), np.eye(3), **options)
+    both = cg.solve_ensemble(
+        f, (0, 2), np.stack([np.eye(3)] * 2), parameters=[[0.0], [3.0]], common_steps=True,
+        vectorized=vectorized, **options,
+    )  # fmt: skip
+    assert both.steps.tolist() == [alone.steps] * 2
+    np.testing.assert_allclose(both.y[-1, 1], alone.y[-1], rtol=0, atol=1e-12)

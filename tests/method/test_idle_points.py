@@ -1,0 +1,94 @@
+"""Points without weights repeat their parents, points may repeat each other: no step sees them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cg
+from cg.analysis.convergence import observed_order
+from cg.frames import SO3, Euclidean, Product, Sphere, Stiefel, UnitQuaternion
+from cg.structure.points import START, Point
+
+pytestmark = pytest.mark.sanitize
+
+FRAMES = [SO3(), UnitQuaternion(), Sphere(2), Product(SO3(), Euclidean(2)), Stiefel(3, 2)]
+NAMES = ["CF3", "CF4", "CG3", "BS3(2)", "CG2(3)"]
+
+
+def f_of(frame):
+    weights = np.random.default_rng(3).standard_normal((frame.dim, np.prod(frame.point_shape)))
+    return lambda t, y: np.cos(t) + weights @ y.ravel()
+
+
+def with_idle_points(method, choose):
+    """Return the method with points put in that change nothing, chosen by a function."""
+    points, place = [], {START: START}
+    for index, point in enumerate(method.points):
+        parent = place[point.parent]
+        for _ in range(choose(0, 2)):
+            points.append(Point(parent, {0: 0} if choose(0, 1) else {}))
+            if choose(0, 1):
+                parent = len(points) - 1
+        for _ in range(choose(0, 1)):
+            points.append(Point(parent, point.weights))  # that nothing starts from
+        points.append(Point(parent, point.weights))
+        place[index] = len(points) - 1
+        for _ in range(choose(0, 1)):
+            points.append(Point(place[index], {}))
+            place[index] = len(points) - 1
+    stages = [place[point] for point in method.stage_points]
+    embedded = None if method.embedded_result is None else place[method.embedded_result]
+    return cg.CommutatorFree(points, stages, place[method.result], embedded_result=embedded)
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=10, deadline=None)
+@given(data=st.data())
+def test_steps_are_those_without_them(frame, name, data):
+    method = cg.methods[name]
+    padded = with_idle_points(method, lambda low, high: data.draw(st.integers(low, high)))
+    y0 = frame.random_point(np.random.default_rng(1))
+    ways = [{"h": 0.125}] + ([{"rtol": 1e-4}] if method.embedded_order else [])
+    for way in ways:
+        runs = [
+            cg.solve_ivp(f_of(frame), (0, 1), y0, frame=frame, method=one, t_eval=[0.3, 1.0], **way)
+            for one in (method, padded)
+        ]
+        np.testing.assert_array_equal(runs[1].y, runs[0].y)
+        assert (runs[1].nfev, runs[1].nexp) == (runs[0].nfev, runs[0].nexp)
+    assert (padded.order, padded.exponentials) == (method.order, method.exponentials)
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+def test_points_of_one_flow_that_a_stage_shares(frame):
+    """All flows of a path that is kept are those of another, or none."""
+    idle = cg.CommutatorFree([(START, {}), (START, {0: "1/2", 1: "1/2"})], [START, 0], 1)
+    plain = cg.CommutatorFree([(START, {0: "1/2", 1: "1/2"})], [START, START], 0)
+    y0 = frame.random_point(np.random.default_rng(1))
+    runs = [
+        cg.integrate(f_of(frame), (0, 1), y0, frame=frame, method=one, h=0.25)
+        for one in (idle, plain)
+    ]
+    np.testing.assert_array_equal(runs[0].y, runs[1].y)
+
+
+def test_a_lifted_method_with_a_stage_at_the_start():
+    lifted = cg.lift(cg.Tableau([[], [0], ["1/4", "1/4"]], ["-1/4", "1/4", 1])).method
+    problem = cg.problems.StateDependentRotation()
+    fine = cg.integrate(
+        problem.f, (0, 1), problem.y0, frame=problem.frame, method="CF6b", h=0.01
+    ).y[-1]
+    sizes = [0.1, 0.05, 0.025, 0.0125]
+    errors = [
+        problem.frame.distance(
+            cg.integrate(problem.f, (0, 1), problem.y0, frame=problem.frame, method=lifted, h=h).y[
+                -1
+            ],
+            fine,
+        )
+        for h in sizes
+    ]
+    assert lifted.order == 2
+    assert observed_order(sizes, errors).order == pytest.approx(2.0, abs=0.15)

@@ -1,0 +1,94 @@
+"""Methods of many stages: nothing computes more than it shows, and what it doesn't is said."""
+
+import json
+import random
+import time
+from pathlib import Path
+
+import pytest
+
+import cg
+from cg.catalogue import save
+from cg.catalogue import summary as facts
+from cg.catalogue.summary import compute_facts
+from cg.command import main
+from cg.method.stability import too_large
+
+
+def dense(stages: int) -> cg.Tableau:
+    """Return a method of random rationals, whose common denominator has many digits."""
+    draw = random.Random(stages)
+
+    def row(length: int) -> list[str]:
+        return [f"{draw.randint(1, 10**6)}/{draw.randint(1, 10**6)}" for _ in range(length)]
+
+    return cg.Tableau([row(i) for i in range(stages)], row(stages), name=f"dense {stages}")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("CG_METHODS", str(tmp_path))
+    return tmp_path
+
+
+def test_a_list_needs_no_stability(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save(cg.Tableau([[], ["2/3"]], ["1/4", "3/4"], name="Ralston"), folder)
+    save(dense(60), folder)
+    with monkeypatch.context() as patch:
+        patch.setattr(facts, "stability_limits", None)  # to call it would fail
+        assert main(["list"]) == 0
+    assert "Ralston" in capsys.readouterr().out
+    assert main(["list", "--json"]) == 0
+    found = {entry["name"]: entry for entry in json.loads(capsys.readouterr().out)}
+    assert found["Ralston"]["real_stability"] == pytest.approx(2.0)
+    assert found["Ralston"]["not_computed"] is None
+    assert found["CG3"]["not_computed"] is None
+    assert found["dense 60"]["real_stability"] is None
+    assert found["dense 60"]["not_computed"].startswith("limits of stability, since with 60 stages")
+
+
+@pytest.mark.parametrize("stages", [60, 150])
+def test_what_is_not_computed_is_said(
+    stages: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "dense.toml"
+    save(dense(stages), file)
+    begin = time.process_time()
+    assert main(["show", str(file)]) == 0
+    assert time.process_time() - begin < 20
+    lines = capsys.readouterr().out.splitlines()
+    (said,) = (line.split(maxsplit=2) for line in lines if line.startswith("  not computed"))
+    assert said[2].startswith(f"limits of stability, since with {stages} stages and a common")
+    assert not any("stable on" in line for line in lines)
+    with pytest.raises(ValueError, match=r"method must have .*: limits of stability"):
+        cg.plot.stability_region(dense(stages))
+
+
+def test_stages_alone_are_no_reason() -> None:
+    assert compute_facts(dense(12)).not_computed is None
+    # Euler's method, 60 times
+    assert too_large(cg.Tableau([["1/60"] * i for i in range(60)], ["1/60"] * 60)) is None
+
+
+def test_steps_of_many_flows_are_written_soon() -> None:
+    begin = time.process_time()
+    text = cg.export(dense(150), "c", digits=5)
+    assert time.process_time() - begin < 10
+    assert text.count("_NUMBER(") > 150 * 151 / 2
+
+
+def test_a_notebook_is_given_the_numbers_that_it_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    from cg.formats import latex
+
+    written: list[object] = []
+    plain = latex._plain
+    monkeypatch.setattr(latex, "_plain", lambda entry: written.append(entry) or plain(entry))
+    text = dense(100)._repr_html_()
+    assert "and 61 more" in text
+    assert len(written) <= 40 * 101
+    written.clear()
+    points = [(m - 1, {0: f"1/{m + 7}"}) for m in range(200)]
+    assert "and 161 more" in cg.CommutatorFree(points, [-1], 199)._repr_html_()
+    assert len(written) <= 200

@@ -1,0 +1,402 @@
+"""Methods of two registers: their form, their steps, and their order on manifolds."""
+
+import random
+import subprocess
+import sys
+from dataclasses import replace
+from fractions import Fraction
+from importlib.util import module_from_spec, spec_from_file_location
+from itertools import chain
+from math import isqrt, prod
+from operator import mul
+from pathlib import Path
+
+import numpy as np
+import pytest
+from compiled_examples import PROBLEMS
+from flint import nmod, nmod_mat
+
+import cg
+from cg import MethodError, conditions
+from cg.catalogue import dumps, loads, methods
+from cg.conditions import exact_weights
+from cg.integration import integrate, solve_ivp
+from cg.integration.step import plan
+from cg.integration.step.paths import paths_of
+from cg.method.low_storage import (
+    flat_residuals,
+    from_two_registers,
+    rooted_trees,
+    two_registers,
+)
+from cg.reproduce import built_in
+from cg.reproduce.reference_runs import integrate_affine
+from cg.structure.points import Point, PointTree
+from cg.support.quads import to_decimal
+from cg.trees.ordered import forest
+
+pytestmark = pytest.mark.sanitize
+
+WILLIAMSON = ["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]
+NAMES = [name for name, method in methods.items() if two_registers(method)]
+
+
+TOOL = Path(__file__).parents[2] / "tools" / "write_low_storage_table.py"
+PRIME = 2**61 - 1
+
+
+@pytest.fixture(scope="module")
+def tool():
+    specification = spec_from_file_location("low_storage_table", TOOL)
+    module = module_from_spec(specification)
+    sys.modules["low_storage_table"] = module
+    specification.loader.exec_module(module)
+    return module
+
+
+class TestForm:
+    def test_exact_in_and_exact_out(self):
+        method = from_two_registers(*WILLIAMSON, name="W", source="Williamson")
+        assert (method.name, method.source) == ("W", "Williamson")
+        assert method.order == 3
+        assert method.points[2] == Point(
+            1, {0: Fraction(17, 48), 1: Fraction(-51, 80), 2: Fraction(8, 15)}
+        )
+        assert method.stage_points == (-1, 0, 1)
+        found = two_registers(method)
+        assert found == tuple(tuple(map(Fraction, row)) for row in WILLIAMSON)
+        assert all(coefficient.unit == 0 for coefficient in method.coefficients)
+
+    def test_the_one_of_lattice_gauge_theory(self):
+        a, b = two_registers(methods["CF3b"])
+        assert a == (0, Fraction(-17, 32), Fraction(-32, 27))
+        assert b == (Fraction(1, 4), Fraction(8, 9), Fraction(3, 4))
+        assert from_two_registers(a, b) == methods["CF3b"]
+
+    def test_to_its_digits(self):
+        a, b = two_registers(methods["CF4b"])
+        printed = Fraction(-567301805773, 1357537059087), Fraction(2277821191437, 14882151754819)
+        assert abs(a[1] - printed[0]) < 1e-24
+        assert abs(b[4] - printed[1]) < 1e-24
+        again = from_two_registers(*[[to_decimal(x, 36) for x in row] for row in (a, b)])
+        assert again.order == 4
+        assert two_registers(again) is not None
+
+    def test_another_weight_is_seen_in_the_last_places(self):
+        text = dumps(methods["CF4b"])
+        old = '"-0.469079580103165879125419671308191663"'
+        assert old in text
+        assert two_registers(loads(text.replace(old, old.replace("191663", "195663")))) is None
+        assert two_registers(loads(text.replace(old, old.replace("191663", "191664")))) is not None
+
+    def test_decimals_keep_the_places_that_they_leave(self):
+        a = ["0", "-0.4801594388478", "-1.4042471952", "-2.016477077503", "-1.056444269767"]
+        b = [
+            "0.1028639988105",
+            "0.7408540575767",
+            "0.7426530946684",
+            "0.4694937902358",
+            "0.1881733382888",
+        ]
+        method = from_two_registers(a, b)
+        assert method.order == 4
+        exact = from_two_registers(list(map(Fraction, a)), list(map(Fraction, b)))
+        assert exact.order == 0
+        for rounded, weight in zip(method.coefficients, exact.coefficients, strict=True):
+            assert abs(rounded.value - weight.value) <= rounded.unit
+            assert 0 < rounded.unit <= Fraction(1, 10**9)
+        assert two_registers(method) is not None
+
+    def test_others_have_no_registers(self):
+        assert {"CF3b", "CF4b", "LieEuler"} <= set(NAMES)
+        assert not {"CF3", "CF4", "CG3", "CG4(3)", "ImplicitMidpoint", "CG2"} & set(NAMES)
+
+    def test_a_pair_needs_more(self):
+        a, b = two_registers(methods["CF3b"])
+        single = from_two_registers(a, b)
+        points = [*single.points, (-1, {0: "1/3", 1: "2/3"})]
+        pair = cg.CommutatorFree(points, single.stage_points, 2, embedded_result=3)
+        assert two_registers(pair) is None
+
+    @pytest.mark.parametrize(
+        ("a", "b", "words"),
+        [
+            ([0, 1], [1], "same length"),
+            ([], [], "at least 1"),
+            (["1/2"], [1], r"a\[0\] must be 0.*1/2"),
+            ([0, 1], [1, 0], r"b\[1\] must not be 0"),
+            ([0, "x"], [1, 1], r"a\[1\]"),
+            ([0, 1], [1, float("nan")], r"b\[1\]"),
+            ("01", [1, 1], "a must be a sequence"),
+            ([0], 1, "b must be a sequence"),
+        ],
+    )
+    def test_bad_input(self, a, b, words):
+        with pytest.raises(MethodError, match=words):
+            from_two_registers(a, b)
+
+
+class TestFlatConditions:
+    def test_numbers_of_trees(self):
+        assert [len(rooted_trees(n)) for n in range(1, 7)] == [1, 2, 4, 8, 17, 37]
+        assert len(set(rooted_trees(6))) == 37
+        assert len(rooted_trees(6)) == conditions.count_classical(6)
+
+    def test_they_are_weaker_than_those_on_manifolds(self):
+        # a flat method of order four, its rows as flows in a wrong sequence
+        b = ["1/6", "1/3", "1/3", "1/6"]
+        kutta = cg.Tableau([[], ["1/2"], [0, "1/2"], [0, 0, 1]], b)
+        assert not any(flat_residuals(kutta, 4))
+        assert any(flat_residuals(kutta, 5))
+        assert kutta.order == 2
+
+    @pytest.mark.parametrize("name", ["CG3", "CF4", "CF3b"])
+    def test_a_method_on_manifolds_is_one_in_flat_space(self, name):
+        method = methods[name]
+        assert not any(flat_residuals(method, method.order))
+        assert any(flat_residuals(method, method.order + 1))
+
+
+class TestOrderOnManifolds:
+    """Methods of two registers that have an order in flat space have it on manifolds."""
+
+    def test_methods_in_print(self, tool):
+        rows = [tool.row(entry) for entry in tool.entries()]
+        assert len(rows) == 17
+        for row in rows:
+            assert row.order == row.flat_order, row.name
+            assert row.flat < 1e-6, row.name
+            assert row.own < 1e-6, row.name
+            assert row.beyond > 1e-3, row.name
+            assert row.moved < 1e-6, row.name
+            assert row.flat_refined < 1e-60, row.name
+            assert row.refined < 1e-55, row.name
+        page = (TOOL.parent.parent / "docs" / "low_storage.md").read_text(encoding="utf-8")
+        assert tool.markdown(rows) in page, "out of date; run tools/write_low_storage_table.py"
+
+    def test_rational_members_of_the_family_of_three_stages(self):
+        found = 0
+        for denominator in range(2, 40):
+            for numerator in range(1, denominator):
+                c2 = Fraction(numerator, denominator)
+                if c2.denominator != denominator:
+                    continue
+                for a, b in third_order(c2):
+                    method = from_two_registers(a, b)
+                    assert not any(flat_residuals(method, 3))
+                    assert not any(conditions.exact_residuals_of(method, 3))
+                    found += 1
+        assert found == 7
+
+    @pytest.mark.parametrize("nodes", [1, 2, 3, 4, 5])
+    def test_weights_of_ordered_trees_follow_from_flat_ones(self, nodes):
+        products, ordered, both = ranks(nodes, two_register_tree)
+        assert products == ordered == both
+
+    def test_a_method_of_order_five(self, tool):
+        a, b = two_registers(methods["CF5r"])
+        parameters = [*a[1:], *b]
+        found = tool.closest(parameters, 5)
+        assert max(abs(x - y) for x, y in zip(found, parameters, strict=True)) < 1e-35
+        refined = tool.weights_of(found)
+        assert max(map(abs, conditions.exact_residuals_of(refined, 5))) < 1e-55
+        assert max(map(abs, flat_residuals(refined, 6))) > 1e-5
+        slopes = tool.slopes(np.array(parameters, dtype=float), 5)
+        assert np.linalg.svd(slopes, compute_uv=False)[-1] > 1e-4
+
+    def test_weights_of_other_chains_do_not(self):
+        products, ordered, both = ranks(3, any_chain)
+        assert products == 4
+        assert both == ordered == 5
+
+
+def third_order(c2):
+    """Give A and B of the methods of order three with three stages and this abscissa."""
+    # the condition for two registers, quadratic in c3
+    leading, middle, constant = 1 - c2, c2**2 + c2 / 2 - 1, Fraction(1, 3) - c2 / 2
+    square = middle**2 - 4 * leading * constant
+    if square < 0:
+        return
+    root = Fraction(isqrt(square.numerator), isqrt(square.denominator))
+    if root**2 != square:
+        return
+    for sign in {1, -1} if root else {1}:
+        c3 = (-middle + sign * root) / (2 * leading)
+        if c3 in (0, c2) or 3 * c2 == 2:
+            continue
+        b3 = (2 - 3 * c2) / (6 * c3 * (c3 - c2))
+        b2 = (3 * c3 - 2) / (6 * c2 * (c3 - c2))
+        a32 = c3 * (c3 - c2) / (c2 * (2 - 3 * c2))
+        yield [0, (c3 - a32 - c2) / a32, (b2 - a32) / b3], [c2, a32, b3]
+
+
+def two_register_tree(stages, rng):
+    register = []
+    points = []
+    for _ in range(stages):
+        a, b = rng.randrange(PRIME), rng.randrange(PRIME)
+        register = [*(a * weight % PRIME for weight in register), 1]
+        points.append({k: b * weight % PRIME for k, weight in enumerate(register)})
+    return points
+
+
+def any_chain(stages, rng):
+    return [{k: rng.randrange(PRIME) for k in range(i + 1)} for i in range(stages)]
+
+
+def ranks(nodes, make):
+    """Return ranks of weights at random methods, modulo a prime.
+
+    Of the products of flat weights, so many nodes together; of the weights of ordered trees
+    whose roots have so many nodes above them; and of both. A weight's monomials have at most
+    `nodes` factors of A and B each, so that twice as many stages stand for any number.
+    """
+    rng = random.Random(nodes)
+    stages = 2 * nodes
+    trees = list(forest(nodes + 1).with_nodes(nodes + 1))
+    products = list(combinations_of(rooted_trees(nodes), nodes))
+    flat, ordered = [], []
+    for _ in range(len(products) + 10):
+        points = [
+            Point(i - 1, {k: Fraction(x) for k, x in weights.items()})
+            for i, weights in enumerate(make(stages, rng))
+        ]
+        tree = PointTree(tuple(points), tuple(range(-1, stages - 1)), stages - 1)
+        ordered.append([int(x) for x in exact_weights(tree, nodes, trees, modular)])
+        weights = modular_flat_weights(tree, nodes)
+        flat.append([prod(weights[t] for t in product) % PRIME for product in products])
+    joined = [[*x, *y] for x, y in zip(flat, ordered, strict=True)]
+    return tuple(map(rank, (flat, ordered, joined)))
+
+
+def rank(rows):
+    return nmod_mat(len(rows), len(rows[0]), list(chain.from_iterable(rows)), PRIME).rank()
+
+
+def modular(value):
+    return nmod(int(value), PRIME)
+
+
+def combinations_of(trees, nodes, first=0):
+    """Give the multisets of trees with so many nodes together."""
+    if nodes == 0:
+        yield ()
+    for i in range(first, len(trees)):
+        size = str(trees[i]).count("(")
+        if size <= nodes:
+            for rest in combinations_of(trees, nodes - size, i):
+                yield (trees[i], *rest)
+
+
+def modular_flat_weights(tree, nodes):
+    rows = [[int(x) for x in tree.flat_row(m)] for m in (*tree.stage_points, tree.result)]
+    ends = {}
+    for t in rooted_trees(nodes):
+        inner = [prod(ends[child][i] for child in t) % PRIME for i in range(len(rows) - 1)]
+        ends[t] = [sum(map(mul, row, inner)) % PRIME for row in rows]
+    return {t: row[-1] for t, row in ends.items()}
+
+
+class TestSteps:
+    """The compiled step in two registers against the one with all stages."""
+
+    @staticmethod
+    def general(monkeypatch):
+        monkeypatch.setattr(plan, "_plans", lambda method: {})  # none is prepared yet
+        for module in (plan, built_in):
+            monkeypatch.setattr(
+                module, "paths_of", lambda method: replace(paths_of(method), registers=None)
+            )
+
+    def test_paths_have_the_registers(self):
+        assert paths_of(methods["CF4b"]).registers == two_registers(methods["CF4b"])
+        assert paths_of(methods["CF4b"]).integers[-3] == 1
+        assert paths_of(methods["CF4"]).integers[-3] == 0
+
+    @pytest.mark.parametrize("problem", list(PROBLEMS))
+    @pytest.mark.parametrize("name", NAMES)
+    def test_equal_to_rounding(self, problem, name, affine, monkeypatch):
+        problem = PROBLEMS[problem]
+        f, _keep = affine(problem)
+        options = {"frame": problem.frame, "method": name, "h": 0.07}
+        fast = integrate(f, (0.2, 1.0), problem.y0, **options)
+        self.general(monkeypatch)
+        slow = integrate(f, (0.2, 1.0), problem.y0, **options)
+        np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
+        assert (fast.nfev, fast.nexp) == (slow.nfev, slow.nexp)
+
+    @pytest.mark.parametrize("kind", ["real64", "real128"])
+    def test_equal_to_rounding_in_both_kinds(self, kind, monkeypatch):
+        options = {"method": "CF4b", "h": "1/8", "steps": 8, "kind": kind}
+        fast = integrate_affine(PROBLEMS["SO3 body"], **options)
+        self.general(monkeypatch)
+        slow = integrate_affine(PROBLEMS["SO3 body"], **options)
+        off = [abs(x - y) for x, y in zip(fast.exact(-1), slow.exact(-1), strict=True)]
+        assert max(off) < (1e-14 if kind == "real64" else 1e-32)
+        if kind == "real128":
+            assert max(off) > 0  # or the same steps were taken twice
+
+    def test_slopes_at_the_beginnings_of_steps_stay(self, affine, monkeypatch):
+        problem = PROBLEMS["product"]
+        f, _keep = affine(problem)
+        at = np.linspace(0.2, 1.0, 23)
+        options = {"frame": problem.frame, "method": "CF4b", "h": 0.1, "dense_output": True}
+        fast = solve_ivp(f, (0.2, 1.0), problem.y0, **options)
+        python = solve_ivp(problem.f, (0.2, 1.0), problem.y0, **options)
+        self.general(monkeypatch)
+        slow = solve_ivp(f, (0.2, 1.0), problem.y0, **options)
+        np.testing.assert_allclose(fast.sol(at), slow.sol(at), rtol=0, atol=2e-14)
+        np.testing.assert_allclose(python.sol(at), slow.sol(at), rtol=0, atol=2e-14)
+        assert fast.nfev == slow.nfev
+
+    @pytest.mark.parametrize("stage", range(5))
+    def test_a_failure_at_any_stage_leaves_the_step_undone(self, stage, monkeypatch):
+        problem = PROBLEMS["SO3 body"]
+        calls = 0
+
+        def f(t, y):
+            nonlocal calls
+            calls += 1
+            if calls == 11 + stage:
+                raise ArithmeticError(t)
+            return problem.f(t, y)
+
+        times = []
+        for _ in range(2):
+            calls = 0
+            with pytest.raises(ArithmeticError) as error:
+                integrate(f, (0.0, 1.0), problem.y0, frame=problem.frame, method="CF4b", h=0.1)
+            times.append(error.value.args[0])
+            self.general(monkeypatch)
+        assert times[0] == times[1]
+
+
+class TestMemory:
+    """A step keeps the start, the point that moves, Z and f, however many stages there are."""
+
+    SCRIPT = """
+import re, sys
+import numpy as np
+import cg
+from cg.integration.step import paths, plan
+from dataclasses import replace
+if sys.argv[1] == "general":
+    plan.paths_of = lambda m: replace(paths.paths_of(m), registers=None)
+n = 200_000
+frame = cg.frames.Power(cg.frames.SO3(), n)
+y = np.broadcast_to(np.eye(3), (n, 3, 3)).reshape(frame.point_shape)
+f = np.ones(frame.dim)
+cg.integrate(lambda t, y: f, (0.0, 1.0), y, frame=frame, method="CF4b", h=0.5, save_every=2)
+# unlike ru_maxrss, nothing of what the parent had
+status = open("/proc/self/status").read()
+print(int(re.search(r"VmHWM:\\s+(\\d+) kB", status)[1]) * 1024 / (8 * n))
+"""
+
+    @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux")
+    def test_words_a_rotation(self):
+        words = {}
+        for path in ("general", "registers"):
+            command = [sys.executable, "-c", self.SCRIPT, path]
+            words[path] = float(subprocess.run(command, check=True, capture_output=True).stdout)
+        # 7 points and 5 fields against 3 and 2: 78 words against 33; one of each is what f is given
+        assert words["general"] - words["registers"] == pytest.approx(45, abs=5)

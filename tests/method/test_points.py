@@ -1,0 +1,377 @@
+"""Methods as trees of points: what they are made of, and what is refused."""
+
+import pickle
+import warnings
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from strategies import point_trees, rationals
+
+from cg import CommutatorFree, MethodError, Tableau, conditions
+from cg.catalogue import dumps, loads, methods, resolve_method
+from cg.method.warnings import check_order, check_pair
+from cg.proofs import certify
+from cg.structure.points import Point
+
+CF3 = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"})]
+
+
+def values(tree):
+    return [weight for point in tree.points for weight in point.weights.values()]
+
+
+def floats(tree):
+    return np.array(values(tree), dtype=np.float64)
+
+
+class TestMethods:
+    def test_attributes(self):
+        method = methods["CF4"]
+        assert [point.parent for point in method.points] == [-1, -1, 0, -1, 3]
+        assert method.points[2].weights == {0: Fraction(-1, 2), 2: 1}
+        assert method.stage_points == (-1, 0, 1, 2)
+        assert (method.result, method.embedded_result, method.embedded_order) == (4, None, None)
+        assert (method.stages, method.exponentials, method.pair_exponentials) == (4, 5, 5)
+        assert (method.order, method.exact_order, method.approximate) == (4, 4, False)
+        assert method.explicit
+        assert method.largest_residual() == 0
+        assert method.largest_residual(5) > 1e-3
+        assert method.principal_error() > 1e-3
+        assert repr(method) == "<CommutatorFree CF4: order 4, 4 evaluations, 5 flows>"
+
+    def test_the_flat_tableau(self):
+        a, b = methods["CF4"].exact
+        half = Fraction(1, 2)
+        assert a == ((0,) * 4, (half, 0, 0, 0), (0, half, 0, 0), (0, 0, 1, 0))
+        assert b == (Fraction(1, 6), Fraction(1, 3), Fraction(1, 3), Fraction(1, 6))
+        np.testing.assert_array_equal(methods["CF4"].c, [0, 0.5, 0.5, 1])
+        np.testing.assert_array_equal(methods["CF4"].a, np.array(a, float))
+        # two registers of lattice gauge theory: as a chain
+        np.testing.assert_allclose(methods["CF3b"].c, [0, 1 / 4, 2 / 3], rtol=1e-15)
+        np.testing.assert_allclose(methods["CF3b"].b, [1 / 4, 0, 3 / 4], rtol=0)
+
+    def test_flat_tableaux_are_not_the_methods(self):
+        # what holds where flows commute says nothing of manifolds
+        a, b = methods["CF4"].exact
+        assert Tableau(a, b).order == 2 < methods["CF4"].order
+
+    def test_one_weight_a_point_is_a_tableau(self):
+        for name in ("CG4a", "CG6g", "CG7b"):
+            tableau = methods[name]
+            same = CommutatorFree(tableau.points, tableau.stage_points, tableau.result)
+            assert same.exact == tableau.exact
+            assert same.exponentials == tableau.exponentials
+            np.testing.assert_array_equal(same.c, tableau.c)
+            found = conditions.residuals_of(same, 4)
+            np.testing.assert_allclose(found, 0, atol=1e-14)
+
+    def test_first_flows_are_shared(self):
+        # rows (x), (x, y), (x, y) and b = (x, y, z): three flows, and one for b's second weights
+        a = [[], ["1/3"], ["1/3", "1/4"], ["1/3", "1/4", 0]]
+        method = Tableau(a, ["1/3", "1/4", "1/5", 0], b_embedded=["1/3", "1/2", 0, 0])
+        assert len(method.points) == 4
+        assert method.stage_points == (-1, 0, 1, 1)
+        assert (method.result, method.embedded_result) == (2, 3)
+        assert (method.exponentials, method.pair_exponentials) == (3, 4)
+
+    def test_points_that_repeat_others_are_no_flows(self):
+        once = CommutatorFree(CF3, [-1, 0, 1])
+        points = [CF3[0], (0, {0: "0"}), CF3[1], (-1, {0: "1/3"}), (3, {0: "-1/12", 2: "3/4"})]
+        again = CommutatorFree(points, [-1, 1, 2])
+        assert (once.exponentials, again.exponentials) == (3, 3)
+        assert again.order == 3
+
+    def test_unused_points_are_no_flows(self):
+        method = CommutatorFree([*CF3, (2, {0: 1})], [-1, 0, 1], result=2)
+        assert method.exponentials == method.pair_exponentials == 3
+
+    def test_pairs(self):
+        points = [*CF3, (-1, {0: "1/4", 2: "3/4"})]
+        pair = CommutatorFree(points, [-1, 0, 1], 2, embedded_result=3, name="mine")
+        assert (pair.order, pair.embedded_order) == (3, 2)
+        assert (pair.exponentials, pair.pair_exponentials) == (3, 4)
+        assert pair.exact_embedded == (Fraction(1, 4), 0, Fraction(3, 4))
+        np.testing.assert_array_equal(pair.b_embedded, [0.25, 0, 0.75])
+        assert repr(pair) == "<CommutatorFree mine: order 3(2), 3 evaluations, 3 flows>"
+        assert pair.embedded.exact[1] == pair.exact_embedded
+        certificate = certify(pair)
+        assert (certificate.order, certificate.embedded_order) == (3, 2)
+        assert loads(dumps(pair)) == pair
+
+    def test_indices_of_numpy(self):
+        points = [
+            (np.int64(parent), {np.int8(k): w for k, w in row.items()}) for parent, row in CF3
+        ]
+        method = CommutatorFree(points, np.array([-1, 0, 1]), np.intp(2))
+        assert method == methods["CF3"]
+        assert loads(dumps(CommutatorFree(points, np.array([-1, 0, 1]), name="x"))) == method
+
+    def test_equality_and_copies(self):
+        one, other = CommutatorFree(CF3, [-1, 0, 1]), CommutatorFree(CF3, (-1, 0, 1), name="x")
+        assert one == other
+        assert hash(one) == hash(other)
+        assert one != CommutatorFree(CF3[:2], [-1, 0])
+        assert one != methods["CG3"]
+        assert one.c is one.c
+        copy = pickle.loads(pickle.dumps(one))
+        assert copy == one
+        assert copy.point_coefficients == one.point_coefficients
+        with pytest.raises(ValueError, match="read-only"):
+            copy.c[0] = 1
+        with pytest.raises(AttributeError):
+            one.name = "other"
+
+    def test_digits(self):
+        texts = methods["CF4b"].digits(50)
+        point = methods["CF4b"].points[1]
+        for stage, weight in point.weights.items():
+            assert len(texts[1][stage].lstrip("-0.")) >= 49
+            assert abs(Fraction(texts[1][stage]) - weight) < Fraction(1, 10**34)
+        assert methods["CF3"].digits(50) == [
+            {0: "1/3"}, {1: "2/3"}, {0: "-1/12", 2: "3/4"}
+        ]  # fmt: skip
+        with pytest.raises(ValueError, match="CF4b has no second weights"):
+            methods["CF4b"].digits(50, embedded=True)
+
+    def test_implicit_tableaux_have_no_points(self):
+        with pytest.raises(AttributeError, match="is implicit"):
+            methods["DICG4"].points  # noqa: B018
+        assert methods["DICG4"].exponentials == methods["DICG4"].pair_exponentials == 9
+
+    @settings(deadline=None, max_examples=30)
+    @given(point_trees(rationals))
+    def test_files_hold_all(self, tree):
+        points = [(point.parent, point.weights) for point in tree.points]
+        method = CommutatorFree(points, tree.stage_points, tree.result, name="x", source="y")
+        found = loads(dumps(method))
+        assert found == method
+        assert found.coefficients == method.coefficients
+
+    def test_names_are_looked_up_in_one_place(self):
+        assert resolve_method("CF4") is methods["CF4"]
+        assert resolve_method(methods["CF4"]) is methods["CF4"]
+        with pytest.raises(ValueError, match=r"method must be one of .*CF4, .*got 'CF9'"):
+            resolve_method("CF9")
+        with pytest.raises(TypeError, match="method must be a name or a Method, got 4"):
+            resolve_method(4)
+        assert "CF4" in methods._ipython_key_completions_()
+
+
+class TestBadInput:
+    @pytest.mark.parametrize(
+        ("points", "stages", "options", "message"),
+        [
+            (
+                [(0, {0: 1})],
+                [-1],
+                {},
+                "the parent of point 0 must come before it, or",
+            ),
+            ([(1, {0: 1}), (-1, {0: 1})], [-1], {}, "the parent of point 0 must come before it"),
+            (
+                [(-2, {0: 1})],
+                [-1],
+                {},
+                "the parent of point 0 must be a point from -1 to 0,",
+            ),
+            ([(5, {0: 1})], [-1], {}, "the parent of point 0 must be a point from -1 to 0,"),
+            (
+                [("x", {0: 1})],
+                [-1],
+                {},
+                "the parent of point 0 must be a point from -1 to 0,",
+            ),
+            (
+                [(-1, {0: 1})],
+                [-1, 4],
+                {},
+                "the point of stage 1 must be a point from -1 to 0",
+            ),
+            ([(-1, {0: 1})], [0], {}, "the first stage must be at the initial point, -1, got 0"),
+            ([(-1, {0: 1})], [], {}, "stage_points must have at least one entry"),
+            ([(-1, {0: 1})], 3, {}, "stage_points must be a sequence, got 3"),
+            ([(-1, {1: 1})], [-1], {}, "point 0 must have weights on stages 0 to 0, got 1"),
+            ([(-1, {-1: 1})], [-1], {}, "point 0 must have weights on stages 0 to 0, got -1"),
+            (
+                [(-1, {1: 1})],
+                [-1, 0],
+                {},
+                "point 0 has a weight on stage 1, which isn't",
+            ),
+            (
+                [(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})],
+                [-1, 1, 0],
+                {},
+                "stage 1 is at point 1, which depends on stage 2: that isn't evaluated by then",
+            ),
+            ([(-1, {0: 0})], [-1], {}, "result must depend on a stage: no weights lead to point 0"),
+            ([(-1, {0: 1})], [-1], {"result": -1}, "result must depend on a stage"),
+            ([(-1, {0: 1})], [-1], {"result": 1}, "result must be a point from -1 to 0, got 1"),
+            (
+                [(-1, {0: 1})],
+                [-1],
+                {"result": True},
+                "result must be a point from -1 to 0",
+            ),
+            (
+                [(-1, {0: 1})],
+                [-1],
+                {"embedded_result": 0},
+                "embedded_result must differ",
+            ),
+            (
+                [(-1, {0: 1})],
+                [-1],
+                {"embedded_result": -1},
+                "embedded_result must depend on a stage",
+            ),
+            (
+                [(-1, {0: 1}), (-1, {0: 1})],
+                [-1],
+                {"embedded_result": 0},
+                "embedded_result must differ",
+            ),
+            ([(-1, {0: "x"})], [-1], {}, "weight of point 0 on stage 0: expected a finite real"),
+            ([(-1, {0: "1e999"})], [-1], {}, "weight of point 0 on stage 0: 1e999 is beyond"),
+            (
+                [-1],
+                [-1],
+                {},
+                "point 0 must be a parent and a mapping from stages",
+            ),
+            ([(-1, [1])], [-1], {}, "point 0 must be a parent and a mapping"),
+            ([], [-1], {}, "points must have at least one entry, got none"),
+            ({}, [-1], {}, "points must be a sequence, got {}"),
+            ([(-1, {0: 1})], [-1], {"name": 5}, "name must be a str, got 5"),
+            (
+                [(-1, {0: 1})],
+                [-1],
+                {"nominal_order": 2, "nominal_residual": "0.1"},
+                "nominal_order 2 is not borne out",
+            ),
+        ],
+    )
+    def test_it_is_named(self, points, stages, options, message):
+        with pytest.raises(MethodError, match=f"^{message}"):
+            CommutatorFree(points, stages, **options)
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ("parent = -1, ", "", "point 0 lacks parent"),
+            ("0 = ", "x = ", "weights of point 0 must be on stages, got one on 'x'"),
+            ("result = 0", "", "the entry lacks result"),
+            ("result = 0", "result = 0\nb = [1]", "the entry has unknown keys: b"),
+            ("{parent", "5, {parent", "point 0 must be a table with one of weights, got 5"),
+            ('{0 = "1"}', "4", "point 0 must be a table with one of weights"),
+        ],
+    )
+    def test_files(self, old, new, message):
+        text = (
+            'name = "x"\nsource = "y"\npoints = [\n  {parent = -1, weights = {0 = "1"}},\n]\n'
+            "stage_points = [-1]\nresult = 0\n"
+        )
+        assert loads(text).order == 1
+        with pytest.raises(MethodError, match=message):
+            loads(text.replace(old, new, 1))
+
+    def test_tables_of_points_only(self):
+        with pytest.raises(MethodError, match="points must be an array of tables, got 3"):
+            loads('name = "x"\nsource = "y"\npoints = 3\nstage_points = [-1]\nresult = 0\n')
+
+
+class TestWarnings:
+    def test_dormand_prince_is_no_pair_on_manifolds(self):
+        a = [
+            [],
+            ["1/5"],
+            ["3/40", "9/40"],
+            ["44/45", "-56/15", "32/9"],
+            ["19372/6561", "-25360/2187", "64448/6561", "-212/729"],
+            ["9017/3168", "-355/33", "46732/5247", "49/176", "-5103/18656"],
+            ["35/384", 0, "500/1113", "125/192", "-2187/6784", "11/84"],
+        ]
+        b = [*a[-1], 0]
+        second = [
+            "5179/57600", 0, "7571/16695", "393/640", "-92097/339200", "187/2100", "1/40"
+        ]  # fmt: skip
+        pair = Tableau(a, b, b_embedded=second, name="DP")
+        assert (pair.order, pair.embedded_order) == (2, 2)
+        with pytest.warns(UserWarning, match="DP: both its results have order 2"):
+            check_pair(pair)
+
+    def test_results_that_nearly_coincide(self):
+        a, b = methods["CG3"].exact
+        nearly = [b[0] + Fraction(1, 10**8), b[1] - Fraction(1, 10**8), b[2]]
+        pair = Tableau(a, b, b_embedded=nearly, name="almost")
+        with pytest.warns(UserWarning, match="almost: its results nearly coincide"):
+            check_pair(pair)
+
+    def test_order_zero(self):
+        with pytest.warns(UserWarning, match="half has order 0: its solutions don't converge"):
+            check_order(Tableau([[]], ["1/2"], name="half"))
+        pair = Tableau([[], ["1/2"]], [0, 1], b_embedded=["1/2", 0])
+        with pytest.warns(UserWarning, match="the method: its second result has order 0"):
+            check_pair(pair)
+
+    @pytest.mark.parametrize(
+        "name", [name for name, method in methods.items() if method.embedded_order is not None]
+    )
+    def test_pairs_of_the_catalogue_are_good(self, name):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            check_pair(methods[name])
+
+    def test_what_is_no_pair(self):
+        with pytest.raises(ValueError, match="method must be a pair, got <Tableau CG3"):
+            check_pair(methods["CG3"])
+
+
+def test_points_are_values():
+    one = Point(-1, {1: Fraction(1, 2), 0: Fraction(0)})
+    assert one == Point(-1, {1: Fraction(1, 2)})
+    assert hash(one) == hash(Point(-1, {1: Fraction(1, 2)}))
+    assert one != Point(0, one.weights)
+    assert pickle.loads(pickle.dumps(one)) == one
+    assert repr(one) == "Point(-1, {1: 1/2})"
+    with pytest.raises(TypeError):
+        one.weights[0] = 1
+
+
+class TestThirdWeights:
+    def make(self, third, **options):
+        pair = methods["CF6(5)"]
+        parents = [point.parent for point in pair.points]
+        given = {"result": pair.result, "embedded_result": pair.embedded_result} | options
+        points = zip(parents, pair.point_coefficients, strict=True)
+        return CommutatorFree(points, pair.stage_points, third=third, **given)
+
+    def test_they_make_an_estimate(self, tmp_path):
+        third = ["1", *["0"] * 8]
+        pair = self.make(third)
+        first, second = pair.error_weights
+        assert first == methods["CF6(5)"].error_weights[0]
+        assert second == tuple(b - (k == 0) for k, b in enumerate(pair.exact[1]))
+        assert pair.third_order == 1
+        assert pair != methods["CF6(5)"]
+        assert pair.pair_exponentials == pair.exponentials
+        again = loads(dumps(pair))
+        assert again == pair
+        assert hash(again) == hash(pair)
+        assert again.third_weights == pair.third_weights
+        assert methods["CF6(5)"].third_order is None
+
+    @pytest.mark.parametrize(
+        ("third", "options", "message"),
+        [
+            (["1"], {}, "third must have 9 entries, got 1"),
+            ("1234567", {}, "third must be a sequence"),
+            ([*[1] * 8, "x"], {}, "third_9"),
+            ([1] * 9, {"embedded_result": None}, "third must be None unless embedded_result"),
+        ],
+    )
+    def test_bad_ones(self, third, options, message):
+        with pytest.raises(MethodError, match=message):
+            self.make(third, **options)

@@ -1,0 +1,183 @@
+"""Linear stability, against closed forms and against steps that are taken."""
+
+import math
+import random
+from decimal import Decimal, localcontext
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import cg
+from cg.method.stability import stability_function, stability_limits
+
+
+def classical(order):
+    """Return the tableau of Taylor's polynomial up to order four."""
+    rows = [[], ["1/2"], [0, "1/2"], [0, 0, 1]]
+    if order == 4:
+        return cg.Tableau(rows, ["1/6", "1/3", "1/3", "1/6"])
+    return cg.methods[{1: "LieEuler", 2: "CG2", 3: "CG3"}[order]]
+
+
+@pytest.mark.parametrize(
+    ("order", "real", "imaginary"),
+    [(1, 2, 0), (2, 2, 0), (3, 2.5127453266, math.sqrt(3)), (4, 2.7852935634, math.sqrt(8))],
+)
+def test_taylor_polynomials(order, real, imaginary):
+    numerator, denominator = stability_function(classical(order))
+    assert numerator == tuple(Fraction(1, math.factorial(k)) for k in range(order + 1))
+    assert denominator == (1,)
+    limits = stability_limits(classical(order))
+    assert limits.real == pytest.approx(real, abs=1e-9)
+    assert limits.imaginary == pytest.approx(imaginary, abs=1e-9)
+
+
+def test_implicit_methods():
+    midpoint = stability_limits(cg.methods["ImplicitMidpoint"])
+    assert (midpoint.real, midpoint.imaginary) == (math.inf, math.inf)
+    numerator, denominator = stability_function(cg.methods["ImplicitMidpoint"])
+    assert (numerator, denominator) == ((1, Fraction(1, 2)), (1, Fraction(-1, 2)))
+
+
+SHORT = [name for name, m in cg.methods.items() if m.explicit and m.stages <= 17 and m.order < 7]
+
+
+@pytest.mark.parametrize("name", [*SHORT, "CG7b"])
+def test_limits_are_where_steps_begin_to_grow(name):
+    method = cg.methods[name]
+    limits = stability_limits(method)
+
+    def factor(z):
+        stages = []
+        for row in method.a:
+            stages.append(z * (1 + sum(a * k for a, k in zip(row, stages, strict=False))))
+        return abs(1 + method.b @ np.array(stages))
+
+    inside = np.linspace(0, 0.999 * limits.real, 200)
+    assert max(factor(-x) for x in inside) <= 1 + 1e-12
+    assert factor(-1.001 * limits.real) > 1
+    if limits.imaginary > 0:
+        assert limits.imaginary > 0.1
+        inside = np.linspace(0, 0.999 * limits.imaginary, 200)
+        residual = method.nominal_residual
+        allowed = 1e-12 if residual is None else float(residual.value)
+        assert max(factor(1j * y) for y in inside) <= 1 + allowed
+    assert factor(1j * (1.001 * limits.imaginary + 0.2)) > 1
+
+
+def chain(polynomial):
+    """Return a method with a given stability function, whose stages follow each other."""
+    ratios = [later / c for c, later in pairwise(polynomial)]
+    rows = [[]] + [[0] * i + [ratios[-1 - i]] for i in range(len(ratios) - 1)]
+    return cg.Tableau(rows, [0] * (len(ratios) - 1) + [ratios[0]])
+
+
+def chebyshev(stages, damping):
+    """Return the damped polynomial T_s(w0 + w1 z) / T_s(w0) of first order, and where it ends."""
+    w0 = 1 + damping / stages**2
+    values, slopes = [Fraction(1), w0], [Fraction(0), Fraction(1)]
+    for _ in range(stages - 1):
+        slopes.append(2 * values[-1] + 2 * w0 * slopes[-1] - slopes[-2])
+        values.append(2 * w0 * values[-1] - values[-2])
+    w1 = values[-1] / slopes[-1]
+    before, last = [Fraction(1)], [w0, w1]
+    for _ in range(stages - 1):
+        higher = [2 * w0 * c for c in last] + [Fraction(0)]
+        for k, c in enumerate(last):
+            higher[k + 1] += 2 * w1 * c
+        for k, c in enumerate(before):
+            higher[k] -= c
+        before, last = last, higher
+    return [c / values[-1] for c in last], 2 * w0 / w1
+
+
+@pytest.mark.parametrize("stages", [2, 5, 9, 10, 25])
+@pytest.mark.parametrize("damping", [Fraction(0), Fraction(1, 20), Fraction(2, 13)])
+def test_chebyshev_methods(stages, damping):
+    """Without damping they touch one at each maximum between."""
+    polynomial, end = chebyshev(stages, damping)
+    method = chain(polynomial)
+    assert stability_function(method)[0] == tuple(polynomial)
+    limits = stability_limits(method)
+    assert limits.real == pytest.approx(float(end), rel=1e-13)
+    assert limits.imaginary == 0.0
+    if not damping:
+        assert end == 2 * stages**2
+
+
+@pytest.mark.parametrize("stages", [5, 9])
+def test_chebyshev_methods_with_rounded_coefficients(stages):
+    """Maxima of one that rounding lifts by its own size are no ends."""
+    polynomial, end = chebyshev(stages, Fraction(0))
+    exact = chain(polynomial)
+    with localcontext() as context:
+        context.prec = 36
+        rows, b = (
+            [str(Decimal(x.value.numerator) / Decimal(x.value.denominator)) for x in row]
+            for row in ([e for row in exact.entries for e in row], exact.weights)
+        )
+    size = len(b)
+    rounded = cg.Tableau([rows[i * size : i * size + i] for i in range(size)], b)
+    assert max(c.unit for c in rounded.coefficients) > 0
+    assert stability_limits(rounded).real == pytest.approx(float(end), rel=1e-12)
+
+
+def growth(rows, weights, x, *, imaginary):
+    """Return |R| squared at -x or ix by taking a step, in decimals of 80 places."""
+    zero = Decimal(0)
+
+    def times(z):
+        return (-x * z[1], x * z[0]) if imaginary else (-x * z[0], zero)
+
+    stages = []
+    for row in [*rows, weights]:
+        sums = [sum((a * k[i] for a, k in zip(row, stages, strict=False)), zero) for i in (0, 1)]
+        stages.append(times((1 + sums[0], sums[1])))
+    end = 1 + sums[0], sums[1]
+    return end[0] ** 2 + end[1] ** 2
+
+
+@pytest.mark.parametrize(("stages", "seed"), [(6, 1), (12, 2), (20, 3), (30, 4), (30, 5)])
+def test_random_methods_against_a_scan(stages, seed):
+    rng = random.Random(seed)
+    rows = [[Fraction(rng.randint(-99, 99), 20 * stages) for _ in range(i)] for i in range(stages)]
+    weights = [Fraction(rng.randint(1, 99)) for _ in range(stages)]
+    weights = [w / sum(weights) for w in weights]
+    limits = stability_limits(cg.Tableau(rows, weights))
+    with localcontext() as context:
+        context.prec = 80
+        a, b = ([[Decimal(x.numerator) / x.denominator for x in row] for row in part]
+                for part in (rows, [weights]))  # fmt: skip
+        for end, imaginary in ((limits.real, False), (limits.imaginary, True)):
+            assert 0 <= end < 100
+            inside = [Decimal(end) * k / 40 for k in range(40)]
+            assert all(growth(a, b[0], x, imaginary=imaginary) <= 1 for x in inside)
+            outside = Decimal(end) * (1 + Decimal("1e-12")) + Decimal("1e-12")
+            assert growth(a, b[0], outside, imaginary=imaginary) > 1
+
+
+def test_literature():
+    """That of Dormand and Prince is Taylor's polynomial with one more term."""
+    dormand_prince = stability_limits(cg.methods["DP5(4)"])
+    polynomial = [1 / 600, *(1 / math.factorial(k) for k in range(5, -1, -1))]
+    ends = [*np.roots([*polynomial[:-1], 0.0]), *np.roots([*polynomial[:-1], 2.0])]
+    real = min(-z.real for z in ends if abs(z.imag) < 1e-9 and z.real < -0.1)
+    assert dormand_prince.real == pytest.approx(real, abs=1e-9)
+    assert dormand_prince.real == pytest.approx(3.3066, abs=1e-4)
+    assert dormand_prince.imaginary == pytest.approx(0.9972, abs=1e-4)
+    long = stability_limits(cg.methods["DOP853"])
+    assert long.real == pytest.approx(6.39, abs=0.01)
+    # its stability function on the imaginary axis is Taylor's but for the residuals' noise
+    assert stability_limits(cg.methods["CG4c"]).imaginary == pytest.approx(math.sqrt(8), rel=1e-14)
+
+
+def test_methods_too_large_for_limits():
+    rows = [["1/3"] * i for i in range(150)]
+    limits = stability_limits(cg.Tableau(rows, [Fraction(1, 150)] * 150))
+    assert math.isnan(limits.real)
+    assert math.isnan(limits.imaginary)
+    long = Fraction(3**8000 + 1, 3**8000)
+    assert math.isnan(stability_limits(chain([long**k for k in range(31)])).real)
+    assert stability_limits(chain([long**k for k in range(5)])).imaginary < 10

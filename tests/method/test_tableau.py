@@ -1,0 +1,333 @@
+import copy
+import pickle
+import re
+from dataclasses import FrozenInstanceError
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import rationals, tableaux
+
+from cg import conditions
+from cg.conditions import Rows
+from cg.method.coefficients import Coefficient
+from cg.method.tableau import Tableau, TableauError
+from cg.structure.layout import Layout
+
+pytestmark = pytest.mark.no_core
+
+MIDPOINT = Tableau([[], ["1/2"]], [0, 1], name="midpoint")
+
+
+def decimal_euler(b):
+    return Tableau([[]], [b])
+
+
+class TestCoefficient:
+    @pytest.mark.parametrize(
+        ("number", "value", "unit"),
+        [
+            ("119/216", Fraction(119, 216), 0),
+            ("-3", Fraction(-3), 0),
+            (7, Fraction(7), 0),
+            (np.int64(7), Fraction(7), 0),
+            (Fraction(1, 3), Fraction(1, 3), 0),
+            ("0.25", Fraction(1, 4), 0),
+            ("-.5", Fraction(-1, 2), 0),
+            ("2.", Fraction(2), 0),
+            ("0.0000000000", Fraction(0), 0),
+            ("1e40", Fraction(10**40), 0),
+            ("0.10465447", Fraction(10465447, 10**8), Fraction(1, 10**8)),
+            ("-0.00388100", Fraction(-388100, 10**8), Fraction(1, 10**8)),
+            ("1.5e-9", Fraction(15, 10**10), Fraction(1, 10**10)),
+            (Decimal("0.123456789"), Fraction(123456789, 10**9), Fraction(1, 10**9)),
+            (0.1, Fraction(0.1), Fraction(0.1) / 2**53),
+            (np.float32(0.1), Fraction(float(np.float32(0.1))), None),
+            (0.0, Fraction(0), 0),
+        ],
+    )
+    def test_value_and_unit(self, number, value, unit):
+        read = Coefficient.read(number)
+        assert read.value == value
+        if unit is not None:
+            assert read.unit == unit
+
+    @given(st.one_of(rationals, st.floats(allow_nan=False, allow_infinity=False)))
+    def test_text_says_all(self, number):
+        read = Coefficient.read(number)
+        assert read.value == Fraction(number)
+        assert Coefficient.read(read.text) == read
+        assert Coefficient.read(read) is read
+
+    @pytest.mark.parametrize(
+        "number",
+        ["", "x", "1/0", "1/2/3", "nan", "-inf", "1_0", "٣", "0.1.2", "1e", ".", "0.5/2", None,
+         float("nan"), float("inf"), 1j, [1], b"1", True, Decimal("NaN"), "0x1p99999"],
+    )  # fmt: skip
+    def test_what_is_no_finite_number_is_refused(self, number):
+        with pytest.raises(ValueError, match="finite real number"):
+            Coefficient.read(number)
+
+
+class TestDerived:
+    def test_explicit(self):
+        method = Tableau([[0, 0, 0], ["3/4", 0, 0], ["119/216", "17/108", 0]], [1, 0, "-2/3"])
+        assert method.stages == 3
+        assert method.explicit
+        assert method.rows is Rows.EXPLICIT
+        assert method.exponentials == 5
+        assert method.exact[0][2] == (Fraction(119, 216), Fraction(17, 108), 0)
+        assert method.exact[1] == (1, 0, Fraction(-2, 3))
+        np.testing.assert_array_equal(method.c, [0, 0.75, 153 / 216])
+        assert method.a[2, 0] == 119 / 216
+        assert method.b_embedded is None
+        assert method.exact_embedded is None
+        assert method.embedded is None
+        assert method.embedded_order is None
+
+    def test_implicit(self):
+        midpoint = Tableau([["1/2"]], ["1"])
+        assert not midpoint.explicit
+        assert midpoint.rows is Rows.DIAGONAL
+        assert midpoint.order == 2
+        assert Tableau([[0, 1], [1, 0]], [1, 0]).rows is Rows.FULL
+
+    def test_abscissae_are_rounded_once(self):
+        row = ["0.1", "0.2", "0.3"]
+        method = Tableau([[], [0], [0, 0], row], [1, 0, 0, 0])
+        assert method.c[3] == 0.6 != 0.1 + 0.2 + 0.3
+
+    def test_ragged_rows(self):
+        full = Tableau([[0, 0], ["1/2", 0]], [0, 1])
+        assert full == Tableau([[], ["1/2"]], [0, 1]) == Tableau([[0], ["1/2", 0]], [0, 1])
+
+    def test_arrays_as_input(self):
+        method = Tableau(np.array([[0, 0], [0.5, 0]]), np.array([0, 1]), explicit=True)
+        assert method == MIDPOINT
+        assert method.order == 2
+
+    @given(tableaux(rationals))
+    def test_exponentials_are_the_first_parts_of_rows(self, tableau):
+        method = Tableau(*tableau)
+        assert method.rows is conditions.rows_of(tableau[0])
+        rows = [[(j, w) for j, w in enumerate(row) if w] for row in (*method.exact[0], tableau[1])]
+        if method.explicit:
+            flows = len({tuple(row[:k]) for row in rows for k in range(1, len(row) + 1)})
+        else:
+            flows = sum(map(len, rows))
+        assert method.exponentials == method.pair_exponentials == flows
+
+
+class TestOrder:
+    def test_inconsistent_weights_have_order_zero(self):
+        assert decimal_euler("1/2").order == 0
+        assert decimal_euler(1).order == 1
+
+    def test_rationals_get_no_tolerance(self):
+        assert decimal_euler(1 - Fraction(1, 10**40)).order == 0
+
+    def test_decimals_get_their_last_place(self):
+        assert decimal_euler("0.99999999").order == 1
+        assert decimal_euler("0.99999997").order == 0
+        assert decimal_euler("0." + "9" * 36).order == 1
+        assert decimal_euler("0." + "9" * 32 + "0001").order == 0
+
+    def test_short_decimals_are_exact(self):
+        assert decimal_euler("0.9").order == 0
+        assert decimal_euler("0.9999999").order == 0
+        assert Tableau([[], ["0.5"]], ["0.0", "1.0"]).order == 2
+
+    def test_decimals_are_good_for_binary128_at_most(self):
+        assert Coefficient.read("0." + "3" * 60).unit == Fraction("0." + "3" * 60) / 2**112
+        assert decimal_euler("0." + "9" * 34 + "0001").order == 1
+
+    def test_floats_get_their_rounding(self):
+        b = [0.1] * 10
+        method = Tableau(np.zeros((10, 10)), b)
+        assert sum(method.exact[1]) != 1
+        assert method.order == 1
+        assert Tableau(np.zeros((10, 10)), [0.1] * 9 + [0.1 + 1e-14]).order == 0
+
+    def test_sensitivity_counts(self):
+        # b_2 a_21 = 1/2 holds with an error of a unit in a_21 that b_2 multiplies
+        assert Tableau([[], ["0.00050001"]], [-999, 1000]).order == 2
+        assert Tableau([[], ["0.00050003"]], [-999, 1000]).order == 1
+
+    def test_principal_error(self):
+        euler = decimal_euler(1)
+        # of [[]] and [[]]: Φ = 0 and 1/2, so that only the first differs from 1/2
+        assert euler.principal_error() == pytest.approx(0.5)
+        assert decimal_euler("1/2").principal_error() == pytest.approx(0.5)
+        assert MIDPOINT.principal_error(1) == pytest.approx(0, abs=1e-16)
+        with pytest.raises(ValueError, match="at most"):
+            euler.principal_error(conditions.MAX_ORDER)
+
+    def test_largest_residual(self):
+        assert MIDPOINT.largest_residual() == 0
+        assert MIDPOINT.largest_residual(3) == pytest.approx(1 / 6)
+
+    def test_huge_coefficients_end_with_an_answer(self):
+        assert Tableau([[], [1e200]], [1 - 1e-200, 1e300]).order == 0
+
+
+class TestNominalOrder:
+    def make(self, **nominal):
+        return Tableau([[], ["0.5001"]], [0, 1], **nominal)
+
+    def test_it_is_marked(self):
+        method = self.make(nominal_order=2, nominal_residual="0.001")
+        assert (method.order, method.exact_order, method.approximate) == (2, 1, True)
+        assert not MIDPOINT.approximate
+
+    def test_it_must_be_borne_out(self):
+        with pytest.raises(TableauError, match="nominal_order 2 is not borne out"):
+            self.make(nominal_order=2, nominal_residual="0.00001")
+        with pytest.raises(TableauError, match="nominal_order 3 is not borne out"):
+            self.make(nominal_order=3, nominal_residual="0.001")
+
+    def test_both_are_needed(self):
+        for nominal in ({"nominal_order": 2}, {"nominal_residual": "0.001"}):
+            with pytest.raises(TableauError, match="must be given together"):
+                self.make(**nominal)
+
+    @pytest.mark.parametrize("order", [0, 99, 2.5, "2"])
+    def test_bad_order(self, order):
+        with pytest.raises(TableauError, match="nominal_order: order must be"):
+            self.make(nominal_order=order, nominal_residual="0.001")
+
+
+class TestPairs:
+    def test_embedded(self):
+        pair = Tableau([[], ["1/2"]], [0, 1], b_embedded=[1, 0], name="pair")
+        assert (pair.order, pair.embedded_order) == (2, 1)
+        assert pair.exact_embedded == (1, 0)
+        np.testing.assert_array_equal(pair.b_embedded, [1, 0])
+        assert pair.embedded == Tableau([[], ["1/2"]], [1, 0])
+        assert pair != MIDPOINT
+
+    def test_equal_weights_estimate_nothing(self):
+        with pytest.raises(TableauError, match="b_embedded must differ from b"):
+            Tableau([[], ["1/2"]], [0, 1], b_embedded=["0.0", "2/2"])
+
+    def test_wrong_length(self):
+        with pytest.raises(TableauError, match="b_embedded must have 2 entries, got 1"):
+            Tableau([[], ["1/2"]], [0, 1], b_embedded=[1])
+
+
+class TestImmutability:
+    def test_attributes(self):
+        for name in ("name", "a", "order", "entries", "new"):
+            with pytest.raises(FrozenInstanceError):
+                setattr(MIDPOINT, name, 1)
+        with pytest.raises(FrozenInstanceError):
+            del MIDPOINT.name
+
+    @pytest.mark.parametrize(
+        "copied", [copy.copy, copy.deepcopy, pickle.dumps], ids=["copy", "deepcopy", "pickle"]
+    )
+    def test_arrays(self, copied):
+        pair = Tableau([[], ["1/2"]], [0, 1], b_embedded=[1, 0])
+        assert pair.a.flags.writeable is False  # derived before it is copied
+        found = copied(pair)
+        found = pickle.loads(found) if isinstance(found, bytes) else found
+        assert found == pair
+        assert hash(found) == hash(pair)
+        for array in (found.a, found.b, found.c, found.b_embedded):
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 1
+
+    def test_what_is_given_is_copied(self):
+        a, b = [[0, 0], [0.5, 0]], np.array([0.0, 1.0])
+        method = Tableau(a, b)
+        a[1][0], b[0] = 3, 4
+        assert method == MIDPOINT
+
+    def test_equality_is_by_coefficients(self):
+        other = Tableau([[0, 0], [0.5, 0.0]], [0.0, 1.0], name="another")
+        assert other == MIDPOINT
+        assert hash(other) == hash(MIDPOINT)
+        assert len({other, MIDPOINT}) == 1
+        assert Tableau([[], ["1/3"]], [0, 1]) != MIDPOINT
+        assert MIDPOINT != "midpoint"
+
+
+class TestBadInput:
+    @pytest.mark.parametrize(
+        ("a", "b", "message"),
+        [
+            ([[]], [], "b must have at least one entry"),
+            ([[0]], 1, "b must be a sequence of numbers, got 1"),
+            ([[0]], "1", "b must be a sequence of numbers, got '1'"),
+            (0, [1], "a must be a sequence of numbers, got 0"),
+            ([0], [1], "row 1 of a must be a sequence of numbers, got 0"),
+            ([[], "1"], [0, 1], "row 2 of a must be a sequence of numbers, got '1'"),
+            ([], [1], "a must have 1 rows to match b"),
+            ([[], [1], [1]], [1, 2, 3], "got lengths [0, 1, 1]"),
+            ([[0, 0]], [1, 2], "a must have 2 rows to match b"),
+            ([[], [1], [1, np.nan]], [1, 2, 3], "a_32: expected a finite real number, got nan"),
+            ([[], ["1/0"]], [1, 2], "a_21: expected a finite real number, got '1/0'"),
+            ([[]], [np.inf], "b_1: expected a finite real number, got inf"),
+            ([[]], ["1e400"], "b_1: 1e400 is beyond the range of doubles"),
+            ([[]], ["0x1p9999"], "b_1: 0x1p9999 is beyond the range of doubles"),
+        ],
+    )
+    def test_tableau(self, a, b, message):
+        with pytest.raises(TableauError, match=re.escape(message)):
+            Tableau(a, b)
+
+    @pytest.mark.parametrize(
+        ("a", "message"),
+        [
+            ([[0, 0], [1, "1/7"]], "explicit tableau, but a_22 = 1/7"),
+            ([[0, 0.5], [1, 0]], "explicit tableau, but a_12 = 0x1"),
+            ([["2"], [1, 0]], "explicit tableau, but a_11 = 2"),
+        ],
+    )
+    def test_explicit_is_insisted_on(self, a, message):
+        with pytest.raises(TableauError, match=re.escape(message)):
+            Tableau(a, [0, 1], explicit=True)
+        assert not Tableau(a, [0, 1]).explicit
+
+    def test_two_digit_indices_are_told_apart(self):
+        a = [[0] * 11 for _ in range(11)]
+        a[0][10] = 1
+        with pytest.raises(TableauError, match="a_1,11 = 1"):
+            Tableau(a, [1] * 11, explicit=True)
+
+    def test_names(self):
+        with pytest.raises(TableauError, match="name must be a str, got 3"):
+            Tableau([[]], [1], name=3)
+        with pytest.raises(TableauError, match="source must be a str, got None"):
+            Tableau([[]], [1], source=None)
+
+    def test_it_is_a_value_error(self):
+        assert issubclass(TableauError, ValueError)
+
+
+class TestPacked:
+    @given(tableaux(rationals))
+    def test_round_trip(self, tableau):
+        method = Tableau(*tableau)
+        lengths = Layout.tableau(method.stages, method.rows).lengths
+        rows = zip([*method.exact[0], method.exact[1]], lengths, strict=True)
+        x = [entry for row, length in rows for entry in row[:length]]
+        assert Tableau.from_packed(x, method.stages, method.rows) == method
+
+    def test_digits(self):
+        third = Tableau.from_packed([Fraction(1, 3), 0.5, "1/2"], 2, digits=10, name="third")
+        assert third.exact == (((0, 0), (Fraction(3333333333, 10**10), 0)), (Fraction(1, 2),) * 2)
+        assert third.name == "third"
+        assert third.entries[1][0].text == "0.3333333333"
+
+    def test_bad_input(self):
+        with pytest.raises(TableauError, match="x must have 3 entries, got 2"):
+            Tableau.from_packed([1, 2], 2)
+        with pytest.raises(TableauError, match="digits must be at most 36, got 37"):
+            Tableau.from_packed([1], 1, digits=37)
+        with pytest.raises(TableauError, match="x_1: expected a finite"):
+            Tableau.from_packed([np.nan], 1, digits=3)
+        with pytest.raises(TableauError, match="stages must be at least 1, got 0"):
+            Tableau.from_packed([], 0)

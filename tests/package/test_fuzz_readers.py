@@ -1,0 +1,161 @@
+"""Readers of files, given texts that were right once: the method, or an error of the reader's own.
+
+The environment's ``CG_FUZZ`` multiplies how many texts are tried.
+"""
+
+import json
+import os
+import sqlite3
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+import cg
+from cg.catalogue import dumps, loads, munthe_kaas
+from cg.proofs import Certificate, CertificationError, certificate_of
+from cg.trees.ordered import OrderedTree
+from research.impossibility import ImpossibilityError
+from research.impossibility.proof import Proof
+
+MANY = int(os.environ.get("CG_FUZZ", "1"))
+METHODS = [
+    dumps(cg.methods[name]) for name in ("CG3", "CG4(3)", "CF4", "CF3b", "DICG3(2)", "CF4(3)")
+]
+METHODS.append(dumps(munthe_kaas["RKMK5(4)"]))
+CERTIFICATES = [certificate_of(cg.methods[name]).dumps() for name in ("CG3", "CG4(3)", "CF4b")]
+
+NASTY = [
+    *("1e999999999", "-1e-999999999", "nan", "inf", "-0.0", "9" * 5000, "0x10", "1/0", "٣", "1_0"),
+    *('"1/0"', '"1e999999999"', '"nan"', '"-"', '""', '"\\u0000"', '"[[]"', '"' + "[" * 3000 + '"'),
+    *("true", "[]", "[[]]", "{}", "{a = 1}", "[" * 400, "1979-05-27T07:32:00Z", "'", '"""', "\x00"),
+]
+WORDS = st.sampled_from(NASTY) | st.text(max_size=8)
+
+
+@st.composite
+def spoilt(draw, texts):
+    """Draw a text in which a few places are replaced, left out, doubled or exchanged."""
+    text = draw(st.sampled_from(texts))
+    for _ in range(draw(st.integers(1, 3))):
+        lines = text.split("\n")
+        k = draw(st.integers(0, len(lines) - 1))
+        how = draw(st.sampled_from(["value", "line", "twice", "cut", "characters", "key"]))
+        if how == "value":
+            key, equals, _ = lines[k].partition("=")
+            lines[k] = f"{key}{equals} {draw(WORDS)}" if equals else draw(WORDS)
+        elif how == "line":
+            del lines[k]
+        elif how == "twice":
+            lines.insert(draw(st.integers(0, len(lines))), lines[k])
+        elif how == "cut":
+            lines = lines[:k]
+        elif how == "key":
+            lines.insert(k, f"{draw(st.sampled_from(KEYS))} = {draw(WORDS)}")
+        else:
+            at = draw(st.integers(0, len(lines[k])))
+            end = draw(st.integers(at, len(lines[k])))
+            lines[k] = lines[k][:at] + draw(WORDS) + lines[k][end:]
+        text = "\n".join(lines)
+    return text
+
+
+KEYS = ["a", "b", "name", "order", "points", "kind", "b_embedded", "nominal", "embedded", "beyond"]
+
+
+def reads(reader, text, error):
+    """Return what a reader makes of a text, None where it refuses it by its own error."""
+    message = ""
+    try:
+        return reader(text)
+    except error as caught:
+        message = str(caught)
+    assert message
+    return None
+
+
+@settings(max_examples=150 * MANY)
+@given(spoilt(METHODS) | st.text(max_size=60))
+@example("")
+@example("{" * 2000)
+@example("[" * 2000)
+@example('{"a": [], "b": []}')
+def test_methods(text):
+    method = reads(loads, text, cg.MethodError)
+    if method is not None:
+        assert loads(dumps(method)) == method
+
+
+@settings(max_examples=80 * MANY)
+@given(st.data())
+def test_methods_in_json(data):
+    method = cg.methods[data.draw(st.sampled_from(["CG3", "CF4", "CG4(3)"]))]
+    entry = {"name": method.name, "order": method.order, "source": "here"}
+    if isinstance(method, cg.Tableau):
+        a, b = method.exact
+        entry |= {"a": [list(map(str, row)) for row in a], "b": list(map(str, b))}
+    anything = st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(NASTY),
+        lambda some: st.lists(some, max_size=3) | st.dictionaries(st.sampled_from(KEYS), some),
+        max_leaves=6,
+    )
+    entry[data.draw(st.sampled_from(KEYS))] = data.draw(anything)
+    found = reads(loads, json.dumps(entry), cg.MethodError)
+    assert found is None or isinstance(found, cg.Method)
+
+
+@settings(max_examples=150 * MANY)
+@given(spoilt(CERTIFICATES) | st.text(max_size=60))
+@example(CERTIFICATES[1].replace("[embedded]\norder = 3", '[embedded]\norder = "3"'))
+@example(CERTIFICATES[1].replace("[embedded]\norder = 3", "[embedded]"))
+def test_certificates(text):
+    certificate = reads(Certificate.loads, text, CertificationError)
+    if certificate is not None:
+        assert Certificate.loads(certificate.dumps()) == certificate
+        assert isinstance(certificate.order, int)
+        assert certificate.embedded_order is None or type(certificate.embedded_order) is int
+        assert (certificate.embedded_beyond is None) == (certificate.embedded_order is None)
+
+
+@settings(max_examples=100 * MANY)
+@given(st.text(alphabet="[] \n()τx", max_size=40))
+def test_trees(text):
+    tree = reads(OrderedTree.parse, text, ValueError)
+    if tree is not None:
+        assert str(tree) == "".join(text.split())
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    path = tmp_path_factory.mktemp("store") / "runs.db"
+    cg.search(3, 3, 4, seed=5, store=path)
+    with sqlite3.connect(path) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    return path.read_bytes()
+
+
+@settings(max_examples=40 * MANY)
+@given(st.data())
+def test_stores(filled, tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("spoilt") / "runs.db"
+    content = bytearray(filled)
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(content) - 1))
+        patch = data.draw(st.binary(min_size=1, max_size=64))
+        content[at : at + len(patch)] = patch
+    path.write_bytes(content[: data.draw(st.integers(1, len(content)))])
+    whole = cg.search(3, 3, 4, seed=5)
+    found = reads(
+        lambda store: cg.search(3, 3, 4, seed=5, store=store), path, (ValueError, OSError)
+    )
+    assert found is None or found == whole
+
+
+def test_proofs_of_impossibility():
+    from research.impossibility.proof import read_proof
+
+    names = ["", "../x", "CG", "\x00", "a/b", "." * 300]
+    for name in names:
+        with pytest.raises((ImpossibilityError, ValueError, KeyError)):
+            read_proof(name)
+    assert Proof.__doc__

@@ -1,0 +1,221 @@
+"""Files and numbers that nobody means well with: clear errors, soon, and no other files."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+import cg
+from cg.catalogue import dumps, load, loads, save
+from cg.problems import HeavyTop
+from cg.proofs import Certificate, CertificationError, certificate_of, check
+from cg.proofs.__main__ import main
+from cg.proofs.dependent.words import parse
+from cg.reproduce.reference_runs import integrate_heavy_top
+from cg.structure.points import MethodError
+from cg.support import quads
+from cg.support.parsing import file_in, read_fraction
+
+pytestmark = pytest.mark.no_core
+
+METHOD = cg.methods["CG3"]
+CERTIFICATE = certificate_of(METHOD)
+
+
+@pytest.fixture(autouse=True)
+def _soon() -> Iterator[None]:
+    begin = time.process_time()
+    yield
+    assert time.process_time() - begin < 10
+
+
+NAMES = [
+    "../outside",
+    "/tmp/outside",
+    "a/b",
+    "..",
+    ".",
+    "",
+    ".hidden",
+    "back\\slash",
+    "C:drive",
+    "zero\0",
+    "line\nbreak",
+    "nul",
+    "COM1.x",
+    "x" * 300,
+    "dot.",
+    " space",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_that_are_no_file_names_are_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="name must be fit for a file's name"):
+        file_in(tmp_path, name)
+    with pytest.raises(ValueError, match="name must be fit"):
+        save(cg.Tableau([[], ["1/2"]], [0, 1], name=name), tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["CG3", "CF4(3)", "König 5", "a.b", "order 4, 5 stages, start 3"])
+def test_other_names_are_file_names(name: str, tmp_path: Path) -> None:
+    method = cg.Tableau([[], ["1/2"]], [0, 1], name=name)
+    save(method, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [f"{name}.toml"]
+    assert load(file_in(tmp_path, name)).name == name
+
+
+@pytest.mark.parametrize("name", ["../outside", "{folder}/outside", "a/../../outside"])
+def test_certificates_are_written_into_the_folder_only(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "output"
+    output.mkdir()
+    name = name.format(folder=tmp_path)
+    bad, good = tmp_path / "bad.toml", tmp_path / "good.toml"
+    save(cg.Tableau([[], ["1/2"]], [0, 1], name=name), bad)
+    save(cg.Tableau([[], ["1/2"]], [0, 1], name="midpoint"), good)
+    assert main(["--output", str(output), str(bad), str(good)]) == 1
+    told = capsys.readouterr().out
+    assert f"FAILED {bad}: name must be fit" in told
+    assert "1 proved, 1 failed" in told
+    assert sorted(path.name for path in tmp_path.rglob("*.toml")) == [
+        "bad.toml",
+        "good.toml",
+        "midpoint.toml",
+    ]
+
+
+HUGE = ["1e999999999", "1e-999999999", "-1E+99999999999999999999", "1e1_000_000", "9" * 5000]
+
+
+@pytest.mark.parametrize("text", [*HUGE, Decimal("1e999999999"), Decimal("1e-999999")])
+def test_numbers_beyond_reason_are_refused(text: str | Decimal) -> None:
+    with pytest.raises(ValueError, match=r"exponents must be at most|Exceeds the limit"):
+        read_fraction(text)
+    with pytest.raises(ValueError, match="values must be finite real numbers"):
+        quads.encode([text])  # type: ignore[list-item]
+    with pytest.raises(ValueError, match="row 1 of a must hold finite real numbers"):
+        cg.conditions.residuals_exact([[text]], [1], 1)
+    with pytest.raises(ValueError, match="b must hold finite real numbers"):
+        cg.conditions.residuals_exact([[0]], [text], 1)
+    with pytest.raises(cg.TableauError):
+        cg.Tableau([[text]], [1])
+    with pytest.raises(ValueError, match="phi_over_pi must be rational"):
+        HeavyTop(phi_over_pi=text)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="h must be a finite number"):
+        integrate_heavy_top(HeavyTop(), method="CG3", h=text, steps=1)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("text", ["1e9999", "-1e-9999", "0.25", "1/3", "1e0000000000000000000001"])
+def test_other_numbers_are_read(text: str) -> None:
+    assert read_fraction(text) * 3 == 3 * read_fraction(text)
+    assert read_fraction(text) != 0
+
+
+@pytest.mark.parametrize("text", [*HUGE, "nan", "-1", "1/0", "1e5000", "1e-4001"])
+def test_certificates_have_sane_numbers(text: str) -> None:
+    with pytest.raises(CertificationError, match="expected a decimal number"):
+        replace(CERTIFICATE, radius=text)
+    with pytest.raises(CertificationError, match="expected a decimal number"):
+        replace(CERTIFICATE.beyond, bound=text)
+    written = CERTIFICATE.dumps()
+    for key, value in (("radius", CERTIFICATE.radius), ("bound", CERTIFICATE.beyond.bound)):
+        line = f'{key} = "{value}"'
+        assert line in written
+        with pytest.raises(CertificationError, match="expected a decimal number"):
+            Certificate.loads(written.replace(line, f'{key} = "{text}"'))
+    with pytest.raises((CertificationError, ValueError)):
+        check(_proof(radius="1e-10", identities=(f"path: {text}",)), METHOD)
+
+
+def _proof(**changes: object) -> Certificate:
+    return replace(CERTIFICATE, **changes)  # type: ignore[arg-type]
+
+
+FORGED = {
+    "order": _proof(order=10**9),
+    "order 0": _proof(order=0),
+    "bits": _proof(bits=10**9),
+    "no bits": _proof(bits=-1),
+    "identities": _proof(identities=("path: 0",) * 100_000),
+    "stage": _proof(identities=("C(2) except at stage " + "9" * 5000,)),
+    "letters": _proof(identities=("letters " + "[" * 3000 + "]" * 3000 + " by",)),
+    "left out": _proof(identities=("orthogonality: " + "[" * 3000 + "]" * 3000,)),
+    "tree": _proof(beyond=replace(CERTIFICATE.beyond, tree="[" * 100_000 + "]" * 100_000)),
+    "no tree": _proof(beyond=replace(CERTIFICATE.beyond, tree="][")),
+    "identity of none": _proof(identities=("path of order two",)),
+    "fixed": _proof(fixed=("a_1,1",) * 1_000_000),
+    "radius": _proof(radius="1e-3999"),
+    "large radius": _proof(radius="1e3999"),
+}
+
+
+@pytest.mark.parametrize("what", FORGED)
+def test_forged_certificates_are_refused(what: str) -> None:
+    with pytest.raises(CertificationError):
+        check(FORGED[what], METHOD)
+
+
+def test_a_check_goes_on_after_a_file_that_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    texts = {
+        "nested": "a = " + "[" * 10_000,
+        "tables": "a" + ".a" * 10_000 + " = 1",
+        "inline": "a = " + "{a = " * 10_000,
+        "digits": "order = " + "9" * 5000,
+        "kinds": CERTIFICATE.dumps().replace("order = 3", 'order = "3"', 1),
+        "latin": "",
+    }
+    forged = [one for what, one in FORGED.items() if what != "fixed"]  # a large file
+    texts |= {f"forged {k}": one.dumps() for k, one in enumerate(forged)}
+    paths = []
+    for name, text in texts.items():
+        paths.append(tmp_path / f"{name}.toml")
+        paths[-1].write_text(text, encoding="utf-8")
+    (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
+    assert main(["--check", *map(str, paths), "CG3", str(tmp_path / "none.toml"), "no such"]) == 1
+    told = capsys.readouterr().out.splitlines()
+    assert sum(line.startswith("FAILED") for line in told) == len(paths) + 2
+    assert told[-1] == f"1 proved, {len(paths) + 2} failed"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("a = [", "a = " + "[" * 10_000),
+        ("name =", "name" + ".a" * 10_000 + " ="),
+        ("b = [", "b = [" + "9" * 5000 + ", "),
+        ("b = [", 'b = ["' + "9" * 5000 + '", '),
+        ("b = [", 'b = ["1e999999999", '),
+        ("b = [", "b = [1e999999999, "),
+    ],
+)
+def test_method_files_that_are_none_are_method_errors(change: tuple[str, str]) -> None:
+    with pytest.raises(MethodError):
+        loads(dumps(METHOD).replace(*change))
+
+
+@pytest.mark.parametrize("stage", ["9" * 5000, "٣", "-1", "1e3"])
+def test_stages_of_points_are_small_numbers(stage: str) -> None:
+    text = dumps(cg.methods["CF3"]).replace("{0 =", f'{{"{stage}" =', 1)
+    with pytest.raises(MethodError, match="weights of point 0 must be on stages"):
+        loads(text)
+
+
+def test_long_files_are_refused() -> None:
+    with pytest.raises(MethodError, match="at most 10000000 characters"):
+        loads("#" * 10_000_001)
+    with pytest.raises(CertificationError, match="at most 10000000 characters"):
+        Certificate.loads("#" * 10_000_001)
+
+
+def test_words_are_those_of_trees_of_tables() -> None:
+    assert parse("[[][[]]]") == ((), ((),))
+    with pytest.raises(ValueError, match="at most 14 nodes"):
+        parse("[" * 15 + "]" * 15)

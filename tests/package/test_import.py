@@ -1,0 +1,95 @@
+"""What is loaded when: counted in modules, since seconds depend on the machine."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cg
+
+pytestmark = pytest.mark.no_core
+
+HEAVY = {"flint", "matplotlib", "numpy", "scipy", "threadpoolctl"}
+
+
+def loaded_after(code):
+    """Return the names of the modules that a fresh interpreter has loaded after some code."""
+    report = "\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
+    process = subprocess.run(
+        [sys.executable, "-c", code + report], capture_output=True, text=True, check=True
+    )
+    return set(json.loads(process.stdout.splitlines()[-1]))
+
+
+def test_the_package_loads_nothing_until_it_is_used():
+    modules = loaded_after("import cg; dir(cg)")
+    assert not HEAVY & modules
+    loaded = {name for name in modules if name.startswith("cg.")}
+    assert loaded == {"cg.support", "cg.support.installation"}
+
+
+def test_methods_need_neither_scipy_nor_flint():
+    modules = loaded_after("import cg; cg.methods['CG4a'].a; list(cg.methods); cg.Tableau")
+    assert "numpy" in modules
+    assert not {"flint", "matplotlib", "scipy"} & modules
+    assert "cg.proofs" not in modules
+
+
+def test_integration_loads_no_more_than_it_uses():
+    modules = loaded_after(
+        "import cg\n"
+        "f = lambda t, y: [0.1, 0.2, 0.3]\n"
+        "frame = cg.frames.SO3()\n"
+        "cg.integrate(f, (0, 1), [[1, 0, 0], [0, 1, 0], [0, 0, 1]], frame=frame, h=0.5,\n"
+        "             method='CG4a')\n"
+        "cg.solve_ivp(f, (0, 1), [[1, 0, 0], [0, 1, 0], [0, 0, 1]], frame=frame)"
+    )
+    unused = {
+        "cg.proofs",
+        "cg.construction",
+        "cg.construction.lifting",
+        "cg.problems",
+        "matplotlib",
+    }
+    unused |= {"cg.jax", "jax", "diffrax"}
+    unused |= {f"scipy.{part}" for part in ("integrate", "interpolate", "optimize", "sparse")}
+    assert not unused & modules
+
+
+def test_public_names_are_those_of_the_stub():
+    stub = ast.parse(Path(cg.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    (listed,) = (
+        [element.value for element in node.value.elts]
+        for node in stub.body
+        if isinstance(node, ast.Assign)
+    )
+    assert sorted(listed) == sorted(cg.__all__)
+    assert dir(cg) == sorted([*listed, "jax", "__version__"])
+    for name in listed:
+        assert getattr(cg, name) is not None
+
+
+def test_modules_are_attributes_and_other_names_are_refused():
+    assert cg.catalogue.methods is cg.methods
+    with pytest.raises(AttributeError, match="module 'cg' has no attribute 'method_s'"):
+        cg.method_s  # noqa: B018
+    assert not hasattr(cg, "__wrapped__")
+
+
+def test_without_jax_a_sentence_says_what_to_install():
+    code = (
+        "import sys; sys.modules['diffrax'] = None; import cg\n"
+        "try:\n    cg.jax\nexcept ImportError as error:\n    print(error)"
+    )
+    command = [sys.executable, "-W", "error", "-c", code]
+    out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert out == "cg.jax needs jax and diffrax: python -m pip install crouch-grossman[jax]\n"
+
+
+def test_star_import_gives_the_public_names():
+    names = {}
+    exec("from cg import *", names)
+    assert set(cg.__all__) <= set(names)

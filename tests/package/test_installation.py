@@ -1,0 +1,97 @@
+"""The two names of the package, and the unrelated distribution that is called `cg` as well."""
+
+import importlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cg
+import crouch_grossman
+import crouch_grossman.frames.so3
+from cg.support.installation import check_folder
+
+pytestmark = pytest.mark.no_core
+
+ROOT = Path(cg.__file__).parents[1]
+ALIAS = ROOT / "crouch_grossman"
+of_the_source_tree = pytest.mark.skipif(
+    not (ROOT / "meson.build").exists(), reason="not in the source tree"
+)
+
+
+def python(code, folder):
+    """Run code where the editable install isn't seen, with a folder on the path."""
+    return subprocess.run(
+        [sys.executable, "-S", "-c", f"import sys; sys.path.insert(0, {str(folder)!r})\n{code}"],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": ""},
+        check=False,
+    )
+
+
+def test_the_second_name_is_the_same_module():
+    assert crouch_grossman is cg
+    assert crouch_grossman.frames is cg.frames
+    assert sys.modules["crouch_grossman.frames.so3"] is sys.modules["cg.frames.so3"]
+    assert cg.frames.so3.__spec__.name == "cg.frames.so3"
+    with pytest.raises(ModuleNotFoundError, match=r"crouch_grossman\.nothing"):
+        importlib.import_module("crouch_grossman.nothing")
+
+
+def test_a_module_runs_by_the_second_name():
+    run = subprocess.run(
+        [sys.executable, "-m", "crouch_grossman.proofs", "--help"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert "usage" in run.stdout
+
+
+@pytest.mark.parametrize(
+    ("left", "version"), [("cg-88.24.0.dist-info", "88.24.0"), ("CG-1.0-py3.11.egg-info", "1.0")]
+)
+def test_the_other_distribution_in_the_folder_is_told(tmp_path, left, version):
+    (tmp_path / "cg").mkdir()
+    for harmless in ("cg_tools-1.0.dist-info", "cgx-2.dist-info", "cg-notes.txt"):
+        (tmp_path / harmless).mkdir()
+    check_folder(str(tmp_path / "cg"))
+    (tmp_path / left).mkdir()
+    with pytest.raises(ImportError, match=r"pip uninstall --yes cg crouch-grossman") as error:
+        check_folder(str(tmp_path / "cg"))
+    assert f"version {version}" in str(error.value)
+
+
+@pytest.mark.parametrize("files", [{"__init__.py": "__title__ = 'cg'"}, {"py.typed": ""}])
+def test_a_replaced_or_removed_module_is_told(tmp_path, files):
+    (tmp_path / "cg").mkdir()
+    for name, text in files.items():
+        (tmp_path / "cg" / name).write_text(text)
+    shutil.copytree(ALIAS, tmp_path / "crouch_grossman")
+    run = python("import crouch_grossman", tmp_path)
+    assert run.returncode == 1
+    assert "pip uninstall --yes cg crouch-grossman" in run.stderr
+    assert str(tmp_path) in run.stderr
+
+
+@of_the_source_tree
+def test_the_version_is_one():
+    (built,) = re.findall(r"^  version: '(.*)'", (ROOT / "meson.build").read_text(), re.MULTILINE)
+    (cited,) = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert built == cited == cg.__version__
+
+
+@of_the_source_tree
+def test_caches_of_all_folders_are_left_out():
+    text = (ROOT / "meson.build").read_text("utf-8")
+    named = re.search(r"foreach folder : \[(.*?)\]", text, re.DOTALL).group(1)
+    folders = {file.parent.relative_to(ROOT / "cg") for file in (ROOT / "cg").rglob("*.py")}
+    assert {Path(name) for name in re.findall("'(.*?)'", named)} == folders

@@ -1,0 +1,114 @@
+"""Trees, orders of flat methods and steps, beside kauri, NodePy and Lielab."""
+
+from collections import defaultdict
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import cg
+from cg import conditions
+from cg.method.low_storage import flat_residuals
+from cg.problems import HeavyTop
+from cg.trees.ordered import forest
+
+pytestmark = pytest.mark.no_core
+
+NODES = 8
+
+
+@pytest.fixture(scope="module")
+def kauri():
+    return pytest.importorskip("kauri")
+
+
+@pytest.fixture(scope="module")
+def nodepy():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MPLBACKEND", "agg")
+        return pytest.importorskip("nodepy.runge_kutta_method")
+
+
+@pytest.fixture(scope="module")
+def coefficients():
+    return pytest.importorskip("lielab.integrate").CrouchGrossmanCoefficients
+
+
+def nested(tree):
+    return [nested(child) for child in tree.children]
+
+
+class TestTrees:
+    @pytest.mark.parametrize("nodes", range(1, NODES + 1))
+    def test_planar_trees_are_the_same(self, kauri, nodes):
+        trees = forest(nodes)
+        ours = [kauri.PlanarTree(nested(trees.tree(t))) for t in trees.with_nodes(nodes)]
+        theirs = list(kauri.planar_trees_of_order(nodes))
+        assert len(ours) == len(theirs)
+        assert set(ours) == set(theirs)
+
+    @pytest.mark.parametrize("nodes", range(1, NODES + 1))
+    def test_densities_add_up_to_tree_factorials(self, kauri, nodes):
+        # over all orders of children, 1 / γ adds up to |t| / (t! σ(t)) of the tree without order
+        trees = forest(nodes)
+        sums = defaultdict(Fraction)
+        for t in trees.with_nodes(nodes):
+            planar = kauri.PlanarTree(nested(trees.tree(t)))
+            sums[planar.to_nonplanar_tree()] += Fraction(1, trees.density[t - 1])
+        theirs = list(kauri.trees_of_order(nodes))
+        assert len(sums) == len(theirs)
+        for tree in theirs:
+            assert sums[tree] == Fraction(nodes, tree.factorial() * tree.sigma())
+
+    def test_classical_conditions_are_counted_alike(self, kauri):
+        for order in range(1, 10):
+            found = sum(1 for tree in kauri.trees_up_to_order(order) if tree.nodes())
+            assert conditions.count_classical(order) == found
+
+
+FEW_STAGES = [name for name, method in cg.methods.items() if method.stages <= 9]
+
+
+class TestFlatOrders:
+    @pytest.mark.parametrize("name", FEW_STAGES)
+    def test_of_the_catalogue(self, nodepy, kauri, capsys, name):
+        method = cg.methods[name]
+        # as doubles; what fails does so by more than 1e-6
+        orders = range(1, 10)
+        order = next(q for q in orders if max(map(abs, flat_residuals(method, q))) > 1e-8) - 1
+        assert order >= method.order
+        a = [[float(entry) for entry in row] for row in method.exact[0]]
+        b = [float(entry) for entry in method.exact[1]]
+        assert nodepy.RungeKuttaMethod(np.array(a), np.array(b)).order(tol=1e-8) == order
+        if order < 6:
+            assert kauri.RK(a, b).order(tol=1e-8) == order
+
+
+class TestLielab:
+    """One step after the other. Lielab moves points from the left, the package from the right."""
+
+    @pytest.mark.parametrize("name", ["CG4a", "CG5a"])
+    @pytest.mark.parametrize("h", [0.1, 0.01])
+    def test_steps_are_the_same(self, coefficients, name, h):
+        from benchmarks.lielab_top import LielabTop
+
+        top = HeavyTop()
+        lielab = LielabTop(top)
+        lielab.options.crouch_grossman_coefficients = getattr(coefficients, name)
+        theirs = lielab.integrate(h, 10)
+
+        # with the transpose of the attitude, flows on the left are flows on the right
+        def f(t, y):
+            rotation, momentum = y[:9].reshape(3, 3).T, y[9:]
+            velocity = momentum / top.inertia
+            turned = np.cross(momentum, velocity) + top.mgl * np.cross(rotation[2], [0, 0, 1])
+            return np.concatenate([-rotation @ velocity, turned])
+
+        start = np.concatenate([top.y0[:9].reshape(3, 3).T.ravel(), top.y0[9:]])
+        ours = cg.integrate(f, (0, 10 * h), start, frame=top.frame, method=name, h=h).y.copy()
+        ours[:, :9] = ours[:, :9].reshape(-1, 3, 3).swapaxes(1, 2).reshape(-1, 9)
+        # The top magnifies rounding some 16 times while it runs ten of the long steps.
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-14)
+        assert np.abs(ours[-1] - ours[0]).max() > 0.1 * h
+        other = cg.integrate(f, (0, 10 * h), start, frame=top.frame, method="CG4", h=h).y
+        assert np.abs(other[1:, 9:] - theirs[1:, 9:]).max() > 1e-13

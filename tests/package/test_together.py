@@ -1,0 +1,56 @@
+"""Eight threads and eight processes at once give what one thread alone does."""
+
+import pickle
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from parallel_work import TASKS, task
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return [task(k) for k in range(TASKS)]
+
+
+def test_eight_threads(alone):
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(task, range(TASKS))) == alone
+        assert list(pool.map(task, reversed(range(TASKS)))) == alone[::-1]
+
+
+def worked(way, processes, tasks, after_work):
+    """Return what processes find that are begun in a process of its own.
+
+    What other tests have loaded into this one, such as JAX, may have threads and forbid forks.
+    """
+    code = f"""
+import multiprocessing, pickle
+from concurrent.futures import ProcessPoolExecutor
+from parallel_work import task
+if __name__ == "__main__":
+    if {after_work}:
+        task(0)
+    with ProcessPoolExecutor({processes}, multiprocessing.get_context({way!r})) as pool:
+        print(pickle.dumps(list(pool.map(task, range({tasks})))).hex())
+"""
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], cwd=Path(__file__).parents[1] / "helpers",
+        capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert run.stderr == ""
+    return pickle.loads(bytes.fromhex(run.stdout))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="processes can't fork")
+@pytest.mark.parametrize("way", ["fork", "spawn", "forkserver"])
+def test_eight_processes(alone, way):
+    assert worked(way, 8, TASKS, False) == alone
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes can't fork")
+def test_two_forks_of_a_process_that_has_worked(alone):
+    assert worked("fork", 2, 4, True) == alone[:4]

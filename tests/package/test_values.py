@@ -1,0 +1,52 @@
+"""What the package gives are values: nobody changes them, so that they can be shared and hashed."""
+
+import dataclasses
+import importlib
+import pkgutil
+
+import pytest
+
+import cg
+
+pytestmark = pytest.mark.no_core
+
+# They work for one run alone
+CHANGE = {
+    "cg.proofs.dependent.spanned.Spanned",
+    "cg.construction.construct._Told",
+}
+
+
+def classes():
+    for module in pkgutil.walk_packages(cg.__path__, "cg."):
+        if module.name.endswith("__main__"):
+            continue
+        for value in vars(importlib.import_module(module.name)).values():
+            here = isinstance(value, type) and value.__module__ == module.name
+            if here and dataclasses.is_dataclass(value):
+                yield f"{module.name}.{value.__qualname__}", value
+
+
+def test_dataclasses_are_frozen():
+    found = dict(classes())
+    assert len(found) > 60
+    changing = {name for name, one in found.items() if not one.__dataclass_params__.frozen}
+    modules = {name for name in changing if name.startswith("cg.jax.")}  # equinox freezes them
+    assert changing - modules == CHANGE
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        cg.methods["CG3"],
+        cg.methods["CG3"].tree,
+        cg.conditions.Layout.tableau(2),
+        cg.frames.SO3(),
+        cg.problems.FreeRigidBody(),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_attributes_stay(value):
+    name = next(iter(vars(value)))
+    with pytest.raises(AttributeError):
+        setattr(value, name, None)

@@ -1,0 +1,53 @@
+"""A build without quadruple precision: everything in double works, quads are refused by name."""
+
+import numpy as np
+import pytest
+
+import cg
+from cg.conditions import residuals_of
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.reproduce.reference_runs import integrate_heavy_top
+from cg.support import quads
+from cg.support.quads import MissingQuadsError
+
+pytestmark = pytest.mark.no_core
+
+
+@pytest.fixture(autouse=True)
+def without(monkeypatch):
+    monkeypatch.setattr(quads, "_compiled", lambda: None)
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: cg.search(order=2, stages=2, starts=1, seed=1), r"cg\.search"),
+        (lambda: cg.construct(order=3, stages=3, seed=1), r"cg\.construct"),
+        (lambda: quads.from_float([1.0]), r"cg\.support\.quads\.from_float"),
+        (lambda: quads.to_float(quads.encode([1])), r"cg\.support\.quads\.to_float"),
+        (lambda: refine(quads.encode([0, 1, 1]), ConditionSystem.tableau(2, 2)), "refinement"),
+        (
+            lambda: integrate_heavy_top(
+                cg.problems.HeavyTop(), method="CG3", h="1/100", steps=2, kind="real128"
+            ),
+            'kind="real128"',
+        ),
+    ],
+)
+def test_quads_are_refused_by_name(call, name):
+    with pytest.raises(MissingQuadsError, match=rf"^{name} needs quadruple precision.*-Dquad"):
+        call()
+
+
+def test_doubles_work():
+    top = cg.problems.HeavyTop()
+    compiled = integrate_heavy_top(top, method="CG4a", h="1/100", steps=20)
+    run = cg.integrate(top.f, (0, 0.2), top.y0, frame=top.frame, method="CG4a", h=0.01)
+    np.testing.assert_allclose(compiled.y[-1], run.y[-1], atol=1e-13)
+    assert np.abs(residuals_of(cg.methods["CG6f"], 6)).max() < 1e-13
+    assert cg.certify(cg.methods["CG4b"]).order == 4
+    assert cg.lift(cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"])).method.order == 3
+    fit = cg.lmdif(lambda x: np.array([x[0] - 1, 10 * (x[1] - x[0] ** 2)]), [2.0, 2.0])
+    np.testing.assert_allclose(fit.x, 1.0, atol=1e-10)
+    assert quads.decode(quads.encode(["1/3"]))[0].denominator == 2**114

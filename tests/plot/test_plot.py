@@ -1,0 +1,263 @@
+"""What pictures show, read back from their axes."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import cg
+from cg.plot.stability import growth
+from cg.plot.style import COLOURS, curve_style
+from cg.plot.trees import layout
+from cg.trees.ordered import OrderedTree
+
+matplotlib = pytest.importorskip("matplotlib")
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt  # noqa: E402
+
+pytestmark = pytest.mark.no_core
+
+
+@pytest.fixture
+def ax():
+    yield plt.figure().add_subplot()
+    plt.close("all")
+
+
+@pytest.fixture
+def spatial():
+    yield plt.figure().add_subplot(projection="3d")
+    plt.close("all")
+
+
+def texts(ax):
+    return [text.get_text() for text in ax.texts]
+
+
+def test_matplotlib_is_loaded_only_to_draw():
+    code = "import cg; cg.plot.tree; import sys; print('matplotlib' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "False\n"
+
+
+def test_new_axes_are_made_and_given_ones_returned(ax):
+    assert cg.plot.tree("[]", ax) is ax
+    other = cg.plot.tree("[]")
+    assert other is not ax
+    assert other.figure is not ax.figure
+    assert cg.plot.trajectory_on_sphere(np.eye(3)).name == "3d"
+
+
+class TestTrees:
+    def test_nodes_and_edges(self, ax):
+        cg.plot.tree("[[][[]]]", ax)
+        assert len(ax.lines) == 3
+        ends = sorted(tuple(line.get_xydata().ravel()) for line in ax.lines)
+        assert ends == [(0.0, 0.0, -0.5, 1.0), (0.0, 0.0, 0.5, 1.0), (0.5, 1.0, 0.5, 2.0)]
+        assert ax.collections[0].get_offsets().shape == (4, 2)
+        assert ax.get_xlabel() == "[[][[]]]   γ = 3"
+        assert cg.plot.tree(OrderedTree.parse("[[]]"), title=False).get_xlabel() == ""
+
+    @pytest.mark.parametrize("text", ["[]", "[[][][]]", "[[[]][[][]][]]", "[[[[[]]]]]"])
+    def test_nodes_stay_apart(self, text):
+        tree = OrderedTree.parse(text)
+        nodes, edges = layout(tree)
+        assert len(set(nodes)) == len(nodes) == tree.nodes
+        assert len(edges) == tree.nodes - 1
+        assert nodes[0] == (0.0, 0.0)
+        assert all(nodes[child][1] == nodes[parent][1] + 1 for parent, child in edges)
+        for height in {y for _, y in nodes}:
+            level = sorted(x for x, y in nodes if y == height)
+            assert all(np.diff(level) >= 1.0)
+
+    def test_what_is_refused(self, ax):
+        with pytest.raises(ValueError, match="expected exactly one tree"):
+            cg.plot.tree("[[]", ax)
+        with pytest.raises(TypeError, match="tree must be an OrderedTree or its text, got 3"):
+            cg.plot.tree(3, ax)
+        with pytest.raises(ValueError, match="tree must have at most 200 nodes, got 201"):
+            cg.plot.tree("[" * 201 + "]" * 201, ax)
+        with pytest.raises(TypeError, match="ax must be None or axes of matplotlib, got 'ax'"):
+            cg.plot.tree("[]", "ax")
+
+
+class TestMethods:
+    def test_a_tableau(self, ax):
+        cg.plot.tableau("CG2(3)", ax)
+        assert ax.get_title() == "CG2(3): order 3(2), 3 evaluations, 6 flows"
+        wanted = ["0", "3/4", "3/4", "17/24", "119/216", "17/108"]
+        wanted += ["13/51", "−2/3", "24/17", "17/54", "19/54", "1/3"]
+        assert texts(ax) == wanted
+        rows = {text.get_text(): text.get_position() for text in ax.texts}
+        assert rows["119/216"][0] == rows["13/51"][0] == 1
+        assert rows["13/51"][1] < rows["17/108"][1] < rows["3/4"][1]
+        assert "0.8177" in texts(cg.plot.tableau("CG4a"))
+        assert "0.82" in texts(cg.plot.tableau("CG4a", digits=2))
+
+    def test_points(self, ax):
+        method = cg.methods["CF4"]
+        cg.plot.points(method, ax)
+        assert texts(ax)[:3] == ["1/2 F1", "1/2 F2", "−1/2 F1 + 1 F3"]
+        assert texts(ax)[3] == "1/4 F1 + 1/6 F2\n+ 1/6 F3 − 1/12 F4"
+        assert texts(ax)[-4:] == ["1", "2", "3", "4"]
+        places = [text.get_position() for text in ax.texts[-4:]]
+        np.testing.assert_allclose([x for x, _ in places], method.c)
+        assert len(set(places)) == 4
+        assert len(ax.lines) == method.exponentials
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["result", "stages"]
+        assert ax.get_xlabel() == "time of the point, in steps"
+
+    @pytest.mark.parametrize("name", ["LieEuler", "CG5a", "CF6a", "CF6(5)", "CG4(3)", "RKMK4"])
+    def test_every_flow_is_a_line(self, ax, name):
+        method = cg.catalogue.resolve_method(name)
+        cg.plot.points(method, ax)
+        flows = method.tree.flows(
+            [*method.stage_points, method.result]
+            + ([] if method.tree.embedded_result is None else [method.tree.embedded_result])
+        )
+        assert len(ax.lines) == flows
+        dotted = [line for line in ax.lines if line.get_linestyle() == ":"]
+        assert len(dotted) == (name == "CF6(5)")
+
+    def test_what_is_refused(self, ax):
+        with pytest.raises(ValueError, match="method must be explicit for its points to be drawn"):
+            cg.plot.points("DICG4", ax)
+        with pytest.raises(ValueError, match="method must be one of"):
+            cg.plot.tableau("XX", ax)
+        with pytest.raises(ValueError, match="digits must be at least 1, got 0"):
+            cg.plot.tableau("CG3", ax, digits=0)
+
+
+class TestStability:
+    @pytest.mark.parametrize("name", ["CG3", "CF4", "DP5(4)", "DICG4", "ImplicitMidpoint"])
+    def test_growth_is_that_of_a_step(self, name):
+        method = cg.methods[name]
+        z = np.array([-0.3, 0.2])
+        for value in z:
+            run = cg.integrate(
+                lambda t, y, k=value: [k * y[0]], (0, 1), [1.0], frame=cg.frames.Euclidean(1),
+                method=method, h=1.0,
+            )  # fmt: skip
+            found = growth(method, np.array([value + 0j]))
+            np.testing.assert_allclose(found, run.y[-1], atol=1e-12)
+
+    def test_the_boundary(self, ax):
+        cg.plot.stability_region("CG2", ax)
+        (boundary,) = [c for c in ax.collections if len(c.get_edgecolors()) and not c.filled]
+        path = np.concatenate([p.vertices for p in boundary.get_paths()])
+        size = np.abs(growth(cg.methods["CG2"], path[:, 0] + 1j * path[:, 1]))
+        np.testing.assert_allclose(size, 1.0, atol=5e-3)
+        assert path[:, 0].min() == pytest.approx(-2.0, abs=0.01)
+        assert (ax.get_xlabel(), ax.get_ylabel()) == ("Re hλ", "Im hλ")
+        left, right = ax.get_xlim()
+        assert -3 < left < -2
+        assert 0 < right < 1
+
+    def test_several_methods_and_ranges(self, ax):
+        cg.plot.stability_region(["CG3", cg.methods["CF4"]], ax, x=(-4, 1), y=(-3.5, 3.5))
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["CG3", "CF4"]
+        assert ax.get_xlim() == (-4, 1)
+        assert ax.get_ylim() == (-3.5, 3.5)
+        cg.plot.stability_region("ImplicitMidpoint")  # whose region has no end
+
+    def test_what_is_refused(self, ax):
+        with pytest.raises(ValueError, match=r"x must be a pair of increasing finite numbers, got"):
+            cg.plot.stability_region("CG3", ax, x=(1, 0))
+        with pytest.raises(ValueError, match="method must be one or more methods, got none"):
+            cg.plot.stability_region([], ax)
+
+
+class TestErrors:
+    def test_convergence(self, ax):
+        h = np.array([0.4, 0.1, 0.2, 0.05])
+        cg.plot.convergence(h, 3 * h**4, ax, label="mine", order=4)
+        cg.plot.convergence(h, 5 * h**3, ax, label="other")
+        curve, guide, second = ax.lines
+        np.testing.assert_array_equal(curve.get_xdata(), np.sort(h))
+        np.testing.assert_allclose(curve.get_ydata(), 3 * np.sort(h) ** 4)
+        np.testing.assert_allclose(guide.get_ydata(), 3 * h**4)
+        assert texts(ax) == ["order 4"]
+        assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+        assert (ax.get_xlabel(), ax.get_ylabel()) == ("step size h", "error")
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["mine", "other"]
+        looks = {(c.get_color(), c.get_linestyle(), c.get_marker()) for c in (curve, second)}
+        assert len(looks) == 2
+        ax.figure.canvas.draw()
+        labels = [tick.get_text() for tick in ax.get_xticklabels()]
+        assert "0.1" in labels
+        assert "0.2" in labels
+
+    def test_work_precision(self, ax):
+        cg.plot.work_precision([30, 10], [1e-6, 0.0], ax, unit="seconds")
+        np.testing.assert_array_equal(ax.lines[0].get_xydata(), [[30.0, 1e-6]])
+        assert (ax.get_xlabel(), ax.get_ylabel()) == ("seconds", "error")
+        assert ax.get_legend() is None
+
+    @pytest.mark.parametrize(
+        ("h", "errors", "message"),
+        [
+            ([0.1, 0.2], [1e-3], r"vectors of one length, got shapes \(2,\), \(1,\)"),
+            ([0.1, -0.2], [1e-3, 1e-3], "h must be finite and positive"),
+            ([0.1, 0.2], [1e-3, np.nan], "errors must be finite and not negative"),
+            ([0.1, 0.2], [0.0, 0.0], "errors must have one that isn't zero"),
+            ("ab", [1.0], "h must be a vector of numbers, got 'ab'"),
+        ],
+    )
+    def test_what_is_refused(self, ax, h, errors, message):
+        with pytest.raises(ValueError, match=message):
+            cg.plot.convergence(h, errors, ax)
+        with pytest.raises(ValueError, match="order must be"):
+            cg.plot.convergence([0.1], [0.1], ax, order=-1)
+
+    def test_curves_look_different(self, ax):
+        looks = []
+        for _ in range(6):
+            style = curve_style(ax)
+            looks.append((style["color"], str(style["linestyle"]), style["marker"]))
+            ax.plot([1, 2], [1, 2], **style)
+        assert all(len(set(column)) == 6 for column in zip(*looks, strict=True))
+
+
+class TestTrajectories:
+    def test_on_the_sphere(self, spatial):
+        run = cg.integrate(
+            lambda t, y: [0, 0, 1], (0, 1), [2.0, 0, 0], frame=cg.frames.Euclidean(3),
+            method="CG3", h=0.25,
+        )  # fmt: skip
+        cg.plot.trajectory_on_sphere(run, spatial, label="one")
+        cg.plot.trajectory_on_sphere(run.y, spatial, color="black")
+        first, second = spatial.get_lines()
+        np.testing.assert_array_equal(np.stack(first.get_data_3d(), axis=1), run.y)
+        assert (first.get_color(), second.get_color()) == (COLOURS[0], "black")
+        labels = spatial.get_xlabel(), spatial.get_ylabel(), spatial.get_zlabel()
+        assert labels == ("x", "y", "z")
+        spheres = [part for part in spatial.collections if part.get_gid() == "cg-sphere"]
+        assert len(spheres) == 1
+
+    def test_of_axes(self, spatial):
+        rotation = pytest.importorskip("scipy.spatial.transform").Rotation
+        turns = rotation.from_rotvec(np.linspace(0, 1, 5)[:, None] * [0, 0, np.pi / 2])
+        cg.plot.trajectory_of_axes(turns, spatial)
+        matrices = turns.as_matrix()
+        lines = spatial.get_lines()
+        assert len(lines) == 3 + 2 * 3
+        for k in range(3):
+            np.testing.assert_array_equal(np.stack(lines[k].get_data_3d(), 1), matrices[:, :, k])
+            end = np.stack(lines[6 + k].get_data_3d(), 1)[1]
+            np.testing.assert_array_equal(end, matrices[-1, :, k])
+            assert lines[k].get_color() == lines[6 + k].get_color() == COLOURS[k]
+        legend = [text.get_text() for text in spatial.get_legend().get_texts()]
+        assert legend == ["x axis", "y axis", "z axis"]
+
+    def test_what_is_refused(self, ax, spatial):
+        with pytest.raises(ValueError, match="ax must be three-dimensional, made with projection="):
+            cg.plot.trajectory_on_sphere(np.eye(3), ax)
+        with pytest.raises(ValueError, match=r"y must have shape \(n, 3\), got \(3, 4\)"):
+            cg.plot.trajectory_on_sphere(np.ones((3, 4)), spatial)
+        with pytest.raises(ValueError, match=r"y must have shape \(n, 3, 3\), got \(5, 4\)"):
+            cg.plot.trajectory_of_axes(np.ones((5, 4)), spatial)
+        with pytest.raises(ValueError, match="y must be finite"):
+            cg.plot.trajectory_on_sphere(np.full((2, 3), np.nan), spatial)
+        with pytest.raises(ValueError, match="triads must be at least 0, got -1"):
+            cg.plot.trajectory_of_axes(np.eye(3)[None], spatial, triads=-1)

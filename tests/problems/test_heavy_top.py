@@ -1,0 +1,279 @@
+"""The spinning top: its equations, its reference, and the compiled integrator in both kinds."""
+
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from flint import arb
+from scipy.integrate import solve_ivp
+
+from cg.analysis.convergence import observed_order
+from cg.catalogue import methods
+from cg.frames import SO3, Euclidean, Product, hat
+from cg.integration import integrate
+from cg.problems import HeavyTop, StateDependentRotation
+from cg.problems.taylor import QuadraticSystem, reference_solution
+from cg.reproduce.reference_runs import integrate_heavy_top
+
+READINGS = ["momentum", "velocity"]
+TENTHS = [Fraction(k, 10) for k in range(11)]
+
+
+@pytest.fixture(scope="module", params=READINGS)
+def top(request):
+    return HeavyTop(request.param)
+
+
+@pytest.fixture(scope="module")
+def reference(top):
+    return top.reference(TENTHS)
+
+
+def test_constants_and_initial_values():
+    top = HeavyTop()
+    rotation, m = top.frame.split(top.y0)
+    cosine, sine = np.cos(np.pi / 16), np.sin(np.pi / 16)
+    wanted = [[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]]
+    np.testing.assert_allclose(rotation, wanted, rtol=0, atol=1e-16)
+    np.testing.assert_array_equal(hat(m), [[0, -1, 0], [1, 0, 0], [0, 0, 0]])
+    np.testing.assert_array_equal(HeavyTop("velocity").y0[9:], [0, 0, 0.25])
+    assert top.frame == Product(SO3(), Euclidean(3))
+    assert float(top.mgl) == pytest.approx(9.81 * np.sqrt(3) / 2, rel=2e-16)
+    assert abs(top.mgl**2 - Fraction(981, 100) ** 2 * 3 / 4) < Fraction(1, 2**200)
+    exact = top.y0_exact
+    assert abs(exact[4] ** 2 + exact[5] ** 2 - 1) < Fraction(1, 2**200)
+    half_angle = 2 * exact[4] ** 2 - 1  # cos(pi / 8), whose double angle is known
+    assert abs((2 * half_angle**2 - 1) ** 2 - Fraction(1, 2)) < Fraction(1, 2**200)
+
+
+def test_right_side_is_the_equation_in_vectors():
+    top = HeavyTop()
+    rng = np.random.default_rng(1)
+    for y in top.frame.random_point(rng, (5,)):
+        rotation, m = top.frame.split(y)
+        omega = m / np.array([7 / 8, 7 / 8, 2 / 8])
+        e3 = np.array([0.0, 0.0, 1.0])
+        torque = 9.81 * np.sqrt(3) / 2 * np.cross(rotation.T @ e3, e3)
+        wanted = np.concatenate([omega, np.cross(m, omega) + torque])
+        np.testing.assert_allclose(top.f(0.0, y), wanted, rtol=1e-14, atol=1e-14)
+
+
+def test_reference_estimates_its_error(reference):
+    assert max(reference.errors) <= 1e-33
+    assert reference.times == tuple(TENTHS)
+    assert reference.y.shape == (11, 12)
+
+
+def test_error_estimate_covers_a_more_accurate_reference(top):
+    rough = reference_solution(top._system, [1], bits=128, step=Fraction(1, 4), order=16)
+    fine = top.reference([1], bits=320)
+    pairs = zip(rough.values[0], fine.values[0], strict=True)
+    error = float(max(abs(x - y) for x, y in pairs))
+    assert 1e-25 < error < rough.errors[0] < 1e-2
+
+
+def test_reference_keeps_the_invariants_beyond_quadruple_precision(top, reference):
+    inverse = [1 / moment for moment in top.inertia]
+
+    def invariants(y):
+        m = y[9:]
+        energy = sum(i * x * x for i, x in zip(inverse, m, strict=True)) / 2 + top.mgl * y[8]
+        vertical = sum(x * z for x, z in zip(m, y[6:9], strict=True))
+        gram = [
+            sum(y[3 * i + k] * y[3 * j + k] for k in range(3)) - (i == j)
+            for i in range(3)
+            for j in range(3)
+        ]
+        return (energy, vertical, m[2], *gram)
+
+    start = invariants(top.y0_exact)
+    for y in reference.values:
+        for now, then in zip(invariants(y), start, strict=True):
+            assert abs(now - then) < Fraction(1, 10**33)
+
+
+def test_invariants_in_double(top, reference):
+    start = top.invariants(top.y0)
+    for name, values in top.invariants(reference.y).items():
+        assert values.shape == (11,)
+        np.testing.assert_allclose(values, start[name], rtol=0, atol=4e-15, err_msg=name)
+    solution = integrate(top.f, (0, 1), top.y0, frame=top.frame, method="CG5a", h=0.01)
+    for name, values in top.invariants(solution.y).items():
+        np.testing.assert_allclose(values, start[name], rtol=0, atol=1e-7, err_msg=name)
+
+
+def test_reference_agrees_with_an_independent_solver(top, reference):
+    def ambient(t, y):
+        return top.frame.field(top.f(t, y), y)
+
+    solution = solve_ivp(
+        ambient, (0, 1), top.y0, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=reference.t
+    )
+    np.testing.assert_allclose(solution.y.T, reference.y, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("convention", ["body", "space"])
+def test_reference_of_the_rotation_agrees_with_an_independent_solver(convention):
+    problem = StateDependentRotation(convention)
+
+    def ambient(t, y):
+        point = y.reshape(3, 3)
+        return problem.frame.field(problem.f(t, point), point).ravel()
+
+    times = [0.5, 1.0]
+    solution = solve_ivp(
+        ambient, (0, 1), problem.y0.ravel(), method="DOP853", rtol=1e-13, atol=1e-15, t_eval=times
+    )
+    reference = problem.reference(times, bits=128)
+    np.testing.assert_allclose(solution.y.T, reference.y[:, :9], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(reference.y[:, 9], times)
+
+
+def test_reference_runs_backward_and_takes_times_as_they_come(top):
+    back = top.reference([0.25, "-0.5", 0, Fraction(1, 3), 0.25])
+    assert back.times == (Fraction(1, 4), Fraction(-1, 2), 0, Fraction(1, 3), Fraction(1, 4))
+    assert back.values[2] == top.reference([0]).values[0]
+    assert back.values[0] == back.values[4]
+    solution = integrate(top.f, (0, -0.5), top.y0, frame=top.frame, method="CG5a", h=1 / 256)
+    np.testing.assert_allclose(solution.y[-1], back.y[1], rtol=0, atol=1e-9)
+
+
+def test_reference_as_decimals():
+    rows = HeavyTop().reference([0]).decimals(40)
+    assert rows[0][0] == "1." + "0" * 40
+    assert rows[0][4] == "0.9807852804032304491261822361342390369739"
+    assert rows[0][7] == "-0.1950903220161282678482848684770222409277"
+
+
+def test_taylor_series_of_known_solutions():
+    def build():
+        # y' = -y^2 and z' = 1, w' = -w: y = 1/(1 + t), z = t, w = exp(-t)
+        equations = (((arb(-1), (0, 0)),), ((arb(1), ()),), ((arb(-1), (2,)),))
+        return QuadraticSystem(equations, (arb(1), arb(0), arb(1)))
+
+    found = reference_solution(build, [Fraction(1, 2), 3])
+    for t, (y, z, w), error in zip(found.times, found.values, found.errors, strict=True):
+        assert abs(y - 1 / (1 + t)) < 1e-40
+        assert abs(z - t) < 1e-60
+        assert float(w) == pytest.approx(np.exp(-float(t)), rel=1e-15)
+        assert error < 1e-40
+
+
+@pytest.mark.parametrize("times", [["noon"], [np.nan], [np.inf], [None]])
+def test_bad_times_are_refused(times):
+    with pytest.raises(ValueError, match="times must be finite numbers"):
+        HeavyTop().reference(times)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("speed",), "reading must be"),
+        (("momentum", "third"), "phi_over_pi must be rational"),
+        (("momentum", float("nan")), "phi_over_pi must be rational"),
+    ],
+)
+def test_bad_tops_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        HeavyTop(*arguments)
+
+
+@pytest.mark.parametrize("name", [name for name in methods if methods[name].explicit])
+def test_compiled_stepper_agrees_with_python(top, name):
+    slow = integrate(top.f, (0, 1), top.y0, frame=top.frame, method=name, h=1 / 16)
+    fast = integrate_heavy_top(top, method=name, h=1 / 16, steps=16)
+    np.testing.assert_array_equal(fast.t, slow.t)
+    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
+
+
+def test_kinds_agree_to_the_rounding_of_doubles(top):
+    double = integrate_heavy_top(top, method="CG4a", h="1/32", steps=32)
+    quadruple = integrate_heavy_top(top, method="CG4a", h="1/32", steps=32, kind="real128")
+    assert quadruple.raw.shape == (33, 12, 16)
+    np.testing.assert_allclose(double.y, quadruple.y, rtol=0, atol=1e-14)
+    difference = [abs(x - y) for x, y in zip(double.exact(-1), quadruple.exact(-1), strict=True)]
+    assert max(difference) > 1e-17
+    np.testing.assert_array_equal([float(x) for x in quadruple.exact(7)], quadruple.y[7])
+
+
+@pytest.mark.parametrize("kind", ["real64", "real128"])
+def test_threads_do_not_disturb_each_other(kind):
+    def run(k):
+        top = HeavyTop(READINGS[k % 2])
+        name = ("CG3", "CG4a", "CG5a")[k % 3]
+        return integrate_heavy_top(top, method=name, h=0.01, steps=200, kind=kind).raw
+
+    alone = [run(k) for k in range(6)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(run, [k % 6 for k in range(24)]))
+    for k, raw in enumerate(together):
+        np.testing.assert_array_equal(raw, alone[k % 6])
+
+
+def orthogonality(point):
+    return max(
+        abs(sum(point[3 * i + k] * point[3 * j + k] for k in range(3)) - (i == j))
+        for i in range(3)
+        for j in range(3)
+    )
+
+
+def test_rotations_are_orthogonal_to_the_rounding_of_either_kind(top):
+    wide = integrate_heavy_top(top, method="CG3", h="1/100", steps=1000, kind="real128")
+    assert max(orthogonality(wide.exact(k)) for k in (1, 10, 100, 1000)) < 4e-34
+    narrow = integrate_heavy_top(top, method="CG3", h="1/100", steps=10_000)
+    assert top.frame.membership_error(narrow.y).max() < 1e-14
+
+
+def errors_in_quadruple(top, exact, name, steps):
+    return [
+        float(max(abs(x - y) for x, y in zip(found.exact(-1), exact, strict=True)))
+        for found in (
+            integrate_heavy_top(top, method=name, h=Fraction(1, n), steps=n, kind="real128")
+            for n in steps
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "steps"),
+    [("CG3", (64, 128, 256)), ("CG4", (256, 512, 1024)), ("CG4a", (128, 256, 512, 1024))],
+)
+def test_slopes_in_quadruple_precision(top, reference, name, steps):
+    errors = errors_in_quadruple(top, reference.values[-1], name, steps)
+    slope = observed_order(1 / np.array(steps), errors)
+    assert slope.order == pytest.approx(methods[name].order, abs=0.1)
+
+
+def test_order_five_far_below_the_rounding_of_doubles():
+    top = HeavyTop()
+    exact = top.reference([1]).values[-1]
+    steps = (256, 1024, 4096, 8192)
+    errors = errors_in_quadruple(top, exact, "CG5a", steps)
+    slope = observed_order(1 / np.array(steps), errors)
+    assert slope.order == pytest.approx(5.0, abs=0.1)
+    assert slope.spread < 0.1
+    assert errors[-1] < 5e-18
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"problem": StateDependentRotation()}, TypeError, "problem must be a HeavyTop"),
+        ({"method": "CG0"}, ValueError, "method must be one of"),
+        ({"h": 0}, ValueError, "h must be positive, got 0"),
+        ({"h": -0.1}, ValueError, "h must be positive"),
+        ({"h": np.nan}, ValueError, "h must be a finite number"),
+        ({"h": "1/0"}, ValueError, "h must be a finite number"),
+        ({"h": None}, ValueError, "h must be a finite number"),
+        ({"steps": 0}, ValueError, "steps must be a positive integer, got 0"),
+        ({"steps": 2.0}, ValueError, "steps must be a positive integer"),
+        ({"kind": "real16"}, ValueError, 'kind must be "real64" or "real128"'),
+    ],
+)
+def test_bad_arguments_of_the_compiled_stepper_are_refused(changes, error, message):
+    with pytest.raises(error, match=message):
+        integrate_heavy_top(
+            **{"problem": HeavyTop(), "method": "CG3", "h": 0.1, "steps": 10, **changes}
+        )

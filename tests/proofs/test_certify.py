@@ -1,0 +1,448 @@
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from flint import arb
+
+import cg
+from cg import conditions
+from cg.catalogue import methods
+from cg.conditions import Rows
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.method.tableau import Tableau
+from cg.proofs import (
+    Certificate,
+    CertificationError,
+    certificate_of,
+    certify,
+    check,
+    check_file,
+    proved,
+)
+from cg.proofs.__main__ import main
+from cg.proofs.files import certificate_names, folder
+from cg.proofs.krawczyk import krawczyk
+from cg.proofs.statement import Packed, box, free_of, system_of
+from cg.proofs.zero import zero_of
+from cg.support.balls import working_precision as precision
+
+pytestmark = pytest.mark.no_core
+
+CERTIFIED = certificate_names()
+PARTLY = {
+    "CF6(5)", "CF7b", "CF7(6)", "Verner7(6)", "DOP853", "CooperVerner8", "CF8a", "Verner8(7)"
+}  # fmt: skip
+IRRATIONAL = [name for name in CERTIFIED if Fraction(certificate_of(methods[name]).radius)]
+PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4", "CG4a", "CG5a"]
+
+
+def search(**arguments):
+    return cg.search(**{"starts": 4, "seed": 0, **arguments}).methods[0]
+
+
+def perturbed(method, row, column, change):
+    a, b = method.exact
+    a = [list(entries) for entries in a]
+    a[row][column] += Fraction(change)
+    values = [v for r, entries in enumerate(a) for v in entries[:r]] + list(b)
+    return Tableau.from_packed(values, method.stages, digits=36, name=method.name)
+
+
+class TestProofs:
+    @pytest.mark.parametrize(
+        "name",
+        [
+            pytest.param(
+                name,
+                marks=[pytest.mark.slow] * (methods[name].stages > 9 or methods[name].order > 6),
+            )
+            for name in CERTIFIED
+        ],
+    )
+    def test_files_are_proved_again(self, name):
+        path = folder() / f"{name}.toml"
+        certificate = check_file(path)
+        assert (certificate.name, certificate.order) == (name, methods[name].order)
+        assert Certificate.loads(certificate.dumps()) == certificate
+
+    def test_what_must_be_proved(self):
+        found = {name: proved(method) for name, method in methods.items()}
+        assert found == dict.fromkeys(methods, "whole") | dict.fromkeys(PARTLY, "partly") | {
+            "CG6a": "no"
+        }
+        assert set(CERTIFIED) == set(methods) - {"CG6a"}
+
+    @pytest.mark.parametrize("name", PROVED_HERE)
+    def test_certify_finds_what_is_stored(self, name):
+        assert certify(name) == certificate_of(methods[name])
+
+    def test_radii_are_at_the_last_places(self):
+        for name in ("CG4", "CG4a", "CG5a"):
+            assert Fraction(certificate_of(methods[name]).radius) < Fraction(1, 10**33)
+
+    def test_exact_zeros_are_fixed(self):
+        assert {"a_9,1", "b_2"} < set(certificate_of(methods["CG5a"]).fixed)
+        assert {"a_2,1", "b_2"} == set(certificate_of(methods["CG4"]).fixed)
+
+    def test_cg6a_is_refused(self):
+        with pytest.raises(CertificationError, match="more than the last places") as caught:
+            certify("CG6a")
+        found = caught.value.quantities
+        assert found["residual"] > found["allowed"] > 0
+
+    @pytest.mark.parametrize("rows", [Rows.DIAGONAL, Rows.FULL])
+    def test_implicit_methods(self, rows):
+        method = search(order=3, stages=3, rows=rows)
+        certificate = certify(method)
+        assert certificate.order == 3
+        check(certificate, method)
+
+    def test_order_five_from_a_search(self):
+        method = search(order=5, stages=12, starts=10)
+        certificate = certify(method)
+        assert len(certificate.fixed) == 78 - 38
+        assert certificate.identities == ()
+        check(certificate, method)
+
+    def test_a_pair_is_proved_jointly(self):
+        method = pair_of_order_four()
+        certificate = certify(method)
+        assert (certificate.order, certificate.embedded_order) == (4, 3)
+        assert len(certificate.fixed) == 21 + 6 - 13 - 5
+        check(certificate, method)
+
+    def test_ball_holds_what_extended_precision_finds(self):
+        method = search(order=4, stages=5, starts=20)
+        certificate = certify(method)
+        packed = Packed.of(method)
+        free = [k for k, n in enumerate(packed.layout.names) if n not in certificate.fixed]
+        start = cg.support.quads.encode(
+            [v + Fraction(k in free, 10**12) for k, v in enumerate(packed.values)]
+        )
+        refined = cg.support.quads.decode(refine(start, ConditionSystem.tableau(4, 5), free=free).x)
+        with precision(certificate.bits):
+            for k, ball in enumerate(box(packed, certificate)):
+                found = arb(refined[k].numerator) / refined[k].denominator
+                assert (ball + arb(0, 1e-31)).contains(found)  # what binary128 can tell
+                assert k in free or packed.values[k] - refined[k] < Fraction(1, 10**33)
+
+
+def pair_of_order_four():
+    system = ConditionSystem.tableau(4, 6, embedded=True)
+    for seed in range(20):
+        guess = np.zeros(system.size)
+        guess[system.free] = np.random.default_rng(seed).uniform(-1, 1, len(system.free))
+        fit = fit_conditions(guess, system, ftol=1e-27)
+        if fit.f < 1e-24:
+            found = cg.support.quads.decode(refine(cg.support.quads.from_float(fit.x), system).x)
+            *a, b, second = system.layout.cut([cg.support.quads.to_decimal(v) for v in found])
+            return Tableau(a, b, name="pair", b_embedded=second)
+    raise AssertionError("no pair found")
+
+
+class TestFailures:
+    @pytest.mark.parametrize(("name", "row", "column"), [("CG4a", 2, 0), ("CG5a", 4, 1)])
+    def test_a_change_of_1e_20_is_noticed(self, name, row, column):
+        changed = perturbed(methods[name], row, column, "1e-20")
+        with pytest.raises(CertificationError, match="more than the last places"):
+            check(certificate_of(methods[name]), changed)
+        with pytest.raises(CertificationError):
+            certify(changed)
+        with pytest.raises(CertificationError, match="more than the last places"):
+            certify(changed, methods[name].order)
+
+    def test_a_fixed_coefficient_is_noticed_too(self):
+        fixed = certificate_of(methods["CG4a"]).fixed[0]
+        row, column = map(int, fixed.removeprefix("a_").split(","))
+        changed = perturbed(methods["CG4a"], row - 1, column - 1, "-1e-20")
+        with pytest.raises(CertificationError):
+            check(certificate_of(methods["CG4a"]), changed)
+
+    @pytest.mark.parametrize("name", ["CG3", "CG4a", "CG5a"])
+    def test_wrong_orders(self, name):
+        order = methods[name].order
+        with pytest.raises(CertificationError, match="violated"):
+            certify(name, order + 1)
+        with pytest.raises(CertificationError, match="isn't the highest"):
+            certify(name, order - 1)
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"order": 3},
+            {"order": 5},
+            {"radius": "1.1e-36"},
+            {"radius": "0"},
+            {"radius": "0.5"},
+            {"bits": 60},
+            {"bits": 10**9},
+            {"name": "CG5a"},
+            {"identities": ("C(2) except at stage 2",)},
+            {"identities": ("path",)},
+            {"identities": ("path: 0.5",)},
+            {"identities": ("path: 1/0",)},
+            {"identities": ("letters [[]]",)},
+            {"identities": ("C(2) except at stage 9",)},
+            {"fixed": ()},
+            {"fixed": ("a_2,1", "a_2,1")},
+            {"fixed": ("a_2,1", "a_3,1")},
+            {"fixed": ("a_2,1", "a_9,1")},
+            {"embedded_order": 3},
+        ],
+    )
+    def test_tampered_certificates(self, change):
+        honest = certificate_of(methods["CG4"])
+        with pytest.raises(CertificationError):
+            check(replace(honest, **change), methods["CG4"])
+
+    def test_a_dependent_choice_of_free_coefficients(self):
+        honest = certificate_of(methods["CG5a"])
+        names = Packed.of(methods["CG5a"]).layout.names
+        zeros = ("a_9,1", "b_2")
+        fixed = zeros + tuple(n for n in names if n.startswith("b_") and n not in zeros)[:7]
+        with pytest.raises(CertificationError, match="no zero is proved"):
+            check(replace(honest, fixed=fixed), methods["CG5a"])
+
+    @pytest.mark.parametrize("middle", ["middle abscissae", "path of order two of b"])
+    def test_an_identity_that_the_second_weights_do_not_satisfy(self, middle):
+        honest = certificate_of(methods["CG6(5)"])
+        assert honest.identities == ("C(2) except at stage 2", "middle abscissae of b")
+        wrong = replace(honest, identities=(honest.identities[0], middle))
+        with pytest.raises(CertificationError):
+            check(wrong, methods["CG6(5)"])
+
+    @pytest.mark.parametrize("name", ["CG3", "CG4a"])
+    def test_tampered_bounds(self, name):
+        honest = certificate_of(methods[name])
+        larger = str(float(2 * Fraction(honest.beyond.bound) + 1))
+        for changed in (
+            replace(honest.beyond, bound=larger),
+            replace(honest.beyond, bound="0"),
+            replace(honest.beyond, tree="[[]]"),
+            replace(honest.beyond, tree="[[]"),
+        ):
+            with pytest.raises(CertificationError):
+                check(replace(honest, beyond=changed), methods[name])
+
+    def test_a_pair_needs_both(self):
+        honest = certificate_of(methods["CG2(3)"])
+        with pytest.raises(CertificationError):
+            check(replace(honest, embedded_order=None, embedded_beyond=None), methods["CG2(3)"])
+        with pytest.raises(CertificationError):
+            check(replace(honest, embedded_order=3), methods["CG2(3)"])
+
+    @pytest.mark.parametrize(
+        ("old", "new"),
+        [
+            ("order = 4", 'order = "4"'),
+            ("order = 4", ""),
+            ("order = 4", "order = 4\nbound = 3"),
+            ('bound = "', 'bound = "x'),
+            ('radius = "', 'radius = "-'),
+            ("[beyond]", "[beyond"),
+            ("fixed = [", "fixed = 5 #"),
+        ],
+    )
+    def test_bad_files(self, tmp_path, old, new):
+        path = tmp_path / "bad.toml"
+        path.write_text(certificate_of(methods["CG4a"]).dumps().replace(old, new, 1))
+        with pytest.raises(CertificationError, match=re.escape(str(path))):
+            check_file(path)
+
+    def test_dependent_conditions_that_nothing_explains(self, monkeypatch):
+        monkeypatch.setattr(sys.modules["cg.proofs.find"], "find_identities", lambda *_: iter(()))
+        with pytest.raises(CertificationError, match="dependent") as caught:
+            certify("CG5a")
+        assert caught.value.quantities["conditions"] == 38
+        assert caught.value.quantities["rank"] == 36  # with b_2 = 0 held
+
+    def test_orders_that_are_none(self):
+        with pytest.raises(CertificationError, match="no order conditions"):
+            certify(Tableau([[]], ["0.5"], name="half"))
+
+
+class TestCommand:
+    def test_all_small_ones(self, capsys):
+        assert main(["--check", *PROVED_HERE]) == 0
+        out = capsys.readouterr().out
+        assert "CG5a: order 5 within" in out
+        assert out.splitlines()[-1] == f"{len(PROVED_HERE)} proved"
+
+    def test_partial_proofs_are_counted_apart(self, tmp_path, capsys):
+        path = tmp_path / "CF5c.toml"
+        certify("CF5c", small=True).save(path)
+        assert main(["--check", "CG3", str(path), "nonsense"]) == 1
+        first, second, _, last = capsys.readouterr().out.splitlines()
+        assert first.startswith("proved CG3")
+        assert second.startswith("partly proved CF5c")
+        assert last == "1 proved, 1 partly, 1 failed"
+
+    def test_failures_have_an_exit_code(self, tmp_path, capsys):
+        path = tmp_path / "CG4a.toml"
+        honest = certificate_of(methods["CG4a"])
+        replace(honest, order=5).save(path)
+        assert main(["--check", "CG3", str(path)]) == 1
+        assert f"FAILED {path}" in capsys.readouterr().out
+        assert main(["--check", "CG6a"]) == 1
+        assert main(["--check", "nonsense"]) == 1
+        assert main(["--check", str(tmp_path / "none.toml")]) == 1
+
+    def test_new_certificates(self, tmp_path):
+        assert main(["--output", str(tmp_path), "CG4a"]) == 0
+        assert Certificate.load(tmp_path / "CG4a.toml") == certificate_of(methods["CG4a"])
+        assert main(["CG6a"]) == 1
+
+    def test_it_is_a_function_and_a_command(self):
+        assert cg.certify is certify
+        run = subprocess.run(
+            [sys.executable, "-m", "cg.proofs", "--check", "CG3"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert "proved CG3" in run.stdout
+
+
+class TestDigits:
+    @pytest.mark.parametrize("name", ["CG4", "CG4a", "CG5a"])
+    def test_residuals_at_100_digits(self, name):
+        method = methods[name]
+        a, b = method.digits(100)
+        residuals = conditions.residuals_exact(a, b, method.order)
+        assert max(map(abs, residuals)) < Fraction(1, 10**98)
+
+    def test_all_digits_are_right(self):
+        short, long = methods["CG4a"].digits(40), methods["CG4a"].digits(80)
+        for few, many in zip(short[1], long[1], strict=True):
+            assert few == cg.support.quads.to_decimal(Fraction(many), 40)
+
+    def test_the_closed_form_of_cg4(self):
+        # t1 / (2 t2) with T = 2^(1/3), t1 = 1 + T + T², t2 = T + T²
+        with precision(500):
+            t = arb(2).root(3)
+            weight = (1 + t + t**2) / (2 * (t + t**2))
+            assert methods["CG4"].digits(120)[1][0] in weight.str(120, radius=False)
+
+    def test_fixed_coefficients_stay(self):
+        a, b = methods["CG5a"].digits(50)
+        assert (a[8][0], b[1]) == ("0", "0")
+        fixed = certificate_of(methods["CG5a"]).fixed
+        row, column = map(int, fixed[0].removeprefix("a_").split(","))
+        assert a[row - 1][column - 1] == methods["CG5a"].entries[row - 1][column - 1].text
+
+    def test_rational_methods_and_pairs(self):
+        assert methods["CG3"].digits(100)[1] == ["13/51", "-2/3", "24/17"]
+        assert methods["CG2(3)"].digits(9, embedded=True)[1] == ["17/54", "19/54", "1/3"]
+        method = pair_of_order_four()
+        certificate = certify(method)
+        a, second = method.digits(60, certificate=certificate, embedded=True)
+        residuals = conditions.residuals_exact(a, second, 3)
+        assert max(map(abs, residuals)) < Fraction(1, 10**57)
+
+    def test_errors(self):
+        with pytest.raises(CertificationError, match="CG6a has no certificate"):
+            methods["CG6a"].digits(50)
+        with pytest.raises(CertificationError, match="isn't in the catalogue"):
+            perturbed(methods["CG4a"], 2, 0, "1e-20").digits(50)
+        with pytest.raises(CertificationError):
+            methods["CG4"].digits(50, certificate=certificate_of(methods["CG4a"]))
+        with pytest.raises(ValueError, match="digits must be at least 1, got 0"):
+            methods["CG4a"].digits(0)
+        with pytest.raises(ValueError, match="digits must be at most 4000, got 1000000"):
+            methods["CG4a"].digits(10**6)
+        with pytest.raises(ValueError, match="no second weights"):
+            methods["CG4a"].digits(50, embedded=True)
+
+
+@pytest.mark.parametrize("digits", [1, 9, 17, 30])
+def test_few_digits_are_the_rounded_many(digits):
+    few, many = methods["CG4a"].digits(digits)[1], methods["CG4a"].digits(60)[1]
+    for short, long in zip(few, many, strict=True):
+        assert abs(Fraction(short) / Fraction(long) - 1) < Fraction(1, 10 ** (digits - 1))
+
+
+@pytest.mark.parametrize("digits", [2.5, "2", None, True])
+def test_digits_that_are_no_integer(digits):
+    with pytest.raises(TypeError, match="digits must be an integer, got"):
+        methods["CG4a"].digits(digits)
+
+
+@pytest.mark.parametrize("method", [None, 3, ["CG4a"]])
+def test_certify_what_is_no_method(method):
+    with pytest.raises(TypeError, match="method must be a name or a Method, got"):
+        certify(method)
+
+
+@pytest.mark.parametrize(
+    ("order", "error"),
+    [(2.5, TypeError), ("2", TypeError), (True, TypeError), (0, ValueError), (10**30, ValueError)],
+)
+def test_certify_an_order_that_is_none(order, error):
+    with pytest.raises(error, match="order must be"):
+        certify("CG4a", order)
+
+
+class TestOnlySmall:
+    """Certificates of methods whose dependent conditions are only shown to be small."""
+
+    def test_what_depends_on_others_is_below_a_bound(self):
+        method = methods["CF5c"]
+        certificate = certify(method, small=True)
+        assert not certificate.complete
+        assert certificate_of(method).complete
+        assert "but for 8 conditions" in str(certificate)
+        assert "those are below 1e-" in str(certificate)
+        assert Certificate.loads(certificate.dumps()) == certificate
+        check(certificate, method)
+        heading, trees = certificate.identities[0].split(": ")
+        assert len(trees.split()) == 8
+        for wrong in ("1e-300", "1e-20", "0", "-1e-50", "small"):
+            name = f"only small, below {wrong}: {trees}"
+            with pytest.raises(CertificationError):
+                check(replace(certificate, identities=(name,)), method)
+        for wrong in (f"{heading}: {trees} []", f"{heading}: {trees} [[]", f"{heading}: "):
+            with pytest.raises(CertificationError):
+                check(replace(certificate, identities=(wrong,)), method)
+        with pytest.raises(CertificationError):
+            check(replace(certificate, identities=(*certificate.identities, "path: 0")), method)
+        with pytest.raises(CertificationError, match="only shown to be small"):
+            method.digits(40, certificate=certificate)
+
+    def test_an_independent_condition_is_not_as_small(self):
+        """It is as far off as coefficients are rounded, 1e-36, and not at a zero of others."""
+        method = methods["CG4a"]
+        certificate = certify(method)
+        free = [name for name in method.layout.names if name not in certificate.fixed]
+        wrong = replace(
+            certificate,
+            identities=("only small, below 1e-41: [[[[[]]]]]",),
+            fixed=(*certificate.fixed, free[0]),
+        )
+        with pytest.raises(CertificationError, match="that conditions are small is not proved"):
+            check(wrong, method)
+
+    def test_where_the_zero_is(self):
+        """The map's image is taken again where it is wide, and still holds the zero."""
+        method = methods["CG4a"]
+        certificate = replace(certify(method), radius="1e-12")
+        packed = Packed.of(method)
+        with precision(certificate.bits):
+            system, free = system_of(packed, certificate), free_of(packed, certificate)
+            wide = krawczyk(system, packed.balls(), free, arb("1e-12"))
+            found = zero_of(packed, certificate, wide)
+            assert wide.proved
+            assert max(float(ball.rad()) for ball in wide.image) > 1e-30
+            assert max(float(found[k].rad()) for k in free) < 1e-45
+            assert all(wide.image[i].contains(found[k]) for i, k in enumerate(free))
+            assert all(abs(value) < 1e-40 for value in system.residuals(found))
+
+    def test_not_needed_where_all_are_independent(self):
+        assert certify("CG3", small=True).complete
+        with pytest.raises(TypeError, match="small"):
+            certify("CG3", small=1)

@@ -1,0 +1,188 @@
+"""Krawczyk's test on small systems without a zero, or with two: where a weaker one would prove."""
+
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from importlib.resources import files
+from typing import Any
+
+import pytest
+from flint import arb, arb_mat
+from independent_verifier import NotProvedError, verify
+
+from cg.proofs.digits import _rounded
+from cg.proofs.krawczyk import KrawczykTest, krawczyk
+from cg.support.balls import working_precision
+
+pytestmark = pytest.mark.no_core
+
+
+@dataclass(frozen=True)
+class Uncoupled:
+    """Equations f(x_i) = 0 in unknowns each of its own, with a tight enclosure of f'."""
+
+    f: Callable[[arb], arb]
+    slope: Callable[[arb], arb]
+    size: int = 1
+
+    def linearise(self, z: Sequence[arb]) -> tuple[list[arb], arb_mat]:
+        """Return values and derivatives, as `EquationSystem` does."""
+        slopes = [
+            [self.slope(x) if i == j else arb(0) for j in range(len(z))] for i, x in enumerate(z)
+        ]
+        return [self.f(x) for x in z], arb_mat(slopes)
+
+
+@dataclass(frozen=True)
+class AtPoint:
+    """The same with derivatives at the middle of the box: wrong."""
+
+    system: Any
+
+    def linearise(self, z: Sequence[arb]) -> tuple[list[arb], arb_mat]:
+        """Return values and derivatives at the middle."""
+        return self.system.linearise([x.mid() for x in z])
+
+
+def attempt(system: Any, y: str, radius: str, size: int = 1) -> KrawczykTest:
+    with working_precision(200):
+        return krawczyk(system, [arb(y)] * size, list(range(size)), arb(radius))
+
+
+def dropped(test: KrawczykTest) -> bool:
+    """Tell whether the test without its contraction would prove."""
+    return test.correction < float(test.radius)
+
+
+def halved(test: KrawczykTest) -> bool:
+    """Tell whether the test with half of its contraction would prove."""
+    return test.correction / float(test.radius) + test.contraction / 2 < 1
+
+
+def parabola(constant: str) -> Uncoupled:
+    return Uncoupled(lambda x: x * x + arb(constant), lambda x: 2 * x)
+
+
+def flattening(n: int = 60) -> Uncoupled:
+    """x - 0.3 - 0.9 ∫ (1 - (1 - x²)^n): its slope is 1 at 0 and soon 0.1, so no zero up to 1."""
+
+    def integral(x: arb) -> arb:
+        total, factor = arb(0), arb(1)
+        for k in range(n + 1):  # of (1 - x²)^n
+            total = total + factor * x ** (2 * k + 1) / (2 * k + 1)
+            factor = -factor * (n - k) / (k + 1)
+        return x - total
+
+    def slope(x: arb) -> arb:
+        most = abs(x).upper()
+        least = arb(0) if x.contains(0) else abs(x).lower()
+        bounds = [1 - arb("0.9") * (1 - (1 - u * u) ** n) for u in (least, most)]
+        return bounds[0].union(bounds[1])
+
+    return Uncoupled(lambda x: x - arb("0.3") - arb("0.9") * integral(x), slope)
+
+
+@pytest.mark.parametrize("size", [1, 3])
+@pytest.mark.parametrize(
+    ("constant", "y", "radius"),
+    [
+        ("0.001", "0.1", "0.06"),  # no zero
+        ("1e-9", "1e-4", "9e-5"),
+        ("-0.01", "0.11", "0.25"),  # two of them
+        ("-1e-30", "1.1e-15", "2.5e-15"),
+    ],
+)
+def test_the_contraction_is_needed(constant: str, y: str, radius: str, size: int) -> None:
+    system = parabola(constant)
+    found = attempt(system, y, radius, size)
+    assert dropped(found)
+    assert attempt(AtPoint(system), y, radius, size).proved
+    assert not found.proved
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_all_of_the_contraction_is_needed(size: int) -> None:
+    system = flattening()
+    with working_precision(200):
+        # it increases, and is negative at the end: there is no zero
+        assert system.slope(arb(0, 1)) > 0
+        assert system.f(arb(1)) < 0
+    found = attempt(system, "0", "1", size)
+    assert halved(found)
+    assert not found.proved
+
+
+@pytest.mark.parametrize(("y", "radius"), [("1.4142", "1e-3"), ("1.4142135623", "1e-9")])
+def test_a_zero_is_proved(y: str, radius: str) -> None:
+    found = attempt(parabola("-2"), y, radius, 2)
+    assert found.proved
+    assert found.contraction > 0
+    assert abs(found.ratio - found.correction / float(radius) - found.contraction) < 1e-12
+
+
+def test_a_zero_outside_the_box_is_not_proved() -> None:
+    assert not attempt(parabola("-2"), "1.4142", "1e-5").proved
+    assert attempt(parabola("-2"), "1.4142", "1.5e-5").proved
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_digits_are_decided_at_both_ends_of_a_ball(sign: int) -> None:
+    with working_precision(200):
+        for middle, radius, digits, wanted in (
+            ("0.12345", "1e-9", 4, None),  # a tie, where the middle alone would be rounded
+            ("0.1234500001", "1e-9", 4, None),
+            ("0.1234500001", "1e-11", 4, "0.1235"),
+            ("0.1234499999", "1e-11", 4, "0.1234"),
+            ("0.99996", "1e-6", 4, "1"),
+            ("0.99996", "1e-4", 4, None),
+            ("0", "1e-40", 4, None),
+        ):
+            ball = (arb(middle) + arb(0, arb(radius).upper())) * sign
+            text = None if wanted is None else ("-" if sign < 0 else "") + wanted
+            assert _rounded(ball, digits) == text
+
+
+FOLDER = files("cg.catalogue")
+CERTIFICATES = {
+    path.name: certificate
+    for path in sorted((FOLDER / "certificates").iterdir(), key=lambda path: path.name)
+    if path.name.endswith(".toml")
+    and not (certificate := tomllib.loads(path.read_text("utf-8")))["identities"]
+}
+
+
+def method(name: str) -> dict[str, Any]:
+    return tomllib.loads((FOLDER / name).read_text("utf-8"))
+
+
+@pytest.mark.parametrize("name", CERTIFICATES)
+def test_certificates_are_proved_a_second_way(name: str) -> None:
+    with working_precision(53):
+        verify(method(name), CERTIFICATES[name])
+
+
+@pytest.mark.parametrize("name", ["CG4a.toml", "CF4.toml", "CG5(4).toml", "CG3.toml"])
+def test_the_second_way_refuses_what_is_wrong(name: str) -> None:
+    entry, certificate = method(name), CERTIFICATES[name]
+    changes: list[dict[str, Any]] = [
+        {"order": certificate["order"] + 1},
+        {"fixed": certificate["fixed"][1:]},
+        {"beyond": {**certificate["beyond"], "bound": "10"}},
+        {"beyond": {**certificate["beyond"], "tree": "[[]]"}},
+        {"name": "another"},
+        {"identities": ["middle abscissae"]},
+    ]
+    if exact_radius := Fraction(certificate["radius"]):
+        changes += [{"radius": str(float(exact_radius / 1000))}, {"radius": "0.1"}, {"radius": "0"}]
+    else:
+        changes.append({"radius": "1e-20"})
+    with working_precision(53):
+        for change in changes:
+            with pytest.raises((NotProvedError, KeyError)):
+                verify(entry, {**certificate, **change})
+
+
+def test_there_are_certificates_without_identities() -> None:
+    assert len(CERTIFICATES) > 15
+    assert {"CG5(4).toml", "CG6b.toml", "CF4.toml", "DICG3.toml"} <= set(CERTIFICATES)

@@ -1,0 +1,237 @@
+"""Proofs where few stages, or few flows, make conditions follow from others."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from flint import arb, fmpq
+
+import cg
+from cg.proofs import CertificationError, certify, check
+from cg.proofs.dependent.holes import HOLE, basis, depth, moments, outer_nodes
+from cg.proofs.dependent.orthogonality import conditions_of, find_relations, follow
+from cg.proofs.dependent.pairings import pairings
+from cg.proofs.dependent.reduction import Reduction
+from cg.proofs.dependent.words import condition_words, parse, reciprocal_density
+from cg.proofs.explain import names_of_left_out, read_left_out
+from cg.proofs.systems import exact_residuals
+from cg.proofs.weights import Quantity, Weights
+from cg.support.balls import working_precision as precision
+
+pytestmark = pytest.mark.no_core
+
+METHODS = ["CF5a", "CF5b", "CF5c", "CF5d"]
+
+
+def balls(method, radius=0.0):
+    return [
+        arb(fmpq(c.value.numerator, c.value.denominator)) + (arb(0, radius) if c.unit else 0)
+        for c in method.coefficients
+    ]
+
+
+def left_out_of(method):
+    return read_left_out(certify(method).identities)[0]
+
+
+def random_rationals(size, seed):
+    generator = np.random.default_rng(seed)
+    return [Fraction(int(k), 64) for k in generator.integers(-99, 99, size)]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_as_many_conditions_are_left_out_as_depend_on_others(name):
+    method = cg.methods[name]
+    certificate = certify(method)
+    jacobian = cg.construction.pack_method(method).system.jacobian(
+        np.array([float(c.value) for c in method.coefficients])
+    )
+    rank = np.linalg.matrix_rank(jacobian, tol=1e-9)
+    left_out = read_left_out(certificate.identities)[0]
+    assert len(left_out) == 38 - rank > 0
+    assert method.layout.size - len(certificate.fixed) == rank
+    check(certificate, method)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_what_is_left_out_follows_at_solutions_nearby(name):
+    """Off the solution set, but with the kept conditions satisfied, all others are too."""
+    method = cg.methods[name]
+    system = cg.construction.pack_method(method).system
+    gone = set(left_out_of(method))
+    kept = [(0, word) not in gone for word in condition_words(5)]
+    start = np.array([float(c.value) for c in method.coefficients])
+    x = start + 1e-4 * np.random.default_rng(1).standard_normal(start.size)
+    for _ in range(12):
+        x -= np.linalg.pinv(system.jacobian(x)[kept]) @ system.residual(x)[kept]
+    assert np.abs(x - start).max() > 1e-6
+    assert np.abs(system.residual(x)[kept]).max() < 1e-14
+    assert np.abs(system.residual(x)).max() < 1e-11
+
+
+@pytest.mark.parametrize("name", ["CF5c", "CF4(3)"])
+def test_products_of_vectors_are_weights_for_any_coefficients(name):
+    layout = cg.methods[name].layout
+    orders = [4, 3] if layout.pair else [5]
+    with precision(200):
+        y = [arb(fmpq(x.numerator, x.denominator)) for x in random_rationals(layout.size, 2)]
+        for pairing in pairings(layout, orders, y):
+            generator = np.random.default_rng(3)
+            pairs = [
+                (i, j)
+                for i, u in enumerate(pairing.surroundings)
+                for j, column in enumerate(pairing.columns)
+                if u.degree + column.degree < orders[min(u.row, 1)]
+            ]
+            for i, j in generator.permutation(pairs)[:80]:
+                words = pairing.words(i, j)
+                quantities = [Quantity(layout.stages + row, word) for row, word in words]
+                values = Weights(layout, quantities).evaluate(y)
+                expected = sum(v * m for v, m in zip(values, words.values(), strict=True))
+                both = zip(pairing.left[i], pairing.right[j], strict=True)
+                found = sum((a * b for a, b in both), arb(0))
+                assert abs(found - expected) < arb("1e-40")
+
+
+def test_residuals_of_all_words_by_those_of_conditions():
+    layout = cg.methods["CF5c"].layout
+    x = random_rationals(layout.size, 4)
+    words = list(condition_words(5, independent=False))
+    found = dict(zip(words, exact_residuals(layout, x, words, layout.stages), strict=True))
+    reduction = Reduction(Fraction, lambda word: found[word] + reciprocal_density(word))
+    conditions = set(condition_words(5))
+    for word in words:
+        combination = reduction(word)
+        assert conditions.issuperset(combination)
+        assert found[word] == sum(c * found[one] for one, c in combination.items())
+
+
+def test_moments_of_the_exact_solution():
+    # those of θ^k / k! are k θ^(k+1) / (k+1)!
+    for hole in basis(3):
+        for k in range(4):
+            moment = sum(
+                m * reciprocal_density(_filled(other, ((),) * k))
+                for other, m in moments(hole).items()
+            )
+            assert moment == k * reciprocal_density(_filled(hole, ((),) * (k + 1)))
+            assert {outer_nodes(other) for other in moments(hole)} == {outer_nodes(hole) + 1}
+            assert {depth(other) for other in moments(hole)} == {depth(hole)}
+
+
+def _filled(hole, letter):
+    return tuple(
+        letter if t == HOLE else t if isinstance(t, int) else _filled(t, letter) for t in hole
+    )
+
+
+def test_moments_are_exactly_zero_on_flows_from_the_start():
+    layout = cg.methods["CF6d"].layout
+    with precision(200):
+        flows = pairings(layout, [4], balls(cg.methods["CF6d"], 1e-9))[1]
+    first = [m for m, parent in enumerate(layout.parents) if parent < 0]
+    for column, vector in zip(flows.columns, flows.right, strict=True):
+        zero = [m for m, x in enumerate(vector) if x.is_zero()]
+        assert not column.moments or set(first) <= set(zero)
+
+
+@pytest.mark.slow
+def test_conditions_that_follow_since_moments_are_zero(monkeypatch):
+    """Of CF6d not all conditions follow without that; with other moments, relations are false."""
+    method = cg.methods["CF6d"]
+    jacobian = cg.construction.pack_method(method).system.jacobian(
+        np.array([float(c.value) for c in method.coefficients])
+    )
+    rank = np.linalg.matrix_rank(jacobian, tol=1e-9)
+
+    def found(zeros=True):
+        def changed(*arguments):
+            both = pairings(*arguments)
+            for column, vector in zip(both[1].columns, both[1].right, strict=True):
+                for m, parent in enumerate(method.layout.parents):
+                    if column.moments and parent < 0 and not zeros:
+                        vector[m] = vector[m] + arb(0, 1e-60)
+            return both
+
+        monkeypatch.setattr("cg.proofs.dependent.orthogonality.pairings", changed)
+        with precision(320):
+            return find_relations(method.layout, [6], balls(method), 113 - rank)
+
+    assert 113 - rank == 46
+    assert len(found(zeros=False)) < 46
+    assert len(found()) == 46
+    assert np.abs(found() @ jacobian).max() < 1e-9
+
+    def doubled(hole):
+        return {word: 2 * m if m < 0 else m for word, m in moments(hole).items()}
+
+    monkeypatch.setattr("cg.proofs.dependent.pairings.moments", doubled)
+    assert np.abs(found() @ jacobian).max() > 1e-3
+
+
+def test_what_follows_and_what_does_not():
+    method = cg.methods["CF5c"]
+    left_out = left_out_of(method)
+    with precision(320):
+        assert follow(method.layout, [5], balls(method, 1e-30), left_out)
+        assert follow(method.layout, [5], balls(method, 1e-30), left_out[:3])
+        assert not follow(method.layout, [5], balls(method, 0.1), left_out)
+        one_more = next(one for one in conditions_of([5]) if one not in left_out)
+        assert not follow(method.layout, [5], balls(method), [*left_out, one_more])
+        relations = find_relations(method.layout, [5], balls(method), 20)
+        alone = conditions_of([5])[int(np.argmin(np.linalg.norm(relations, axis=0)))]
+        assert not follow(method.layout, [5], balls(method), [alone])
+        elsewhere = [ball + arb(0.01) * (k % 3) for k, ball in enumerate(balls(method))]
+        assert not follow(method.layout, [5], elsewhere, left_out)
+
+
+def test_relations_are_orthogonal_to_all_derivatives():
+    method = cg.methods["CF5b"]
+    with precision(320):
+        relations = find_relations(method.layout, [5], balls(method), 20)
+    assert relations.shape == (8, 38)
+    jacobian = cg.construction.pack_method(method).system.jacobian(
+        np.array([float(c.value) for c in method.coefficients])
+    )
+    assert np.abs(relations @ jacobian).max() < 1e-10
+
+
+def test_certificates_that_leave_out_something_else():
+    method = cg.methods["CF5d"]
+    certificate = certify(method)
+    left_out = read_left_out(certificate.identities)[0]
+    for wrong in (left_out[:-1], [*left_out, left_out[0]], [*left_out, (0, parse("[[]]"))]):
+        with pytest.raises(CertificationError):
+            check(replace(certificate, identities=names_of_left_out(wrong)), method)
+    other = [*left_out[:-1], (0, parse("[[]]"))]
+    with pytest.raises(CertificationError):
+        check(replace(certificate, identities=names_of_left_out(other)), method)
+    for text in ("orthogonality: [[]", "orthogonality: [[][]]", "orthogonality: *[[]]"):
+        with pytest.raises(CertificationError):
+            check(replace(certificate, identities=(text,)), method)
+    with pytest.raises(CertificationError):
+        check(replace(certificate, identities=()), method)
+
+
+def test_a_certificate_that_leaves_out_an_independent_condition():
+    """The others have a zero with one coefficient more held: only `follow` tells."""
+    method = cg.methods["CF5d"]
+    certificate = certify(method)
+    left_out = read_left_out(certificate.identities)[0]
+    free = [name for name in method.layout.names if name not in certificate.fixed]
+    one_more = names_of_left_out([*left_out, (0, parse("[[]]"))])
+    forged = replace(
+        certificate, identities=one_more, fixed=(*certificate.fixed, free[0]), radius="1e-33"
+    )
+    with pytest.raises(CertificationError, match="that conditions follow from others is not"):
+        check(forged, method)
+
+
+def test_names_are_read_again():
+    conditions = conditions_of([3, 2])
+    assert len(conditions) == 7
+    for structure in ("", "flat tableau", "two registers"):
+        names = names_of_left_out(conditions, structure)
+        assert read_left_out(names) == (conditions, structure)
+    assert read_left_out(["middle abscissae"]) == read_left_out([]) == ([], "")

@@ -1,0 +1,170 @@
+"""What the report shows beyond the paper."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from test_reproduce import check_page, read
+
+from cg.catalogue import methods, munthe_kaas
+from cg.conditions import count
+from cg.method.commutator_free import CommutatorFree
+from cg.proofs.files import certificate_names
+from cg.reproduce.context import Context, Settings
+from cg.reproduce.main import main
+from cg.reproduce.sections import beyond_catalogue, beyond_order
+from cg.reproduce.style import LINES, lines
+
+pytestmark = pytest.mark.no_core
+
+PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
+
+
+@pytest.fixture(scope="module")
+def catalogue():
+    return beyond_catalogue.compute(Context(Settings(), Path()))
+
+
+def entries(catalogue):
+    return {entry["name"]: entry for entry in catalogue["methods"]}
+
+
+def test_the_whole_catalogue_is_shown(catalogue):
+    assert sorted(entries(catalogue)) == sorted(methods)
+    explicit = [entry["explicit"] for entry in catalogue["methods"]]
+    assert explicit == sorted(explicit, reverse=True)
+    assert len(beyond_catalogue.table(catalogue).rows) == len(methods)
+
+
+def test_properties_of_a_known_method(catalogue):
+    found = entries(catalogue)["CG4a"]
+    assert (found["order"], found["embedded_order"], found["approximate"]) == (4, None, False)
+    assert (found["stages"], found["exponentials"]) == (5, 15)
+    assert found["largest_coefficient"] == 1.3918565724203246
+    assert found["abscissae"] == [0, 0.8768903263420429]
+    assert (found["rank"], found["conditions"]) == (13, 13)
+    # the one dependent condition of CG5a is known
+    assert entries(catalogue)["CG5a"]["rank"] == 37
+    assert entries(catalogue)["CG2(3)"]["embedded_order"] == 2
+
+
+def test_residuals_and_ranks(catalogue):
+    for name, found in entries(catalogue).items():
+        assert found["conditions"] == count(found["order"], independent=True)
+        assert 0 < found["rank"] <= found["conditions"]
+        assert found["approximate"] == (found["largest_residual"] > 1e-32) == (name == "CG6a")
+        assert found["principal_error"] > 1e-5
+
+
+def test_certificates_are_shown_where_there_are_any(catalogue):
+    rows = {row[0]: row[-1] for row in beyond_catalogue.table(catalogue).rows}
+    proved = {name for name, found in entries(catalogue).items() if found["certificate"]}
+    assert proved == set(certificate_names()) == {n for n, cell in rows.items() if cell != "–"}
+    assert rows["CG6a"] == "–"
+    assert rows["LieEuler"] == "0"
+    assert rows["CG4a"].endswith("e−36")
+
+
+def test_documented_table_is_the_catalogue(catalogue):
+    shown = beyond_catalogue.markdown(beyond_catalogue.table(catalogue))
+    page = PAGE.read_text("utf-8")
+    assert shown in page, "out of date; run python tools/update_catalogue.py"
+    advice = page.partition("## Which to use")[2].partition("## The table")[0]
+    named = set(re.findall(r"`([A-Z]\w+(?:\(\d\)\w?)?)`", advice))
+    assert len(named) > 8
+    assert named <= {*methods, *munthe_kaas}
+
+
+@pytest.mark.parametrize(
+    ("name", "by", "among"),
+    [
+        ("CG4b", "effort", 4),
+        ("CG4c", "exponentials", 4),
+        ("CG5c", "exponentials", 5),
+        ("CG5d", "stages", 5),
+        ("CG6g", "stages", 6),
+        ("CG6f", "effort", 6),
+        ("CG6g", "exponentials", 6),
+        ("CG7b", "stages", 7),
+        ("CG5b", "principal_error", 5),
+        ("CG6e", "principal_error", 6),
+        ("CF4c", "effort", 4),
+        ("CF4(3)", "principal_error", 4),
+        ("CF4", "stages", 4),
+        ("CF4", "exponentials", 4),
+        ("CF5b", "stages", 5),
+        ("CF5c", "exponentials", 5),
+        ("CF5d", "effort", 5),
+        ("CF5e", "principal_error", 5),
+        ("CF6a", "stages", 6),
+        ("CF6d", "exponentials", 6),
+        ("CF6b", "effort", 6),
+        ("CF7c", "stages", 7),
+        ("CF8a", "stages", 8),
+        ("DOP853", "exponentials", 8),
+        ("CF7b", "exponentials", 7),
+        ("CF7b", "effort", 7),
+    ],
+)
+def test_advice_is_right(catalogue, name, by, among):
+    # Crouch–Grossman methods among themselves, others among all
+    rivals = {
+        other["name"]: other[by]
+        for other in catalogue["methods"]
+        if other["explicit"] and other["order"] == among
+        if not (name.startswith("CG") and isinstance(methods[other["name"]], CommutatorFree))
+    }
+    assert rivals[name] == min(rivals.values())
+
+
+def test_catalogue_in_the_report(tmp_path, monkeypatch):
+    listed = {name: methods[name] for name in ("CG4a", "CG2(3)", "ImplicitMidpoint")}
+    monkeypatch.setattr(beyond_catalogue, "packaged", listed)
+    assert main(["--only", "beyond.catalogue", "--out", str(tmp_path)]) == 0
+    found = read(tmp_path)["items"]["beyond.catalogue"]["methods"]
+    assert [entry["name"] for entry in found] == ["CG2(3)", "CG4a", "ImplicitMidpoint"]
+    check_page((tmp_path / "report.html").read_text("utf-8"))
+
+
+def test_orders_in_the_report(tmp_path, monkeypatch):
+    monkeypatch.setattr(beyond_order, "_POWERS", range(3, 8))
+    assert main(["--only", "beyond.order", "--out", str(tmp_path)]) == 0
+    part = read(tmp_path)["items"]["beyond.order"]["readings"]["momentum"]
+    assert 0 < part["reference_error"] < 1e-40
+    assert set(part["methods"]) == set(beyond_order.select()) >= {"CG6a", "CG6b", "CG6c", "CG6d"}
+    for run in part["methods"].values():
+        assert len(run["h"]) == 5
+        if run["approximate"]:
+            assert run["error"][-1] > 1e-8
+            assert run["decades"] == 0
+        else:
+            assert run["local"][-1] == pytest.approx(run["order"], abs=0.1)
+            assert run["decades"] > 1
+    parsed = check_page((tmp_path / "report.html").read_text("utf-8"))
+    assert parsed.tags.count("figure") == 1
+
+
+def test_all_orders_from_six_are_selected():
+    def method(order, explicit=True):
+        return SimpleNamespace(order=order, explicit=explicit)
+
+    listed = {"a": method(7), "b": method(5), "c": method(6), "d": method(8, explicit=False)}
+    assert beyond_order.select(listed) == ["c", "a"]
+
+
+def test_decades_count_from_the_smallest_error():
+    part = {"error": [1e-1, 1e-3, 1e-9, 1e-15], "local": [2.0, 6.05, 5.95]}
+    assert beyond_order.decades(part, 6) == pytest.approx(12)
+    assert beyond_order.decades(part, 7) == 0
+    assert beyond_order.decades({**part, "local": [6.0, 4.0, 6.0]}, 6) == pytest.approx(6)
+
+
+def test_lines_differ():
+    names = [f"CG6{letter}" for letter in "abcdefghijkl"]
+    looks = lines(names)
+    assert list(looks) == names
+    assert looks["CG6a"] == LINES["CG6a"]
+    assert len({tuple(map(str, look.values())) for look in looks.values()}) == len(names)
+    with pytest.raises(ValueError, match="told apart"):
+        lines(map(str, range(100)))

@@ -1,0 +1,375 @@
+"""Every judge of a claim with numbers on which it must pass, and with some on which it must not."""
+
+import copy
+from functools import partial
+
+import pytest
+
+from cg.reproduce import judges
+from cg.reproduce.sections.claims import CLAIMS
+
+pytestmark = pytest.mark.no_core
+
+METHODS = ("CG4", "CG4a", "CG5a", "CG6a")
+
+
+def numbers():
+    """Numbers of `evidence.gather` that make every claim true."""
+    orders = {"CG3": 3, "CG4": 4, "CG4a": 4, "CG5a": 5, "CG6a": 6}
+    return {
+        "conditions": {
+            "4": {"rank": [13, 13], "independent": 13, "all": 22, "condition_number": 1e2},
+            "5": {"rank": [38, 38], "independent": 38, "all": 64, "condition_number": 1e4},
+            "6": {"rank": [113, 113], "independent": 113, "all": 196, "condition_number": 1e6},
+        },
+        "methods": {
+            name: {
+                "exact_order": order,
+                "largest_coefficient": 3.0 if name == "CG4" else 2.0,
+                "abscissae": [0.0, 1.0],
+                "condition_number": 1e9 if name == "CG6a" else 1e3,
+            }
+            for name, order in orders.items()
+        },
+        "approximate": {
+            "worst": 6.1,
+            "root_mean_square": 6.4,
+            "median": 6.5,
+            "conditions": 196,
+            "six": 196,
+            "truncation": 1e-7,
+        },
+        "rotation_slopes": {
+            "explicit": {
+                "CG3": {"order": 3, "slope": 3.05},
+                "CG5a": {"order": 5, "slope": 4.95},
+            },
+            "implicit": {
+                "DICG3": {"order": 3, "slope": 3.0},
+                "DICG6": {"order": 6, "slope": 6.05},
+            },
+            "Munthe-Kaas": {
+                "RKMK4": {"order": 4, "slope": 4.0},
+                "RKMK5(4)": {"order": 5, "slope": 5.7},
+            },
+        },
+        "drift": {"RK45": [1e-3, 1e-2, 1e-1], "DOP853": [1e-4, 1e-3, 1e-3]},
+        "drift_times": [1, 10, 100],
+        "flat": dict.fromkeys(METHODS, 1e-16),
+        "initial": {"orthogonality": 1e-16, "determinant": 0.0},
+        "trees": {"order": 10, "generated": 99, "expected": 99},
+    }
+
+
+def results():
+    """Results of all items that make every claim true."""
+    errors = {"CG4": 1e-2, "CG4a": 1e-3, "CG5a": 1e-4, "CG6a": 1e-5}
+    slopes = {"CG4": 4.0, "CG4a": 4.05, "CG5a": 4.95, "CG6a": 6.0}
+    search = {
+        "distinct": 5,
+        "exact": [True] * 5 + [False],
+        "partial": None,
+        "f_double": [1e-33] * 5 + [1e-3],
+        "f_quad": [1e-69] * 5 + [None],
+        "at_limit": 1,
+        "settings": {"maxfev": 1000},
+    }
+    six = {
+        "distinct": 0,
+        "exact": [False] * 4,
+        "partial": None,
+        "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
+        "f_quad": [1e-8, 1e-8, 1e-8, 1e-7],
+        "at_limit": 4,
+        "settings": {"maxfev": 1000, "refine_maxfev": 30},
+        "best": {"f": 1e-8, "condition_number": 1e9},
+    }
+    times = {name: [0.0, error / 2, error] for name, error in errors.items()}
+    return {
+        "table3.2": {
+            "rows": [
+                {"paper": {"q": q, "N_CG": n}, "agree": True, "trees": n + 7, "discarded": 7}
+                for q, n in ((4, 13), (5, 38), (6, 113))
+            ]
+        },
+        "appendix": {
+            "methods": {
+                name: {
+                    "count": 20,
+                    "decimals": 16,
+                    "largest_difference": 1e-16,
+                    "zeros_kept": True,
+                    "if_truncated": 0.5,
+                    "if_rounded": 0.4,
+                    "residuals": {"paper": {"largest": 1e-15}, "ours": {"largest": 1e-35}},
+                }
+                for name in ("CG4a", "CG5a", "CG6a")
+            }
+        },
+        "fig4.1": {
+            "readings": {
+                reading: {
+                    "methods": {
+                        name: {"rotation": list(run), "momentum": list(run)}
+                        for name, run in times.items()
+                    }
+                }
+                for reading in ("momentum", "velocity")
+            }
+        },
+        "fig4.2": {
+            "readings": {
+                reading: {
+                    name: {
+                        "slope": slopes[name],
+                        "error": [1.0, 1e-8],
+                        "distance": [0.0, 2e-16],
+                        "distance_flows": [0.0, 9e-16],
+                    }
+                    for name in METHODS
+                }
+                for reading in ("momentum", "velocity")
+            }
+        },
+        "fig4.2quad": {
+            "readings": {
+                "momentum": {
+                    "methods": {
+                        name: {"slope": slopes[name], "local": [3.0, 3.5, 4.0], "error": [1e-20]}
+                        for name in METHODS
+                    }
+                }
+            }
+        },
+        "search4": search,
+        "search5": copy.deepcopy(search),
+        "search6": six,
+        "evaluations": {
+            "limits": [10, 20],
+            "f_quartiles": [[1e-9, 1e-8, 1e-7, 1e-6, 1.0]] * 2,
+            "stopped": {
+                "limit": 20,
+                "limit_quad": 100,
+                "f_double": [1e-6, 1e-6, 1e-6, 2e-7],
+                "f_quad": [1e-8, 1e-8, 1e-8, 1e-7],
+            },
+        },
+    }
+
+
+J = judges
+APPROXIMATE = "results fig4.2quad readings momentum methods CG6a slope"
+
+# a judge; an entry and its value where it must fail; and where it must still pass
+CASES = [
+    (partial(J.catalogue_order, 6, "CG6a"), ("numbers methods CG6a exact_order", 1), None),
+    (partial(J.catalogue_order, 3, "CG3"), ("numbers methods CG3 exact_order", 4), None),
+    (partial(J.example, 4, "CG4a"), ("numbers methods CG4a exact_order", 3), None),
+    (
+        partial(J.example, 5, "CG5a"),
+        ("results appendix methods CG5a largest_difference", 2.1e-16),
+        ("results appendix methods CG5a largest_difference", 1.9e-16),
+    ),
+    (partial(J.example, 4, "CG4a"), ("results appendix methods CG4a zeros_kept", False), None),
+    (
+        partial(J.slope, 4, "CG4a"),
+        ("results fig4.2quad readings momentum methods CG4a slope", 4.11),
+        ("results fig4.2quad readings momentum methods CG4a slope", 3.91),
+    ),
+    (
+        partial(J.slope, 5, "CG5a"),
+        ("results fig4.2 readings velocity CG5a slope", 4.74),
+        ("results fig4.2 readings velocity CG5a slope", 4.76),
+    ),
+    (partial(J.slope, 5, "CG5a"), ("results fig4.2 readings momentum CG5a slope", None), None),
+    (J.slope_six, (APPROXIMATE, 5.89), (APPROXIMATE, 5.91)),
+    (J.slope_approximate, (APPROXIMATE, 5.5), (APPROXIMATE, 5.4)),
+    (
+        partial(J.many, 4),
+        ("results search4 distinct", 4),
+        ("results search4 distinct", 5),
+    ),
+    (J.trees, ("numbers trees generated", 98), None),
+    (J.independence, ("numbers conditions 5 rank", [37, 38]), None),
+    (J.independence, ("numbers conditions 5 all", 38), None),
+    (J.zeros, ("results table3.2 rows 1 discarded", 8), None),
+    (J.table, ("results table3.2 rows 2 agree", False), None),
+    (
+        partial(J.double, 5),
+        ("results search5 f_double", [1e-15] * 4 + [2e-15, 1.0]),
+        ("results search5 f_double", [1e-15] * 5 + [1.0]),
+    ),
+    (
+        partial(J.usually, 4, 1e-31),
+        ("results search4 f_quad", [1e-31, 1e-31, 2e-31, 1.0, None, None]),
+        ("results search4 f_quad", [1e-31, 1e-31, 1e-32, 1.0, 1.0, None]),
+    ),
+    (partial(J.usually, 5, 1e-31), ("results search5 f_quad", [None] * 6), None),
+    (
+        J.six_reached,
+        ("results search6 f_double", [1.1e-6] * 4),
+        ("results search6 f_double", [1e-6, 1.0, 1.0, 1.0]),
+    ),
+    (
+        J.six_no_further,
+        ("results search6 f_double", [1e-6, 1e-6, 1e-6, 0.9e-7]),
+        ("results search6 f_double", [1e-7] * 4),
+    ),
+    # what double had reached before isn't the merit of extended precision
+    (J.improved, ("results evaluations stopped f_double", [3e-8, 3e-8, 3e-8, 1e-6]), None),
+    (
+        J.improved,
+        ("results evaluations stopped f_quad", [3e-8, 3e-8, 4e-8, 4e-8]),
+        ("results evaluations stopped f_quad", [3e-8, 3e-8, 3e-8, 4e-8]),
+    ),
+    (
+        J.improved,
+        ("results evaluations stopped f_quad", [None] * 4),
+        ("results search6 f_quad", [None] * 4),
+    ),
+    (J.no_zero, ("results search6 distinct", 1), None),
+    (
+        J.ill_conditioned,
+        ("results search6 best condition_number", 6e7),
+        ("results search6 best condition_number", None),
+    ),
+    (J.ill_conditioned, ("numbers conditions 6 condition_number", 1e3), None),
+    (J.ill_conditioned, ("numbers methods CG4a condition_number", 1e8), None),
+    (J.typical_digits, ("numbers approximate median", 5.9), ("numbers approximate median", 7.0)),
+    (J.typical_digits, ("numbers approximate median", 7.1), ("numbers approximate median", 6.0)),
+    (J.all_digits, ("numbers approximate worst", 5.9), ("numbers approximate worst", 6.0)),
+    (
+        J.moderate,
+        ("numbers methods CG5a largest_coefficient", 3.0),
+        ("numbers methods CG5a largest_coefficient", 2.9),
+    ),
+    (J.in_unit_interval, ("numbers methods CG4a abscissae", [-1e-9, 1.0]), None),
+    (J.in_unit_interval, ("numbers methods CG4a abscissae", [0.0, 1 + 1e-9]), None),
+    (J.initial, ("numbers initial determinant", 1e-15), ("numbers initial determinant", 9e-16)),
+    (
+        J.superior,
+        ("results fig4.1 readings velocity methods CG4a momentum", [0.0, 5e-3, 1e-3]),
+        ("results fig4.1 readings velocity methods CG4a momentum", [0.0, 4e-3, 9e-3]),
+    ),
+    (
+        J.best_at_tenth,
+        ("results fig4.1 readings momentum methods CG6a rotation", [0.0, 1e-5, 5.1e-5]),
+        ("results fig4.1 readings momentum methods CG6a rotation", [0.0, 4.9e-5, 4.9e-5]),
+    ),
+    (
+        J.exact,
+        ("results fig4.2 readings velocity CG5a distance_flows", [0.0, 1e-14]),
+        ("results fig4.2 readings velocity CG5a distance_flows", [0.0, 9e-15]),
+    ),
+    (J.exact, ("results fig4.2 readings momentum CG4 distance", [1e-14, 0.0]), None),
+    *(
+        (partial(J.theorem, kind), (f"numbers rotation_slopes {kind} {name} slope", slope), None)
+        for kind, name, slope in (
+            ("explicit", "CG3", 3.2),
+            ("explicit", "CG5a", 4.8),
+            ("implicit", "DICG3", 2.8),
+            ("implicit", "DICG6", 6.2),
+        )
+    ),
+    *(
+        (J.munthe_kaas, (f"numbers rotation_slopes Munthe-Kaas {name} slope", slope), None)
+        for name, slope in (("RKMK4", 3.8), ("RKMK5(4)", 4.8))
+    ),
+    (
+        J.drift,
+        ("numbers drift RK45", [1e-3, 1e-2, 1.5e-3]),
+        ("numbers drift RK45", [1e-5] * 2 + [1]),
+    ),
+    (J.drift, ("numbers drift DOP853", [1e-16, 1e-15, 1e-14]), None),
+    (J.flat, ("numbers flat CG6a", 1e-14), ("numbers flat CG6a", 9e-15)),
+    (J.truncated, ("results appendix methods CG5a if_truncated", 0.51), None),
+    (J.truncated, ("results appendix methods CG6a if_truncated", None), None),
+    (J.truncated, ("results appendix methods CG6a decimals", 8), None),
+]
+
+
+def name(judge):
+    return getattr(judge, "func", judge).__name__
+
+
+def verdict(judge, *changes):
+    given = {"numbers": numbers(), "results": results()}
+    if name(judge) == "slope_approximate":
+        changes = ((APPROXIMATE, 1.0), *changes)
+    for change in filter(None, changes):
+        path, value = change
+        place = given
+        *way, last = path.split()
+        for key in way:
+            place = place[int(key) if isinstance(place, list) else key]
+        assert last in place
+        place[last] = value
+    passed, evidence = judge(given["numbers"], given["results"])
+    assert isinstance(evidence, str)
+    return bool(passed)
+
+
+@pytest.mark.parametrize(("judge", "failing", "passing"), CASES)
+def test_judge_passes_and_fails(judge, failing, passing):
+    assert verdict(judge)
+    assert verdict(judge, passing)
+    assert not verdict(judge, failing)
+
+
+def test_every_judge_is_tried():
+    tried = {name(judge) for judge, _, _ in CASES}
+    assert tried | {"beyond", "Results", "Verdict"} == set(judges.__all__)
+    in_use = {name(claim.judge) for claim in CLAIMS}
+    assert in_use == tried | {"<lambda>"}  # those of `beyond`
+
+
+def test_no_claim_is_counted_twice():
+    asked = [
+        (name(claim.judge), getattr(claim.judge, "args", ()))
+        for claim in CLAIMS
+        if name(claim.judge) != "<lambda>"
+    ]
+    assert len(set(asked)) == len(asked)
+
+
+def test_what_has_no_number_is_not_judged():
+    assert judges.beyond("nobody knows")({}, {}) == (None, "not reproducible because nobody knows")
+
+
+def test_partial_searches_are_told_of():
+    given = results()
+    given["search4"]["partial"] = {"starts": 6, "of": 90}
+    evidence = judges.many(4, {}, given)[1]
+    assert "6 starts (of 90, a partial search)" in evidence
+    assert "partial" not in judges.many(5, {}, given)[1]
+
+
+def test_improvement_is_told_with_its_numbers():
+    given = results()
+    given["search6"]["f_double"] = [1e-8] * 4
+    _, evidence = judges.improved(numbers(), given)
+    assert "doesn't report its limits" in evidence
+    assert "20 evaluations in double and 100 in real(16), 3 of 4 starts come to" in evidence
+    assert "the median of f from 1e−06 to 1e−08" in evidence
+    assert "with 1000 and 30, 0 of 4 starts" in evidence
+
+
+def test_claims_that_fail_are_interpreted(monkeypatch, tmp_path):
+    from cg.reproduce.context import Context, Settings
+    from cg.reproduce.sections import claims
+
+    monkeypatch.setattr(claims, "gather", lambda seed: numbers())
+    given = results()
+    given["appendix"]["methods"]["CG6a"]["decimals"] = 8
+    data = claims.compute(Context(Settings(), tmp_path, 1, results=given))
+    failing = [entry for entry in data["claims"] if entry["verdict"] == "fail"]
+    assert {entry["claim"] for entry in failing} == {
+        "All coefficients are truncated to 16 decimals.",
+        "CG6a's graph shows that its conditions are satisfied only approximately.",
+    }
+    assert data["count"] == {"pass": len(data["claims"]) - 3, "fail": 2, "not reproducible": 1}
+    shown = {row[1]: row[3] for row in claims.present(data)[1].rows}
+    for entry in failing:
+        assert shown[entry["claim"]].startswith(entry["evidence"])
+        assert entry["interpretation"] in shown[entry["claim"]]
+    assert all(not entry["interpretation"] for entry in data["claims"] if entry not in failing)

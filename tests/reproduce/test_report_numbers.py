@@ -1,0 +1,175 @@
+"""Numbers of the paper under a checksum, the code that numbers depend on, and the time left."""
+
+import hashlib
+import io
+
+import pytest
+
+from cg.reproduce import fingerprint
+from cg.reproduce.appendix_a import printed
+from cg.reproduce.display import Display, duration
+from cg.reproduce.item import Item
+from cg.reproduce.items import ITEMS
+from cg.reproduce.sections import beyond_catalogue, differences, table3_2
+from cg.reproduce.sections.search import PLANS
+
+pytestmark = pytest.mark.no_core
+
+# of every printed digit of Appendix A, row by row: label, an equals sign, the digits
+DIGITS = {
+    "CG4a": (20, "226f637c8ef75d4c"),
+    "CG5a": (54, "1dd7d84fb97ac0c0"),
+    "CG6a": (152, "36443d7e89620d3f"),
+}
+
+
+@pytest.mark.parametrize("name", DIGITS)
+def test_printed_digits_are_as_they_were_read(name):
+    lines = [f"{label}={digits}" for label, digits in printed()[name].labelled()]
+    total = hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+    assert (len(lines), total) == DIGITS[name]
+
+
+def test_printed_abscissae_are_row_sums():
+    # a check of the digits that needs no second reading: each c is printed beside its row
+    for name, unit in (("CG4a", 1e-15), ("CG5a", 1e-15), ("CG6a", 2e-7)):
+        paper = printed()[name]
+        for row, c in zip(paper.a, paper.c, strict=True):
+            assert abs(sum(map(float, row)) - float(c)) < unit
+        assert abs(sum(map(float, paper.b)) - 1) < unit
+
+
+def test_table_of_the_paper():
+    assert [tuple(row.values()) for row in table3_2.PAPER] == [
+        (4, 5, 15, 13, 8),
+        (5, 9, 45, 38, 17),
+        (6, 16, 136, 113, 37),
+    ]
+
+
+def test_what_a_search_depends_on_is_found():
+    found = set(fingerprint.sources("cg.construction.search.random_search"))
+    assert {
+        "cg._core_r64",
+        "cg._core_r128",
+        "cg._minimum_norm",
+        "cg.conditions.compiled",
+        "cg.conditions",
+        "cg.support.quads",
+        "cg.construction.search.records",
+        "cg.construction.solvers.polish",
+        "cg.construction.solvers.refine",
+        "cg.trees.ordered",
+    } <= found
+    assert not any(name.startswith(("cg.reproduce", "cg.integration")) for name in found)
+    errors = set(fingerprint.sources("cg.reproduce.quad_orders"))
+    assert {"cg.reproduce.top", "cg.reproduce.reference_runs", "cg.problems.taylor"} <= errors
+
+
+def test_digests_change_with_code_and_arguments(tmp_path, monkeypatch):
+    path = tmp_path / "module.py"
+    path.write_text("x = 1")
+    monkeypatch.setattr(fingerprint, "sources", lambda module: {module: path})
+    first = fingerprint.of_code("m", {"order": 4})
+    assert first == fingerprint.of_code("m", {"order": 4})
+    assert first != fingerprint.of_code("m", {"order": 5})
+    path.write_text("x = 2")
+    assert first != fingerprint.of_code("m", {"order": 4})
+
+
+def test_differences_name_what_was_changed():
+    rows = {row["what"]: row["ours"] for row in differences.compute(None)["differences"]}
+    text = " ".join(rows.values())
+    for word in ("Python", "written anew", "rows of zeros", "[−1, 1]", "NumPy", "binary128"):
+        assert word in text
+    for order, plan in PLANS.items():
+        assert f"order {order}: {plan.maxfev} in double, {plan.refine_maxfev} in real(16)" in text
+
+
+def test_numbers_from_files_are_called_that():
+    text = beyond_catalogue.present({"methods": []})[0].text
+    assert "read from the certificates' files" in text
+    assert beyond_catalogue.table({"methods": []}).header[-1] == "certificate (from its file)"
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+def item(name, cost, limited=False):
+    return Item(name, name, 0, 0, None, None, cost=(cost, 20 * cost), limited=limited)
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_in_a_file_with_the_time_left():
+    clock, stream = Clock(), io.StringIO()
+    items = [item("first", 100.0), item("second", 300.0)]
+    display = Display(stream, items, clock=clock)
+    update = display.begin(items[0])
+    assert stream.getvalue() == ""
+    for done in range(1, 11):
+        clock.now = 20.0 * done
+        update(done, 10)
+    lines = stream.getvalue().splitlines()
+    # half a minute apart at least; the second item is expected to take longer, as the first does
+    assert lines[0] == "[1/2] first: 2 of 10, 40 s, about 3 min left, 11 min for all"
+    assert len(lines) == 5
+    display.finish(items[0], 200.0)
+    assert stream.getvalue().splitlines()[-1] == "[1/2] first: 200.0 s"
+    clock.now = 290.0
+    display.begin(items[1])(1, 2)
+    assert "\r" not in stream.getvalue()
+
+
+def test_what_a_checkpoint_held_is_not_counted_as_pace():
+    clock, stream = Clock(), io.StringIO()
+    one = item("one", 100.0)
+    update = Display(stream, [one], clock=clock).begin(one)
+    clock.now = 40.0
+    update(91, 100)  # the first of this run: 40 s for one, nine to go
+    assert "40 s, about 6 min left" in stream.getvalue()
+
+
+def test_a_limit_bounds_searches_only():
+    clock, stream = Clock(), io.StringIO()
+    items = [item("search", 1000.0, limited=True), item("figure", 120.0)]
+    update = Display(stream, items, clock=clock, limit=60.0).begin(items[0])
+    update(1, 100)
+    clock.now = 40.0
+    update(4, 100)
+    assert "40 s, about 20 s left, 2 min for all" in stream.getvalue()
+
+
+def test_progress_on_a_terminal_is_one_line():
+    clock, stream = Clock(), Terminal()
+    one = item("one", 1.0)
+    display = Display(stream, [one], clock=clock)
+    update = display.begin(one)
+    for done in range(1, 5):
+        clock.now += 1.0
+        update(done, 4)
+    display.finish(one, 4.0)
+    assert stream.getvalue().count("\n") == 1
+    assert stream.getvalue().count("\r") == 6
+    assert "2 of 4, 2 s, about 2 s left" in stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0, "0 s"), (59, "59 s"), (60, "1 min"), (3599, "1 h 0 min"), (7830, "2 h 10 min")],
+)
+def test_duration(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_every_item_has_a_cost():
+    for one in ITEMS.values():
+        assert 0 < one.cost[0] <= one.cost[1]
+        assert one.limited == one.name.startswith("search")

@@ -1,0 +1,339 @@
+"""The searches of the report: what they keep, what they show, what is pinned."""
+
+import json
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+from dataclasses import astuple, replace
+from fractions import Fraction
+
+import pytest
+from test_reproduce import read
+
+from cg.construction.search.random_search import search
+from cg.construction.search.start import random_start
+from cg.reproduce.blocks import Table
+from cg.reproduce.coefficients import labels
+from cg.reproduce.context import Context, Settings
+from cg.reproduce.kept import DamagedError, Kept
+from cg.reproduce.main import main
+from cg.reproduce.quad_orders import end_errors
+from cg.reproduce.sections import evaluations
+from cg.reproduce.sections import search as section
+from cg.reproduce.sections.search import PLANS
+from cg.reproduce.statistics import median, quartiles
+from cg.runs import Store
+
+pytestmark = pytest.mark.no_core
+
+
+def context(folder, **changes):
+    return Context(Settings(), folder, 2, **changes)
+
+
+def test_plans_are_those_of_the_paper():
+    # order, stages, starts, starts in full, evaluations in double: 200 (n + 1) at orders four and
+    # six, refined below, evaluations in real(16), f in double and real(16) in the paper
+    assert {order: astuple(plan) for order, plan in PLANS.items()} == {
+        4: (4, 5, 1000, 20_000, 3_200, 1e-12, 320, 1e-15, 1e-31),
+        5: (5, 9, 240, 4_800, 100_000, 1e-12, 1840, 1e-15, 1e-31),
+        6: (6, 16, 16, 320, 27_400, 1.0, 822, 1e-6, 1e-8),
+    }
+    assert [plan.unknowns for plan in PLANS.values()] == [15, 45, 136]
+    assert evaluations.COUNTS == (1370, 2740, 5480, 27_400 + 822)
+    stopped = evaluations.STOPPED
+    assert (stopped.starts, stopped.maxfev, stopped.refine_maxfev) == (6, 2740, 13_700)
+
+
+def test_searches_are_called_with_their_plan(tmp_path):
+    data = section.compute(replace(PLANS[4], starts=2), context(tmp_path))
+    assert data["settings"] | {"tree": None} == {
+        "order": 4, "stages": 5, "seed": 0, "algorithm": "lmdif", "rows": "explicit", "width": 1.0,
+        "maxfev": 3200, "refine_below": 1e-12, "refine_maxfev": 320, "flows": None,
+        "embedded": False, "tree": None, "first_same_as_last": False,
+    }  # fmt: skip
+    assert data["paper"] == {"f_double": 1e-15, "f_quad": 1e-31}
+    assert abs(random_start(0, 1, 15, 1.0)).max() <= 1
+
+
+def test_no_phase_exceeds_its_limit(tmp_path):
+    plan = replace(PLANS[4], starts=20, maxfev=200, refine_below=1.0, refine_maxfev=100)
+    data = section.compute(plan, context(tmp_path))
+    n = plan.unknowns
+    # no iteration begins beyond the limit, but one may end beyond it
+    assert all(nfev < 200 + 2 * n for nfev in data["nfev_double"])
+    assert all(nfev < 100 + 2 * n for nfev in data["nfev_quad"] if nfev is not None)
+    assert data["at_limit"] == sum(nfev >= 200 for nfev in data["nfev_double"]) > 0
+    assert any(nfev is not None and nfev >= 100 for nfev in data["nfev_quad"])
+
+
+def test_one_median():
+    assert quartiles([]) is None
+    assert quartiles([1e-9, 1.0, 1e-3]) == [1e-9, 1e-9, 1e-3, 1.0, 1.0]
+    assert median([1e-9, 1.0, 1e-3]) == 1e-3
+    assert median([4.0, 1.0, 3.0, 2.0]) in (2.0, 3.0)
+    with pytest.raises(ValueError, match="no values"):
+        median([])
+
+
+def stop_after(number):
+    def progress(done, total):
+        if done >= number:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+SMALL = replace(PLANS[4], starts=60, full_starts=70)
+
+
+def recorded(path):
+    """Numbers of the starts that a store has."""
+    try:
+        with Store(path) as store:
+            return [number for run in store.runs() for number in store.run(run.number).numbers()]
+    except OSError:  # another process is just making it
+        return []
+
+
+def stores(folder):
+    return list(folder.glob("*.db"))
+
+
+def test_interrupted_search_goes_on(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        section.compute(SMALL, context(tmp_path, progress=stop_after(20)))
+    (path,) = stores(tmp_path)
+    kept = recorded(path)
+    assert 20 <= len(kept) < 60
+    seen = []
+    resumed = section.compute(SMALL, context(tmp_path, progress=lambda *now: seen.append(now)))
+    assert len(seen) == 60 - len(kept)
+    fresh = tmp_path / "fresh"
+    fresh.mkdir()
+    assert resumed == section.compute(SMALL, context(fresh))
+    assert resumed["distinct"] > 3
+
+
+def test_search_with_other_settings_has_its_own_store(tmp_path):
+    section.compute(replace(SMALL, starts=2), context(tmp_path))
+    section.compute(replace(SMALL, starts=2, maxfev=100), context(tmp_path))
+    section.compute(replace(SMALL, starts=2), replace(context(tmp_path), settings=Settings(1)))
+    assert len(stores(tmp_path)) == 3
+
+
+def test_full_has_more_starts_and_shares_the_store(tmp_path):
+    default = section.compute(SMALL, context(tmp_path))
+    full = section.compute(SMALL, replace(context(tmp_path), settings=Settings(0, full=True)))
+    assert len(full["f_double"]) == 70
+    assert full["f_double"][:60] == default["f_double"]
+    assert len(stores(tmp_path)) == 1
+    assert all(plan.full_starts > 10 * plan.starts for plan in PLANS.values())
+
+
+def test_methods_are_chosen_as_the_paper_chose(tmp_path):
+    data = section.compute(replace(SMALL, starts=300), context(tmp_path))
+    inside = [method["abscissae_in_unit_interval"] for method in data["methods"]]
+    assert inside == sorted(inside, reverse=True)
+    assert inside[0]
+    for method in data["methods"]:
+        assert [label for label, _ in method["coefficients"]] == labels(5)
+        b = [Fraction(value) for label, value in method["coefficients"] if label[0] == "b"]
+        assert abs(sum(b) - 1) < 1e-33
+    sizes = data["largest_coefficients"]
+    assert sizes == sorted(sizes)
+
+
+def test_search_without_a_method_says_so(tmp_path):
+    plan = replace(PLANS[5], starts=2, maxfev=300)
+    data = section.compute(plan, context(tmp_path))
+    assert data["distinct"] == 0
+    assert data["f_quad_quartiles"] is None
+    blocks = section.present(plan, data)
+    titles = [block.caption for block in blocks if isinstance(block, Table)]
+    assert titles[-1].startswith("Not exact")
+    assert json.dumps(data, allow_nan=False)
+
+
+def test_an_interrupted_search_shows_what_it_has(tmp_path):
+    shown = []
+    with pytest.raises(KeyboardInterrupt):
+        section.compute(SMALL, context(tmp_path, progress=stop_after(20), publish=shown.append))
+    (data,) = shown
+    finished = data["partial"]["starts"]
+    assert 15 <= finished == len(data["f_double"]) <= 25
+    assert data["partial"]["of"] == 60
+    whole = section.compute(SMALL, context(tmp_path))
+    assert whole["partial"] is None
+    assert data["f_double"] == whole["f_double"][:finished]
+
+
+def test_an_interrupt_before_the_first_start_shows_nothing(tmp_path, monkeypatch):
+    def interrupt(**arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(section, "search", interrupt)
+    shown = []
+    with pytest.raises(KeyboardInterrupt):
+        section.compute(SMALL, context(tmp_path, publish=shown.append))
+    assert shown == []
+
+
+def test_a_search_ends_with_its_time_and_goes_on_later(tmp_path):
+    data = section.compute(SMALL, context(tmp_path, limit=0.0))
+    first = data["partial"]["starts"]
+    assert 1 <= first < 10
+    data = section.compute(SMALL, context(tmp_path, limit=0.0))
+    assert first < data["partial"]["starts"] < 20  # one more at least, whatever the time
+    assert section.compute(SMALL, context(tmp_path, limit=1e9))["partial"] is None
+
+
+def test_a_partial_search_has_no_gaps(tmp_path):
+    section.compute(replace(SMALL, starts=8), context(tmp_path))
+    (path,) = stores(tmp_path)
+    assert section._finished(path) == 8
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("DELETE FROM starts WHERE number = 5")
+        connection.commit()
+    assert section._finished(path) == 5
+    assert section._finished(tmp_path / "nothing") == 0
+    assert not (tmp_path / "nothing").exists()
+
+
+def test_long_searches_are_published_meanwhile(tmp_path, monkeypatch):
+    monkeypatch.setattr(section, "_PAUSE", 0.0)
+    monkeypatch.setattr(section, "_PAUSES", 0.0)
+    shown = []
+    full = replace(context(tmp_path, publish=shown.append), settings=Settings(0, full=True))
+    plan = replace(SMALL, starts=5, full_starts=17)
+    data = section.compute(plan, full)
+    assert [part["partial"] for part in shown] == [{"starts": k, "of": 17} for k in (5, 10, 15)]
+    assert data["partial"] is None
+    assert data["f_double"][:15] == shown[-1]["f_double"]
+
+
+def test_evaluations_are_those_of_the_same_starts(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluations, "_PLAN", replace(PLANS[6], starts=2, maxfev=700))
+    monkeypatch.setattr(evaluations, "COUNTS", (300, 500, 900))
+    early = replace(PLANS[6], starts=1, maxfev=400, refine_below=1e3, refine_maxfev=140)
+    monkeypatch.setattr(evaluations, "STOPPED", early)
+    six = {"f_double": [1.0, 2.0, 3.0], "f_quad": [0.9, 1.0, 1.0], "paper": {}}
+    given = {"search6": six, "search4": {"f_double": [1e-3], "f_quad": [None], "paper": {}}}
+    given["appendix"] = {"methods": {"CG6a": {"residuals": {"paper": {"f": 1e-9}}}}}
+    data = evaluations.compute(context(tmp_path, results=given))
+    assert data["limits"] == [300, 500, 700, 900]
+    assert data["f"][2] == [1.0, 2.0]
+    again = search(6, 16, 2, 0, algorithm="lmdif", maxfev=500, refine_below=0.0)
+    assert data["f"][1] == [start.double.f for start in again.starts]
+    assert data["f"][0][0] > data["f"][1][0] > data["f"][3][0]
+    assert data["ratio_quad"] == [0.9, 0.5]
+    assert data["ratio_double"] == [data["f"][3][0], data["f"][3][1] / 2]
+    stopped = data["stopped"]
+    assert (stopped["limit"], stopped["limit_quad"]) == (400, 140)
+    (start,) = search(**early.arguments(0), starts=1).starts
+    assert (stopped["f_double"], stopped["f_quad"]) == ([start.double.f], [start.quad.f])
+    assert data["f_printed"] == 1e-9
+    assert data["smallest_exact"] == {"f_double": 1e-3, "f_quad": None}
+
+
+def test_errors_in_quad_are_kept(tmp_path, monkeypatch):
+    runs = [("momentum", "CG4", 8), ("momentum", "CG4a", 4), ("momentum", "CG4", 4)]
+
+    with pytest.raises(KeyboardInterrupt):
+        end_errors(context(tmp_path, progress=stop_after(2)), runs)
+    (path,) = tmp_path.iterdir()
+    assert len(path.read_text().splitlines()) == 2
+    seen = []
+    found = end_errors(context(tmp_path, progress=lambda *numbers: seen.append(numbers)), runs)
+    assert seen == [(3, 3)]
+    assert list(found) == runs
+    monkeypatch.setattr("cg.reproduce.top.end_error", None)  # nothing is computed again
+    assert end_errors(context(tmp_path), runs) == found
+    with path.open("a") as stream:
+        stream.write(json.dumps({"run": ["momentum", "CG4", 8], "error": "0"}) + "\n")
+    with pytest.raises(ValueError, match=r"damaged line: not the record of an error"):
+        end_errors(context(tmp_path), runs)
+
+
+def test_a_line_that_a_killed_run_left_unfinished_is_dropped(tmp_path):
+    path = tmp_path / "errors.jsonl"
+    path.write_bytes(b'[1]\n[2, "\xc3')
+    with closing(Kept(path)) as kept:
+        assert kept.records == ([1],)
+        kept.append([3])
+    with closing(Kept(path)) as kept:
+        assert kept.records == ([1], [3])
+
+
+@pytest.mark.parametrize("line", [b"no JSON", b"\xff", b"\0\0\0", b"[1]", b'{"run": 3}'])
+def test_damaged_errors_in_quad_are_named(line, tmp_path, monkeypatch, capsys):
+    assert end_errors(context(tmp_path), []) == {}
+    (path,) = tmp_path.iterdir()
+    content = line + b'\n{"run": ["momentum", "CG4", 8], "error": 0.5}\n'
+    path.write_bytes(content)
+    with pytest.raises(DamagedError, match=path.name):
+        end_errors(context(tmp_path), [])
+    assert path.read_bytes() == content
+    monkeypatch.setattr("cg.reproduce.main.run", lambda *_: end_errors(context(tmp_path), []))
+    assert main(["--out", str(tmp_path / "out")]) == 2
+    assert f"{path.name} has a damaged line" in capsys.readouterr().err
+
+
+def start(out, *arguments):
+    command = [sys.executable, "-m", "cg.reproduce", "--out", str(out), *arguments]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for(condition, process):
+    deadline = time.monotonic() + 300
+    while not condition():
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+@pytest.mark.slow
+def test_killed_search_goes_on(tmp_path):
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    process = start(killed, "--only", "search4")
+    wait_for(lambda: any(len(recorded(p)) > 20 for p in stores(killed / "checkpoints")), process)
+    check_that_it_goes_on(process, killed, whole, "search4")
+
+
+@pytest.mark.slow
+def test_killed_integrations_go_on(tmp_path):
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    process = start(killed, "--only", "fig4.2quad")
+    wait_for(
+        lambda: any(p.read_text().count("\n") > 20 for p in killed.glob("checkpoints/quad*")),
+        process,
+    )
+    check_that_it_goes_on(process, killed, whole, "fig4.2quad")
+
+
+def check_that_it_goes_on(process, killed, whole, item):
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert not (killed / "results.json").exists()
+    for out in (killed, whole):
+        process = start(out, "--only", item)
+        message = process.communicate()[1]
+        assert process.returncode == 0, message
+    assert read(killed)["items"] == read(whole)["items"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signal")
+def test_a_terminated_run_shows_its_partial_search(tmp_path):
+    process = start(tmp_path, "--only", "search4")
+    wait_for(lambda: any(len(recorded(p)) > 20 for p in stores(tmp_path / "checkpoints")), process)
+    process.send_signal(signal.SIGTERM)
+    message = process.communicate()[1]
+    assert process.returncode == 130
+    assert "finished items and searches are kept" in message
+    part = read(tmp_path)["items"]["search4"]["partial"]
+    assert 10 < part["starts"] < part["of"] == 1000
+    assert "Partial searches" in (tmp_path / "report.html").read_text("utf-8")

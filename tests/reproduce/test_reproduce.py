@@ -1,0 +1,427 @@
+import json
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from tests_of_pages import power_of_ten, words_of
+
+from cg.catalogue import methods
+from cg.reproduce import items
+from cg.reproduce import run as run_module
+from cg.reproduce.blocks import Table, number
+from cg.reproduce.coefficients import fixed, labels, method_data
+from cg.reproduce.context import Context, Settings
+from cg.reproduce.main import main
+from cg.reproduce.quad_orders import order_data
+from cg.reproduce.report import page
+from cg.reproduce.sections import search as search_section
+from cg.reproduce.sections import table3_2
+from cg.reproduce.sections.claims import CLAIMS, NEEDS, VERDICTS
+from cg.support.quads import to_decimal
+
+pytestmark = pytest.mark.no_core
+
+VOID = {"meta", "link", "img", "br", "hr", "input"}
+
+
+def context(folder, **changes):
+    return Context(Settings(), folder, 2, **changes)
+
+
+def read(out):
+    def refuse(constant):
+        raise ValueError(f"{constant} is no JSON")
+
+    return json.loads((out / "results.json").read_text("utf-8"), parse_constant=refuse)
+
+
+class Page(HTMLParser):
+    """What a page loads, and whether its elements nest."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.loads, self.ids, self.links, self.tags = [], [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        values = dict(attrs)
+        for name, value in attrs:
+            if name in ("src", "srcset", "data", "poster") or (tag == "link" and name == "href"):
+                self.loads.append(value)
+            if name in ("href", "xlink:href"):
+                self.links.append(value)
+        if "id" in values:
+            self.ids.append(values["id"])
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def check_page(text):
+    parsed = Page(text)
+    assert parsed.open == []
+    assert parsed.loads == []
+    assert len(parsed.ids) == len(set(parsed.ids))
+    assert all(link.startswith("#") and link[1:] in parsed.ids for link in parsed.links)
+    for forbidden in ("http://", "https://", "@import", "<script", "url(//"):
+        assert forbidden not in text
+    return parsed
+
+
+def test_unknown_item_lists_those_there_are(capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(["--only", "fig9.9"])
+    assert stopped.value.code == 2
+    message = capsys.readouterr().err
+    assert "fig9.9" in message
+    assert all(name in message for name in items.ITEMS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--seed", "-1"], "--seed"),
+        (["--seed", "one"], "--seed"),
+        (["--workers", "0"], "--workers"),
+        (["--workers", "1.5"], "--workers"),
+        (["--frequency"], "--frequency"),
+        (["--minutes", "-1"], "--minutes"),
+        (["--minutes", "nan"], "--minutes"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, named, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    def refuse(*arguments):
+        raise AssertionError("work has begun")
+
+    monkeypatch.setattr("cg.reproduce.main.run", refuse)
+
+
+@pytest.mark.usefixtures("no_work")
+def test_out_is_a_file(tmp_path, capsys):
+    path = tmp_path / "taken"
+    path.write_text("mine")
+    assert main(["--out", str(path)]) == 2
+    assert f"{path} is not a directory" in capsys.readouterr().err
+    assert main(["--out", str(path / "below")]) == 2
+    assert "is not a directory" in capsys.readouterr().err
+    assert path.read_text() == "mine"
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc takes no folders, not even from root")
+def test_out_is_not_writable(capsys):
+    assert main(["--out", "/proc/nothing"]) == 2
+    assert "/proc/nothing is not writable" in capsys.readouterr().err
+
+
+def test_list(capsys):
+    assert main(["--list"]) == 0
+    printed = capsys.readouterr().out
+    assert [line.split()[0] for line in printed.splitlines()] == list(items.ITEMS)
+
+
+def test_needs_come_first():
+    chosen = [item.name for item in items.select(["claims"])]
+    assert chosen[-1] == "claims"
+    assert set(NEEDS) < set(chosen)
+    assert [item.name for item in items.select(["fig4.1"])] == ["fig4.1"]
+
+
+def test_table_end_to_end(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["--only", "table3.2", "--out", str(out)]) == 0
+    assert "Table of Section 3.2" in capsys.readouterr().err
+    results = read(out)
+    assert list(results["items"]) == ["table3.2"]
+    assert results["settings"] == {"seed": 0, "full": False}
+    rows = results["items"]["table3.2"]["rows"]
+    assert [row["computed"] for row in rows] == [dict(row) for row in table3_2.PAPER]
+    assert [(row["trees"], row["discarded"]) for row in rows] == [(22, 9), (64, 26), (196, 83)]
+    text = (out / "report.html").read_text("utf-8")
+    check_page(text)
+    assert all(f">{n}</td>" in text for n in (13, 38, 113, 8, 17, 37, 15, 45, 136))
+
+
+@pytest.fixture(scope="module")
+def figures(tmp_path_factory):
+    """Two runs of the same items into different folders."""
+    folders = [tmp_path_factory.mktemp("figures") for _ in range(2)]
+    for folder in folders:
+        names = ("fig4.1", "fig4.2", "appendix", "table3.2")
+        assert main([*(f"--only={name}" for name in names), "--out", str(folder)]) == 0
+    return folders
+
+
+def test_figures_exist(figures):
+    folder = figures[0] / "figures"
+    names = {f"fig{n}-{reading}" for n in ("4.1", "4.2") for reading in ("momentum", "velocity")}
+    assert {path.name for path in folder.iterdir()} == {
+        f"{name}.{suffix}" for name in names for suffix in ("png", "svg")
+    }
+    for name in names:
+        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+        assert ElementTree.parse(folder / f"{name}.svg").getroot().tag.endswith("svg")
+
+
+def test_page_with_figures_is_self_contained(figures):
+    parsed = check_page((figures[0] / "report.html").read_text("utf-8"))
+    assert parsed.tags.count("svg") == parsed.tags.count("figure") == 4
+    assert parsed.tags.count("figcaption") == 4
+
+
+def test_equal_runs_give_equal_files(figures):
+    first, second = map(read, figures)
+    assert first.pop("run") != {}
+    assert second.pop("run") != {}
+    assert first == second
+    for path in (figures[0] / "figures").iterdir():
+        assert path.read_bytes() == (figures[1] / "figures" / path.name).read_bytes()
+
+
+def test_reference_is_better_than_double(figures):
+    readings = read(figures[0])["items"]["fig4.1"]["readings"]
+    assert all(0 < part["reference_error"] < 1e-30 for part in readings.values())
+
+
+def test_appendix_agrees(figures):
+    found = read(figures[0])["items"]["appendix"]["methods"]
+    assert [part["count"] for part in found.values()] == [20, 54, 152]
+    for name in ("CG4a", "CG5a"):
+        part = found[name]
+        assert part["largest_difference"] <= 2e-16
+        assert part["residuals"]["ours"]["largest"] < 1e-32
+        assert 1e-18 < part["residuals"]["paper"]["largest"] < 1e-14
+    assert found["CG6a"]["residuals"]["paper"] == found["CG6a"]["residuals"]["ours"]
+
+
+def test_slopes_and_distance(figures):
+    readings = read(figures[0])["items"]["fig4.2"]["readings"]
+    for runs in readings.values():
+        assert max(max(run["distance"]) for run in runs.values()) < 1e-14
+        assert runs["CG4a"]["slope"] == pytest.approx(4, abs=0.1)
+        assert runs["CG5a"]["slope"] == pytest.approx(5, abs=0.1)
+        assert runs["CG6a"]["slope"] < 2
+
+
+def test_items_of_an_equal_run_stay(tmp_path):
+    out = ["--out", str(tmp_path)]
+    main(["--only", "table3.2", *out])
+    main(["--only", "appendix", *out])
+    assert list(read(tmp_path)["items"]) == ["table3.2", "appendix"]
+    assert set(read(tmp_path)["run"]["seconds"]) == {"table3.2", "appendix"}
+    text = (tmp_path / "report.html").read_text("utf-8")
+    assert Page(text).tags.count("section") == 2
+
+
+@pytest.mark.parametrize("other", [["--seed", "5"], ["--full"]])
+def test_a_report_of_other_settings_is_not_replaced(tmp_path, capsys, other):
+    out = ["--out", str(tmp_path)]
+    assert main(["--only", "table3.2", *out]) == 0
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    assert main(["--only", "appendix", *other, *out]) == 2
+    message = capsys.readouterr().err
+    assert "holds a report of other settings (seed 0, default search" in message
+    assert kept == {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+
+
+def test_full_goes_to_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for arguments in ([], ["--full"]):
+        assert main(["--only", "table3.2", *arguments]) == 0
+    for folder, full in (("reproduce/out", False), ("reproduce/out/full", True)):
+        assert read(tmp_path / folder)["settings"] == {"seed": 0, "full": full}
+
+
+def test_several_items_between_commas(tmp_path, capsys):
+    assert main(["--only", "table3.2, differences", "--out", str(tmp_path)]) == 0
+    assert list(read(tmp_path)["items"]) == ["differences", "table3.2"]
+    with pytest.raises(SystemExit) as stopped:
+        main(["--only", "table3.2,fig9.9,nothing"])
+    assert stopped.value.code == 2
+    message = capsys.readouterr().err
+    assert "'fig9.9', 'nothing'" in message
+    assert all(name in message for name in items.ITEMS)
+
+
+def test_items_leave_with_what_they_were_made_of(tmp_path):
+    run_module.check_output(tmp_path)
+    below = replace(items.ITEMS["table3.2"], compute=lambda context: {"rows": []})
+    above = replace(items.ITEMS["claims"], compute=lambda context: {"claims": [], "count": COUNT})
+    run_module.run([below, above], tmp_path, Settings(), 1)
+    run_module.run([below], tmp_path, Settings(), 1)
+    assert list(read(tmp_path)["items"]) == ["table3.2", "claims"]
+    run_module.run([items.ITEMS["table3.2"]], tmp_path, Settings(), 1)
+    assert list(read(tmp_path)["items"]) == ["table3.2"]
+
+
+def test_what_is_published_is_shown_before_the_end(tmp_path):
+    def compute(context):
+        context.publish({"rows": [], "partial": {"starts": 3, "of": 9}})
+        assert read(tmp_path)["items"]["table3.2"]["partial"] == {"starts": 3, "of": 9}
+        text = (tmp_path / "report.html").read_text("utf-8")
+        assert "Partial searches. Table of Section 3.2: 3 of 9 starts." in text
+        return {"rows": []}
+
+    run_module.check_output(tmp_path)
+    run_module.run([replace(items.ITEMS["table3.2"], compute=compute)], tmp_path, Settings(), 1)
+    assert read(tmp_path)["items"]["table3.2"] == {"rows": []}
+    assert "Partial" not in (tmp_path / "report.html").read_text("utf-8")
+
+
+COUNT = {"pass": 0, "fail": 0, "not reproducible": 0}
+
+
+@pytest.mark.parametrize("left", ["", "{", "[1]", '{"format": "reproduce-paper 1"}', "null"])
+def test_unreadable_results_are_replaced(tmp_path, left):
+    (tmp_path / "results.json").write_text(left)
+    assert main(["--only", "table3.2", "--out", str(tmp_path)]) == 0
+    assert list(read(tmp_path)["items"]) == ["table3.2"]
+
+
+def test_finished_items_outlive_a_later_failure(tmp_path):
+    def fail(context):
+        raise RuntimeError("power cut")
+
+    run_module.check_output(tmp_path)
+    broken = replace(items.ITEMS["fig4.1"], compute=fail)
+    with pytest.raises(RuntimeError, match="power cut"):
+        run_module.run([items.ITEMS["table3.2"], broken], tmp_path, Settings(), 1)
+    assert list(read(tmp_path)["items"]) == ["table3.2"]
+    check_page((tmp_path / "report.html").read_text("utf-8"))
+
+
+def test_numbers_that_json_lacks_are_refused(tmp_path):
+    run_module.check_output(tmp_path)
+    broken = replace(items.ITEMS["fig4.1"], compute=lambda context: {"x": float("nan")})
+    with pytest.raises(ValueError, match="JSON"):
+        run_module.run([broken], tmp_path, Settings(), 1)
+
+
+def test_coefficients_are_rounded_from_all_digits():
+    assert fixed("0.12345678901234565001", 16) == "0.1234567890123457"
+    assert fixed("-1.5", 3) == "−1.500"
+    assert fixed("0", 2) == "0.00"
+    values = dict(method_data(methods["CG4"], 4)["coefficients"])
+    a = methods["CG4"].exact[0]
+    assert values["a32"] == to_decimal(a[2][1])
+    assert values["c4"] == to_decimal(sum(a[3]))
+    assert len(labels(16)) == len(set(labels(16))) == 152
+
+
+def test_number():
+    assert number(-1.5e-7, 2) == "−1.5e−07"
+    assert number(None) == "–"
+    assert number(196) == "196"
+
+
+def test_table_of_uneven_rows_is_refused():
+    with pytest.raises(ValueError, match="3 cells"):
+        Table("t", ("a", "b", "c"), [("1", "2")])
+
+
+def test_slope_in_quad_is_seen_below_double():
+    errors = {2**k: 3 * 2.0 ** (-5 * k) for k in range(4, 20, 2)}
+    data = order_data(errors)
+    assert data["slope"] == pytest.approx(5)
+    assert data["error"][-1] < 1e-26
+
+
+def test_page_escapes():
+    state = {
+        "settings": {"seed": 0, "full": False},
+        "items": {},
+        "run": {"version": "<b>", "seconds": {}, "workers": 1},
+    }
+    assert "<b>" not in page(state, {})
+
+
+def test_claims_name_where_they_are_made():
+    assert all(claim.section and claim.text.endswith((".", "…")) for claim in CLAIMS)
+    assert len({(claim.section, claim.text) for claim in CLAIMS}) == len(CLAIMS)
+
+
+def test_verdicts_that_readers_are_told():
+    counts = [sum(claim.found == verdict for claim in CLAIMS) for verdict in VERDICTS]
+    assert sum(counts) == len(CLAIMS)
+    assert all(bool(claim.interpretation) == (claim.found == "fail") for claim in CLAIMS)
+    text = (Path(__file__).parents[2] / "docs/reproduction.md").read_text(encoding="utf-8")
+    passed, failed, other = counts
+    wanted = f"Of {len(CLAIMS)} claims {passed} pass by default, {failed} fail, and {other} is"
+    assert wanted in text
+    told = text.partition("| fails | what is found |\n|---|---|\n")[2].partition("\n\n")[0]
+    assert len(told.splitlines()) == failed
+
+
+def test_each_verdict_of_other_papers_needs_no_numbers():
+    for claim in CLAIMS:
+        if claim.found == "not reproducible":
+            assert claim.judge({}, {})[0] is None
+
+
+@pytest.mark.slow
+def test_whole_default_run(tmp_path):
+    assert main(["--out", str(tmp_path)]) == 0
+    results = read(tmp_path)["items"]
+    assert list(results) == list(items.ITEMS)
+    assert results["search4"]["distinct"] >= 50
+    assert results["search5"]["distinct"] >= 1
+    slopes = results["fig4.2quad"]["readings"]["momentum"]["methods"]
+    for name, order in (("CG4", 4), ("CG4a", 4), ("CG5a", 5)):
+        assert slopes[name]["slope"] == pytest.approx(order, abs=0.05)
+        assert slopes[name]["error"][-1] < 2e-17
+    beyond = results["beyond.order"]["readings"]["momentum"]["methods"]
+    for name, run in beyond.items():
+        if not run["approximate"]:
+            assert run["slope"] == pytest.approx(run["order"], abs=0.02)
+            # The first steps of these two are too long for another halving.
+            assert run["decades"] > (8.9 if name in ("CG6g", "CF6(5)") else 10)
+    stopped = results["evaluations"]["stopped"]
+    text = words_of("docs/reproduction.md")
+    for ends in zip(stopped["f_double"], stopped["f_quad"], strict=True):
+        assert "from {} to {}".format(*(power_of_ten(f, 1) for f in ends)) in text
+    verdicts = results["claims"]["count"]
+    assert sum(verdicts.values()) == len(CLAIMS)
+    told = {claim.text: claim.found for claim in CLAIMS}
+    assert {c["claim"]: c["verdict"] for c in results["claims"]["claims"]} == told
+    for claim in results["claims"]["claims"]:
+        assert bool(claim["interpretation"]) == (claim["verdict"] == "fail")
+    parsed = check_page((tmp_path / "report.html").read_text("utf-8"))
+    assert parsed.tags.count("section") == len(items.ITEMS)
+    assert parsed.tags.count("figure") == 10
+
+
+def test_a_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
+    """It is what a full disk may leave behind."""
+
+    def stopped(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(search_section, "_data", stopped)
+    arguments = ["--only", "search4", "--out", str(tmp_path), "--workers", "1"]
+    assert main(arguments) == 130
+    (store,) = (tmp_path / "checkpoints").glob("search4-*.db")
+    store.write_bytes(store.read_bytes()[:5000])
+    capsys.readouterr()
+    assert main(arguments) == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith(f"reproduce-paper: error: store {store} is not an SQLite database")
+    assert told.endswith("; without that file what it holds is computed anew")

@@ -1,0 +1,216 @@
+"""Proofs that methods don't exist: their polynomials, and that wrong proofs are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from math import factorial
+
+import numpy as np
+import pytest
+from flint import fmpq
+
+import cg
+from cg.conditions import condition_trees, exact_residuals_of, residuals_exact
+from cg.structure.points import Point, PointTree
+from cg.trees.ordered import OrderedTree, catalan, forest
+from research.impossibility import (
+    Claim,
+    ImpossibilityError,
+    PathShape,
+    PointsShape,
+    TableauShape,
+    check,
+    point_shapes,
+    proof_names,
+    read_proof,
+    read_shape,
+)
+from research.impossibility.__main__ import main
+from research.impossibility.ring import Ring
+
+pytestmark = pytest.mark.no_core
+
+
+def test_all_proofs_hold_and_say_what_they_prove() -> None:
+    said = [sentence for name in proof_names() for sentence in check(name)]
+    assert "no explicit Crouch-Grossman tableau of 4 stages has order 4" in said
+    assert "no tree of 4 points (of 24) has order 4" in said
+    for order, flows in ((3, 1), (5, 2), (6, 3), (7, 4)):
+        what = f"commutator-free method with a path of {flows} flows to its result"
+        assert f"no explicit {what} has order {order}" in said
+
+
+@pytest.mark.parametrize("name", ["CF3", "CF4", "CF5a", "CF5c", "CF6b", "CG5d", "CG6g"])
+def test_known_methods_have_more_flows_than_are_ruled_out(name: str) -> None:
+    method = cg.methods[name]
+    path = method.tree.path(method.tree.result)
+    for order, flows in ((3, 1), (5, 2), (6, 3), (7, 4)):
+        assert method.order < order or len(path) > flows
+
+
+@pytest.mark.parametrize("change", ["factor", "missing", "name", "text"])
+def test_wrong_proofs_are_refused(change: str) -> None:
+    proof = read_proof("order4")
+    claim = next(claim for claim in proof.claims if claim.shape == "-1 -1 0 1")
+    factors = dict(claim.factors)
+    name = next(iter(factors))
+    if change == "factor":
+        factors[name] += "+1/1000000007*b1"
+    elif change == "missing":
+        del factors[name]
+    elif change == "name":
+        factors["lemma 99"] = factors.pop(name)
+    else:
+        factors[name] += "+"
+    with pytest.raises(ImpossibilityError, match="-1 -1 0 1"):
+        proof.check_claim(replace(claim, factors=factors))
+
+
+def test_a_proof_of_another_shape_is_refused() -> None:
+    proof = read_proof("order4")
+    claim = next(claim for claim in proof.claims if claim.shape == "tableau")
+    with pytest.raises(ImpossibilityError, match="isn't one"):
+        proof.check_claim(Claim("-1 0 1 2", claim.factors))
+
+
+def test_a_wrong_lemma_is_refused() -> None:
+    proof = read_proof("order4")
+    wrong = replace(proof.lemmas[0], polynomial=proof.lemmas[0].polynomial + "+1")
+    with pytest.raises(ImpossibilityError, match="lemma 1 "):
+        replace(proof, lemmas=(wrong, *proof.lemmas[1:])).check_lemmas()
+
+
+def _values(shape: TableauShape | PointsShape, seed: int) -> dict[str, Fraction]:
+    random = np.random.default_rng(seed)
+    return {
+        name: Fraction(int(random.integers(-9, 10)), int(random.integers(1, 10)))
+        for name in shape.ring.names
+    }
+
+
+def _at(polynomial: object, names: tuple[str, ...], values: dict[str, Fraction]) -> Fraction:
+    numbers = [fmpq(values[name].numerator, values[name].denominator) for name in names]
+    found = polynomial(*numbers)  # type: ignore[operator]
+    return Fraction(int(found.p), int(found.q))
+
+
+def _rows(stages: int, values: dict[str, Fraction]) -> list[list[Fraction]]:
+    rows = [[Fraction(0)] * stages]
+    for i in range(2, stages + 1):
+        inner = [values[f"a{i}_{j}"] for j in range(2, i)]
+        first = values[f"c{i}"] - sum(inner)
+        rows.append([first, *inner] + [Fraction(0)] * (stages - i + 1))
+    return [*rows, [values[f"b{i}"] for i in range(1, stages + 1)]]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_conditions_of_tableaux_agree_with_the_oracle(seed: int) -> None:
+    shape = TableauShape(4)
+    values = _values(shape, seed)
+    rows = _rows(4, values)
+    found = [_at(p, shape.ring.names, values) for p in shape.conditions(4).values()]
+    assert found == list(residuals_exact(rows[:-1], rows[-1], 4))
+
+
+@pytest.mark.parametrize("parents", [(-1, 0, 1, 2), (-1, -1, 0, 1), (-1, 0, -1, 2)])
+def test_conditions_of_points_agree_with_the_oracle(parents: tuple[int, ...]) -> None:
+    shape = PointsShape(4, parents)
+    values = _values(shape, 7)
+    rows = _rows(4, values)
+    points = []
+    for m, parent in enumerate(parents):
+        row = [x - y for x, y in zip(rows[m + 1], rows[parent + 1], strict=True)]
+        points.append(Point(parent, dict(enumerate(row))))
+    tree = PointTree(tuple(points), (-1, 0, 1, 2), 3)
+    found = [_at(p, shape.ring.names, values) for p in shape.conditions(4).values()]
+    assert found == list(exact_residuals_of(tree, 4))
+
+
+def test_the_flat_conditions_vanish_at_the_classical_method_alone() -> None:
+    shape = TableauShape(4)
+    values = dict.fromkeys(shape.ring.names, Fraction(0))
+    values |= {"a3_2": Fraction(1, 2), "a4_3": Fraction(1), "c2": Fraction(1, 2)}
+    values |= {"c3": Fraction(1, 2), "c4": Fraction(1), "b1": Fraction(1, 6)}
+    values |= {"b2": Fraction(1, 3), "b3": Fraction(1, 3), "b4": Fraction(1, 6)}
+    flat = shape.flat_conditions(4)
+    assert len(flat) == 8
+    assert {_at(p, shape.ring.names, values) for p in flat.values()} == {0}
+    lemmas = [shape.ring.read(lemma.polynomial) for lemma in read_proof("order4").lemmas]
+    assert {_at(p, shape.ring.names, values) for p in lemmas} == {0}
+    values["b1"] += 1
+    assert _at(flat["[]"], shape.ring.names, values) == 1
+
+
+def test_the_words_of_one_flow_are_those_of_the_exponential() -> None:
+    trees = forest(6)
+    wanted = {}
+    for t in condition_trees(5):
+        word = trees.children[t - 1]
+        if set(word) <= {1, 2}:
+            phi = Fraction(1, 2 ** word.count(2) * factorial(len(word)))
+            wanted[str(trees.tree(t))] = phi - Fraction(1, trees.density[t - 1])
+    found = {name: _at(p, (), {}) for name, p in PathShape(1).conditions(5).items()}
+    assert found == wanted
+
+
+def test_the_words_of_two_flows_vanish_at_a_known_method() -> None:
+    points = cg.methods["CF4"].points
+    c = [0, Fraction(1, 2), Fraction(1, 2), 1]
+    path = cg.methods["CF4"].tree.path(4)
+    assert len(path) == 2
+    weights = points[path[0]].weights
+    values = {"x0_1": sum(weights.values()), "x0_2": sum(w * c[k] for k, w in weights.items())}
+    shape = PathShape(2)
+    assert set(shape.ring.names) == set(values)
+    found = {name: _at(p, shape.ring.names, values) for name, p in shape.conditions(5).items()}
+    assert {found[name] for name in shape.conditions(4)} == {0}
+    assert set(found.values()) != {0}
+
+
+def test_all_trees_are_there() -> None:
+    shapes = [shape.parents for shape in point_shapes(4)]
+    assert len(set(shapes)) == 24 == len(shapes)
+    assert catalan(4) == 14
+    proved = {claim.shape for claim in read_proof("order4").claims}
+    assert proved == {"tableau", *(" ".join(map(str, parents)) for parents in shapes)}
+
+
+@pytest.mark.parametrize("text", ["", "tableaux", "0 0 0 0", "-1 0 1", "-1 0 1 3", "path of x"])
+def test_shapes_that_there_are_none_of(text: str) -> None:
+    with pytest.raises(ValueError, match="shape must be"):
+        read_shape(text, 4)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("", "sum of products"), ("x+", "sum of products"), ("x y", "factor"), ("2*z", "got 'z'")],
+)
+def test_polynomials_that_cannot_be_read(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Ring(["x", "y"]).read(text)
+
+
+def test_polynomials_are_read_as_written() -> None:
+    ring = Ring(["x", "y"])
+    polynomial = -(ring["x"] ** 3) * ring["y"] * fmpq(3, 7) + ring["y"] - 5
+    assert ring.read(str(polynomial)) == polynomial
+    assert ring.read("x - x + 1") == 1
+
+
+def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["order3"]) == 0
+    assert "path of 1 flows to its result has order 3" in capsys.readouterr().out
+    assert main(["order99"]) == 1
+    assert "no proof 'order99'" in capsys.readouterr().out
+
+
+def test_the_flat_condition_is_the_sum_of_the_orders() -> None:
+    tree = OrderedTree.parse("[[[]][][]]")
+    from research.impossibility.shapes import flat_density, orderings
+
+    found = orderings(tree)
+    assert sum(found.values()) == 6
+    assert len(found) == 3
+    sides = sum(Fraction(n, OrderedTree((t,)).density) for t, n in found.items())
+    assert sides == Fraction(1, flat_density(tree))

@@ -1,0 +1,474 @@
+"""Searches on executors: the same results on all of them, and workers that die."""
+
+import contextlib
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.context import SpawnContext, SpawnProcess
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+import cg
+from cg.command import main
+from cg.runs import Store, completed, execution
+
+SEARCH: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5, "starts": 30}
+CONSTRUCT: dict[str, Any] = {"order": 5, "stages": 6, "flows": 9, "first_flows": 10, "seed": 1}
+MPI = """
+import sys
+from mpi4py.futures import MPIPoolExecutor
+import cg
+if __name__ == "__main__":
+    with MPIPoolExecutor() as pool:
+        found = cg.search(3, 3, 30, 5, executor=pool, store=sys.argv[1])
+        assert found == cg.search(3, 3, 30, 5), "other results"
+        print("equal,", pool.num_workers, "workers")
+"""
+FOREVER = """
+import sys
+import cg
+def begun(done, total):
+    if done == 3:
+        print("begun", flush=True)
+if __name__ == "__main__":
+    cg.search(5, 9, 10**6, 1, maxfev=60, workers=2, executor="processes", store=sys.argv[1],
+              progress=begun)
+"""
+
+
+def processes(workers: int = 2) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+
+
+def double(index: int) -> int:
+    return 2 * index
+
+
+def fail_at_five(index: int) -> int:
+    if index == 5:
+        raise ArithmeticError("five")
+    return index
+
+
+def collect(seen, run):
+    for finished in run:
+        seen.append(finished.index)
+
+
+def die_at_seven(index: int) -> int:
+    if index == 7:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return index
+
+
+class Unfair(Executor):
+    """Runs the newest piece first, to upset whoever counts on an order."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1)
+        self._jobs: list[tuple[Future[Any], Callable[[], Any]]] = []
+
+    def submit(self, function, /, *args, **kwargs):
+        future: Future[Any] = Future()
+        self._jobs.append((future, partial(function, *args, **kwargs)))
+        self._pool.submit(self._run_one)
+        return future
+
+    def _run_one(self) -> None:
+        time.sleep(0.001)
+        future, call = self._jobs.pop()
+        if future.set_running_or_notify_cancel():
+            try:
+                future.set_result(call())
+            except BaseException as error:
+                future.set_exception(error)
+
+    def shutdown(self, wait=True, *, cancel_futures=False):
+        self._pool.shutdown(wait)
+
+
+class Losing(ThreadPoolExecutor):
+    """Takes so many pieces of work, and then loses those that it has."""
+
+    def __init__(self, pieces: int, moment: str) -> None:
+        super().__init__(1)
+        self._left, self._moment = pieces, moment
+
+    def submit(self, function, /, *args, **kwargs):
+        self._left -= 1
+        if self._left >= 0:
+            return super().submit(function, *args, **kwargs)
+        if self._moment == "handed out":
+            raise BrokenExecutor("it has ended")
+        future: Future[Any] = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
+
+
+@pytest.mark.parametrize("executor", [None, "threads", ThreadPoolExecutor, Unfair])
+@pytest.mark.parametrize("workers", [None, 1, 3])
+def test_the_same_on_any_executor(executor, workers, tmp_path):
+    whole = cg.search(**SEARCH, workers=1)
+    make = partial(executor) if isinstance(executor, type) else executor
+    assert cg.search(**SEARCH, executor=make, workers=workers) == whole
+    path = tmp_path / "runs.db"
+    assert cg.search(**SEARCH, executor=make, workers=workers, store=path) == whole
+
+
+def test_the_same_in_processes(tmp_path):
+    whole = cg.search(**SEARCH)
+    construction = cg.construct(**CONSTRUCT)
+    with processes() as pool:
+        assert cg.search(**SEARCH, executor=pool, store=tmp_path / "runs.db") == whole
+        assert cg.construct(**CONSTRUCT, executor=pool) == construction
+        assert pool.submit(double, 3).result() == 6  # it is left as it was
+    assert construction.method is not None
+
+
+def test_lmdif_is_the_same_on_other_processors(tmp_path):
+    """As far as kernels of OpenBLAS go, which the environment chooses."""
+    script = "import cg, sys; cg.search(3, 3, 12, 5, algorithm='lmdif', store=sys.argv[1])"
+    stored = []
+    for kernel in ({}, {"OPENBLAS_CORETYPE": "Prescott"}):
+        path = tmp_path / f"{len(stored)}.db"
+        command = [sys.executable, "-c", script, str(path)]
+        subprocess.run(command, env={**os.environ, **kernel}, check=True)
+        with Store(path, read=True) as opened:
+            stored.append([replace(one, seconds=0.0) for one in opened.run(1).records()])
+    assert stored[0] == stored[1]
+
+
+def sizes_of_chunks(work, total):
+    """Return how many pieces each chunk has, on two workers."""
+    sizes = []
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, function, /, *args, **kwargs):
+            sizes.append(len(args[-1]))
+            return super().submit(function, *args, **kwargs)
+
+    with Counting(2) as pool:
+        indices = (finished.index for finished in completed(work, range(total), total, None, pool))
+        assert sorted(indices) == list(range(total))
+    assert sum(sizes) == total
+    return sizes
+
+
+def test_chunks_take_equally_long():
+    sizes = sizes_of_chunks(lambda index: time.sleep(0.002), 600)
+    assert sizes[0] == 1  # nothing is known yet
+    assert 20 < max(sizes) < 600 * 0.25
+    assert sizes[-1] < 20  # the last ones are small
+    sizes = sizes_of_chunks(lambda index: time.sleep(0.05), 30)
+    assert sizes[-1] == 1
+
+
+def test_cheap_pieces_are_many_to_a_chunk_though_the_first_ones_were_slow():
+    sizes = sizes_of_chunks(lambda index: time.sleep(0.2 if index < 2 else 0.0001), 2000)
+    assert len(sizes) < 40
+    assert min(sizes[-4:-1]) > 4  # handing out takes longer than a piece
+
+
+def test_indices_are_read_as_they_are_needed():
+    read = []
+
+    def indices():
+        for index in range(10**9):
+            read.append(index)
+            yield index
+
+    with closing(completed(double, indices(), 10**9, 2)) as running:
+        assert {next(running).result for _ in range(5)} <= {0, 2, 4, 6, 8, 10, 12, 14, 16}
+        assert len(read) < 20
+
+
+def test_an_exception_comes_after_the_results_before_it():
+    seen = []
+    with ThreadPoolExecutor(1) as pool, pytest.raises(ArithmeticError, match="five"):
+        collect(seen, completed(fail_at_five, range(9), 9, None, pool))
+    assert seen == [0, 1, 2, 3, 4]
+
+
+class TestDeath:
+    def test_a_worker_that_dies_is_reported_and_the_run_goes_on(self):
+        ended = list(completed(die_at_seven, range(12), 12, 2, "processes"))
+        assert sorted(f.index for f in ended) == list(range(12))
+        assert sorted(f.index for f in ended if f.result is not None) == [
+            index for index in range(12) if index != 7
+        ]
+        (failed,) = [f for f in ended if f.failure]
+        assert failed.index == 7
+        assert "BrokenProcessPool" in str(failed.failure)
+
+    def test_an_executor_that_cannot_be_made_anew(self):
+        with (
+            processes() as pool,
+            pytest.raises(BrokenProcessPool, match=r"pieces \[.*7.*\] were at work; if `executor`"),
+        ):
+            list(completed(die_at_seven, range(12), 12, 2, pool))
+
+    def test_a_search_says_which_start_it_was(self, tmp_path, monkeypatch):
+        def ended(*_, **__):
+            yield execution.Finished(0, None, failure="Killed")
+            yield from (execution.Finished(k, run(k), 0.1) for k in (2, 1))
+
+        found = cg.search(3, 3, 3, 5)
+        run = found.starts.__getitem__
+        path = tmp_path / "runs.db"
+        monkeypatch.setattr(cg.construction.search.random_search, "completed", ended)
+        for store in (None, path):
+            again = cg.search(3, 3, 3, 5, store=store)
+            assert list(again.starts) == list(found.starts[1:])
+            assert [(f.index, f.message) for f in again.failures] == [(0, "Killed")]
+        monkeypatch.undo()
+        # it would die again
+        assert cg.search(3, 3, 3, 5, store=path).failures == again.failures
+        with Store(path) as opened:
+            assert [(run.starts, run.failed) for run in opened.runs()] == [(2, 1)]
+
+    @pytest.mark.parametrize("ready", [False, True])
+    def test_a_worker_that_dies_while_another_is_being_started(self, ready):
+        # in a process of its own, since what it is about is that the run never ended
+        words = [sys.executable, __file__, "ready" if ready else "not yet"]
+        ended = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        assert ended.stdout.split() == [str(index) for index in range(6)], ended.stderr
+
+    @pytest.mark.parametrize("moment", ["at work", "handed out"])
+    def test_an_executor_that_loses_its_work(self, moment):
+        """As that of Dask does whose scheduler was killed."""
+        made: list[Losing] = []
+
+        def make() -> Executor:
+            made.append(Losing(3 if not made else 1000, moment))
+            return made[-1]
+
+        ended = {
+            finished.index: finished.result
+            for finished in completed(double, range(40), 40, 2, make)
+        }
+        assert ended == {index: 2 * index for index in range(40)}
+        assert len(made) == 2
+        with pytest.raises(BrokenExecutor, match=r"pieces \[.*\] (that )?were at work"):
+            list(completed(double, range(40), 40, 2, Losing(3, moment)))
+
+    def test_a_search_that_lost_its_executor_goes_on_with_another(self, tmp_path):
+        path = tmp_path / "runs.db"
+        with pytest.raises(BrokenExecutor) as lost:
+            cg.search(**SEARCH, executor=Losing(3, "at work"), store=path)
+        assert lost.value.__notes__ == [
+            f"what had ended is in {path}, and the same search goes on from there, on any executor"
+        ]
+        with Store(path) as opened:
+            (run,) = opened.runs()
+            before = set(opened.run(1).records())
+            assert 0 < len(before) == run.starts < 30
+            assert not run.running
+        assert cg.search(**SEARCH, store=path) == cg.search(**SEARCH)
+        with Store(path) as opened:
+            assert before <= set(opened.run(1).records())
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
+    def test_workers_end_with_a_run_that_is_killed(self, tmp_path):
+        path = tmp_path / "runs.db"
+        script = tmp_path / "run.py"
+        script.write_text(FOREVER)
+        running = subprocess.Popen(
+            [sys.executable, script, path], stdout=subprocess.PIPE, start_new_session=True
+        )
+        assert running.stdout is not None
+        try:
+            assert running.stdout.readline() == b"begun\n"
+            running.kill()
+            # the other end of the pipe is closed when the last worker has ended
+            assert running.communicate(timeout=60) == (b"", None)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(running.pid, signal.SIGKILL)
+        with Store(path) as opened:
+            (kept,) = opened.runs()
+            starts = kept.starts + 3
+        assert cg.search(5, 9, starts, 1, maxfev=60, store=path) == cg.search(
+            5, 9, starts, 1, maxfev=60
+        )
+
+    @pytest.mark.slow
+    def test_fifty_workers_killed_from_outside(self):
+        killed = 0
+
+        for finished in completed(slow_double, range(400), 400, 2, processes):
+            assert finished.result == 2 * finished.index
+            if finished.index % 8 == 3 and killed < 50:
+                kill_a_child()
+                killed += 1
+        assert killed == 50
+
+
+class StartedLate(SpawnProcess):
+    """A worker whose start lasts until the one before it has died and is known to have."""
+
+    before: ClassVar[list[SpawnProcess]] = []
+    ready = False
+
+    def start(self) -> None:
+        self.before.append(self)
+        if len(self.before) != 2:
+            return super().start()
+        if self.ready:
+            super().start()
+        self.before[0].kill()
+        self.before[0].join()
+        time.sleep(0.5)
+        return None if self.ready else super().start()
+
+
+class LateContext(SpawnContext):
+    Process = StartedLate
+
+
+def late_processes() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(2, mp_context=LateContext())
+
+
+def slow_double(index: int) -> int:
+    time.sleep(0.02)
+    return 2 * index
+
+
+def kill_a_child() -> None:
+    """Kill a worker of the pool, if there is one just now."""
+    listed = subprocess.run(
+        ["pgrep", "-P", str(os.getpid()), "-f", "spawn_main"],
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout.split()
+    if listed:
+        os.kill(int(listed[-1]), signal.SIGKILL)
+
+
+class TestInterrupt:
+    def test_the_first_lets_starts_end_and_the_second_drops_them(self, caplog, monkeypatch):
+        waits = iter([KeyboardInterrupt, None, None])
+        wait = execution.wait
+
+        def interrupted(*args, **options):
+            problem = next(waits, None)
+            if problem:
+                raise problem
+            return wait(*args, **options)
+
+        monkeypatch.setattr(execution, "wait", interrupted)
+        seen = []
+        run = completed(slow_double, range(100), 100, 2, finish_on_interrupt=True)
+        with caplog.at_level(logging.WARNING, "cg"), pytest.raises(KeyboardInterrupt):
+            collect(seen, run)
+        assert set(seen) <= {0, 1, 2, 3}
+        assert "starts are being finished; interrupt again to drop them" in caplog.text
+        waits = iter([KeyboardInterrupt, KeyboardInterrupt])
+        dropped: list[int] = []
+        run = completed(slow_double, range(100), 100, 2, finish_on_interrupt=True)
+        with pytest.raises(KeyboardInterrupt):
+            collect(dropped, run)
+        assert not dropped
+
+
+class TestEngines:
+    """The engines that people have, started for real."""
+
+    def test_dask(self, tmp_path):
+        distributed = pytest.importorskip("distributed")
+        with (
+            distributed.LocalCluster(
+                n_workers=2,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=":0",  # any port: another cluster may have the usual one
+                local_directory=tmp_path,
+            ) as cluster,
+            distributed.Client(cluster) as client,
+            client.get_executor() as pool,
+        ):
+            found = cg.search(**SEARCH, executor=pool, store=tmp_path / "runs.db")
+            assert found == cg.search(**SEARCH)
+            assert execution._workers_of(pool) == 2
+            store = tmp_path / "command.db"
+            command = ["search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "30"]
+            address = cluster.scheduler_address
+            assert main([*command, "--store", str(store), "--dask", address]) == 0
+        assert cg.search(**SEARCH, store=store) == found
+
+    def test_loky(self):
+        loky = pytest.importorskip("loky")
+        found = cg.search(**SEARCH, executor=lambda: loky.get_reusable_executor(2))
+        assert found == cg.search(**SEARCH)
+
+    def test_mpi(self, tmp_path):
+        pytest.importorskip("mpi4py")
+        script = tmp_path / "run.py"
+        script.write_text(MPI)
+        command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
+        told = subprocess.run(
+            [*command, "-m", "mpi4py.futures", str(script), str(tmp_path / "runs.db")],
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert told.stdout == "equal, 2 workers\n", told.stderr
+
+    def test_mpi_from_the_command(self, tmp_path):
+        pytest.importorskip("mpi4py")
+        command = ["mpiexec", "--oversubscribe", "--allow-run-as-root", "-n", "3", sys.executable]
+        command += ["-m", "mpi4py.futures", "-m", "cg", "search", "--order", "3", "--stages", "3"]
+        command += ["--starts", "30", "--seed", "5", "--store", str(tmp_path / "runs.db"), "--mpi"]
+        subprocess.run(command, timeout=300, check=True, stdout=subprocess.DEVNULL)
+        with Store(tmp_path / "runs.db") as store:
+            assert [run.starts for run in store.runs()] == [30]
+
+
+def test_engines_of_the_command_exclude_each_other(capsys):
+    command = ["search", "--order", "3", "--stages", "3", "--starts", "2"]
+    assert main([*command, "--processes", "--mpi"]) == 2
+    assert "--processes, --dask and --mpi exclude each other" in capsys.readouterr().err
+    assert main([*command, "--processes"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("executor", "error", "message"),
+    [
+        ("fast", ValueError, "executor must be 'threads', 'processes' or an executor, got 'fast'"),
+        (3, TypeError, "executor must be a concurrent.futures.Executor, a function that makes one"),
+        (ThreadPoolExecutor, TypeError, "got the class ThreadPoolExecutor; call it"),
+    ],
+)
+@pytest.mark.parametrize("call", [cg.search, cg.construct])
+def test_no_executor(call, executor, error, message, tmp_path: Path):
+    path = tmp_path / "runs.db"
+    options = {"starts": 1} if call is cg.search else {}
+    with pytest.raises(error, match=message):
+        call(order=3, stages=3, seed=1, executor=executor, store=path, **options)
+    assert not path.exists()
+
+
+if __name__ == "__main__":
+    StartedLate.ready = sys.argv[1] == "ready"
+    print(*sorted(done.index for done in completed(slow_double, range(6), 6, 2, late_processes)))

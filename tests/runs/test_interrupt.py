@@ -1,0 +1,271 @@
+"""Ending long runs: what is cut short leaves no trace, and what was found is kept."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from cg import _core_r64, _core_r128, _minimum_norm
+from cg.conditions import table_rows
+from cg.construction import construct
+from cg.construction.search.random_search import search
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.refine import refine
+from cg.construction.solvers.system import ConditionSystem
+from cg.runs import Store, as_finished, execution
+from cg.structure.layout import Layout
+from cg.support import parallel, quads
+from cg.support.parallel import Stopped, stoppable
+from cg.support.shared_numbers import MinimumNormStatus, Status
+
+FOREVER = 10**9  # iterations; no run of the tests waits for them
+ORDER, STAGES = 7, 36  # one iteration of the fast solver takes some 50 ms here
+TOO_FEW = 27  # no start of order 7 converges with so few stages, so that runs don't end either
+LAYOUT = Layout.tableau(TOO_FEW)
+PATIENCE = 60  # seconds after which a run that should have ended is taken to hang
+
+
+def guess(stages=STAGES):
+    return np.random.default_rng(1).uniform(-0.5, 0.5, ConditionSystem.tableau(ORDER, stages).size)
+
+
+def fit_fast(stop_flag):
+    x0 = guess(TOO_FEW)
+    trees, owner = ConditionSystem.tableau(ORDER, TOO_FEW).conditions(independent=True)
+    free = np.arange(1, x0.size + 1, dtype=np.intc)
+    return _minimum_norm.fit_minimum_norm(
+        ORDER, LAYOUT.code, x0, trees, owner, free, 0.0, 1e-2, FOREVER, False, stop_flag
+    )
+
+
+def fit_lmdif(stop_flag, quadruple=False):
+    x0 = guess(TOO_FEW)
+    trees = np.array(table_rows(ORDER), dtype=np.intc)
+    if not quadruple:
+        return _core_r64.fit_lmdif(ORDER, LAYOUT.code, x0, trees, [0], [0], FOREVER, stop_flag)
+    bits, zero = quads.from_float(x0).T, quads.from_float([0.0]).T
+    return _core_r128.fit_lmdif(ORDER, LAYOUT.code, bits, trees, zero, zero, FOREVER, stop_flag)
+
+
+def fit_lmdif_quad(stop_flag):
+    return fit_lmdif(stop_flag, quadruple=True)
+
+
+ENTRIES = {"fast": fit_fast, "lmdif": fit_lmdif, "lmdif in real(16)": fit_lmdif_quad}
+
+
+def called_in_thread(call, *arguments):
+    results = []
+    thread = threading.Thread(target=lambda: results.append(call(*arguments)), daemon=True)
+    thread.start()
+    return thread, results
+
+
+class TestFlag:
+    @pytest.mark.parametrize("entry", ENTRIES)
+    def test_a_flag_set_during_the_call_ends_it(self, entry):
+        flag = np.zeros(1, dtype=np.intc)
+        thread, results = called_in_thread(ENTRIES[entry], flag)
+        time.sleep(1)
+        assert thread.is_alive()
+        flag[0] = 1
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
+        status = results[0][-1] if entry == "fast" else results[0][-2]
+        stopped = MinimumNormStatus.STOPPED if entry == "fast" else Status.STOPPED_BY_USER
+        assert status == stopped
+
+    @pytest.mark.parametrize("entry", ENTRIES)
+    def test_a_flag_that_is_set_already(self, entry):
+        result = ENTRIES[entry](np.ones(1, dtype=np.intc))
+        x = result[0] if entry != "lmdif in real(16)" else quads.to_float(result[0].T.copy())
+        np.testing.assert_array_equal(x, guess(TOO_FEW))
+
+    @pytest.mark.parametrize("entry", ENTRIES)
+    @pytest.mark.parametrize("dtype", [np.int64, np.float64])
+    def test_a_flag_that_would_be_copied_is_refused(self, entry, dtype):
+        with pytest.raises(ValueError, match="intent"):
+            ENTRIES[entry](np.zeros(1, dtype=dtype))
+
+
+class TestThreads:
+    def test_a_closed_run_ends_its_workers(self):
+        def work(index):
+            return index if index == 0 else stoppable(fit_fast)
+
+        with closing(as_finished(work, range(10), 2)) as running:
+            assert next(running) == 0
+        assert not workers()
+
+    def test_a_failure_ends_the_other_workers(self):
+        begun = threading.Event()
+
+        def work(index):
+            if index == 0:
+                begun.wait()
+                raise ArithmeticError("index 0")
+            return stoppable(lambda flag: (begun.set(), fit_fast(flag)))
+
+        with pytest.raises(ArithmeticError, match="index 0"):
+            list(as_finished(work, range(2), 2))
+        assert not workers()
+
+    def test_what_was_cut_short_is_void(self, monkeypatch):
+        ends, begun = [], threading.Event()
+
+        def work(index):
+            try:
+                return stoppable(lambda flag: (begun.set(), fit_fast(flag)))
+            except Stopped:
+                ends.append("stopped")
+                raise
+
+        def interrupted(_, **__):
+            begun.wait()
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(execution, "wait", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            list(as_finished(work, range(1), 1))
+        assert ends == ["stopped"]
+
+    def test_refinement_ends(self):
+        x = quads.from_float(guess())
+
+        def work(_):
+            parallel._worker.stop_flag[0] = 1
+            return refine(x, ConditionSystem.tableau(ORDER, STAGES))
+
+        with pytest.raises(Stopped):
+            list(as_finished(work, range(1), 1))
+
+    def test_one_run_does_not_end_another(self):
+        def work(index):
+            for _ in as_finished(lambda inner: inner, range(3), 2):
+                pass
+            return fit_conditions(np.full(3, 0.4), ConditionSystem.tableau(2, 2)).status
+
+        assert list(as_finished(work, range(4), 2)) == [MinimumNormStatus.SOLVED] * 4
+
+    def test_errors_of_the_call_come_through(self):
+        def call(_):
+            raise ArithmeticError("inside")
+
+        with pytest.raises(ArithmeticError, match="inside"):
+            stoppable(call)
+
+    def test_in_any_thread_the_same(self):
+        system = ConditionSystem.tableau(5, 9)
+        x0 = np.random.default_rng(9).uniform(-0.5, 0.5, system.size)
+        here = fit_conditions(x0, system)
+        assert here.status == MinimumNormStatus.SOLVED
+        detour = fit_conditions(x0, system, max_iterations=FOREVER)  # too many to stay here
+        thread, results = called_in_thread(lambda: fit_conditions(x0, system))
+        thread.join(PATIENCE)
+        (pooled,) = as_finished(lambda _: fit_conditions(x0, system), range(1), 1)
+        for other in (*results, pooled, detour):
+            np.testing.assert_array_equal(other.x, here.x)
+            assert (other.f, other.iterations) == (here.f, here.iterations)
+
+
+def workers():
+    return [t for t in threading.enumerate() if t.name.startswith("ThreadPoolExecutor")]
+
+
+SCRIPT = """
+import sys
+import cg
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.system import ConditionSystem
+import numpy as np
+
+system = ConditionSystem.tableau(7, 27)
+
+def say(*_):
+    print("one", flush=True)
+
+print("ready", flush=True)
+try:
+    {call}
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+LONG_FIT = "fit_conditions(np.full(378, 0.1), system, ftol=0, max_iterations=10**9)"
+
+
+def interrupted_after(call, begun):
+    """Run the call in a process of its own, interrupt it when `begun`, return its last line."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT.format(call=call)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout.readline() == "ready\n"
+        begun(process)
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors
+    return output.splitlines()[-1]
+
+
+def after_one(process):
+    assert process.stdout.readline() == "one\n"
+
+
+def after_seconds(process):
+    time.sleep(1.5)
+    assert process.poll() is None
+
+
+class TestInterrupt:
+    @pytest.mark.parametrize(
+        "call",
+        [
+            LONG_FIT,
+            "cg.search(7, 27, 9, seed=1, maxfev=10**9, workers=2)",
+            "cg.search(7, 27, 9, seed=1, algorithm='lmdif', maxfev=10**9, workers=1)",
+            "cg.search(7, 27, 9, seed=1, algorithm='lmdif', maxfev=1, refine_below=1e300,"
+            " refine_maxfev=10**9, workers=2)",
+            "cg.construct(7, 27, seed=1, iterations=10**9, workers=2)",
+        ],
+    )
+    def test_a_call_that_would_not_end(self, call):
+        assert interrupted_after(call, after_seconds) == "interrupted"
+
+    def test_a_search_goes_on(self, tmp_path):
+        path = tmp_path / "starts.jsonl"
+        options = {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}
+        call = f"cg.search(**{options}, workers=1, store={str(path)!r}, progress=say)"
+        assert interrupted_after(call, after_one) == "interrupted"
+        kept = recorded(path)
+        assert kept[0] == 0
+        assert len(kept) < 3
+        resumed = search(**options, store=path)
+        assert resumed == search(**options)
+        assert sorted(recorded(path)) == [0, 1, 2]
+
+    def test_a_construction_goes_on(self, tmp_path):
+        path = tmp_path / "tries.jsonl"
+        options = {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}
+        call = f"cg.construct(**{options}, workers=1, store={str(path)!r}, progress=say)"
+        assert interrupted_after(call, after_one) == "interrupted"
+        kept = recorded(path)
+        assert kept[0] == 0
+        assert len(kept) < 3
+        resumed = construct(**options, store=path)
+        assert resumed == construct(**options)
+        assert sorted(recorded(path)) == [0, 1, 2]
+
+
+def recorded(path):
+    with Store(path) as store:
+        return list(store.run(1).numbers())

@@ -1,0 +1,203 @@
+"""How far searches and constructions are, in a line, and how they go on after an interrupt."""
+
+import io
+import itertools
+import re
+import sys
+from concurrent.futures import BrokenExecutor
+
+import pytest
+from watching import interrupted_search
+
+import cg
+from cg.command import main
+from cg.runs import Failure, ProgressLine, Store, stored_run
+from cg.runs.progress import duration
+
+SEARCH = {"order": 3, "stages": 3, "seed": 5, "starts": 12, "workers": 1}
+LINE = re.compile(
+    r"(?P<done>\d+) of (?P<total>\d+) (?P<pieces>\w+), (?P<rate>\S+) a second, "
+    r"best f (?P<f>[\d.e+-]+)(?P<size>[^,]*), (?P<solved>\d+) solved"
+    r"(, (?P<failed>\d+) failed)?(, (?P<left>.*) left)?"
+)
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def line(stream, **options):
+    """Return a line whose clock goes on by a second each time it is read."""
+    return ProgressLine(stream, clock=itertools.count().__next__, **options)
+
+
+def told(text):
+    found = [LINE.fullmatch(part) for part in text.splitlines()]
+    assert all(found), text
+    return [match.groupdict() for match in found]
+
+
+def expected(starts):
+    """Return the smallest f and the number of exact ones after each start."""
+    sizes = [(start.quad or start.double).f for start in starts]
+    best = itertools.accumulate(sizes, min)
+    return [f"{f:.1e}" for f in best], list(itertools.accumulate(start.exact for start in starts))
+
+
+class TestSearch:
+    def test_rate_best_and_solved(self):
+        stream = io.StringIO()
+        found = cg.search(**SEARCH, progress=line(stream, every=0))
+        lines = told(stream.getvalue())
+        best, solved = expected(found.starts)
+        assert 0 < solved[-1] < 12
+        assert [one["f"] for one in lines] == best
+        assert [int(one["solved"]) for one in lines] == solved
+        assert [one["rate"] for one in lines] == ["1"] * 12
+        assert lines[0]["left"] == "11 s"
+        assert lines[-1]["left"] is None
+        assert found == cg.search(**SEARCH)
+
+    def test_what_a_store_had_counts_but_for_the_rate(self, tmp_path):
+        path = tmp_path / "runs.db"
+        begun = cg.search(**{**SEARCH, "starts": 6}, store=path)
+        with stored_run(path, "search", vars(begun.settings)) as run:
+            run.fail(Failure(11, "Killed"))
+        stream = io.StringIO()
+        found = cg.search(**SEARCH, store=path, progress=line(stream, every=0))
+        lines = told(stream.getvalue())
+        best, solved = expected(found.starts)
+        assert [int(one["done"]) for one in lines] == [8, 9, 10, 11, 12]
+        assert [one["f"] for one in lines] == best[6:]
+        assert [int(one["solved"]) for one in lines] == solved[6:]
+        assert {one["failed"] for one in lines} == {"1"}
+        assert lines[0]["rate"] == "1"
+        assert lines[0]["left"] == "4 s"
+
+    def test_a_file_has_a_line_every_half_minute_and_a_last_one(self):
+        stream = io.StringIO()
+        cg.search(**{**SEARCH, "starts": 70}, progress=line(stream))
+        assert [int(one["done"]) for one in told(stream.getvalue())] == [30, 60, 70]
+
+    def test_a_short_run_leaves_a_file_alone(self):
+        stream = io.StringIO()
+        cg.search(**SEARCH, progress=line(stream))
+        assert stream.getvalue() == ""
+
+    def test_a_terminal_has_one_line(self):
+        stream = Terminal()
+        cg.search(**SEARCH, progress=line(stream))
+        text = stream.getvalue()
+        assert text.count("\n") == 1
+        assert text.endswith("\n")
+        assert len(told("\n".join(text.rstrip("\n").split("\r\x1b[K")[1:]))) == 12
+
+    def test_true_asks_for_standard_error(self, capsys, monkeypatch):
+        monkeypatch.setattr(cg.runs.progress, "_REPORT", 0.0)
+        cg.search(**SEARCH, progress=True)
+        captured = capsys.readouterr()
+        assert len(told(captured.err)) == 12
+        assert captured.out == ""
+        cg.search(**SEARCH, progress=False)
+        assert capsys.readouterr().err == ""
+
+    def test_functions_are_called_as_ever(self):
+        calls = []
+        cg.search(**SEARCH, progress=lambda *now: calls.append(now))
+        assert calls == [(done, 12) for done in range(1, 13)]
+        for call in (cg.search, cg.construct):
+            with pytest.raises(TypeError, match="progress must be callable, got 'yes'; True asks"):
+                call(3, 3, seed=1, progress="yes", **({"starts": 1} if call is cg.search else {}))
+
+
+class TestConstruction:
+    def test_the_smallest_comes_first(self):
+        stream, attempts = io.StringIO(), []
+        settings = {"order": 5, "stages": 8, "seed": 1, "tries": 3, "workers": 1, "restarts": 0}
+        settings |= {"iterations": 60}
+        cg.construct(**settings, progress=attempts.append)
+        cg.construct(**settings, progress=line(stream, every=0))
+        lines = told(stream.getvalue())
+        assert {one["pieces"] for one in lines} == {"tries"}
+        for number, one in enumerate(lines, 1):
+            best = min(attempts[:number], key=lambda a: (not a.solved, a.stages, a.f))
+            assert one["f"] == f"{best.f:.1e}"
+            assert one["size"] == f" with {best.stages} stages"
+            hits = sum(a.solved and a.stages == 8 for a in attempts[:number])
+            assert int(one["solved"]) == hits
+
+    def test_flows_are_told(self, tmp_path):
+        stream = io.StringIO()
+        settings = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2, "workers": 1}
+        path = tmp_path / "runs.db"
+        cg.construct(**settings, store=path, progress=line(stream, every=0))
+        assert told(stream.getvalue())[0]["size"] == " with 3 stages and 4 flows"
+        cg.construct(**settings, store=path, progress=line(stream, every=0))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "0 s"), (59.4, "59 s"), (60, "1 min"), (3600, "1 h 0 min"), (7900, "2 h 12 min")],
+)
+def test_durations(seconds, text):
+    assert duration(seconds) == text
+
+
+class TestCommand:
+    ARGUMENTS = ("search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "12")
+
+    def test_redirected(self, capsys, monkeypatch):
+        monkeypatch.setattr(cg.runs.progress, "_REPORT", 0.0)
+        assert main([*self.ARGUMENTS, "--workers", "1"]) == 0
+        best, solved = expected(cg.search(**SEARCH).starts)
+        lines = told(capsys.readouterr().err)
+        assert [one["f"] for one in lines] == best
+        assert [int(one["solved"]) for one in lines] == solved
+        assert main([*self.ARGUMENTS, "--quiet"]) == 0
+        assert capsys.readouterr().err == ""
+        assert main(["construct", "--order", "3", "--stages", "3"]) == 0
+        assert told(capsys.readouterr().err)[0]["pieces"] == "tries"
+
+    def test_an_interrupt_says_how_to_go_on(self, capsys, monkeypatch, tmp_path):
+        def interrupted(*_, **__):
+            raise KeyboardInterrupt
+            yield
+
+        monkeypatch.setattr(cg.construction.search.random_search, "completed", interrupted)
+        path = tmp_path / "runs.db"
+        assert main([*self.ARGUMENTS, "--store", str(path)]) == 130
+        assert capsys.readouterr().err.splitlines()[-1] == (
+            f"crouch-grossman: interrupted; what had ended is in {path}, and the same search goes "
+            "on from there, on any executor"
+        )
+        assert main([*self.ARGUMENTS]) == 130
+        assert capsys.readouterr().err.splitlines()[-1] == (
+            "crouch-grossman: interrupted; with --store FILE it would go on from there"
+        )
+
+    def test_a_lost_executor_says_how_to_go_on(self, capsys, monkeypatch, tmp_path):
+        def lost(*_, **__):
+            raise BrokenExecutor("the executor is gone")
+            yield
+
+        monkeypatch.setattr(sys.modules["cg.construction.construct"], "completed", lost)
+        path = tmp_path / "runs.db"
+        command = ["construct", "--order", "3", "--stages", "3", "--store", str(path)]
+        assert main(command) == 2
+        assert capsys.readouterr().err == (
+            f"crouch-grossman: error: the executor is gone; what had ended is in {path}, and the "
+            "same construction goes on from there, on any executor\n"
+        )
+        with Store(path) as store:
+            assert not store.runs()[0].running
+
+
+def test_a_signal_ends_a_search_of_a_script_with_a_way_to_go_on(tmp_path):
+    path = tmp_path / "runs.db"
+    script = "import cg, sys; cg.search(5, 9, 10**5, 1, maxfev=60, store=sys.argv[1])"
+    _, error = interrupted_search([sys.executable, "-c", script, str(path)], path)
+    assert error.splitlines()[-2:] == [
+        "KeyboardInterrupt",
+        f"what had ended is in {path}, and the same search goes on from there, on any executor",
+    ]

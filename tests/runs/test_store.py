@@ -1,0 +1,553 @@
+"""A store keeps what was found, whatever ends a run, and isn't believed."""
+
+import json
+import math
+import os
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cg
+import cg.command
+import cg.construction.search.random_search as search_module
+from cg.construction.search.random_search import run_start, search
+from cg.runs import Failure, Record, Store, database, schema, store
+
+SMALL: dict[str, Any] = {"order": 3, "stages": 3, "seed": 5}
+CONSTRUCT: dict[str, Any] = {"order": 4, "stages": 4, "seed": 1, "tries": 3, "force": True}
+TREES: dict[str, Any] = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2}
+RECORD = Record(0, 3, None, None, "double", 0.5, 1, 2, None, None, None, 0.7, False, bytes(96))
+
+
+def kept(path: Path, run: int = 1) -> list[int]:
+    with Store(path) as opened:
+        return list(opened.run(run).numbers())
+
+
+def run_sql(path: Path, statement: str, *values: Any) -> None:
+    with closing(sqlite3.connect(path)) as connection, connection:
+        assert connection.execute(statement, values).rowcount == 1
+
+
+class TestSearch:
+    def counted_runs(self, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+        runs: list[int] = []
+
+        def counted(settings: Any, index: int) -> Any:
+            runs.append(index)
+            return run_start(settings, index)
+
+        monkeypatch.setattr(search_module, "run_start", counted)
+        return runs
+
+    def test_more_starts_go_on_from_fewer(self, tmp_path, monkeypatch):
+        path = tmp_path / "runs.db"
+        search(**SMALL, starts=3, store=path)
+        runs = self.counted_runs(monkeypatch)
+        more = search(**SMALL, starts=6, store=path, workers=1)
+        assert runs == [3, 4, 5]
+        whole = search(**SMALL, starts=6)
+        assert more == whole
+        assert search(**SMALL, starts=2, store=path).starts == whole.starts[:2]
+        assert (more.methods, more.best, repr(more)) == (whole.methods, whole.best, repr(whole))
+
+    def test_starts_are_read_like_a_tuple(self, tmp_path):
+        stored = search(**SMALL, starts=6, store=tmp_path / "runs.db").starts
+        whole = search(**SMALL, starts=6).starts
+        assert len(stored) == 6
+        assert (stored[2], stored[-1], stored[1:5:2]) == (whole[2], whole[-1], whole[1:5:2])
+        assert whole[3] in stored
+        assert stored != whole[:5]
+        for index in (6, -7):
+            with pytest.raises(IndexError, match=f"start {index} of 6"):
+                stored[index]
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"width": 1e200},
+            {"algorithm": "lmdif"},
+            {"flows": 4},
+            {"flows": 4, "embedded": True},
+            {"tree": cg.methods["CF3"]},
+        ],
+    )
+    def test_every_kind_of_search(self, tmp_path, change):
+        options = {**SMALL, **change, "starts": 4, "store": tmp_path / "runs.db"}
+        assert search(**options) == search(**options) == search(**{**options, "store": None})
+
+    def test_runs_share_a_store(self, tmp_path):
+        path = tmp_path / "runs.db"
+        changes: list[dict[str, Any]] = [{}, {"order": 2}, {"seed": 6}, {"algorithm": "lmdif"}]
+        changes += [{"rows": "diagonal"}, {"width": 0.5}, {"maxfev": 7}, {"flows": 4}]
+        found = [search(**{**SMALL, **change}, starts=2, store=path) for change in changes]
+        construction = cg.construct(**CONSTRUCT, store=path)
+        for change, result in zip(changes, found, strict=True):
+            assert result == search(**{**SMALL, **change}, starts=2)
+        assert cg.construct(**CONSTRUCT, store=path) == construction
+        with Store(path) as opened:
+            runs = opened.runs()
+        assert [run.kind for run in runs] == ["search"] * len(changes) + ["construct"]
+        assert [run.starts for run in runs] == [2] * len(changes) + [3]
+        assert [run.settings["order"] for run in runs[:2]] == [3, 2]
+        assert all(run.seconds > 0 and not run.running and not run.failed for run in runs)
+
+    def test_the_best_f_is_that_after_the_refinement(self, tmp_path):
+        path = tmp_path / "runs.db"
+        starts = search(**SMALL, starts=6, store=path).starts
+        ends = [start.quad.f if start.quad else start.double.f for start in starts]
+        assert min(ends) < min(start.double.f for start in starts)
+        with Store(path) as opened:
+            (run,) = opened.runs()
+            assert run.best == min(ends)
+            assert min(opened.run(1).decades()) == max(-99, math.floor(math.log10(min(ends))))
+
+    def test_two_processes_at_once(self, tmp_path):
+        path = tmp_path / "runs.db"
+        script = "import cg, sys; cg.search(3, 3, 40, int(sys.argv[2]), store=sys.argv[1])"
+        commands = [[sys.executable, "-c", script, str(path), seed] for seed in ("1", "2")]
+        processes = [subprocess.Popen(command) for command in commands]
+        assert [process.wait(120) for process in processes] == [0, 0]
+        with Store(path) as opened:
+            assert [run.starts for run in opened.runs()] == [40, 40]
+            assert {run.settings["seed"] for run in opened.runs()} == {1, 2}
+        assert starts_of_the_file_alone(path) == [40, 40]
+
+    def test_a_file_that_another_is_making_just_now(self, tmp_path, monkeypatch):
+        path = tmp_path / "runs.db"
+        others: list[threading.Thread] = []
+
+        class Slow(sqlite3.Connection):
+            def execute(self, statement, *values):
+                if "sqlite_master" in statement and not others:
+                    others.append(threading.Thread(target=lambda: Store(path).close()))
+                    others[0].start()
+                    others[0].join(0.3)
+                return super().execute(statement, *values)
+
+        monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Slow))
+        Store(path).close()
+        others[0].join()
+        with Store(path) as opened:
+            assert opened.runs() == ()
+
+    def test_an_interrupt_at_the_begin_of_a_transaction(self, tmp_path, monkeypatch):
+        begun: list[str] = []
+
+        class Interrupted(sqlite3.Connection):
+            def execute(self, statement, *values):
+                found = super().execute(statement, *values)
+                begun.extend([statement] if statement == "BEGIN IMMEDIATE" else [])
+                if len(begun) == 4 and statement == "BEGIN IMMEDIATE":
+                    raise KeyboardInterrupt
+                return found
+
+        path = tmp_path / "runs.db"
+        monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Interrupted))
+        with pytest.raises(KeyboardInterrupt):
+            search(**SMALL, starts=5, store=path, workers=1)
+        assert len(begun) > 4  # the run was closed
+        assert len(kept(path)) < 5
+        assert search(**SMALL, starts=5, store=path) == search(**SMALL, starts=5)
+
+    def test_an_exception_of_progress_leaves_what_is_done(self, tmp_path, monkeypatch):
+        path = tmp_path / "runs.db"
+
+        def stop(done, _):
+            if done == 2:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt) as caught:
+            search(**SMALL, starts=5, store=path, progress=stop, workers=1)
+        assert not [t for t in threading.enumerate() if t.name.startswith("ThreadPoolExecutor")]
+        del caught
+        assert kept(path) == [0, 1]
+        runs = self.counted_runs(monkeypatch)
+        search(**SMALL, starts=5, store=path)
+        assert sorted(runs) == [2, 3, 4]
+
+
+_FOREVER = """
+import sys, cg
+cg.search(5, 9, 10**6, 1, maxfev=60, workers=2, store=sys.argv[1])
+"""
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.35])
+def test_a_killed_run_loses_nothing_that_it_had_recorded(tmp_path, moment):
+    path = tmp_path / "runs.db"
+    process = subprocess.Popen([sys.executable, "-c", _FOREVER, str(path)])
+    try:
+        deadline = time.monotonic() + 60
+        while not path.exists() or recorded_by_others(path) < 3:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        time.sleep(moment)
+        before = recorded_by_others(path)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    numbers = kept(path)
+    assert len(numbers) >= before
+    assert max(numbers) < len(numbers) + 4  # two workers, two chunks each
+    starts = len(numbers) + 4
+    again = search(5, 9, starts, 1, maxfev=60, store=path)
+    assert again == search(5, 9, starts, 1, maxfev=60)
+
+
+def recorded_by_others(path: Path) -> int:
+    try:
+        with Store(path) as opened:
+            return sum(run.starts for run in opened.runs())
+    except OSError:  # the other process is just making it
+        return 0
+
+
+FORGERIES: dict[str, str] = {
+    "solved": "UPDATE starts SET solved = NOT solved WHERE number = ?",
+    "a residual": "UPDATE starts SET largest_residual = largest_residual / 2 + 1e-40 "
+    "WHERE number = ?",
+    "coefficients": "UPDATE starts SET coefficients = zeroblob(96) WHERE number = ?",
+    "one too few": "UPDATE starts SET coefficients = zeroblob(80) WHERE number = ?",
+    "half of one": "UPDATE starts SET coefficients = zeroblob(88) WHERE number = ?",
+    "a text": "UPDATE starts SET coefficients = '0.5' WHERE number = ?",
+    "f": "UPDATE starts SET f = 'small' WHERE number = ?",
+    "a status": "UPDATE starts SET status = 'good' WHERE number = ?",
+    "an index": "UPDATE starts SET number = -1 WHERE number = ?",
+}
+
+
+@pytest.mark.parametrize("forgery", FORGERIES)
+def test_forged_starts_are_refused(forgery, tmp_path):
+    path = tmp_path / "runs.db"
+    whole = search(**SMALL, starts=6, store=path)
+    assert {start.exact for start in whole.starts} == {True, False}
+    content = path.read_bytes()
+    for number in range(6):
+        path.write_bytes(content)
+        run_sql(path, FORGERIES[forgery], number)
+        with pytest.raises(ValueError, match="not the record of a start"):
+            search(**SMALL, starts=6, store=path)
+
+
+@pytest.mark.parametrize("settings", [CONSTRUCT, TREES])
+@pytest.mark.parametrize(
+    "change",
+    [
+        "solved = NOT solved",
+        "f = f / 2 + 1e-300",
+        "coefficients = zeroblob(length(coefficients) - 16)",
+        "coefficients = zeroblob(length(coefficients))",
+        "number = -5",
+        "stages = stages + 1",
+        "tree = '{}'",
+    ],
+)
+def test_forged_tries_are_refused(settings, change, tmp_path):
+    path = tmp_path / "runs.db"
+    whole = cg.construct(**settings, workers=1, store=path)
+    assert cg.construct(**settings, store=path) == whole
+    run_sql(path, f"UPDATE starts SET {change} WHERE number = 0")
+    with pytest.raises(ValueError, match="not the record of an attempt"):
+        cg.construct(**settings, store=path)
+
+
+def starts_of_the_file_alone(path: Path) -> list[int]:
+    """Return the numbers of starts that a copy of a store's file has, without its log."""
+    copy = path.with_name("copy.db")
+    copy.write_bytes(path.read_bytes())
+    with Store(copy, read=True) as opened:
+        return [run.starts for run in opened.runs()]
+
+
+def killed(path: Path) -> None:
+    """Leave a store whose run was killed after its first start."""
+    script = (
+        "import cg, os, sys\n"
+        "cg.search(3, 3, 9, 5, store=sys.argv[1], workers=1, progress=lambda *_: os._exit(9))"
+    )
+    assert subprocess.run([sys.executable, "-c", script, str(path)], check=False).returncode == 9
+
+
+def only_immutable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refuse connections as in a folder where nothing can be written."""
+    connect: Callable[..., sqlite3.Connection] = sqlite3.connect
+
+    class Refusing(sqlite3.Connection):
+        def execute(self, *arguments: Any) -> sqlite3.Cursor:
+            raise sqlite3.OperationalError("unable to open database file")
+
+    def refusing(file: str, **options: Any) -> sqlite3.Connection:
+        kind = sqlite3.Connection if "immutable" in file else Refusing
+        return connect(file, factory=kind, **options)
+
+    monkeypatch.setattr(sqlite3, "connect", refusing)
+
+
+class TestLog:
+    """SQLite's log beside the file."""
+
+    def test_a_store_that_was_just_made_is_one(self, tmp_path):
+        path = tmp_path / "runs.db"
+        with Store(path):
+            assert starts_of_the_file_alone(path) == []
+
+    @pytest.mark.parametrize("other", [Store, partial(Store, read=True)])
+    def test_a_run_that_ended_is_in_the_file_though_others_have_it_open(self, other, tmp_path):
+        path = tmp_path / "runs.db"
+        Store(path).close()
+        with other(path):
+            search(**SMALL, starts=20, store=path)
+            assert starts_of_the_file_alone(path) == [20]
+        assert starts_of_the_file_alone(path) == [20]
+
+    def test_a_reader_in_the_way_is_told_of(self, tmp_path, monkeypatch, caplog):
+        monkeypatch.setattr(database, "_FOLD_SECONDS", 0.1)
+        path = tmp_path / "runs.db"
+        found = search(**SMALL, starts=2, store=path)
+        with closing(iter(found.starts)) as reading:
+            next(reading)
+            search(**SMALL, starts=9, store=path)
+        assert "is still in its log runs.db-wal (others are at work on it)" in caplog.text
+        assert starts_of_the_file_alone(path) == [2]
+        Store(path).close()
+        assert starts_of_the_file_alone(path) == [9]
+
+    def test_another_process_that_folds_is_waited_for(self, tmp_path, monkeypatch, caplog):
+        path = tmp_path / "runs.db"
+        killed(path)
+        pauses: list[float] = []
+
+        class Folding(sqlite3.Connection):
+            def execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
+                if "TRUNCATE" in statement and not pauses:  # what SQLite returns at once
+                    return super().execute("SELECT 1, -1, -1")
+                return super().execute(statement, *values)
+
+        connect = partial(sqlite3.connect, factory=Folding)
+        monkeypatch.setattr(sqlite3, "connect", connect)
+        monkeypatch.setattr(database.time, "sleep", pauses.append)
+        database.fold_log(path)
+        assert len(pauses) == 1
+        assert starts_of_the_file_alone(path) == [1]
+        assert "still in its log" not in caplog.text
+
+    def test_a_log_that_can_t_be_folded_is_told_of(self, tmp_path, caplog):
+        path = tmp_path / "runs.db"
+        killed(path)
+        path.write_bytes(b"notes " * 1000)
+        database.fold_log(path)
+        assert "still in its log runs.db-wal (file is not a database)" in caplog.text
+
+    def test_a_log_that_can_t_be_seen_is_an_error(self, tmp_path, monkeypatch, capsys):
+        path = tmp_path / "runs.db"
+        killed(path)
+        only_immutable(monkeypatch)
+        with pytest.raises(OSError, match=r"part of it is in its log runs\.db-wal"):
+            Store(path, read=True)
+        assert cg.command.main(["runs", "list", str(path)]) == 2
+        assert "part of it is in its log runs.db-wal" in capsys.readouterr().err
+
+    def test_a_file_that_left_its_log_behind_is_told_of(self, tmp_path, caplog):
+        path = tmp_path / "runs.db"
+        killed(path)
+        with Store(path, read=True) as opened:
+            assert [run.starts for run in opened.runs()] == [1]
+        assert not caplog.text
+        for _ in range(2):
+            starts_of_the_file_alone(path)
+            assert "copy.db may lack starts" in caplog.text
+            caplog.clear()
+        Store(path).close()
+        assert starts_of_the_file_alone(path) == [1]
+        assert not caplog.text
+
+    def test_a_file_without_anything_but_its_log_is_told_of(self, tmp_path):
+        path = tmp_path / "runs.db"
+        with closing(sqlite3.connect(path)) as connection:
+            connection.execute("PRAGMA journal_mode = WAL")
+        with pytest.raises(ValueError, match=r"is no store, or one without its log runs\.db-wal"):
+            Store(path, read=True)
+
+
+class TestFile:
+    def test_a_second_process_with_the_same_settings_is_told(self, tmp_path):
+        path = tmp_path / "runs.db"
+        script = "import cg, sys; cg.search(3, 3, 4, 5, store=sys.argv[1])"
+        command = [sys.executable, "-c", script, str(path)]
+        settings = vars(search(**SMALL, starts=1, store=path).settings)
+        with Store(path) as opened, closing(opened.begin("search", settings)):
+            told = subprocess.run(command, capture_output=True, text=True, check=False)
+            assert told.returncode == 1
+            assert f"in use by process {os.getpid()}" in told.stderr
+            with pytest.raises(BlockingIOError, match="in use by process"):
+                search(**SMALL, starts=4, store=path)
+            assert opened.runs()[0].running
+        assert subprocess.run(command, check=False).returncode == 0
+        assert kept(path) == [0, 1, 2, 3]
+
+    @pytest.mark.parametrize(
+        "owner",
+        [
+            {"process": 2**22 + 1, "began": 1},  # no such process
+            {"process": os.getppid(), "began": 1},  # another one has its number now
+        ],
+    )
+    def test_a_run_of_a_dead_process_goes_on(self, tmp_path, owner):
+        path = tmp_path / "runs.db"
+        search(**SMALL, starts=1, store=path)
+        machine = socket.gethostname()
+        run_sql(path, "UPDATE runs SET owner = ?", json.dumps({"machine": machine, **owner}))
+        assert len(search(**SMALL, starts=2, store=path).starts) == 2
+
+    def test_a_run_on_another_machine_goes_on_when_it_was_silent(self, tmp_path):
+        path = tmp_path / "runs.db"
+        search(**SMALL, starts=1, store=path)
+        owner = json.dumps({"machine": "another", "process": 1, "began": 1})
+        run_sql(path, "UPDATE runs SET owner = ?, changed = ?", owner, time.time())
+        with pytest.raises(BlockingIOError):
+            search(**SMALL, starts=2, store=path)
+        run_sql(path, "UPDATE runs SET changed = ?", time.time() - 100)
+        assert len(search(**SMALL, starts=2, store=path).starts) == 2
+
+    @pytest.mark.parametrize("content", [b"notes\n", b"\xff\xfe\x00\n" * 40, b"\n" * 9000])
+    def test_other_files_are_refused_and_unharmed(self, tmp_path, content):
+        path = tmp_path / "runs.db"
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"runs\.db is not an SQLite database"):
+            search(**SMALL, starts=1, store=path)
+        assert path.read_bytes() == content
+
+    def test_databases_of_others_are_refused_and_unharmed(self, tmp_path):
+        path = tmp_path / "runs.db"
+        with closing(sqlite3.connect(path)) as connection:
+            connection.execute("CREATE TABLE starts (x)")
+        content = path.read_bytes()
+        with pytest.raises(ValueError, match="a database of another program"):
+            search(**SMALL, starts=1, store=path)
+        assert path.read_bytes() == content
+
+    def test_a_damaged_file_is_named(self, tmp_path):
+        path = tmp_path / "runs.db"
+        search(**SMALL, starts=30, store=path)
+        content = bytearray(path.read_bytes())
+        content[4096:] = b"\xa5" * (len(content) - 4096)
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"runs\.db"):
+            search(**SMALL, starts=31, store=path)
+
+    def test_a_newer_store_is_refused_and_unharmed(self, tmp_path):
+        path = tmp_path / "runs.db"
+        search(**SMALL, starts=1, store=path)
+        with closing(sqlite3.connect(path)) as connection:
+            connection.execute(f"PRAGMA user_version = {len(schema.MIGRATIONS) + 1}")
+        content = path.read_bytes()
+        with pytest.raises(ValueError, match="written by a newer version"):
+            search(**SMALL, starts=1, store=path)
+        assert path.read_bytes() == content
+
+    def test_an_older_store_is_brought_up_to_date(self, tmp_path, monkeypatch):
+        path = tmp_path / "runs.db"
+        with monkeypatch.context() as older:
+            older.setattr(store, "MIGRATIONS", schema.MIGRATIONS[:1])
+            with Store(path) as opened, closing(opened.begin("search", {"order": 3})) as run:
+                run.append([RECORD])
+        with Store(path) as opened:
+            run = opened.run(1)
+            assert list(run.records()) == [RECORD]
+            run.fail(Failure(7, "died"))
+            assert run.failures() == (Failure(7, "died"),)
+            assert opened.runs()[0].failed == 1
+
+    def test_a_full_disk_is_an_error_and_does_no_harm(self, tmp_path):
+        path = tmp_path / "runs.db"
+        with Store(path) as opened, closing(opened.begin("search", {"order": 3})) as run:
+            (pages,) = opened._connection.execute("PRAGMA page_count").fetchone()
+            opened._connection.execute(f"PRAGMA max_page_count = {pages + 4}")
+            run.append([RECORD])
+            many = [replace(RECORD, number=k) for k in range(2000)]
+            with pytest.raises(OSError, match="store can't be used: database or disk is full"):
+                run.append(many)
+            complete = list(run.numbers())
+            assert complete == [0]  # all of a call or nothing
+        assert kept(path) == complete
+
+    def test_a_file_that_cannot_be_written(self, tmp_path, monkeypatch):
+        path = tmp_path / "runs.db"
+        search(**SMALL, starts=1, store=path)
+        connect: Callable[..., sqlite3.Connection] = sqlite3.connect
+        monkeypatch.setattr(
+            store.sqlite3,
+            "connect",
+            lambda file, **options: connect(f"{file}?mode=ro", **options),
+        )
+        with pytest.raises(OSError, match="readonly database"):
+            search(**SMALL, starts=2, store=path)
+        monkeypatch.undo()
+        assert kept(path) == [0]
+
+    def test_results_stay_those_of_their_file(self, tmp_path, monkeypatch):
+        for name, seed in (("a", 1), ("b", 9)):
+            (tmp_path / name).mkdir()
+            monkeypatch.chdir(tmp_path / name)
+            found = search(2, 2, 3, seed, store="runs.db")
+            wanted = search(2, 2, 3, seed)
+        monkeypatch.chdir(tmp_path / "a")
+        assert found.starts == wanted.starts
+        assert repr(found) == repr(wanted)
+        os.remove(tmp_path / "b" / "runs.db")
+        with pytest.raises(FileNotFoundError, match="store must be a file that exists"):
+            list(found.starts)
+        assert not (tmp_path / "b" / "runs.db").exists()
+
+    @pytest.mark.parametrize("name", [":memory:", "file:x?mode=memory", "a?b#c%20.db", "ü ñ.db"])
+    def test_names_that_mean_something_else_elsewhere(self, name, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        first = search(**SMALL, starts=2, store=name)
+        assert (tmp_path / name).is_file()
+        assert search(**SMALL, starts=2, store=name).starts == first.starts
+
+    @pytest.mark.parametrize("content", [b"", b"[method]\n"])
+    def test_reading_changes_no_file(self, content, tmp_path):
+        path = tmp_path / "a.toml"
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"is no store|not an SQLite database"):
+            Store(path, read=True)
+        assert path.read_bytes() == content
+        assert [file.name for file in tmp_path.iterdir()] == ["a.toml"]
+
+    def test_reading_where_nothing_can_be_written(self, tmp_path, monkeypatch):
+        """SQLite can't make what readers share then."""
+        path = tmp_path / "runs.db"
+        search(**SMALL, starts=2, store=path)
+        before = path.read_bytes()
+        only_immutable(monkeypatch)
+        with Store(path, read=True) as opened:
+            assert [run.starts for run in opened.runs()] == [2]
+        assert path.read_bytes() == before
+
+    def test_an_impossible_path(self, tmp_path):
+        with pytest.raises(FileNotFoundError):
+            search(**SMALL, starts=1, store=tmp_path / "none" / "runs.db")
+        with pytest.raises(IsADirectoryError):
+            search(**SMALL, starts=1, store=tmp_path)
+        with pytest.raises(ValueError, match="store must be a file, got"):
+            search(**SMALL, starts=1, store="/dev/null")
+        with pytest.raises(TypeError, match="store must be a path, got 3"):
+            search(**SMALL, starts=1, store=3)
+
+    def test_a_run_that_is_not_there(self, tmp_path):
+        with Store(tmp_path / "runs.db") as opened, pytest.raises(KeyError, match="no run 3"):
+            opened.run(3)

@@ -1,0 +1,188 @@
+"""Too little memory is a MemoryError, never the end of the process."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from cg.support.memory import reserved
+
+resource = pytest.importorskip("resource")
+
+# runs each case in a child of its own, below a limit; prints what became of it
+_RUNNER = """
+import os, resource, sys, traceback
+import numpy as np
+import cg
+from cg.construction.solvers.minimum_norm import fit_conditions
+from cg.construction.solvers.system import ConditionSystem
+
+def in_use():
+    with open("/proc/self/statm") as statm:
+        return int(statm.read().split()[0]) * resource.getpagesize()
+
+def outcome(case, limit):
+    reading, writing = os.pipe()
+    child = os.fork()
+    if not child:
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        try:
+            exec(case, globals())
+            os.write(writing, b"done")
+        except MemoryError as error:
+            os.write(writing, b"MemoryError: " + str(error).encode())
+        except BaseException as error:
+            os.write(writing, repr(error).encode())
+        os._exit(0)
+    os.close(writing)
+    found = b""
+    while part := os.read(reading, 1000):
+        found += part
+    status = os.waitpid(child, 0)[1]
+    return found.decode() if status == 0 else f"died: {status}"
+"""
+
+
+_SETTINGS = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    # what was freed is given back, so that limits mean the same for each case
+    "MALLOC_MMAP_THRESHOLD_": "16384",
+    "MALLOC_TRIM_THRESHOLD_": "0",
+}
+
+
+def _run(code: str) -> list[str]:
+    run = subprocess.run(
+        [sys.executable, "-c", _RUNNER + code],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **_SETTINGS},
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout.splitlines()
+
+
+LARGE = {
+    "cg.conditions.residuals(np.zeros((1500, 1500)), np.zeros(1500), 8)": "1500 stages",
+    "cg.conditions.weights(np.zeros((900, 900)), np.zeros(900), 8)": "900 stages",
+    "cg.conditions.jacobian(np.zeros((400, 400)), np.zeros(400), 8)": "400 stages",
+    "cg.search(8, 1000, 1, 1, workers=1)": "1000 stages",
+    "cg.search(8, 1000, 1, 1, workers=2)": "1000 stages",
+    "cg.search(6, 600, 1, 1, algorithm='lmdif', workers=1)": "600 stages",
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
+@pytest.mark.parametrize("case", LARGE)
+def test_large_methods_are_refused_below_a_limit_of_4_gib(case: str) -> None:
+    found = _run(f"print(outcome({case!r}, 4 << 30))")[0]
+    assert found.startswith("MemoryError: ")
+    assert LARGE[case] in found
+
+
+# before the call itself, so that what Python allocates isn't part of it
+_PREPARED = """
+from cg.structure.layout import Layout
+layout = Layout.tableau(50)
+small = Layout.tableau(18)
+system = ConditionSystem(7, layout)
+x = np.zeros(layout.size)
+trees, owner = system.conditions(True)
+flag = np.zeros(1, dtype=np.intc)
+free = np.arange(1, layout.size + 1, dtype=np.intc)
+from cg.conditions import compiled as door
+from cg.support import quads
+start = np.zeros(small.size)
+enough = np.resize(ConditionSystem(5, small).conditions(True)[0], small.size)
+start_quad = quads.from_float(start)
+bits, tolerance = quads.from_float(x), quads.from_float([1e-9]).T
+cases = {
+    "door.weights(7, layout, x, trees)": door._evaluation(7, layout, trees.size),
+    "door.residuals(7, layout, x, trees, owner)": door._evaluation(7, layout, trees.size),
+    "door.residuals_quad(7, layout, bits, trees, owner)":
+        door._evaluation(7, layout, trees.size, 16),
+    "door.jacobian(7, layout, x, trees, owner)": door._derivatives(7, layout, trees.size),
+    "door.fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, False, flag)":
+        door._derivatives(7, layout, trees.size),
+    "door.fit_minimum_norm(7, layout, x, trees, owner, free, 1e-27, .01, 1, True, flag)":
+        door._derivatives(7, layout, trees.size),
+    "door.fit_lmdif(5, small, start, enough, np.array([1e-9]), 1, flag)":
+        door._evaluation(5, small, enough.size) + 8 * enough.size * small.size,
+    "door.fit_lmdif(5, small, start_quad.T, enough, tolerance, 1, flag)":
+        door._evaluation(5, small, enough.size, 16) + 16 * enough.size * small.size,
+}
+door.jacobian(7, layout, x, trees, owner), door.residuals_quad(7, layout, bits, trees, owner)
+np.linalg.svd(np.ones((50, 50)))  # work space of the linear algebra
+for case, bound in cases.items():
+    for k in range(25):
+        print(outcome(case, in_use() + bound * k // 8 + (k << 17)))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
+def test_calls_below_any_limit_are_done_or_refused() -> None:
+    found = _run(_PREPARED)
+    assert len(found) == 8 * 25
+    assert not [line for line in found if line != "done" and not line.startswith("MemoryError")]
+    for k in range(8):
+        outcomes = [line == "done" for line in found[25 * k : 25 * (k + 1)]]
+        assert not outcomes[0]
+        assert outcomes[-1]
+        assert outcomes == sorted(outcomes)
+
+
+def test_the_refusal_says_what_was_asked_for() -> None:
+    asked = pytest.raises(MemoryError, match=r"^a thing needs 1\.05e\+06 GiB of memory")
+    with asked, reserved(2**50, "a thing"):
+        pass
+
+
+def test_a_call_waits_for_others_if_there_is_too_little_for_both(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("cg.support.memory.memory", lambda: 100e6)
+    running, most = 0, 0
+
+    def call() -> None:
+        nonlocal running, most
+        with reserved(60_000_000, "a call"):
+            running += 1
+            most = max(most, running)
+            time.sleep(0.02)
+            running -= 1
+
+    threads = [threading.Thread(target=call) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == 1
+    with pytest.raises(MemoryError), reserved(100_000_000, "a call"):
+        pass
+
+
+_INTEGRATIONS = """
+y0 = np.zeros((200000, 3))
+frame = cg.frames.Euclidean(3)
+f = lambda t, y: -y
+cg.solve_ensemble(f, (0, 1), y0[:2], frame=frame, method="CG4a", h=0.5, vectorized=True)
+for case in (
+    "cg.solve_ensemble(f, (0, 1), y0, frame=frame, method='CG4a', h=0.5, vectorized=True)",
+    "cg.solve_ensemble(f, (0, 1), y0, frame=frame, rtol=1e-3, dense_output=True, vectorized=True)",
+):
+    for k in range(30):
+        print(outcome(case, in_use() + (k * 6 << 20)))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are Linux's")
+def test_integrations_below_any_limit_are_done_or_refused() -> None:
+    found = _run(_INTEGRATIONS)
+    assert len(found) == 60
+    assert not [line for line in found if line != "done" and not line.startswith("MemoryError")]
+    assert {"done"} < set(found)

@@ -1,0 +1,173 @@
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from cg import _core_r128
+from cg.structure.layout import Layout
+from cg.support.quads import decode, encode, from_float, to_decimal, to_float
+
+SMALLEST = Fraction(2) ** -16494
+LARGEST = Fraction(2) ** 16384 - Fraction(2) ** 16271
+
+patterns = st.builds(
+    lambda sign, biased, fraction: sign << 127 | biased << 112 | fraction,
+    st.integers(0, 1),
+    st.one_of(st.integers(0, 0x7FFE), st.sampled_from([0, 1, 0x3FFF, 0x7FFE])),
+    st.one_of(st.integers(0, 2**112 - 1), st.sampled_from([0, 1, 2**111, 2**112 - 1])),
+)
+
+
+def quads(*bits):
+    data = b"".join(pattern.to_bytes(16, "little") for pattern in bits)
+    return np.frombuffer(data, dtype=np.int8).reshape(-1, 16)
+
+
+def through_fortran(bits):
+    """Send b_1 to the compiled core, which gives Φ([τ]) = b_1 back."""
+    order, tree = 1, 2
+    found = _core_r128.weights(order, Layout.tableau(1).code, bits.T, np.array([tree], np.intc))
+    return np.ascontiguousarray(found.T)
+
+
+@given(patterns)
+def test_bits_survive_python(pattern):
+    assume(pattern != 1 << 127)  # a Fraction has no signed zero
+    bits = quads(pattern)
+    np.testing.assert_array_equal(encode(decode(bits)), bits)
+
+
+@given(patterns)
+def test_bits_survive_fortran(pattern):
+    assume(pattern != 1 << 127)  # it is added to zero
+    bits = quads(pattern)
+    np.testing.assert_array_equal(through_fortran(bits), bits)
+
+
+def test_values_of_known_bits():
+    known = {
+        0: Fraction(0),
+        1: SMALLEST,
+        (1 << 112) - 1: Fraction(2) ** -16382 - SMALLEST,
+        1 << 112: Fraction(2) ** -16382,
+        0x3FFF << 112: Fraction(1),
+        (1 << 127) | (0x4000 << 112): Fraction(-2),
+        (0x3FFF << 112) + 1: 1 + Fraction(2) ** -112,
+        (0x7FFF << 112) - 1: LARGEST,
+        1 << 127: Fraction(0),
+    }
+    assert decode(quads(*known)) == list(known.values())
+
+
+@given(st.fractions(), st.integers(-16500, 16000))
+def test_encoding_rounds_to_nearest(value, exponent):
+    value *= Fraction(2) ** exponent
+    assume(abs(value) <= LARGEST)
+    bits = encode([value])
+    error = abs(decode(bits)[0] - value)
+    pattern = int.from_bytes(bits.tobytes(), "little") & ~(1 << 127)
+    neighbours = [p for p in (pattern - 1, pattern + 1) if 0 <= p < 0x7FFF << 112]
+    assert all(error <= abs(x - abs(value)) for x in decode(quads(*neighbours)))
+
+
+@pytest.mark.parametrize("exponent", [0, 1000, -16382, -16400])
+def test_ties_go_to_even(exponent):
+    scale = Fraction(2) ** exponent
+    unit = max(scale / 2**112, SMALLEST)
+    below, tie_up = encode([scale + unit / 2, scale + 3 * unit / 2])
+    assert decode(below[None]) == [scale]
+    assert decode(tie_up[None]) == [scale + 2 * unit]
+
+
+def test_rounding_into_the_next_binade_and_out_of_the_subnormals():
+    assert decode(encode([2 - Fraction(1, 2**120)])) == [2]
+    assert decode(encode([Fraction(2) ** -16382 - SMALLEST / 4])) == [Fraction(2) ** -16382]
+    assert decode(encode([SMALLEST / 2, SMALLEST * 3 / 4])) == [0, SMALLEST]
+
+
+def test_overflow():
+    half_unit = Fraction(2) ** 16270
+    assert decode(encode([-LARGEST, LARGEST + half_unit - 1])) == [-LARGEST, LARGEST]
+    for value in (LARGEST + half_unit, -(LARGEST + half_unit), Fraction(2) ** 20000):
+        with pytest.raises(OverflowError):
+            encode([value])
+
+
+def test_strings_and_numbers_are_read_exactly():
+    found = decode(encode(["0.5", "119/128", 3, -0.25, Fraction(1, 4)]))
+    assert found == [Fraction(1, 2), Fraction(119, 128), 3, Fraction(-1, 4), Fraction(1, 4)]
+    third = decode(encode(["1/3"]))[0]
+    assert 0 < abs(third - Fraction(1, 3)) <= Fraction(1, 2**115)
+    assert encode([]).shape == (0, 16)
+
+
+@pytest.mark.parametrize("value", [float("nan"), "nan", "inf", "", "1/0x"])
+def test_what_is_no_number_is_refused(value):
+    with pytest.raises(ValueError, match="values must be finite real numbers, got"):
+        encode([value])
+
+
+@pytest.mark.parametrize("pattern", [0x7FFF << 112, (0xFFFF << 112) + 5])
+def test_infinite_bits_are_refused(pattern):
+    with pytest.raises(ValueError, match="not finite"):
+        decode(quads(pattern))
+
+
+@pytest.mark.parametrize("shape", [(16,), (2, 15), (1, 2, 16)])
+def test_wrong_shape_is_refused(shape):
+    with pytest.raises(ValueError, match=r"shape \(n, 16\)"):
+        decode(np.zeros(shape, np.int8))
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=5))
+def test_doubles_widen_exactly(values):
+    array = np.array(values, dtype=np.float64)
+    bits = from_float(array)
+    assert bits.shape == (len(values), 16)
+    assert decode(bits) == [Fraction(v) for v in values]
+    back = to_float(bits)
+    assert back.tobytes() == array.tobytes()  # signed zeros and subnormals included
+
+
+@given(st.fractions(), st.integers(-1100, 900))
+def test_narrowing_rounds_to_nearest(value, exponent):
+    value *= Fraction(2) ** exponent
+    assume(abs(value) < 2.0**1000)
+    bits = encode([value])
+    assert to_float(bits)[0] == float(decode(bits)[0])
+
+
+def test_shapes_are_kept():
+    values = np.arange(6.0).reshape(2, 3)
+    bits = from_float(values)
+    assert bits.shape == (2, 3, 16)
+    np.testing.assert_array_equal(to_float(bits), values)
+    assert to_float(from_float(1.5)).shape == ()
+
+
+@given(patterns)
+def test_36_decimal_digits_tell_quads_apart(pattern):
+    value = decode(quads(pattern))[0]
+    assert decode(encode([to_decimal(value)])) == [value]
+
+
+@given(st.fractions(), st.integers(1, 40))
+def test_decimals_are_rounded_correctly(value, digits):
+    text = to_decimal(value, digits)
+    significant = text.partition("e")[0].lstrip("-").replace(".", "").lstrip("0")
+    assert len(significant.rstrip("0")) <= digits
+    if value:
+        assert abs(Fraction(text) - value) <= abs(value) * Fraction(5, 10**digits)
+
+
+def test_decimal_examples():
+    third = Fraction(1, 3)
+    found = [to_decimal(third, 5), to_decimal(-third / 1000, 3), to_decimal(Fraction(12345), 2)]
+    assert found == ["0.33333", "-0.000333", "12000"]
+    assert [to_decimal(Fraction(0)), to_decimal(Fraction(5, 2))] == ["0", "2.5"]
+    assert [to_decimal(Fraction(999, 1000), 2), to_decimal(Fraction(10), 1)] == ["1", "10"]
+    assert [to_decimal(SMALLEST, 3), to_decimal(-LARGEST, 3)] == ["6.48e-4966", "-1.19e4932"]
+    with pytest.raises(ValueError, match="digits must be at least 1, got 0"):
+        to_decimal(third, 0)

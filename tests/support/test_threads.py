@@ -1,0 +1,157 @@
+"""Several threads at once: equal results, and settings of the process as they were before."""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+
+import pytest
+from flint import arb, ctx
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import cg
+from cg.runs import as_finished
+from cg.support.balls import working_precision
+from cg.support.parallel import available_cores, single_threads
+
+
+def _blas_threads() -> list[int]:
+    return [pool["num_threads"] for pool in threadpool_info()]
+
+
+def _together(*calls: Callable[[], object]) -> list[object]:
+    with ThreadPoolExecutor(len(calls)) as pool:
+        return [future.result() for future in [pool.submit(call) for call in calls]]
+
+
+def test_the_limit_of_threads_is_lifted_by_the_last_user() -> None:
+    with threadpool_limits(2):
+        before = _blas_threads()
+        first, second = single_threads(), single_threads()
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        during = _blas_threads()
+        second.__exit__(None, None, None)
+        after = _blas_threads()
+    assert set(before) == {2}
+    assert set(during) == {1}
+    assert after == before
+
+
+def test_a_limit_that_someone_sets_meanwhile_stays() -> None:
+    with threadpool_limits(2):
+        with single_threads():
+            threadpool_limits(3)
+            during = _blas_threads()
+        after = _blas_threads()
+    assert set(during) == set(after) == {3}
+
+
+def test_a_limit_that_ends_meanwhile_is_not_set_again() -> None:
+    with threadpool_limits(3):
+        theirs = threadpool_limits(2)
+        with single_threads():
+            theirs.restore_original_limits()
+        after = _blas_threads()
+    assert set(after) == {3}
+
+
+def test_runs_that_overlap_keep_to_one_thread_each_and_restore_it() -> None:
+    with threadpool_limits(2):
+        ended = threading.Event()
+        begun = threading.Event()
+
+        def short(_: int) -> list[int]:
+            assert begun.wait(10)
+            return _blas_threads()
+
+        def long(_: int) -> list[int]:
+            begun.set()
+            assert ended.wait(10)
+            return _blas_threads()
+
+        def run_short() -> list[list[int]]:
+            try:
+                with closing(as_finished(short, [0], 1)) as running:
+                    return list(running)
+            finally:
+                ended.set()
+
+        def run_long() -> list[list[int]]:
+            with closing(as_finished(long, [0], 1)) as running:
+                return list(running)
+
+        found = _together(run_long, run_short)
+        assert {threads for run in found for (one,) in [run] for threads in one} == {1}
+        assert set(_blas_threads()) == {2}
+
+
+def test_searches_in_two_threads_give_what_each_gives_alone() -> None:
+    with threadpool_limits(2):
+        searches = [
+            lambda: cg.search(5, 9, 4, seed=1, workers=1),
+            lambda: cg.search(4, 6, 12, seed=2, workers=2),
+        ]
+        alone = [search() for search in searches]
+        for _ in range(3):
+            assert _together(*searches) == alone
+        assert set(_blas_threads()) == {2}
+
+
+def test_a_start_run_alone_is_that_of_the_search() -> None:
+    with threadpool_limits(2):
+        found = cg.search(5, 9, 2, seed=1, workers=2)
+        assert [
+            cg.construction.search.random_search.run_start(found.settings, k) for k in (0, 1)
+        ] == list(found.starts)
+
+
+def test_the_precision_is_one_thread_s_at_a_time() -> None:
+    before = ctx.prec
+
+    def third(bits: int) -> str:
+        with working_precision(bits):
+            for _ in range(20):
+                ball = arb(1) / 3
+                assert ball.rel_accuracy_bits() >= bits - 3
+            return str(ball.mid().man_exp())
+
+    wanted = {bits: third(bits) for bits in (64, 128, 1000)}
+    with ThreadPoolExecutor(8) as pool:
+        many = [64, 128, 1000] * 200
+        assert list(pool.map(third, many)) == [wanted[bits] for bits in many]
+    assert ctx.prec == before
+
+
+def test_certificates_and_digits_in_eight_threads() -> None:
+    before = ctx.prec
+    names = ["CG3", "CG4a", "CF3", "CG3"]
+    certificates = {name: cg.certify(name) for name in names}
+    method = cg.methods["CG4a"]
+    digits = method.digits(50)
+
+    def work(k: int) -> bool:
+        if k % 2:
+            return bool(method.digits(50) == digits)
+        name = names[k // 2 % 4]
+        return bool(cg.certify(name) == certificates[name])
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(pool.map(work, range(16)))
+    assert ctx.prec == before
+
+
+def test_cores_are_counted_where_there_are_no_affinities(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    assert available_cores() == (os.cpu_count() or 1)
+    assert len(cg.search(2, 2, 2, seed=0).starts) == 2
+    assert cg.construct(2, 2, seed=0).exact
+    from cg.reproduce.context import Context, Settings
+    from cg.reproduce.main import main
+
+    assert main(["--list"]) == 0
+    assert Settings is not Context
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert available_cores() == 1

@@ -1,0 +1,99 @@
+"""Files are replaced as a whole: what goes wrong on the way leaves the old one as it was."""
+
+import os
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import cg
+from cg.catalogue import save
+from cg.catalogue import summary as facts
+from cg.command import main
+from cg.proofs import certificate_of
+from cg.support import parsing as texts
+
+METHOD = cg.methods["CG3"]
+WRITERS: dict[str, Callable[[Path], object]] = {
+    "save": lambda path: save(METHOD, path),
+    "certificate": lambda path: certificate_of(METHOD).save(path),
+    "facts": facts.write_facts,
+}
+COMMANDS = {
+    "export": ["export", "CG3", "c"],
+    "certify": ["certify", "CG3"],
+    "construct": ["construct", "--order", "2", "--stages", "2", "-q"],
+    "plot": ["plot", "CG3", "points"],
+}
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    file = tmp_path / "file.svg"
+    file.write_text("old", encoding="utf-8")
+    return file
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+
+
+@pytest.mark.usefixtures("full_disk")
+@pytest.mark.parametrize("what", WRITERS)
+def test_a_full_disk_leaves_the_old_file(
+    what: str, old: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(facts, "compute_facts", facts.facts_of)  # what is kept is as good here
+    with pytest.raises(OSError, match="No space left"):
+        WRITERS[what](old)
+    assert old.read_text(encoding="utf-8") == "old"
+    assert os.listdir(old.parent) == [old.name]
+
+
+@pytest.mark.usefixtures("full_disk")
+@pytest.mark.parametrize("what", COMMANDS)
+def test_commands_leave_the_old_file(
+    what: str, old: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*COMMANDS[what], "-o", str(old)]) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert old.read_text(encoding="utf-8") == "old"
+    assert os.listdir(old.parent) == [old.name]
+
+
+def test_what_an_encoding_cannot_hold_leaves_the_old_file(old: Path) -> None:
+    with pytest.raises(ValueError, match="surrogates not allowed"):
+        texts.write_file(old, "\ud800")
+    assert old.read_text(encoding="utf-8") == "old"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes and links are those of POSIX")
+def test_modes_and_links_stay(tmp_path: Path) -> None:
+    file, link = tmp_path / "file", tmp_path / "link"
+    before = os.umask(0o027)
+    try:
+        texts.write_file(file, "one")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(file.stat().st_mode) == 0o640
+    file.chmod(0o604)
+    link.symlink_to(file)
+    texts.write_file(link, "two")
+    assert link.is_symlink()
+    assert file.read_text(encoding="utf-8") == "two"
+    assert stat.S_IMODE(file.stat().st_mode) == 0o604
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no such files")
+def test_what_is_no_file_is_written_to(tmp_path: Path) -> None:
+    texts.write_file(Path(os.devnull), "text")
+    assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
+    with pytest.raises(FileNotFoundError, match="missing"):
+        texts.write_file(tmp_path / "missing" / "file", "text")
+    with pytest.raises(IsADirectoryError):
+        texts.write_file(tmp_path, "text")

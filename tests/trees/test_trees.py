@@ -1,0 +1,136 @@
+from fractions import Fraction
+from math import factorial
+
+import pytest
+from hypothesis import given
+from strategies import trees
+
+from cg.trees.ordered import OrderedTree, catalan, forest, is_lyndon
+
+pytestmark = pytest.mark.no_core
+
+
+def test_counts_are_catalan_numbers():
+    made = forest(10)
+    assert [made.count(n) for n in range(1, 11)] == [1, 1, 2, 5, 14, 42, 132, 429, 1430, 4862]
+    assert [catalan(n) for n in range(10)] == [made.count(n) for n in range(1, 11)]
+    assert len(made) == sum(map(catalan, range(10)))
+
+
+def test_independent_trees_are_counted_by_aperiodic_necklaces():
+    # OEIS A022553
+    made = forest(9)
+    found = [sum(map(made.is_independent, made.with_nodes(n))) for n in range(2, 10)]
+    assert found == [1, 1, 3, 8, 25, 75, 245, 800]
+
+
+@given(trees)
+def test_text_round_trip(tree):
+    assert OrderedTree.parse(str(tree)) == tree
+    assert eval(repr(tree)) == tree
+    assert str(tree).count("[") == tree.nodes
+
+
+def test_text_examples():
+    assert str(OrderedTree()) == "[]"
+    tree = OrderedTree.parse(" [ [] [[\t]]]\n")
+    assert str(tree) == "[[][[]]]"
+    assert tree.nodes == 4
+    assert tree != OrderedTree.parse("[[[]][]]")
+
+
+@pytest.mark.parametrize("text", ["", "[", "]", "[]]", "[][]", "[[]", "x", "[x]", "][", "()"])
+def test_bad_text_is_refused(text):
+    with pytest.raises(ValueError, match="text"):
+        OrderedTree.parse(text)
+
+
+def test_bad_types_are_refused():
+    with pytest.raises(TypeError, match="text must be a str"):
+        OrderedTree.parse(b"[]")
+    with pytest.raises(TypeError, match="tuple of OrderedTree"):
+        OrderedTree([OrderedTree()])
+    with pytest.raises(TypeError, match="tuple of OrderedTree"):
+        OrderedTree(("[]",))
+
+
+def test_density_of_bushy_and_tall_trees():
+    bushy, tall = OrderedTree(), OrderedTree()
+    for n in range(1, 7):
+        bushy = OrderedTree((*bushy.children, OrderedTree()))
+        tall = OrderedTree((tall,))
+        assert bushy.density == factorial(n)
+        assert tall.density == factorial(n)
+
+
+@pytest.mark.parametrize(
+    ("text", "density"),
+    [("[[][[]]]", 3), ("[[[]][]]", 6), ("[[][][[]]]", 8), ("[[[][]][]]", 24)],
+)
+def test_density_depends_on_the_order_of_children(text, density):
+    assert OrderedTree.parse(text).density == density
+
+
+@pytest.mark.parametrize("nodes", range(1, 10))
+def test_reciprocal_densities_sum_to_one(nodes):
+    # their generating function solves W' = W², W(0) = 1
+    made = forest(nodes)
+    assert sum(Fraction(1, made.density[t - 1]) for t in made.with_nodes(nodes)) == 1
+
+
+@given(trees)
+def test_index_is_found_again(tree):
+    made = forest(8)
+    if tree.nodes > 8:
+        with pytest.raises(KeyError, match="more than 8"):
+            made.index(tree)
+    else:
+        index = made.index(tree)
+        assert made.tree(index) == tree
+        assert made.nodes[index - 1] == tree.nodes
+        assert made.density[index - 1] == tree.density
+
+
+def test_tables_agree_with_the_trees():
+    made = forest(7)
+    assert len(set(made)) == len(made)
+    for index, tree in enumerate(made, 1):
+        word = made.children[index - 1]
+        assert [made.tree(letter) for letter in word] == list(tree.children)
+        assert all(letter < index for letter in word)
+        if index == 1:
+            links = (made.first[0], made.rest[0], made.prefix[0], made.last[0])
+            assert links == (0, 0, 0, 0)
+            continue
+        assert made.first[index - 1] == word[0]
+        assert made.last[index - 1] == word[-1]
+        assert made.children[made.rest[index - 1] - 1] == word[1:]
+        assert made.children[made.prefix[index - 1] - 1] == word[:-1]
+
+
+def test_indices_do_not_depend_on_how_many_are_made():
+    assert list(forest(9))[: len(forest(6))] == list(forest(6))
+
+
+def test_lyndon_words():
+    assert [is_lyndon(w) for w in ([1], [1, 2], [1, 1, 2], [1, 2, 1, 3])] == [True] * 4
+    assert [is_lyndon(w) for w in ([], [1, 1], [2, 1], [1, 2, 1], [1, 2, 1, 2])] == [False] * 5
+
+
+@pytest.mark.parametrize(
+    ("bad", "error"), [(0, ValueError), (-1, ValueError), (2.5, TypeError), (True, TypeError)]
+)
+def test_bad_number_of_nodes(bad, error):
+    with pytest.raises(error, match="max_nodes"):
+        forest(bad)
+
+
+def test_bad_index():
+    made = forest(3)
+    for index in (0, len(made) + 1):
+        with pytest.raises(IndexError, match=f"index must be between 1 and 4, got {index}"):
+            made.tree(index)
+    with pytest.raises(ValueError, match="nodes must be between 1 and 3, got 4"):
+        made.with_nodes(4)
+    with pytest.raises(ValueError, match="nodes must be between 1 and 3, got 0"):
+        made.count(0)
