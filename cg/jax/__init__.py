@@ -14,8 +14,8 @@ except ImportError as error:
     ) from error
 
 from cg.jax.control import controller
-from cg.jax.frames import join, split
 from cg.jax.points import cotangent, flow, log
+from cg.jax.products import join, split
 from cg.jax.solver import Solver
 from cg.jax.term import FrameTerm
 

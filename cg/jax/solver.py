@@ -19,7 +19,7 @@ from cg.integration.arguments import check_algebra
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.integration.step.plan import error_exponent
 from cg.jax.entire import JaxArray
-from cg.jax.frames import Rules
+from cg.jax.rules import Rules
 from cg.jax.term import rules_in
 from cg.jax.within import Within, interpolant
 from cg.method.method import Method, remembered

@@ -134,7 +134,10 @@ class TestSeriesOfDexpinv:
     def test_values(self, frame):
         rng = np.random.default_rng(11)
         v = rng.standard_normal((6, frame.dim))
-        u = rng.standard_normal((6, frame.dim)) * np.array([0.0, 0.1, 2.0, 10.0, 1e3, 1e160])[:, None]
+        u = (
+            rng.standard_normal((6, frame.dim))
+            * np.array([0.0, 0.1, 2.0, 10.0, 1e3, 1e160])[:, None]
+        )
         u[5] = 8.0 * v[5]
         found = jax.jit(jax.vmap(lambda u, v: rules_of(frame).dexpinv(u, v, 6)))(u, v)
         expected = frame.dexpinv(u, v, order=6)

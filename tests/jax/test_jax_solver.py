@@ -394,7 +394,7 @@ class TestTransforms:
         Only XLA with its usual optimisations, which tests do without, shows whether they differ.
         """
         environment = {name: text for name, text in os.environ.items() if name != "XLA_FLAGS"}
-        command = [sys.executable, Path(__file__).with_name("jax_repetition.py")]
+        command = [sys.executable, Path(__file__).parents[1] / "helpers/jax_repetition.py"]
         done = subprocess.run(command, env=environment, capture_output=True, check=True, text=True)
         assert abs(float(done.stdout)) < 1e-12
 
