@@ -14,6 +14,7 @@ except ImportError as error:
     ) from error
 
 from cg.jax.control import controller
+from cg.jax.conversions import from_jaxlie, to_jaxlie
 from cg.jax.points import cotangent, flow, log
 from cg.jax.products import join, split
 from cg.jax.solver import Solver
@@ -25,7 +26,9 @@ __all__ = [
     "controller",
     "cotangent",
     "flow",
+    "from_jaxlie",
     "join",
     "log",
     "split",
+    "to_jaxlie",
 ]

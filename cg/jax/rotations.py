@@ -10,7 +10,13 @@ from cg.jax.dexpinv import turning_dexpinv
 from cg.jax.entire import JaxArray, angle_over_sine, stumpff
 from cg.jax.rules import Rules, linear, ones, unit_step
 
-__all__ = ["average_rotation", "quaternion_rules", "rotation_logarithm", "rotation_matrix"]
+__all__ = [
+    "average_rotation",
+    "quaternion_of",
+    "quaternion_rules",
+    "rotation_logarithm",
+    "rotation_matrix",
+]
 
 
 def quaternion_rules(frame: UnitQuaternion) -> Rules:
@@ -55,13 +61,18 @@ def average_rotation(v: JaxArray, wedge: JaxArray) -> JaxArray:
     )
 
 
-def rotation_logarithm(away: JaxArray) -> JaxArray:
-    """Return the rotation vector of the identity plus `away`, as `cg.frames.rotations` has it."""
+def quaternion_of(away: JaxArray) -> JaxArray:
+    """Return the unit quaternion (x, y, z, w), w ≥ 0, of the rotation identity plus `away`."""
     trace = jnp.trace(away)
     axial = jnp.stack([away[2, 1] - away[1, 2], away[0, 2] - away[2, 0], away[1, 0] - away[0, 1]])
     block = away + away.T + jnp.diag(-trace * jnp.ones(3, away.dtype))
     outer = jnp.block([[block, axial[:, None]], [axial[None, :], (4.0 + trace)[None, None]]])
     q = outer[jnp.argmax(jnp.diagonal(outer))]
     q = q / jnp.sqrt(q @ q)
-    q = jnp.where(q[3] < 0.0, -q, q)
+    return jnp.where(q[3] < 0.0, -q, q)
+
+
+def rotation_logarithm(away: JaxArray) -> JaxArray:
+    """Return the rotation vector of the identity plus `away`, as `cg.frames.rotations` has it."""
+    q = quaternion_of(away)
     return 2.0 * angle_over_sine(q[:3] @ q[:3], q[3]) * q[:3]
