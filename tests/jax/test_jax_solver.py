@@ -373,6 +373,35 @@ class TestTransforms:
             quotient = self.quotient(lambda s, u=unit: exact(INERTIA, frame.flow(s * u, START)))
             assert float(numbers[k]) == pytest.approx(quotient, abs=1e-9)
 
+    @pytest.mark.parametrize(
+        ("frame", "name"),
+        [
+            (UnitQuaternion(), "CF4(3)"),
+            pytest.param(UnitQuaternion(), "RKMK5(4)", marks=SLOW),
+            pytest.param(Sphere(2), "CF4(3)", marks=SLOW),
+        ],
+    )
+    def test_times_of_events(self, frame, name):
+        """The derivative of the time of an event, and of the point there."""
+        optimistix = pytest.importorskip("optimistix")
+        ours, _ = term(frame)
+        y0 = point(frame)
+        event = diffrax.Event(
+            lambda t, y, args, **kwargs: y[0] - y[-1], root_finder=optimistix.Newton(1e-11, 1e-11)
+        )
+        options = {"end": 4.0, "event": event, "max_steps": 512}
+
+        def found(factor):
+            solver = cg.jax.Solver(name)
+            run = solve(ours, solver, y0, h=0.05, args=factor, **options)
+            return jnp.concatenate([run.ts, run.ys[0]])
+
+        values = jax.jit(found)
+        slope = jax.jit(jax.jacrev(found))(0.8)
+        assert 0.1 < float(values(0.8)[0]) < 3.9
+        expected = self.quotient(lambda s: np.asarray(values(0.8 + s)), 5e-3)
+        np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-7)
+
     def test_flows_are_compiled_once(self):
         """Without barriers XLA compiles a flow again with each consumer, with other rounding."""
         frame = UnitQuaternion()
