@@ -7,6 +7,7 @@ import math
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -253,6 +254,16 @@ def _ensembles(rounds: int, quick: bool) -> list[Row]:
     together = jax.jit(jax.vmap(
         lambda y0: solve(_ERROR, y0, _INERTIA, 10.0, diffrax.ForwardMode())
     ))  # fmt: skip
+
+    def by_vmap(points: Any) -> Any:
+        return np.asarray(together(points))
+
+    def compiled(case: Case, points: Any) -> Any:
+        return cg.solve_ensemble(
+            case.f, (0.0, 10.0), points, frame=case.frame, method=_DEFAULT,
+            rtol=_ERROR, atol=_ERROR, t_eval=[10.0],
+        )  # fmt: skip
+
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         case = tumbling(Path(folder))
@@ -261,15 +272,9 @@ def _ensembles(rounds: int, quick: bool) -> list[Row]:
             points = np.concatenate([np.tile(_start()[:4], (members, 1)), velocities], axis=1)
             momenta = points * np.concatenate([np.ones(4), _INERTIA])
             times = measure(
-                {
-                    "vmap": lambda y=points: np.asarray(together(y)),
-                    "compiled": lambda y=momenta: cg.solve_ensemble(
-                        case.f, (0.0, 10.0), y, frame=case.frame, method=_DEFAULT,
-                        rtol=_ERROR, atol=_ERROR, t_eval=[10.0],
-                    ),
-                },
+                {"vmap": partial(by_vmap, points), "compiled": partial(compiled, case, momenta)},
                 rounds=rounds,
-            )  # fmt: skip
+            )
             rows.append(times.row(
                 f"{members} members by vmap, a member of 10 s, {_DEFAULT}", "vmap", "µs",
                 "cg.solve_ensemble, f in C", "compiled", pieces=(members, members),
