@@ -73,7 +73,7 @@ def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
     --------
     >>> import cg
     >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
-    >>> [part.shape for part in cg.jax.split(frame, np.arange(7.0))]
+    >>> [part.shape for part in cg.jax.split(frame, jnp.arange(7.0))]
     [(4,), (3,)]
     """
     _check_product(frame)
@@ -116,7 +116,7 @@ def join(frame: Product, *parts: JaxArray) -> JaxArray:
     --------
     >>> import cg
     >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
-    >>> join(frame, np.ones(4), np.zeros(3)).tolist()
+    >>> join(frame, jnp.ones(4), jnp.zeros(3)).tolist()
     [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     """
     _check_product(frame)
