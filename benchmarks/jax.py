@@ -1,4 +1,4 @@
-"""Steps, gradients and batches in JAX, against diffrax's own solvers."""
+"""Steps, gradients and batches in JAX, compared with diffrax's own solvers."""
 
 from __future__ import annotations
 
@@ -32,6 +32,15 @@ _AIMS = {1e-6: 1.0, 1e-8: 1.3, 1e-10: 1.5}
 _MEMBERS = 1000
 _ERROR = 1e-6  # of a gradient, and of members
 
+TITLE = "In JAX"
+METHOD = (
+    "The tumbling body of *Rigid bodies at equal errors*, as a quaternion and an angular velocity, "
+    "in float64 on the CPU, jitted, storing the end only. Competitors are diffrax's Dopri8 and "
+    "Tsit5 on the seven numbers, with or without normalising the quaternion after each step. Times "
+    f"are for a given error at the end, medians of rounds in turn. The {_MEMBERS} members differ "
+    "in inertia."
+)
+
 Solve = Callable[..., Any]
 
 
@@ -40,26 +49,18 @@ def run(quick: bool, figures: Path | None) -> Result:
     rows: tuple[Row, ...] = ()
     notes: tuple[str, ...] = ()
     if importlib.util.find_spec("diffrax") is None:
-        notes = ("- diffrax was not installed, and nothing was measured.",)
+        notes = ("- diffrax was not installed, so nothing was measured.",)
     else:
         rounds = 3 if quick else 11
         with tempfile.TemporaryDirectory() as folder:
             case = tumbling(Path(folder))
             rows = (*_equal_errors(case, rounds), *_gradients(case, rounds))
         rows = (*rows, *_batches(rounds), *_compiling(3))
-    return Result(
-        "In JAX",
-        "The tumbling body of *Rigid bodies*, as a quaternion and an angular velocity, in float64 "
-        "on the CPU, jitted, the end stored. Rivals are diffrax's Dopri8 and Tsit5 on the seven "
-        "numbers, as they are or with the quaternion normalised after each step. Times are for an "
-        f"error at the end, medians of rounds in turn; {_MEMBERS} members have different inertias.",
-        rows,
-        notes,
-    )
+    return Result(TITLE, METHOD, rows, notes)
 
 
 def _solvers(normalised: bool = False) -> dict[str, tuple[Solve, bool]]:
-    """Return functions of tolerance, start, inertia and end; and whether they are of `cg.jax`."""
+    """Return functions of tolerance, start, inertia and end, each with whether it uses `cg.jax`."""
     import diffrax
     import jax
     import jax.numpy as jnp
@@ -166,7 +167,7 @@ def _equal_errors(case: Case, rounds: int) -> list[Row]:
 def _at_error(
     functions: dict[str, Callable[[float], Any]], exact: Any, error: float
 ) -> dict[str, float]:
-    """Return the tolerances at which functions have an error, by powers of ten's roots."""
+    """Return for each function the largest tolerance, of 10^(-k/2), at which the error is small."""
     found = {}
     for name, function in functions.items():
         for k in np.arange(4.0, 13.0, 0.5):
@@ -180,7 +181,7 @@ def _at_error(
 def _compare(
     title: str, functions: dict[str, Callable[[float], Any]], exact: Any, rounds: int, pieces: int
 ) -> list[Row]:
-    """Return the row of the best of ours against Dopri8, each at its loosest good tolerance."""
+    """Compare the fastest method here with Dopri8, each at its largest tolerance for the error."""
     tolerances = _at_error(functions, exact, _ERROR)
     calls = {
         name: lambda f=functions[name], t=tolerance: np.asarray(f(t))
@@ -220,7 +221,7 @@ def _gradients(case: Case, rounds: int) -> list[Row]:
         name: gradient(solve) for name, (solve, _) in _solvers().items() if name != "Tsit5"
     }
     exact = functions["RKMK8(5,3)"](1e-13)
-    title = f"gradient of an attitude after 10 s, error {_ERROR:g}"
+    title = f"gradient of an attitude at t = 10, error {_ERROR:g}"
     return _compare(title, functions, exact, rounds, 1)
 
 
@@ -239,7 +240,7 @@ def _batches(rounds: int) -> list[Row]:
 
     functions = {name: batch(solve) for name, (solve, _) in _solvers().items() if name != "Tsit5"}
     exact = np.asarray(functions["RKMK8(5,3)"](1e-12))
-    title = f"{_MEMBERS} members, a member of 10 s, error {_ERROR:g}"
+    title = f"one of {_MEMBERS} members, to t = 10, error {_ERROR:g}"
     return _compare(title, functions, exact, rounds, _MEMBERS)
 
 
