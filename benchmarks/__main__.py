@@ -75,7 +75,8 @@ def main(arguments: list[str] | None = None) -> int:
             environments[name] = environment
             shown = page.render({name: result}, {name: environment})
             print(shown.split("\n\n", 2)[2])
-            print(page.render_details({name: result}))
+            if result.details is not None:
+                print(page.render_details({name: result}))
     ordered = {name: results[name] for name in NAMES if name in results}
     if storing:
         page.write(ordered, environments, file)

@@ -38,9 +38,9 @@ def method_text(rounds: int) -> str:
         "methods, Magnus methods where the equation is linear, Lielab where it is applicable, and "
         "SciPy's DOP853 with projection after each step solve ten problems, with the same "
         "right-hand side in Python, for tolerances from 1e-3 to 1e-13 or as many step sizes. Work "
-        f"for a given error at the end is interpolated. Times are medians of {rounds} rounds of all "
-        f"solvers in turn, of one round for runs longer than {_LONG:g} s; after a run longer than {_SLOWEST:g} s smaller "
-        "tolerances are left out."
+        f"for a given error at the end is interpolated. Times are medians of {rounds} rounds of "
+        f"all solvers in turn, of one round for runs longer than {_LONG:g} s; after a run longer "
+        f"than {_SLOWEST:g} s smaller tolerances are left out."
     )
 
 
