@@ -20,7 +20,7 @@ METHODS = {"RKV87r": 8, "RKV98r": 9, "RKDP54_7M": 5}
 
 
 def expresses(case: Case) -> bool:
-    """Tell whether Lielab is installed and has the frame, and f is a function in Python.
+    """Return whether Lielab is installed and has the frame, and f is a function in Python.
 
     It has rotation matrices and numbers, but no quaternions, conjugation or lattices of groups.
     """

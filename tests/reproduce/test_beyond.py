@@ -166,5 +166,5 @@ def test_lines_differ():
     assert list(looks) == names
     assert looks["CG6a"] == LINES["CG6a"]
     assert len({tuple(map(str, look.values())) for look in looks.values()}) == len(names)
-    with pytest.raises(ValueError, match="told apart"):
+    with pytest.raises(ValueError, match="there are styles for at most"):
         lines(map(str, range(100)))

@@ -348,7 +348,7 @@ def test_improvement_is_told_with_its_numbers():
     given = results()
     given["search6"]["f_double"] = [1e-8] * 4
     _, evidence = judges.improved(numbers(), given)
-    assert "doesn't report its limits" in evidence
+    assert "does not give its limits" in evidence
     assert "20 evaluations in double and 100 in real(16), 3 of 4 starts come to" in evidence
     assert "the median of f from 1e−06 to 1e−08" in evidence
     assert "with 1000 and 30, 0 of 4 starts" in evidence

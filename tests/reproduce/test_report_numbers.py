@@ -80,7 +80,7 @@ def test_digests_change_with_code_and_arguments(tmp_path, monkeypatch):
 def test_differences_name_what_was_changed():
     rows = {row["what"]: row["ours"] for row in differences.compute(None)["differences"]}
     text = " ".join(rows.values())
-    for word in ("Python", "written anew", "rows of zeros", "[−1, 1]", "NumPy", "binary128"):
+    for word in ("Python", "modern Fortran", "rows of zeros", "[−1, 1]", "NumPy", "binary128"):
         assert word in text
     for order, plan in PLANS.items():
         assert f"order {order}: {plan.maxfev} in double, {plan.refine_maxfev} in real(16)" in text

@@ -16,9 +16,9 @@ from test_reproduce import read
 from cg.construction.search.random_search import search
 from cg.construction.search.start import random_start
 from cg.reproduce.blocks import Table
+from cg.reproduce.checkpoint import Checkpoint, DamagedError
 from cg.reproduce.coefficients import labels
 from cg.reproduce.context import Context, Settings
-from cg.reproduce.kept import DamagedError, Kept
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import end_errors
 from cg.reproduce.sections import evaluations
@@ -75,7 +75,7 @@ def test_one_median():
     assert quartiles([1e-9, 1.0, 1e-3]) == [1e-9, 1e-9, 1e-3, 1.0, 1.0]
     assert median([1e-9, 1.0, 1e-3]) == 1e-3
     assert median([4.0, 1.0, 3.0, 2.0]) in (2.0, 3.0)
-    with pytest.raises(ValueError, match="no values"):
+    with pytest.raises(ValueError, match="must not be empty"):
         median([])
 
 
@@ -261,11 +261,11 @@ def test_errors_in_quad_are_kept(tmp_path, monkeypatch):
 def test_a_line_that_a_killed_run_left_unfinished_is_dropped(tmp_path):
     path = tmp_path / "errors.jsonl"
     path.write_bytes(b'[1]\n[2, "\xc3')
-    with closing(Kept(path)) as kept:
-        assert kept.records == ([1],)
-        kept.append([3])
-    with closing(Kept(path)) as kept:
-        assert kept.records == ([1], [3])
+    with closing(Checkpoint(path)) as checkpoint:
+        assert checkpoint.records == ([1],)
+        checkpoint.append([3])
+    with closing(Checkpoint(path)) as checkpoint:
+        assert checkpoint.records == ([1], [3])
 
 
 @pytest.mark.parametrize("line", [b"no JSON", b"\xff", b"\0\0\0", b"[1]", b'{"run": 3}'])

@@ -424,4 +424,4 @@ def test_a_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
     assert main(arguments) == 2
     told = capsys.readouterr().err.splitlines()[-1]
     assert told.startswith(f"reproduce-paper: error: store {store} is not an SQLite database")
-    assert told.endswith("; without that file what it holds is computed anew")
+    assert told.endswith("; if you delete that file, its content is computed again")
