@@ -1,4 +1,4 @@
-"""Every block of Python in the site's pages runs, in order, and its assertions hold."""
+"""The code blocks of the start, how-to and mathematics pages run in order."""
 
 import re
 import subprocess
@@ -31,9 +31,9 @@ PAGES = sorted(
         if page != "howto/compiled"
     ],
 )
-def test_the_blocks_of_a_page_run(page, capsys):
+def test_code_of_page_runs(page, capsys):
     if page == "howto/jax":
-        pytest.importorskip("diffrax", reason="diffrax isn't installed")
+        pytest.importorskip("diffrax", reason="diffrax is not installed")
     names = run(f"docs/{page}.md")
     if "numba" in {kind for kind, _ in blocks_of(f"docs/{page}.md")}:
         numba = pytest.importorskip("numba")
@@ -88,7 +88,7 @@ def test_right_hand_sides_in_cython(tmp_path, monkeypatch):
     assert names["by_cython"].success
 
 
-def test_methods_with_stages_beyond_their_step_are_listed():
+def test_methods_with_stages_outside_the_step_are_listed():
     text = (DOCS / "start" / "from_solve_ivp.md").read_text("utf-8")
     (row,) = [line for line in text.splitlines() if line.startswith("| times at which `f`")]
     beyond = {

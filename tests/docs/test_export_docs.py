@@ -1,4 +1,4 @@
-"""What the pages on exports and pictures show can be run as it stands."""
+"""The code in the pages on export and plots runs."""
 
 import importlib.util
 import subprocess
@@ -18,7 +18,7 @@ def _own_folder(monkeypatch):
     monkeypatch.setenv("CG_METHODS", "")  # what the page sets is taken back
 
 
-def test_the_page_on_exports():
+def test_export_page():
     names = run("docs/export.md")
     assert names["difference"] < 1e-14
     assert names["header"] == cg.export("CF4", "c")
@@ -27,15 +27,15 @@ def test_the_page_on_exports():
 
 
 @pytest.mark.slow
-def test_the_page_on_jax():
+def test_jax_code_of_export_page():
     if importlib.util.find_spec("jax") is None:
-        pytest.skip("jax isn't installed")
+        pytest.skip("jax is not installed")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert abs(float(run("docs/export.md")["of_jax"]())) > 0
 
 
-def test_the_program_in_c(tmp_path):
+def test_c_program_of_export_page(tmp_path):
     (source,) = blocks_of("docs/export.md", "c")
     (tmp_path / "program.c").write_text(source, encoding="utf-8")
     (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
@@ -45,7 +45,7 @@ def test_the_program_in_c(tmp_path):
     assert float(found.stdout) == pytest.approx(0.5, abs=1e-14)
 
 
-def test_the_page_on_pictures(tmp_path, monkeypatch):
+def test_plots_page(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt

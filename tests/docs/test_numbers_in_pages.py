@@ -1,4 +1,4 @@
-"""Numbers in prose are those of stored data, or of what a run computes: a stale one fails here."""
+"""Numbers in the prose of pages match stored data or computed results."""
 
 import json
 import re
@@ -146,13 +146,13 @@ def tableaux(order):
     [catalogue, certificates, compared, implicit, impossible, lifting, readme, reproduction],
     ids=lambda page: page.__name__,
 )
-def test_a_page_says_what_is_stored(page):
+def test_numbers_in_page_match_stored_data(page):
     text = words_of("README.md" if page is readme else f"docs/{page.__name__}.md")
     for sentence in page():
         assert sentence in text
 
 
-def test_the_table_of_partial_proofs_has_no_others():
+def test_table_of_partial_proofs_is_complete():
     text = (ROOT / "docs" / "certificates.md").read_text("utf-8")
     rows = text.partition("| only small |")[2].partition("\n\n")[0].splitlines()[2:]
     assert len(rows) == sum(proved(method) == "partly" for method in cg.methods.values())
