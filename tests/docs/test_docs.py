@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests_of_pages import blocks_of, run
+from tests_of_pages import blocks_of, compiler_command, run, source_in
 
 import cg
 from cg.integration.default_method import choose_method
@@ -45,12 +45,10 @@ def test_code_of_page_runs(page, capsys):
 @pytest.fixture
 def in_c(tmp_path, monkeypatch):
     """The program in C of the page on compiled right-hand sides, compiled as the page says."""
-    text = (DOCS / "howto/compiled.md").read_text(encoding="utf-8")
-    (source,) = re.findall(r"```c\n(.*?)```", text, re.DOTALL)
-    (command,) = re.findall(r"^    (cc .*)$", text, re.MULTILINE)
-    (tmp_path / "turn.c").write_text(source, encoding="utf-8")
+    page = "docs/howto/compiled.md"
+    (tmp_path / "turn.c").write_text(source_in(page, "c"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    subprocess.run(command.split(), check=True)
+    subprocess.run(compiler_command(page), check=True)
     return run("docs/howto/compiled.md")
 
 
@@ -76,8 +74,7 @@ def test_right_hand_sides_in_numba():
 @pytest.mark.slow
 def test_right_hand_sides_in_cython(tmp_path, monkeypatch):
     pytest.importorskip("Cython")
-    text = (DOCS / "howto/compiled.md").read_text(encoding="utf-8")
-    (source,) = re.findall(r"```cython\n(.*?)```", text, re.DOTALL)
+    source = source_in("docs/howto/compiled.md", "cython")
     (tmp_path / "turning.pyx").write_text(source, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     subprocess.run(

@@ -6,7 +6,7 @@ import warnings
 
 import matplotlib
 import pytest
-from test_readme import HERE, blocks_of, run
+from tests_of_pages import ROOT, run, source_in
 
 import cg
 
@@ -36,8 +36,7 @@ def test_jax_code_of_export_page():
 
 
 def test_c_program_of_export_page(tmp_path):
-    (source,) = blocks_of("docs/export.md", "c")
-    (tmp_path / "program.c").write_text(source, encoding="utf-8")
+    (tmp_path / "program.c").write_text(source_in("docs/export.md", "c"), encoding="utf-8")
     (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
     subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=tmp_path)
@@ -54,8 +53,8 @@ def test_plots_page(tmp_path, monkeypatch):
     assert (tmp_path / "cf4.png").stat().st_size > 1000
     assert names["ax"].name == "3d"
     plt.close("all")
-    page = (HERE / "docs/plots.md").read_text(encoding="utf-8")
-    for picture in (HERE / "docs/plots").glob("*.png"):
+    page = (ROOT / "docs/plots.md").read_text(encoding="utf-8")
+    for picture in (ROOT / "docs/plots").glob("*.png"):
         assert f"(plots/{picture.name})" in page
         assert picture.stat().st_size < 50_000
     assert all(f"`{name}(" in page for name in cg.plot.__all__)

@@ -1,13 +1,12 @@
 """The code in the README and in other pages runs."""
 
-import re
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests_of_pages import blocks_of, run
+from tests_of_pages import blocks_of, compiler_command, run, source_in
 
 import cg
 
@@ -101,13 +100,10 @@ def test_equations_in_table_of_frames():
 
 
 def test_c_program_of_compiled_page(tmp_path, monkeypatch):
-    text = (HERE / "docs/compiled.md").read_text(encoding="utf-8")
-    (source,) = re.findall(r"```c\n(.*?)```", text, re.DOTALL)
-    (command,) = re.findall(r"^    (cc .*)$", text, re.MULTILINE)
-    (tmp_path / "top.c").write_text(source, encoding="utf-8")
+    (tmp_path / "top.c").write_text(source_in("docs/compiled.md", "c"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     warnings = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
-    subprocess.run([*command.split(), *warnings], check=True)
+    subprocess.run([*compiler_command("docs/compiled.md"), *warnings], check=True)
     names = {}
     block = blocks_of("docs/compiled.md")[0][1]
     exec(compile(block.replace("(0, 100)", "(0, 1)"), "docs/compiled.md", "exec"), names)
