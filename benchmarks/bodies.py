@@ -79,11 +79,11 @@ def tumbling(folder: Path) -> Case:
 
 def _solve(case: Case) -> Callable[[float], Run]:
     def solve(tolerance: float) -> Run:
-        found = cg.solve_ivp(
+        solution = cg.solve_ivp(
             case.f, (0.0, case.end), case.y0, frame=case.frame, rtol=tolerance, atol=tolerance,
             t_eval=[case.end],
         )  # fmt: skip
-        return Run(found.y, found.nfev, found.nexp)
+        return Run(solution.y, solution.nfev, solution.nexp)
 
     return solve
 

@@ -69,12 +69,12 @@ def method_text(smallest: float, count: int) -> str:
 def spins(count: int) -> list[Case]:
     """Return rotations that are dominated by a spin: 5 to 30 rad/s about any axis."""
     generator = np.random.default_rng(_SEED)
-    found = []
+    rotations = []
     for k in range(count):
         axis = generator.standard_normal(3)
         velocity = generator.uniform(5.0, 30.0) * axis / np.linalg.norm(axis)
-        found.append(_spin(f"spin_{k}", velocity.tolist()))
-    return found
+        rotations.append(_spin(f"spin_{k}", velocity.tolist()))
+    return rotations
 
 
 def _spin(name: str, velocity: list[float]) -> Case:
@@ -109,14 +109,14 @@ def run(quick: bool, figures: Path | None) -> Result:
 
 def _runs(case: Case, tolerances: tuple[float, ...], rounds: int) -> Runs:
     left = {pair.name: pair for pair in pairs(case, tolerances)}
-    found: Runs = {name: {} for name in left}
+    runs: Runs = {name: {} for name in left}
     for tolerance in tolerances:
         solve = {name: pair.solve for name, pair in left.items()}
         for name, point in run_point(case, solve, tolerance, rounds).items():
-            found[name][tolerance] = point
+            runs[name][tolerance] = point
             if point.seconds > _SLOWEST:
                 del left[name]
-    return found
+    return runs
 
 
 def _quotients(name: str, runs: list[Runs]) -> list[float]:
@@ -130,8 +130,8 @@ def _quotients(name: str, runs: list[Runs]) -> list[float]:
 
 
 def _rows(name: str, runs: list[Runs]) -> list[Row]:
-    found = _quotients(name, runs)
-    middle, most, largest = np.quantile(found, [0.5, 0.9, 1.0]).tolist()
+    quotients = _quotients(name, runs)
+    middle, most, largest = np.quantile(quotients, [0.5, 0.9, 1.0]).tolist()
     return [
         Row(f"`{name}`, median", middle, "tolerances", aim=Aim(MEDIAN, False, "value")),
         Row(f"`{name}`, 90 % below", most, "tolerances"),
@@ -201,9 +201,9 @@ def _defaults(runs: list[Runs], problems: list[Runs]) -> str:
 
 def _may_be_default(name: str, runs: list[Runs]) -> bool:
     """Return whether the errors are near the tolerance, and all stages within the step."""
-    found = _quotients(name, runs)
+    quotients = _quotients(name, runs)
     within = all(0.0 <= c <= 1.0 for c in resolve_method(name).c.tolist())
-    return within and median(found) <= MEDIAN and max(found) <= LARGEST
+    return within and median(quotients) <= MEDIAN and max(quotients) <= LARGEST
 
 
 def _cheapest(names: list[str], curves: Curves, error: float, kinds: tuple[str, ...]) -> str:
@@ -211,8 +211,8 @@ def _cheapest(names: list[str], curves: Curves, error: float, kinds: tuple[str, 
     costs = {name: sum(_ratio(name, curves, error, kind) for kind in kinds) for name in names}
     least = min((cost for cost in costs.values() if not math.isnan(cost)), default=math.nan)
     alike = [name for name, cost in costs.items() if cost <= _ALIKE * least]
-    found = min(alike, key=lambda name: _counts(name, curves, error), default="")
-    return f"`{found}`" if found else ""
+    cheapest = min(alike, key=lambda name: _counts(name, curves, error), default="")
+    return f"`{cheapest}`" if cheapest else ""
 
 
 def _counts(name: str, curves: Curves, error: float) -> float:
@@ -240,14 +240,14 @@ def _work(runs: list[Runs], rounds: int) -> str:
     ]
     curves = _curves(runs)
     for name in curves[0]:
-        found = [_ratio(name, curves, error, kind) for error in _ERRORS for kind in kinds]
-        cells = ["" if math.isnan(ratio) else f"{ratio:.2f}" for ratio in found]
+        ratios = [_ratio(name, curves, error, kind) for error in _ERRORS for kind in kinds]
+        cells = ["" if math.isnan(ratio) else f"{ratio:.2f}" for ratio in ratios]
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
 def _ratio(name: str, curves: Curves, error: float, kind: str) -> float:
     """Return the median quotient of the work and that of the reference pair, or NaN."""
-    found = [c[name].at(error, kind) / c[_AGAINST].at(error, kind) for c in curves]
-    found = [ratio for ratio in found if not math.isnan(ratio)]
-    return median(found) if found else math.nan
+    ratios = [c[name].at(error, kind) / c[_AGAINST].at(error, kind) for c in curves]
+    ratios = [ratio for ratio in ratios if not math.isnan(ratio)]
+    return median(ratios) if ratios else math.nan

@@ -112,16 +112,16 @@ def _solvers(normalised: bool = False) -> dict[str, tuple[Solve, bool]]:
 
         return solve
 
-    found = {}
+    solvers = {}
     for name in () if normalised else _METHODS:
         solver = cg.jax.Solver(name, dense="steps")
-        found[name] = solving(cg.jax.FrameTerm(coefficients, frame), solver, True), True
+        solvers[name] = solving(cg.jax.FrameTerm(coefficients, frame), solver, True), True
     for name in _RIVALS:
         solver = getattr(diffrax, name)()
         label = f"{name}, normalised" if normalised else name
         solver = Normalised(solver) if normalised else solver
-        found[label] = solving(diffrax.ODETerm(derivative), solver, False), False
-    return found
+        solvers[label] = solving(diffrax.ODETerm(derivative), solver, False), False
+    return solvers
 
 
 def _start() -> np.ndarray[Any, Any]:
@@ -168,14 +168,14 @@ def _at_error(
     functions: dict[str, Callable[[float], Any]], exact: Any, error: float
 ) -> dict[str, float]:
     """Return for each function the largest tolerance, of 10^(-k/2), at which the error is small."""
-    found = {}
+    tolerances = {}
     for name, function in functions.items():
         for k in np.arange(4.0, 13.0, 0.5):
             tolerance = 10.0**-k
             if np.abs(np.asarray(function(tolerance)) - exact).max() <= error:
-                found[name] = tolerance
+                tolerances[name] = tolerance
                 break
-    return found
+    return tolerances
 
 
 def _compare(

@@ -85,7 +85,7 @@ METHOD = (
 
 def run(quick: bool, figures: Path | None) -> Result:
     """Measure errors within every step, and at its ends."""
-    found: list[OutputError] = []
+    errors: list[OutputError] = []
     for problem, make in _PROBLEMS.items():
         frame, f, y0, end, exact = make()
         for name in _PAIRS:
@@ -95,10 +95,10 @@ def run(quick: bool, figures: Path | None) -> Result:
                     max_steps=_MAX_STEPS, dense_output=True,
                 )  # fmt: skip
                 if solution.success:
-                    found.append(_errors(problem, name, tolerance, solution, frame, exact))
+                    errors.append(_errors(problem, name, tolerance, solution, frame, exact))
     rows = []
     for name in _PAIRS:
-        own = [x for x in found if x.method == name]
+        own = [x for x in errors if x.method == name]
         worst = max(own, key=lambda x: x.ratio)
         rows.append(
             Row(
@@ -109,7 +109,7 @@ def run(quick: bool, figures: Path | None) -> Result:
             )
         )
     if figures is not None:
-        draw(found, figures)
+        draw(errors, figures)
     return Result(
         TITLE,
         METHOD,

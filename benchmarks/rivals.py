@@ -133,8 +133,8 @@ def _contest(case: Case, rounds: int, quick: bool) -> list[Curve]:
 
 def _timed(solver: Solver, setting: float) -> tuple[Run, float]:
     begin = time.process_time()
-    found = solver.solve(setting)
-    return found, time.process_time() - begin
+    result = solver.solve(setting)
+    return result, time.process_time() - begin
 
 
 def _runs(case: Case, solver: Solver) -> dict[float, tuple[Point, list[float]]]:

@@ -38,8 +38,8 @@ def method_text(rounds: int) -> str:
 def run(quick: bool, figures: Path | None) -> Result:
     """Run both forms of both tableaux on groups with and without a closed form of dexp⁻¹."""
     rounds = 1 if quick else 5
-    found = cases(["heavy_top"] if quick else _CASES)
-    found.insert(len(found) - 2 if not quick else 1, _motion())
+    problems = cases(["heavy_top"] if quick else _CASES)
+    problems.insert(len(problems) - 2 if not quick else 1, _motion())
     lines = [
         "| | tableau | error | evaluations | | flows | | time, ms | | |",
         "|---" * 10 + "|",
@@ -48,8 +48,8 @@ def run(quick: bool, figures: Path | None) -> Result:
     won = dict.fromkeys(QUANTITIES, 0)
     contests = 0
     with tempfile.TemporaryDirectory() as folder:
-        found.append(top_in_c(found[0], Path(folder)))
-        for case in found:
+        problems.append(top_in_c(problems[0], Path(folder)))
+        for case in problems:
             curves = _curves(case, rounds, quick)
             for lifted, algebra in _PAIRS.items():
                 for error in _ERRORS:
@@ -85,8 +85,8 @@ def _curves(case: Case, rounds: int, quick: bool) -> dict[str, Curve]:
     }
     points: dict[str, list[Point]] = {name: [] for name in wanted}
     for setting in next(iter(wanted.values())).settings:
-        found = run_point(case, {name: s.solve for name, s in wanted.items()}, setting, rounds)
-        for name, point in found.items():
+        by_solver = run_point(case, {name: s.solve for name, s in wanted.items()}, setting, rounds)
+        for name, point in by_solver.items():
             points[name].append(point)
     return {
         name: Curve.of(name, solver.kind, solver.order, points[name])

@@ -337,11 +337,11 @@ def best_at_tenth(numbers: Data, results: Results) -> Verdict:
 
 def _ratios(results: Results, name: str, others: tuple[str, ...], factor: float) -> Verdict:
     """Compare errors for both readings of the initial vector."""
-    found = {reading: _ratio(results, reading, name, others, factor) for reading in top.READINGS}
+    ratios = {reading: _ratio(results, reading, name, others, factor) for reading in top.READINGS}
     rival = others[0] if len(others) == 1 else "the best of the others"
-    return all(passed for passed, _ in found.values()), (
+    return all(passed for passed, _ in ratios.values()), (
         f"error of {name} against {rival}, all times. "
-        + ". ".join(f"ω(0) a {reading}: {text}" for reading, (_, text) in found.items())
+        + ". ".join(f"ω(0) a {reading}: {text}" for reading, (_, text) in ratios.items())
     )
 
 

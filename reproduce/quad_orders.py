@@ -1,4 +1,4 @@
-"""Errors of the spinning top in real(16) and their slopes, for all figures that show them."""
+"""Errors of the spinning top in real(16), and their slopes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .context import Context
 __all__ = ["FIT", "Run", "end_errors", "order_data"]
 
 FIT = 4
-"""Points, those with the smallest steps, that a slope is fitted to."""
+"""Number of points, those with the smallest steps, to which a slope is fitted."""
 
 Run = tuple[top.Reading, str, int]
 """An integration over [0, 1]: reading, method, number of steps."""
@@ -33,7 +33,7 @@ def end_errors(context: Context, runs: Sequence[Run]) -> dict[Run, float]:
     ----------
     context : Context
     runs : sequence of Run
-        Best with the longest first, so that no core waits at the end.
+        Long runs should be first, so that all cores are busy until the end.
     """
     digest = fingerprint.of_code(__name__, {})
     checkpoint = Checkpoint(context.checkpoints / f"quad-errors-{digest}.jsonl", _recorded)
