@@ -56,10 +56,13 @@ def run(quick: bool, figures: Path | None) -> Result:
                     line = _line(case, curves[lifted], curves[algebra], error, won)
                     contests += line is not None
                     lines += [] if line is None else [line]
-    counts = ", ".join(f"less {quantity} in {count}" for quantity, count in won.items())
+    counts = ", ".join(
+        f"{'less' if quantity == 'time' else 'fewer'} {quantity} in {count}"
+        for quantity, count in won.items()
+    )
     verdict = (
-        f"- In {contests} cases (a problem, a tableau, an error) the lifted method has {counts}; "
-        "in the others the method with dexp⁻¹ has less."
+        f"- In {contests} cases (a problem, a tableau, an error) the lifted method needs {counts}; "
+        "in the others the method with dexp⁻¹ needs less."
     )
     explanation = (
         "The ratio is the time of the method with dexp⁻¹ divided by that of the lifted one: above "
