@@ -18,69 +18,71 @@ HERE = Path(__file__).parent
 DOCS = HERE.parent / "docs"
 
 NAMES = (
-    "kernels",
-    "search",
-    "order_six",
-    "calls",
+    "rivals",
     "bodies",
     "jax",
-    "ensemble",
     "steps",
+    "calls",
+    "ensemble",
     "output",
     "variational",
-    "rivals",
     "estimates",
     "tableaux",
     "parts",
     "workers",
+    "search",
+    "order_six",
+    "kernels",
     "growth",
 )
-"""All benchmarks, each a module with ``run(quick, figures)``."""
+"""All benchmarks in the order of the page, each a module with ``run(quick, figures)``."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run what the command line names, and write the page and the numbers."""
+    """Run the named benchmarks, and write the pages and the numbers."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help=f"one of {', '.join(NAMES)}; all by default"
     )
-    parser.add_argument("--quick", action="store_true", help="less of everything; writes no files")
+    parser.add_argument("--quick", action="store_true", help="fewer measurements; writes no files")
     parser.add_argument(
         "--case",
         action="append",
         choices=CASES,
         default=[],
-        help="of rivals this problem alone, or several; writes no files",
+        help="run rivals on this problem only (may be repeated); writes no files",
     )
     parsed = parser.parse_args(arguments)
     if parsed.case and parsed.names != ["rivals"]:
-        parser.error(f"--case must stand with rivals alone, got {parsed.names}")
+        parser.error(f"--case needs the benchmark rivals alone, got {parsed.names}")
     for name in parsed.names:
         if name not in NAMES:
             parser.error(f"NAME must be one of {', '.join(NAMES)}, got {name!r}")
     file = HERE / "results.json"
-    kept = not parsed.quick and not parsed.case
-    results = page.read(file) if kept else {}
-    environments = page.read_environments(file) if kept else {}
+    storing = not parsed.quick and not parsed.case
+    results = page.read(file) if storing else {}
+    environments = page.read_environments(file) if storing else {}
     environment = describe()
     names = parsed.names or NAMES
-    # first, since limits reach only what is loaded
+    # before threadpool_limits, which affects loaded libraries only
     modules = {name: importlib.import_module(f"benchmarks.{name}") for name in names}
     with threadpool_limits(1):
         for name, module in modules.items():
             print(f"{name} …", file=sys.stderr, flush=True)
             options = {"only": parsed.case} if parsed.case else {}
-            result: Result = module.run(parsed.quick, DOCS if kept else None, **options)
+            result: Result = module.run(parsed.quick, DOCS if storing else None, **options)
             results[name] = result
             environments[name] = environment
             shown = page.render({name: result}, {name: environment})
             print(shown.split("\n\n", 2)[2])
+            if result.details is not None:
+                print(page.render_details({name: result}))
     ordered = {name: results[name] for name in NAMES if name in results}
-    if kept:
+    if storing:
         page.write(ordered, environments, file)
         if "estimates" in modules:
             modules["estimates"].write_table(results["estimates"], DOCS / "catalogue.md")
-        (DOCS / "benchmarks.md").write_text(page.render(ordered, environments), encoding="utf-8")
+        page.write_pages(ordered, environments, DOCS)
     return 0
 
 

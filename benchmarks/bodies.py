@@ -1,4 +1,4 @@
-"""Rigid bodies at equal errors: f in C against diffrax, and f in Python against SciPy's DOP853."""
+"""Rigid bodies at equal errors: f in C against diffrax, f in Python against SciPy's DOP853."""
 
 from __future__ import annotations
 
@@ -29,7 +29,23 @@ _OWN, _PROJECTED = "default of solve_ivp", "DOP853, projected"
 _TUMBLING_AIMS = {1e-6: 1.0, 1e-8: 1.5, 1e-10: 1.5}
 _TORQUE_AIMS = {1e-6: 1.3, 1e-8: 1.6, 1e-11: 1.6}
 
+TITLE = "Rigid bodies at equal errors"
+
 Solvers = dict[str, Callable[[float], Run]]
+
+
+def method_text(rounds: int) -> str:
+    """Return how the times are measured."""
+    return (
+        "Times of the default method of `cg.solve_ivp` for a given error at the end, by "
+        "interpolation between runs with tolerances from 1e-3 to 1e-13; medians of "
+        f"{rounds} rounds of all solvers in turn. The tumbling body is a unit quaternion and a "
+        f"momentum, with moments of inertia {_INERTIA} and initial angular velocity (1, 2, -0.5), "
+        "`f` in C, and stores the end only. It is compared with the faster of diffrax's Dopri8 and "
+        "Tsit5, jitted, in double precision on the seven numbers, with the adjoint `ForwardMode` "
+        "and without the time for compilation. The bodies under a torque, with `f` in Python, "
+        "store every step, and are compared with SciPy's DOP853 with projection after each step."
+    )
 
 
 def run(quick: bool, figures: Path | None) -> Result:
@@ -43,23 +59,11 @@ def run(quick: bool, figures: Path | None) -> Result:
             solve = diffrax_solvers(case) | {_OWN: _solve(case)}
             rows += _rows(case, solve, _TUMBLING_AIMS, rounds)
     else:
-        notes = ("- diffrax was not installed, and is left out (`pip install diffrax`).",)
+        notes = ("- diffrax was not installed, so there is no comparison with it.",)
     for case in cases(_TORQUES):
         pair = {s.name: s.solve for s in solvers(case, quick) if s.name in (_OWN, _PROJECTED)}
         rows += _rows(case, pair, _TORQUE_AIMS, rounds)
-    return Result(
-        "Rigid bodies at equal errors",
-        "The default method of `cg.solve_ivp`. The tumbling body is a unit quaternion and a "
-        f"momentum, moments of inertia {_INERTIA}, from the angular velocity (1, 2, -0.5), with f "
-        "in C, the end stored, against diffrax in double precision on the seven numbers, jitted, "
-        "compilation left out: the better of Dopri8 and Tsit5, with the adjoint `ForwardMode`. "
-        "Bodies under a torque, f in Python, every step stored, are problems of `rivals`, against "
-        "SciPy's DOP853 with projection after each step. Times are for an error at the end, by "
-        "interpolation between tolerances from 1e-3 to 1e-13, medians of "
-        f"{rounds} rounds of all solvers in turn.",
-        tuple(rows),
-        notes,
-    )
+    return Result(TITLE, method_text(rounds), tuple(rows), notes)
 
 
 def tumbling(folder: Path) -> Case:
@@ -75,11 +79,11 @@ def tumbling(folder: Path) -> Case:
 
 def _solve(case: Case) -> Callable[[float], Run]:
     def solve(tolerance: float) -> Run:
-        found = cg.solve_ivp(
+        solution = cg.solve_ivp(
             case.f, (0.0, case.end), case.y0, frame=case.frame, rtol=tolerance, atol=tolerance,
             t_eval=[case.end],
         )  # fmt: skip
-        return Run(found.y, found.nfev, found.nexp)
+        return Run(solution.y, solution.nfev, solution.nexp)
 
     return solve
 

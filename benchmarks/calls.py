@@ -1,4 +1,4 @@
-"""What calls cost beside f: a short integration, a sample of a control loop; and lines of code."""
+"""Overhead of calls: a short integration, and one sample of a control loop."""
 
 from __future__ import annotations
 
@@ -20,14 +20,22 @@ _SPAN = (0.0, 1e-6)
 _SAMPLE = 0.1
 _SAMPLES = 100
 _INERTIA = (1.0, 2.0, 2.5)
-_ROOT = Path(cg.__file__).parent.parent
-_FOLDERS = (Path("cg", "integration"), Path("fortran"))
+TITLE = "Overhead of calls"
 
 Array = NDArray[np.float64]
 
 
+def method_text(rounds: int) -> str:
+    """Return how the calls are measured."""
+    return (
+        "A rigid body on SO(3) × R³ with default arguments and `f` in Python. A control loop with "
+        f"{_SAMPLES} samples holds the torque during each sample; the time is that of a sample "
+        f"less its calls of `f`. Medians of {rounds} rounds."
+    )
+
+
 def run(quick: bool, figures: Path | None) -> Result:
-    """Measure a call and a sample, and count lines."""
+    """Measure a short integration and a sample."""
     rounds = 3 if quick else 31
     y0 = _FRAME.join(np.eye(3), np.array([1.0, 2.0, -0.5]))
     coefficients, numbers = np.linspace(0.1, 0.6, 6), np.ones(12)
@@ -61,41 +69,21 @@ def run(quick: bool, figures: Path | None) -> Result:
     both = zip(times.rounds["samples"], times.rounds["fields"], strict=True)
     rows = (
         times.row(
-            "`solve_ivp` from 0 to 1e-6, f returns a constant", "here", "µs",
-            "SciPy's `solve_ivp`, DOP853, twelve numbers", "SciPy",
+            "`solve_ivp` from 0 to 1e-6, constant `f`", "here", "µs",
+            "SciPy's `solve_ivp` with DOP853, 12 entries", "SciPy",
             aim=Aim(1.0, above=False), above=False,
         ),
         Row(
-            f"a sample of {_SAMPLE:g} s: `Stepper.restart(args=)`, `advance`, one step of `CF4`, "
-            f"beside its {evaluations / _SAMPLES:g} calls of f",
+            "a sample: `Stepper.restart(args=)`, `advance`, one step of `CF4`, without its "
+            f"{evaluations / _SAMPLES:g} calls of `f`",
             1e6 * median(a - b for a, b in both) / _SAMPLES,
             "µs",
-            "the calls of f alone, in Python",
+            "the calls of `f` alone, in Python",
             1e6 * times.median("fields") / _SAMPLES,
             aim=Aim(20.0, above=False, of="value"),
         ),
-        Row(
-            f"`{_FOLDERS[0].as_posix()}` and `{_FOLDERS[1].as_posix()}`",
-            count_lines(_ROOT),
-            "lines",
-            aim=Aim(12_200, above=False, of="value"),
-        ),
     )  # fmt: skip
-    return Result(
-        "Calls, samples and lines",
-        "SO(3) × R³, defaults where nothing is said, f in Python. The torque on a rigid body is "
-        f"held for a sample, and there are {_SAMPLES} of them. Lines are those of all files, "
-        f"comments and blank ones among them. Medians of {rounds} rounds.",
-        rows,
-    )
-
-
-def count_lines(root: Path) -> int:
-    """Return the number of lines of the integrator, in Python, Fortran and C."""
-    files = (file for folder in _FOLDERS for file in (root / folder).rglob("*") if file.is_file())
-    return sum(
-        file.read_bytes().count(b"\n") for file in files if file.parent.name != "__pycache__"
-    )
+    return Result(TITLE, method_text(rounds), rows)
 
 
 def _body(t: float, y: Array, torque: Array) -> list[float]:

@@ -191,8 +191,8 @@ def _with_reference(
     name: str, title: str, problem: Any, f: Field, end: float, budget: int = 4096
 ) -> Case:
     y0 = problem.y0
-    found = problem.reference([end], bits=160).y[0]
-    exact = found[: y0.view(np.float64).size].view(y0.dtype).reshape(y0.shape)
+    numbers = problem.reference([end], bits=160).y[0]
+    exact = numbers[: y0.view(np.float64).size].view(y0.dtype).reshape(y0.shape)
     return Case(name, title, problem.frame, f, y0, end, exact, budget)
 
 

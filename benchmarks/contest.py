@@ -72,9 +72,9 @@ def contestants(order: int, stages: int, most: float = np.inf) -> dict[str, Cont
         ).settings,
     }
     settings["lmdif"] = _with_default_budget(settings["lmdif"])
-    found = {name: Contestant(_searcher(setting)) for name, setting in settings.items()}
-    found["leastsq"] = Contestant(_scipy(order, stages, fast.width, most))
-    return found
+    contest = {name: Contestant(_searcher(setting)) for name, setting in settings.items()}
+    contest["leastsq"] = Contestant(_scipy(order, stages, fast.width, most))
+    return contest
 
 
 def _with_default_budget(settings: SearchSettings) -> SearchSettings:

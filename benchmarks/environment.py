@@ -15,7 +15,7 @@ _PACKAGES = ("numpy", "scipy", "lielab", "jax", "diffrax")
 
 def describe() -> dict[str, str]:
     """Return processor, system, compilers and versions of what is compared."""
-    found = {
+    environment = {
         "processor": _processor(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
@@ -24,10 +24,10 @@ def describe() -> dict[str, str]:
     }
     for package in _PACKAGES:
         try:
-            found[package] = importlib.metadata.version(package)
+            environment[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
-            found[package] = "absent"
-    return found
+            environment[package] = "absent"
+    return environment
 
 
 def _processor() -> str:

@@ -1,4 +1,4 @@
-"""Whether the error estimates of pairs tell the errors, and what an equal error costs with each."""
+"""Errors of pairs compared with the tolerance, and work at equal errors."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from .work_curves import QUANTITIES, Curve, Point, run_point
 __all__ = ["LARGEST", "MEDIAN", "run", "spins", "stored", "write_table"]
 
 BEGIN, END = "<!-- estimates -->\n", "<!-- end of estimates -->\n"
-"""What a table of all pairs is between, in docs/catalogue.md."""
+"""Marks before and after the table of all pairs in docs/catalogue.md."""
 
 MEDIAN, LARGEST = 5.0, 50.0
-"""What the error may be, in tolerances, with a pair that `cg.solve_ivp` takes by default."""
+"""Bounds on error / tolerance of a default of `cg.solve_ivp`: on the median and the maximum."""
 
 _TOLERANCES = tuple(10.0**-k for k in range(1, 11))
-_MAX_TOLERANCE = 1e-3  # above, runs serve to tell the work for large errors
+_MAX_TOLERANCE = 1e-3  # larger tolerances are used for work at large errors only
 _SPINS = 50
 _SEED = 1
 _SLOWEST = 5.0  # seconds, after which smaller tolerances are left out
@@ -41,24 +41,40 @@ _COSTS = {
     "in Python, with brackets": ("flows",),
     _NO_BRACKETS: ("evaluations", "flows"),
 }
-_ALIKE = 1.1  # of the least cost, up to which others are no worse
+_ALIKE = 1.1  # costs up to this multiple of the least count as equal
+
+TITLE = "Error estimates"
+DETAILS = "Errors at the end divided by the tolerance, and work at equal errors, of all pairs."
 
 Runs = dict[str, dict[float, Point]]
-"""By pair and tolerance."""
+"""Runs by pair and tolerance."""
 
 Curves = Sequence[Mapping[str, Curve]]
-"""By equation and pair."""
+"""Curves by equation and pair."""
+
+
+def method_text(smallest: float, count: int) -> str:
+    """Return how errors are compared with tolerances."""
+    return (
+        "The largest error of an entry at the end, divided by the tolerance (`rtol = atol` from "
+        f"{_MAX_TOLERANCE:g} to {smallest:g}), of all explicit pairs on the ten problems above and "
+        f"on {count} spins: rotations with f = u + 0.3 times the first row of the rotation, |u| "
+        f"from 5 to 30, t from 0 to 3. After a run longer than {_SLOWEST:g} s smaller tolerances "
+        "are left out. [The catalogue](catalogue.md) has the table of all pairs. A default of "
+        f"`cg.solve_ivp` must have a median of at most {MEDIAN:g} and a maximum of at most "
+        f"{LARGEST:g}."
+    )
 
 
 def spins(count: int) -> list[Case]:
     """Return rotations that are dominated by a spin: 5 to 30 rad/s about any axis."""
     generator = np.random.default_rng(_SEED)
-    found = []
+    rotations = []
     for k in range(count):
         axis = generator.standard_normal(3)
         velocity = generator.uniform(5.0, 30.0) * axis / np.linalg.norm(axis)
-        found.append(_spin(f"spin_{k}", velocity.tolist()))
-    return found
+        rotations.append(_spin(f"spin_{k}", velocity.tolist()))
+    return rotations
 
 
 def _spin(name: str, velocity: list[float]) -> Case:
@@ -74,44 +90,37 @@ def _spin(name: str, velocity: list[float]) -> Case:
 
 
 def run(quick: bool, figures: Path | None) -> Result:
-    """Run all pairs with all tolerances on the spins and on the problems of the rivals."""
+    """Run all pairs with all tolerances on the spins and on the ten problems."""
     tolerances = _TOLERANCES[:6] if quick else _TOLERANCES
     rounds = 1 if quick else 3
     turning = [_runs(case, tolerances, 1) for case in spins(3 if quick else _SPINS)]
     problems = [_runs(case, tolerances, rounds) for case in cases(["heavy_top"] if quick else None)]
     names = list(problems[0])
+    runs = turning + problems
+    tables = (
+        _by_tolerance(names, turning, problems), _work(problems, rounds), _work(turning, 0)
+    )  # fmt: skip
+    rows = tuple(row for name in names for row in _rows(name, runs))
     return Result(
-        "Error estimates",
-        f"The error at the end in tolerances, `rtol = atol`, from {_MAX_TOLERANCE:g} to "
-        f"{tolerances[-1]:g}, of all explicit pairs, on the ten problems of `rivals` and on "
-        f"{len(turning)} spins: SO(3), f = u + 0.3 times the first row of the rotation, |u| from 5 "
-        "to 30, t from 0 to 3. The largest error of an entry counts. A pair that `cg.solve_ivp` "
-        f"takes by default has a median of at most {MEDIAN:g} and nothing above {LARGEST:g}. "
-        f"Smaller tolerances are left out after a run of {_SLOWEST:g} s.",
-        tuple(row for name in names for row in _rows(name, turning + problems)),
-        (
-            _defaults(turning + problems, problems),
-            _by_tolerance(names, turning, problems),
-            _work(problems, rounds),
-            _work(turning, 0),
-        ),
-    )
+        TITLE, method_text(tolerances[-1], len(turning)), (), (_defaults(runs, problems),),
+        details=Result(TITLE, DETAILS, rows, tables),
+    )  # fmt: skip
 
 
 def _runs(case: Case, tolerances: tuple[float, ...], rounds: int) -> Runs:
     left = {pair.name: pair for pair in pairs(case, tolerances)}
-    found: Runs = {name: {} for name in left}
+    runs: Runs = {name: {} for name in left}
     for tolerance in tolerances:
         solve = {name: pair.solve for name, pair in left.items()}
         for name, point in run_point(case, solve, tolerance, rounds).items():
-            found[name][tolerance] = point
+            runs[name][tolerance] = point
             if point.seconds > _SLOWEST:
                 del left[name]
-    return found
+    return runs
 
 
 def _quotients(name: str, runs: list[Runs]) -> list[float]:
-    """Return errors in tolerances."""
+    """Return errors divided by tolerances."""
     return [
         p.error / tolerance
         for found in runs
@@ -121,8 +130,8 @@ def _quotients(name: str, runs: list[Runs]) -> list[float]:
 
 
 def _rows(name: str, runs: list[Runs]) -> list[Row]:
-    found = _quotients(name, runs)
-    middle, most, largest = np.quantile(found, [0.5, 0.9, 1.0]).tolist()
+    quotients = _quotients(name, runs)
+    middle, most, largest = np.quantile(quotients, [0.5, 0.9, 1.0]).tolist()
     return [
         Row(f"`{name}`, median", middle, "tolerances", aim=Aim(MEDIAN, False, "value")),
         Row(f"`{name}`, 90 % below", most, "tolerances"),
@@ -131,16 +140,17 @@ def _rows(name: str, runs: list[Runs]) -> list[Row]:
 
 
 def stored(result: Result) -> dict[str, dict[str, float]]:
-    """Return what a result says of each pair: median, 90 % below, largest."""
-    found: dict[str, dict[str, float]] = {}
-    for row in result.rows:
+    """Return the stored numbers of each pair: median, 90 % below, largest."""
+    assert result.details is not None
+    numbers: dict[str, dict[str, float]] = {}
+    for row in result.details.rows:
         name, what = row.quantity.removeprefix("`").split("`, ")
-        found.setdefault(name, {})[what] = row.value
-    return found
+        numbers.setdefault(name, {})[what] = row.value
+    return numbers
 
 
 def write_table(result: Result, page: Path) -> None:
-    """Write what a result says of each pair between two marks of a page."""
+    """Write the table of all pairs between the marks of a page."""
     before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     after = rest.partition(END)[2]
     lines = ["| pair | median | 90 % below | largest | honest |", "|---|---|---|---|---|"]
@@ -156,7 +166,7 @@ def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -
     shown = [k for k in turning[0][names[0]] if k <= _MAX_TOLERANCE]
     heads = [f"{kind}, {tolerance:g}" for kind in ("spins", "problems") for tolerance in shown[::2]]
     lines = [
-        "**Error in tolerances**, median and largest, by tolerance:",
+        "**Error divided by tolerance**, median and largest, by tolerance:",
         "",
         f"| | {' | '.join(heads)} |",
         "|---" * (len(heads) + 1) + "|",
@@ -172,14 +182,14 @@ def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -
 
 
 def _defaults(runs: list[Runs], problems: list[Runs]) -> str:
-    """Say which pairs the rule of `cg.integration.default_method` takes."""
+    """Return which pairs the rule of `cg.integration.default_method` chooses."""
     names = [name for name in problems[0] if _may_be_default(name, runs)]
     curves = _curves(problems)
     lines = [
-        "**By the rule for defaults** (`cg/integration/default_method.py`), of "
+        "The [rule for the default](howto/choose.md#the-rule-for-the-default) chooses among "
         f"{', '.join(f'`{name}`' for name in names)}:",
         "",
-        f"| frames | least | {' | '.join(f'for errors of {error:g}' for error in _DECISIVE)} |",
+        f"| frames | cost | {' | '.join(f'for errors of {error:g}' for error in _DECISIVE)} |",
         "|---|---|---|---|",
     ]
     for frames, kinds in _COSTS.items():
@@ -190,19 +200,19 @@ def _defaults(runs: list[Runs], problems: list[Runs]) -> str:
 
 
 def _may_be_default(name: str, runs: list[Runs]) -> bool:
-    """Tell whether a pair is honest, and calls f within the span."""
-    found = _quotients(name, runs)
+    """Return whether the errors are near the tolerance, and all stages within the step."""
+    quotients = _quotients(name, runs)
     within = all(0.0 <= c <= 1.0 for c in resolve_method(name).c.tolist())
-    return within and median(found) <= MEDIAN and max(found) <= LARGEST
+    return within and median(quotients) <= MEDIAN and max(quotients) <= LARGEST
 
 
 def _cheapest(names: list[str], curves: Curves, error: float, kinds: tuple[str, ...]) -> str:
-    """Return the pair with the least counts of those that cost least, empty where none is."""
+    """Return the pair with the smallest counts among those of about least cost, or ""."""
     costs = {name: sum(_ratio(name, curves, error, kind) for kind in kinds) for name in names}
     least = min((cost for cost in costs.values() if not math.isnan(cost)), default=math.nan)
     alike = [name for name, cost in costs.items() if cost <= _ALIKE * least]
-    found = min(alike, key=lambda name: _counts(name, curves, error), default="")
-    return f"`{found}`" if found else ""
+    cheapest = min(alike, key=lambda name: _counts(name, curves, error), default="")
+    return f"`{cheapest}`" if cheapest else ""
 
 
 def _counts(name: str, curves: Curves, error: float) -> float:
@@ -217,27 +227,27 @@ def _curves(runs: list[Runs]) -> Curves:
 
 
 def _work(runs: list[Runs], rounds: int) -> str:
-    """Return a table of work at equal errors, over that of one pair."""
+    """Return a table of work at equal errors, divided by that of one pair."""
     kinds = [kind for kind in QUANTITIES if rounds or kind != "time"]
     heads = [f"{kind}, {error:g}" for error in _ERRORS for kind in kinds]
     how = f"; times are medians of {rounds} rounds of all in turn" if rounds else ""
     lines = [
-        f"**Work at equal errors** over that of `{_AGAINST}`, on the "
-        f"{'problems' if rounds else 'spins'}, medians over these{how}:",
+        f"**Work at equal errors** divided by that of `{_AGAINST}`, on the "
+        f"{'problems' if rounds else 'spins'}, medians{how}:",
         "",
         f"| | {' | '.join(heads)} |",
         "|---" * (len(heads) + 1) + "|",
     ]
     curves = _curves(runs)
     for name in curves[0]:
-        found = [_ratio(name, curves, error, kind) for error in _ERRORS for kind in kinds]
-        cells = ["" if math.isnan(ratio) else f"{ratio:.2f}" for ratio in found]
+        ratios = [_ratio(name, curves, error, kind) for error in _ERRORS for kind in kinds]
+        cells = ["" if math.isnan(ratio) else f"{ratio:.2f}" for ratio in ratios]
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
 def _ratio(name: str, curves: Curves, error: float, kind: str) -> float:
-    """Return the median of the work over that of the other pair, NaN where neither reached."""
-    found = [c[name].at(error, kind) / c[_AGAINST].at(error, kind) for c in curves]
-    found = [ratio for ratio in found if not math.isnan(ratio)]
-    return median(found) if found else math.nan
+    """Return the median quotient of the work and that of the reference pair, or NaN."""
+    ratios = [c[name].at(error, kind) / c[_AGAINST].at(error, kind) for c in curves]
+    ratios = [ratio for ratio in ratios if not math.isnan(ratio)]
+    return median(ratios) if ratios else math.nan

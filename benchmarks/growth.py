@@ -1,4 +1,4 @@
-"""How time and memory of a search grow with order and number of points, against theory."""
+"""Growth of time and memory of a search with the order and the number of points."""
 
 from __future__ import annotations
 
@@ -13,10 +13,22 @@ from scipy.optimize import nnls
 
 from .record import Aim, Result, Row
 
+TITLE = "Growth of a search with order and points"
+METHOD = (
+    "One step of the solver for commutator-free methods with a chain of points and a third as many "
+    "stages, each in its own process. The predicted time is a sum of four terms whose constants "
+    "are fitted to all measured times: a constant; trees × unknowns, for the weights; conditions × "
+    "trees × unknowns, for the derivatives; and m² n + m³/3, for the normal equations of m "
+    "conditions in n unknowns."
+)
+DETAILS = (
+    "Times of one step. The memory is the growth of the process; the number in parentheses is the "
+    "size of two Jacobians and of the matrix of the normal equations."
+)
 ORDERS = (3, 4, 5, 6, 7, 8, 9)
 POINTS = (6, 12, 24, 40, 60)
 
-_ONE = """
+_MEASURE = """
 import json, resource, sys, time
 import numpy as np
 from cg.conditions import count
@@ -55,58 +67,45 @@ print(json.dumps({
 
 
 def run(quick: bool, figures: Path | None) -> Result:
-    """Measure one step of the solver for each order and number of points, in a process each."""
+    """Measure one step of the solver for each order and number of points."""
     orders, points = (ORDERS[:3], POINTS[:2]) if quick else (ORDERS, POINTS)
     budget = 0.2 if quick else 1.5
     cells = [
         (order, number, _measured(order, number, budget)) for order in orders for number in points
     ]
-    predicted = _predicted([found for _, _, found in cells])
+    predicted = _predicted([measured for _, _, measured in cells])
     rows = []
-    for (order, number, found), seconds in zip(cells, predicted, strict=True):
-        theory = 8e-6 * found["conditions"] * (2 * found["unknowns"] + found["conditions"])
+    for (order, number, measured), seconds in zip(cells, predicted, strict=True):
+        theory = 8e-6 * measured["conditions"] * (2 * measured["unknowns"] + measured["conditions"])
         rows.append(
             Row(
-                f"order {order}, {number} points: {found['conditions']} conditions, "
-                f"{found['unknowns']} unknowns, {found['megabytes']:.0f} MB "
-                f"(matrices alone {theory:.0f})",
-                1e3 * found["seconds"],
-                "ms a step",
+                f"order {order}, {number} points: {measured['conditions']} conditions, "
+                f"{measured['unknowns']} unknowns, {measured['megabytes']:.0f} MB "
+                f"({theory:.0f})",
+                1e3 * measured["seconds"],
+                "ms per step",
                 "predicted",
                 1e3 * seconds,
-                found["seconds"] / seconds,
+                measured["seconds"] / seconds,
             )
         )
     ratios = [row.ratio for row in rows if row.ratio is not None]
     inside = sum(0.5 <= ratio <= 2.0 for ratio in ratios) / len(ratios)
-    rows.append(
-        Row("steps predicted to a factor of two", 100 * inside, "%", aim=Aim(90, True, "value"))
+    summary = Row(
+        "steps predicted to a factor of two", 100 * inside, "%", aim=Aim(90, True, "value")
     )
-    return Result(
-        title="What a search will take: growth with order and points",
-        method=(
-            "A step of the solver for commutator-free methods with a chain of so many points and "
-            "a third as many stages, each in a process of its own. Predicted is a sum of four "
-            "terms, whose constants are fitted to all of these times: one for every step, one for "
-            "each tree and unknown (weights), one for each condition, tree and unknown (a pass "
-            "back over the trees for each condition), and one for m² n + m³/3 (the normal "
-            "equations of m conditions in n unknowns). Megabytes are those that the process "
-            "grew by; two Jacobians and the matrix of the normal equations take what stands "
-            "beside it."
-        ),
-        rows=tuple(rows),
-    )
+    return Result(TITLE, METHOD, (summary,), details=Result(TITLE, DETAILS, tuple(rows)))
 
 
 def _measured(order: int, points: int, budget: float) -> dict[str, float]:
-    command = [sys.executable, "-c", _ONE, str(order), str(points), str(budget)]
-    told = subprocess.run(command, capture_output=True, text=True, check=True)
-    found: dict[str, float] = json.loads(told.stdout)
-    return found
+    command = [sys.executable, "-c", _MEASURE, str(order), str(points), str(budget)]
+    process = subprocess.run(command, capture_output=True, text=True, check=True)
+    measured: dict[str, float] = json.loads(process.stdout)
+    return measured
 
 
-def _predicted(found: list[dict[str, float]]) -> list[float]:
-    """Return what theory says of each time, its constants fitted to the relative errors."""
+def _predicted(measured: list[dict[str, float]]) -> list[float]:
+    """Return the predicted times, with constants that minimise the relative errors."""
     terms = np.array(
         [
             [
@@ -115,9 +114,9 @@ def _predicted(found: list[dict[str, float]]) -> list[float]:
                 one["conditions"] * one["trees"] * one["unknowns"],
                 one["conditions"] ** 2 * one["unknowns"] + one["conditions"] ** 3 / 3,
             ]
-            for one in found
+            for one in measured
         ]
     )
-    seconds = np.array([one["seconds"] for one in found])
-    constants, _ = nnls(terms / seconds[:, None], np.ones(len(found)))
+    seconds = np.array([one["seconds"] for one in measured])
+    constants, _ = nnls(terms / seconds[:, None], np.ones(len(measured)))
     return [math.fsum(map(float, row)) for row in terms * constants]

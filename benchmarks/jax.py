@@ -1,4 +1,4 @@
-"""Steps, gradients and batches in JAX, against diffrax's own solvers."""
+"""Steps, gradients and batches in JAX, compared with diffrax's own solvers."""
 
 from __future__ import annotations
 
@@ -34,6 +34,15 @@ _MEMBERS = 1000
 _SIZES = (1_000, 100_000)
 _ERROR = 1e-6  # of a gradient, and of members
 
+TITLE = "In JAX"
+METHOD = (
+    "The tumbling body of *Rigid bodies at equal errors*, as a quaternion and an angular velocity, "
+    "in float64 on the CPU, jitted, storing the end only. Competitors are diffrax's Dopri8 and "
+    "Tsit5 on the seven numbers, with or without normalising the quaternion after each step. Times "
+    f"are for a given error at the end, medians of rounds in turn. The {_MEMBERS} members differ "
+    "in inertia."
+)
+
 Solve = Callable[..., Any]
 
 
@@ -42,26 +51,18 @@ def run(quick: bool, figures: Path | None) -> Result:
     rows: tuple[Row, ...] = ()
     notes: tuple[str, ...] = ()
     if importlib.util.find_spec("diffrax") is None:
-        notes = ("- diffrax was not installed, and nothing was measured.",)
+        notes = ("- diffrax was not installed, so nothing was measured.",)
     else:
         rounds = 3 if quick else 11
         with tempfile.TemporaryDirectory() as folder:
             case = tumbling(Path(folder))
             rows = (*_equal_errors(case, rounds), *_gradients(case, rounds))
         rows = (*rows, *_batches(rounds), *_ensembles(rounds, quick), *_compiling(3))
-    return Result(
-        "In JAX",
-        "The tumbling body of *Rigid bodies*, as a quaternion and an angular velocity, in float64 "
-        "on the CPU, jitted, the end stored. Rivals are diffrax's Dopri8 and Tsit5 on the seven "
-        "numbers, as they are or with the quaternion normalised after each step. Times are for an "
-        f"error at the end, medians of rounds in turn; {_MEMBERS} members have different inertias.",
-        rows,
-        notes,
-    )
+    return Result(TITLE, METHOD, rows, notes)
 
 
 def _solvers(normalised: bool = False) -> dict[str, tuple[Solve, bool]]:
-    """Return functions of tolerance, start, inertia and end; and whether they are of `cg.jax`."""
+    """Return functions of tolerance, start, inertia and end, each with whether it uses `cg.jax`."""
     import diffrax
     import jax
     import jax.numpy as jnp
@@ -113,16 +114,16 @@ def _solvers(normalised: bool = False) -> dict[str, tuple[Solve, bool]]:
 
         return solve
 
-    found = {}
+    solvers = {}
     for name in () if normalised else _METHODS:
         solver = cg.jax.Solver(name, dense="steps")
-        found[name] = solving(cg.jax.FrameTerm(coefficients, frame), solver, True), True
+        solvers[name] = solving(cg.jax.FrameTerm(coefficients, frame), solver, True), True
     for name in _RIVALS:
         solver = getattr(diffrax, name)()
         label = f"{name}, normalised" if normalised else name
         solver = Normalised(solver) if normalised else solver
-        found[label] = solving(diffrax.ODETerm(derivative), solver, False), False
-    return found
+        solvers[label] = solving(diffrax.ODETerm(derivative), solver, False), False
+    return solvers
 
 
 def _start() -> np.ndarray[Any, Any]:
@@ -168,21 +169,21 @@ def _equal_errors(case: Case, rounds: int) -> list[Row]:
 def _at_error(
     functions: dict[str, Callable[[float], Any]], exact: Any, error: float
 ) -> dict[str, float]:
-    """Return the tolerances at which functions have an error, by powers of ten's roots."""
-    found = {}
+    """Return for each function the largest tolerance, of 10^(-k/2), at which the error is small."""
+    tolerances = {}
     for name, function in functions.items():
         for k in np.arange(4.0, 13.0, 0.5):
             tolerance = 10.0**-k
             if np.abs(np.asarray(function(tolerance)) - exact).max() <= error:
-                found[name] = tolerance
+                tolerances[name] = tolerance
                 break
-    return found
+    return tolerances
 
 
 def _compare(
     title: str, functions: dict[str, Callable[[float], Any]], exact: Any, rounds: int, pieces: int
 ) -> list[Row]:
-    """Return the row of the best of ours against Dopri8, each at its loosest good tolerance."""
+    """Compare the fastest method here with Dopri8, each at its largest tolerance for the error."""
     tolerances = _at_error(functions, exact, _ERROR)
     calls = {
         name: lambda f=functions[name], t=tolerance: np.asarray(f(t))
@@ -222,7 +223,7 @@ def _gradients(case: Case, rounds: int) -> list[Row]:
         name: gradient(solve) for name, (solve, _) in _solvers().items() if name != "Tsit5"
     }
     exact = functions["RKMK8(5,3)"](1e-13)
-    title = f"gradient of an attitude after 10 s, error {_ERROR:g}"
+    title = f"gradient of an attitude at t = 10, error {_ERROR:g}"
     return _compare(title, functions, exact, rounds, 1)
 
 
@@ -241,7 +242,7 @@ def _batches(rounds: int) -> list[Row]:
 
     functions = {name: batch(solve) for name, (solve, _) in _solvers().items() if name != "Tsit5"}
     exact = np.asarray(functions["RKMK8(5,3)"](1e-12))
-    title = f"{_MEMBERS} members, a member of 10 s, error {_ERROR:g}"
+    title = f"one of {_MEMBERS} members, to t = 10, error {_ERROR:g}"
     return _compare(title, functions, exact, rounds, _MEMBERS)
 
 

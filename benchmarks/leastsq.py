@@ -40,15 +40,15 @@ class PaddedResidual:
         """Return the residuals, shape ``(rows,)``."""
         if time.process_time() > self.stop_at:
             raise OutOfTime
-        found: NDArray[np.float64] = _core_r64.residuals(*self.shape, x, self.trees)
-        return found
+        residuals: NDArray[np.float64] = _core_r64.residuals(*self.shape, x, self.trees)
+        return residuals
 
     def jacobian(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivatives, shape ``(rows, unknowns)``."""
-        found = np.zeros((len(self.trees), x.size))
+        derivatives = np.zeros((len(self.trees), x.size))
         nonzero = np.flatnonzero(self.trees)
-        found[nonzero] = _core_r64.jacobian(*self.shape, x, self.trees_alone)
-        return found
+        derivatives[nonzero] = _core_r64.jacobian(*self.shape, x, self.trees_alone)
+        return derivatives
 
 
 def solve(

@@ -20,7 +20,7 @@ METHODS = {"RKV87r": 8, "RKV98r": 9, "RKDP54_7M": 5}
 
 
 def expresses(case: Case) -> bool:
-    """Tell whether Lielab is installed and has the frame, and f is a function in Python.
+    """Return whether Lielab is installed and has the frame, and f is a function in Python.
 
     It has rotation matrices and numbers, but no quaternions, conjugation or lattices of groups.
     """
@@ -74,9 +74,9 @@ class LielabRival:
             rotation = matrix.get_matrix()
             flat[:9] = rotation.ravel()
             flat[9:] = numbers.serialize()
-            found = f(t, flat)
-            turn.set_vector(rotation @ found[:3])
-            rate.set_vector(found[3:])
+            rates = f(t, flat)
+            turn.set_vector(rotation @ rates[:3])
+            rate.set_vector(rates[3:])
             return CompositeAlgebra([turn, rate])
 
         self._system = HomogeneousIVPSystem(right_side)
@@ -91,7 +91,7 @@ class LielabRival:
         """
         self.evaluations = 0
         self._options.reltol = self._options.abstol = tolerance
-        found = self._solve(self._system, self._span, self._start, self._options)
-        if not abs(found.t[-1] - self._span[1]) < 1e-12:
-            raise RuntimeError(f"Lielab ended at t = {found.t[-1]}")
-        return np.asarray(found.ybar)
+        solution = self._solve(self._system, self._span, self._start, self._options)
+        if not abs(solution.t[-1] - self._span[1]) < 1e-12:
+            raise RuntimeError(f"Lielab ended at t = {solution.t[-1]}")
+        return np.asarray(solution.ybar)

@@ -14,7 +14,7 @@ __all__ = ["LielabTop", "available"]
 
 
 def available() -> bool:
-    """Tell whether Lielab can be imported."""
+    """Return whether Lielab can be imported."""
     return importlib.util.find_spec("lielab") is not None
 
 

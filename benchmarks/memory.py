@@ -1,4 +1,4 @@
-"""The memory of searches and ensembles from a thousand pieces to a million."""
+"""The memory of searches and ensembles with a thousand to a million pieces."""
 
 from __future__ import annotations
 
@@ -79,14 +79,17 @@ print(json.dumps(peak.most - peak.before))
 
 
 def memory_rows(quick: bool) -> list[Row]:
-    """Measure each size in a process of its own, on systems that have /proc."""
+    """Measure each size in its own process; returns nothing on systems without /proc."""
     if sys.platform != "linux":
         return []
     rows = []
-    for what, script in (("starts with a store", _SEARCH), ("trajectories into a file", _ENSEMBLE)):
+    for what, script in (
+        ("starts with a store", _SEARCH),
+        ("members of an ensemble into a file", _ENSEMBLE),
+    ):
         for size in SIZES[:2] if quick else SIZES:
             command = [sys.executable, "-c", _MEASURE + script, str(size)]
-            told = subprocess.run(command, capture_output=True, text=True, check=True)
-            megabytes = float(json.loads(told.stdout))
+            process = subprocess.run(command, capture_output=True, text=True, check=True)
+            megabytes = float(json.loads(process.stdout))
             rows.append(Row(f"memory of {size} {what}", megabytes, "MB"))
     return rows

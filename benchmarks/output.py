@@ -1,4 +1,4 @@
-"""The error between steps against that at the steps, of all pairs."""
+"""The error between steps compared with the error at the steps, for all pairs."""
 
 from __future__ import annotations
 
@@ -73,9 +73,19 @@ _PROBLEMS = {
 }
 
 
+TITLE = "Output between steps"
+METHOD = (
+    f"The error of dense output at {len(_FRACTIONS) - 2} times within each step divided by the "
+    "larger error at the ends of the step; the largest such ratio over all steps, tolerances from "
+    f"{_TOLERANCES[0]:g} to {_TOLERANCES[-1]:g}, and the problems {'; '.join(_PROBLEMS)}. Runs "
+    f"with more than {_MAX_STEPS} steps are left out. Errors below {_ROUNDING:g} count as "
+    f"{_ROUNDING:g}."
+)
+
+
 def run(quick: bool, figures: Path | None) -> Result:
-    """Measure errors at eight places within every step, and at its ends."""
-    found: list[OutputError] = []
+    """Measure errors within every step, and at its ends."""
+    errors: list[OutputError] = []
     for problem, make in _PROBLEMS.items():
         frame, f, y0, end, exact = make()
         for name in _PAIRS:
@@ -85,34 +95,30 @@ def run(quick: bool, figures: Path | None) -> Result:
                     max_steps=_MAX_STEPS, dense_output=True,
                 )  # fmt: skip
                 if solution.success:
-                    found.append(_errors(problem, name, tolerance, solution, frame, exact))
+                    errors.append(_errors(problem, name, tolerance, solution, frame, exact))
     rows = []
     for name in _PAIRS:
-        own = [x for x in found if x.method == name]
+        own = [x for x in errors if x.method == name]
         worst = max(own, key=lambda x: x.ratio)
         rows.append(
             Row(
-                f"`{name}`: largest quotient of the error within a step and the larger at its "
-                f"ends; on {worst.problem} at tolerance {worst.tolerance:g}",
+                f"`{name}`; largest on {worst.problem}, tolerance {worst.tolerance:g}",
                 worst.ratio,
                 "",
                 aim=Aim(3.0, above=False, of="value"),
             )
         )
     if figures is not None:
-        draw(found, figures)
+        draw(errors, figures)
     return Result(
-        "Output between steps",
-        f"Continuous solutions at {len(_FRACTIONS) - 2} places within every step, against the "
-        f"errors at the steps next to them, for tolerances from {_TOLERANCES[0]:g} to "
-        f"{_TOLERANCES[-1]:g}, on {', '.join(_PROBLEMS)}; left out where more than {_MAX_STEPS} "
-        f"steps would be needed. Errors below {_ROUNDING:g} count as that.",
+        TITLE,
+        METHOD,
         tuple(rows),
         figures=(
             Figure(
                 "output_errors",
-                "Largest error within steps against the largest at steps, for all pairs, "
-                "tolerances and problems; the dashed line is three times as much.",
+                "Largest error within steps against largest error at steps, for all pairs, "
+                "tolerances and problems; on the dashed line the former is three times the latter.",
             ),
         ),
     )

@@ -51,10 +51,10 @@ class OutputError:
     ratio: float
 
 
-def draw(found: list[OutputError], folder: Path) -> None:
+def draw(errors: list[OutputError], folder: Path) -> None:
     """Draw ``folder/output_errors.png`` and ``.svg``."""
-    problems = list(dict.fromkeys(x.problem for x in found))
-    methods = list(dict.fromkeys(x.method for x in found))
+    problems = list(dict.fromkeys(x.problem for x in errors))
+    methods = list(dict.fromkeys(x.method for x in errors))
     with mpl.rc_context(RC):
         figure = Figure(figsize=(11.0, 4.4), layout="constrained")
         FigureCanvasAgg(figure)
@@ -66,7 +66,7 @@ def draw(found: list[OutputError], folder: Path) -> None:
                        label="three times as large")  # fmt: skip
             for k, method in enumerate(methods):
                 colour, marker = _STYLES[k % len(_STYLES)]
-                own = [x for x in found if (x.problem, x.method) == (problem, method)]
+                own = [x for x in errors if (x.problem, x.method) == (problem, method)]
                 style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 5}
                 if k >= len(_STYLES):
                     style["markerfacecolor"] = "white"

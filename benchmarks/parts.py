@@ -1,4 +1,4 @@
-"""Compiled steps against what they are made of."""
+"""The time of compiled steps compared with the sum of the times of their parts."""
 
 from __future__ import annotations
 
@@ -35,29 +35,31 @@ _H = 0.01
 _STEPS = 20_000
 _COUNT = 256  # points at a time, which stay in the cache
 
+TITLE = "Compiled steps and their parts"
+
+
+def method_text(rounds: int) -> str:
+    """Return how steps and parts are measured."""
+    return (
+        f"{_STEPS} steps of h = {_H:g} with a trivial function in C, storing the last point, "
+        "compared with the sum of the flows of a step, the removal of rounding errors from its "
+        f"result, its evaluations and its dexp⁻¹, each measured separately on {_COUNT} points; "
+        f"linear combinations of coefficients count as parts of flows. Medians of {rounds} rounds "
+        "in turns."
+    )
+
 
 def run(quick: bool, figures: Path | None) -> Result:
     """Measure steps and their parts in the same run."""
     rounds = 2 if quick else 11
     rows: list[Row] = []
-    note = (
-        "- The sum is of the flows of a step, taken path by path, of the removal of rounding from "
-        "its result, of its evaluations, and of its dexp⁻¹, each measured alone on "
-        f"{_COUNT} points in turn; linear combinations of coefficients are parts of flows."
-    )
     with tempfile.TemporaryDirectory() as folder:
         frames = dict(list(_FRAMES.items())[:2]) if quick else _FRAMES
         for label, frame in frames.items():
             for name in _METHODS:
                 f = field("linear", Path(folder), [frame.dim])
                 rows.append(_row(label, frame, name, f, rounds))
-    return Result(
-        "Compiled steps and their parts",
-        f"Steps of h = {_H:g} with a function in C that costs next to nothing, {_STEPS} of them, "
-        f"the last one stored. Medians of {rounds} rounds in turns.",
-        tuple(rows),
-        (note,),
-    )
+    return Result(TITLE, method_text(rounds), tuple(rows))
 
 
 def _row(label: str, frame: Frame, name: str, f: Any, rounds: int) -> Row:
@@ -94,7 +96,7 @@ def _row(label: str, frame: Frame, name: str, f: Any, rounds: int) -> Row:
         f"a step of `{name}` on {label}",
         1e6 * median(whole),
         "µs",
-        "the sum of its parts",
+        "sum of the parts",
         1e6 * median(sums),
         median(a / b for a, b in zip(whole, sums, strict=True)),
         aim=Aim(1.2, above=False),
@@ -104,7 +106,7 @@ def _row(label: str, frame: Frame, name: str, f: Any, rounds: int) -> Row:
 def _parts(
     frame: Frame, f: Any, y0: NDArray[Any], order: int, rng: np.random.Generator
 ) -> tuple[Callable[[int, bool], Callable[[], object]], Callable[[], object], Callable[[], object]]:
-    """Return flows of some paths, evaluations, and dexp⁻¹, each of as many points."""
+    """Return functions that compute flows, evaluations and dexp⁻¹ of `_COUNT` points."""
     import cg._external as core
 
     blocks, constants = describe_blocks(frame), block_constants(frame)
@@ -125,9 +127,9 @@ def _parts(
 
         return call
 
-    found = compiled_rhs(f)
-    assert found is not None
-    addresses = found.on(frame, None).addresses()
+    rhs = compiled_rhs(f)
+    assert rhs is not None
+    addresses = rhs.on(frame, None).addresses()
     rows, coefficients = flat.reshape(_COUNT, -1), np.empty((_COUNT, frame.dim))
     return (
         flows,

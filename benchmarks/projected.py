@@ -72,23 +72,23 @@ def integrate(
 
 def _tangent(frame: Frame) -> Tangent:
     """Return what makes derivatives of coefficients, by hand: frames check their arguments."""
-    found: Tangent = frame.field
+    tangent: Tangent = frame.field
     match frame:
         case Product():
-            found = _tangent_of_product(frame)
+            tangent = _tangent_of_product(frame)
         case SO3(convention="body"):
-            found = _turned
+            tangent = _turned
         case Sphere(n=2):
-            found = _moved
+            tangent = _moved
         case UnitQuaternion(convention="body", scalar_first=False):
-            found = _half_product
+            tangent = _half_product
         case Euclidean():
-            found = _same
+            tangent = _same
         case MatrixGroup(convention="space"):
-            found = _tangent_of_group(frame, ())
+            tangent = _tangent_of_group(frame, ())
         case Power(factor=MatrixGroup(convention="space") as group, n=n):
-            found = _tangent_of_group(group, (n,))
-    return found
+            tangent = _tangent_of_group(group, (n,))
+    return tangent
 
 
 def _tangent_of_group(group: MatrixGroup, lead: tuple[int, ...]) -> Tangent:
@@ -111,10 +111,10 @@ def _tangent_of_product(frame: Product) -> Tangent:
         begin, first = begin + factor.dim, first + size
 
     def tangent(v: NDArray[np.float64], y: Points) -> Points:
-        found = np.empty_like(y)
+        derivative = np.empty_like(y)
         for one, coefficients, entries, shape in parts:
-            found[entries] = one(v[coefficients], y[entries].reshape(shape)).ravel()
-        return found
+            derivative[entries] = one(v[coefficients], y[entries].reshape(shape)).ravel()
+        return derivative
 
     return tangent
 

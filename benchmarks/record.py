@@ -1,4 +1,4 @@
-"""What a benchmark says: rows of a table, notes and figures."""
+"""The result of a benchmark: rows of a table, notes and figures."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ __all__ = ["Aim", "Figure", "Result", "Row"]
 
 @dataclass(frozen=True)
 class Aim:
-    """A bound that was set before measuring.
+    """A bound on a number, set before it was measured.
 
     Attributes
     ----------
     bound : float
     above : bool
-        Whether the number should be at least `bound`, instead of at most.
+        Whether `bound` is a lower bound; otherwise it is an upper bound.
     of : {"value", "ratio"}
-        What it bounds.
+        The bounded field of the row.
     """
 
     bound: float
@@ -30,25 +30,25 @@ class Aim:
 
 @dataclass(frozen=True)
 class Row:
-    """One measured quantity, beside the same quantity of something else.
+    """One measured quantity, and the same quantity of a competitor.
 
     Attributes
     ----------
     quantity : str
-        What was measured.
+        Description of the quantity.
     value : float
-        The project's number; NaN if there is none.
+        The result of this package; NaN if there is none.
     unit : str
-        Of `value` and `other`.
+        Unit of `value` and `other`.
     against : str
-        What it is compared with; empty if with nothing.
+        Name of the competitor; empty if there is none.
     other : float or None
-        Its number; None if there is none.
+        The result of the competitor; None if there is none.
     ratio : float or None
-        Median over repetitions of the quotient, arranged so that more is better, unless
-        the aim says at most.
+        Median of the quotient over repetitions. Larger is better, unless the aim is an upper
+        bound.
     ratio_is_bound : bool
-        Whether the other found nothing, so that the ratio is a lower bound.
+        Whether the competitor found nothing, so that the ratio is a lower bound.
     aim : Aim or None
     """
 
@@ -63,7 +63,7 @@ class Row:
 
     @property
     def met(self) -> bool | None:
-        """Whether the aim was reached; None if there is none."""
+        """Whether the aim is met; None if there is none."""
         if self.aim is None:
             return None
         number = self.value if self.aim.of == "value" else self.ratio
@@ -74,12 +74,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure that a benchmark drew.
+    """A figure drawn by a benchmark.
 
     Attributes
     ----------
     name : str
-        Of the files, without suffix.
+        Name of the files, without suffix.
     caption : str
     """
 
@@ -89,17 +89,19 @@ class Figure:
 
 @dataclass(frozen=True)
 class Result:
-    """What one benchmark measured.
+    """The result of one benchmark: one section of the page.
 
     Attributes
     ----------
     title : str
     method : str
-        How it was measured, in a sentence or two.
+        How it was measured.
     rows : tuple of Row
     notes : tuple of str
-        What a reader must know to judge the numbers.
+        Paragraphs, lists and tables in Markdown, shown after the rows.
     figures : tuple of Figure
+    details : Result or None
+        A section of the page with all tables, for numbers that the main page omits.
     """
 
     title: str
@@ -107,19 +109,21 @@ class Result:
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
     figures: tuple[Figure, ...] = ()
+    details: Result | None = None
 
     def data(self) -> dict[str, Any]:
-        """Return it as plain data, None for numbers that there aren't."""
+        """Return the result as data for JSON, with None for NaN."""
         data = asdict(self)
         for row in data["rows"]:
             for key in ("value", "other"):
                 if row[key] is not None and math.isnan(row[key]):
                     row[key] = None
+        data["details"] = None if self.details is None else self.details.data()
         return data
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Result:
-        """Make it again of what `data` returned."""
+        """Make a result from what `data` returned."""
         rows = []
         for row in data["rows"]:
             aim = row["aim"]
@@ -127,4 +131,6 @@ class Result:
             aim = None if aim is None else Aim(**aim)
             rows.append(Row(**{**row, "value": value, "aim": aim}))
         figures = tuple(Figure(**figure) for figure in data["figures"])
-        return cls(data["title"], data["method"], tuple(rows), tuple(data["notes"]), figures)
+        details = None if data["details"] is None else cls.from_data(data["details"])
+        notes = tuple(data["notes"])
+        return cls(data["title"], data["method"], tuple(rows), notes, figures, details)

@@ -110,8 +110,8 @@ def _styles(curves: list[Curve]) -> dict[str, dict[str, Any]]:
 
 def _height(curve: Curve) -> float:
     """Return the time for an error of 1e-8, or what stands last if that isn't reached."""
-    found = curve.at(_ERROR, "time")
-    return float("inf") if math.isnan(found) else found
+    seconds = curve.at(_ERROR, "time")
+    return float("inf") if math.isnan(seconds) else seconds
 
 
 def _faint() -> dict[str, Any]:

@@ -1,11 +1,11 @@
-"""All methods against their strongest rivals, problem by problem: error against work."""
+"""All methods and other solvers on ten problems: error against work."""
 
 from __future__ import annotations
 
 import math
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -24,25 +24,47 @@ _ERRORS = (1e-4, 1e-8, 1e-11)
 _QUICK = ("heavy_top", "two_levels")
 _DEFAULT = "default of solve_ivp"
 _PROJECTED = "DOP853, projected"
-_LONG = 0.5  # seconds for a run that needs no other to be judged
-_SLOWEST = 2.0  # after which finer settings are left out
+_LONG = 0.5  # seconds; longer runs are timed once
+_SLOWEST = 2.0  # seconds; after a longer run finer settings are left out
+
+
+TITLE = "Comparison with other solvers"
+
+
+def method_text(rounds: int) -> str:
+    """Return how solvers are compared."""
+    return (
+        "All explicit pairs, methods of order four and higher with fixed steps, Munthe-Kaas "
+        "methods, Magnus methods where the equation is linear, Lielab where it is applicable, and "
+        "SciPy's DOP853 with projection after each step solve ten problems, with the same "
+        "right-hand side in Python, for tolerances from 1e-3 to 1e-13 or as many step sizes. Work "
+        f"for a given error at the end is interpolated. Times are medians of {rounds} rounds of "
+        f"all solvers in turn, of one round for runs longer than {_LONG:g} s; after a run longer "
+        f"than {_SLOWEST:g} s smaller tolerances are left out."
+    )
+
+
+DETAILS = (
+    "For each problem the work and time of the solvers that are best in some column and of all "
+    "competitors, for three errors at the end, and the largest distance from the manifold (drift)."
+)
 
 
 def run(quick: bool, figures: Path | None, only: Sequence[str] = ()) -> Result:
-    """Run all solvers with many settings on all problems, or on some by their names."""
+    """Run all solvers with many settings on all problems, or on the named ones."""
     rounds = 1 if quick else 3
     rows: list[Row] = []
-    notes: list[str] = []
+    tables: list[str] = []
     drawn: list[Figure] = []
-    won: dict[str, list[int]] = {}
-    found = cases(only or (_QUICK if quick else None))
+    wins: dict[str, list[int]] = {}
+    problems = cases(only or (_QUICK if quick else None))
     with tempfile.TemporaryDirectory() as folder:
-        found += [top_in_c(case, Path(folder)) for case in found if case.name == "heavy_top"]
-        contests = [(case, _contest(case, rounds, quick)) for case in found]
+        problems += [top_in_c(c, Path(folder)) for c in problems if c.name == "heavy_top"]
+        contests = [(case, _contest(case, rounds, quick)) for case in problems]
     for case, curves in contests:
         rows += _rows(case, curves)
-        notes.append(_table(case, curves))
-        _count(curves, won)
+        tables.append(_table(case, curves))
+        _count(curves, wins)
         if figures is not None:
             draw(curves, case.title, f"rivals_{case.name}", figures)
         caption = (
@@ -50,38 +72,49 @@ def run(quick: bool, figures: Path | None, only: Sequence[str] = ()) -> Result:
             "against evaluations, flows and processor time, and the drift off the manifold."
         )
         drawn.append(Figure(f"rivals_{case.name}", caption))
-    notes.insert(0, f"{_verdicts(won)}\n{_lielab(found)}")
+    details = Result(TITLE, DETAILS, tuple(rows), tuple(tables), tuple(drawn[1:]))
     return Result(
-        "Rivals",
-        "All explicit pairs and methods of order four and more, Munthe-Kaas methods, Magnus "
-        "methods where the equation is linear, and SciPy's DOP853 with projection after each step, "
-        "with the same right-hand side in Python, for tolerances from 1e-3 to 1e-13 or as many "
-        f"step sizes. Numbers are for an error at the end, by interpolation; medians of {rounds} "
-        f"rounds of all solvers in turn, of runs longer than {_LONG:g} s one; after one longer "
-        f"than {_SLOWEST:g} s finer settings are left out.",
-        tuple(rows),
-        tuple(notes),
-        tuple(drawn),
-    )
+        TITLE, method_text(rounds), (),
+        (ratios_of_default(rows), f"{verdict(wins)}\n{_lielab(problems)}"),
+        tuple(drawn[:1]), details,
+    )  # fmt: skip
 
 
-def _lielab(found: list[Case]) -> str:
-    """Say where Lielab takes part."""
+def ratios_of_default(rows: Sequence[Row]) -> str:
+    """Return the table of the time of projected DOP853 divided by that of the default method."""
+    errors = (1e-6, *_ERRORS[1:])
+    table: dict[str, dict[str, str]] = {}
+    for row in rows:
+        title, found, error = row.quantity.partition(f", {_DEFAULT}, error ")
+        if found and row.ratio is not None:
+            table.setdefault(title, {})[error] = f"{row.ratio:.3g}"
+    lines = [
+        "Time of SciPy's DOP853 with projection divided by the time of the default method of "
+        "`cg.solve_ivp`, by error at the end:",
+        "",
+        f"| | {' | '.join(f'{error:g}' for error in errors)} |",
+        "|---" * (len(errors) + 1) + "|",
+    ]
+    for title, ratios in table.items():
+        cells = (ratios.get(f"{error:g}", "") for error in errors)
+        lines.append(f"| {title} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _lielab(problems: list[Case]) -> str:
+    """Return which problems Lielab solves."""
     if not available():
-        return "- Lielab was not installed, and is left out (`pip install lielab==0.5.2`)."
-    without = ", ".join(case.title for case in found if not expresses(case))
+        return "- Lielab was not installed, so there is no comparison with it."
+    without = "; ".join(case.title for case in problems if not expresses(case))
     return (
-        "- Lielab's methods of Munthe-Kaas, its fastest, with chosen steps: it counts no flows, "
-        "and calls functions in Python only, with points as objects. It has no quaternions, no "
-        f"conjugation and no arrays of groups, and is left out of: {without}."
+        "- Lielab's Munthe-Kaas methods with adaptive steps, its fastest, do not count flows, and "
+        "call functions in Python only. Lielab has no quaternions, no conjugation and no arrays of "
+        f"groups, so it does not solve: {without}."
     )
 
 
 def _contest(case: Case, rounds: int, quick: bool) -> list[Curve]:
-    """Run all solvers; a function in C is for those alone that call it from compiled code.
-
-    A round is of all solvers, so that a machine that is slower for a while is so for all of them.
-    """
+    """Run all solvers that can call the right-hand side, in turns."""
     called = [s for s in solvers(case, quick) if callable(case.f) or s.kind != "rival"]
     tried = [_runs(case, solver) for solver in called]
     for _ in range(rounds - 1):
@@ -100,12 +133,12 @@ def _contest(case: Case, rounds: int, quick: bool) -> list[Curve]:
 
 def _timed(solver: Solver, setting: float) -> tuple[Run, float]:
     begin = time.process_time()
-    found = solver.solve(setting)
-    return found, time.process_time() - begin
+    result = solver.solve(setting)
+    return result, time.process_time() - begin
 
 
 def _runs(case: Case, solver: Solver) -> dict[float, tuple[Point, list[float]]]:
-    """Run a solver with each of its settings for the first time; return times of all rounds too."""
+    """Run a solver once with each of its settings; return results and lists of times."""
     runs: dict[float, tuple[Point, list[float]]] = {}
     for setting in solver.settings:
         try:
@@ -113,7 +146,7 @@ def _runs(case: Case, solver: Solver) -> dict[float, tuple[Point, list[float]]]:
         except (ArithmeticError, RuntimeError, ValueError, cg.ConvergenceError) as failure:
             if isinstance(failure, ValueError) and "finite" not in str(failure):
                 raise
-            continue  # a step too long for it
+            continue  # the step is too long for this method
         runs[setting] = Point.of(case, found, seconds), [seconds]
         if seconds > _SLOWEST:
             break
@@ -121,13 +154,13 @@ def _runs(case: Case, solver: Solver) -> dict[float, tuple[Point, list[float]]]:
 
 
 def _best(curves: list[Curve], kinds: tuple[str, ...], error: float, quantity: str) -> str | None:
-    """Return the name of the solver of some kinds that needs least."""
+    """Return the name of the solver of the given kinds that needs least."""
     reached = [(c.at(error, quantity), c.name) for c in curves if c.kind in kinds]
     return min((pair for pair in reached if not math.isnan(pair[0])), default=(0.0, None))[1]
 
 
 def _rows(case: Case, curves: list[Curve]) -> list[Row]:
-    """Compare with the rivals where an aim was set."""
+    """Return the comparisons that have an aim."""
     named = {curve.name: curve for curve in curves}
     rows: list[Row] = []
 
@@ -161,29 +194,31 @@ def _row(
     return Row(what, here, unit, other.name, there, ratio, aim=Aim(aim, True))
 
 
-def _count(curves: list[Curve], won: dict[str, list[int]]) -> None:
-    """Count at how many errors the best of the catalogue needs least of all solvers."""
+def _count(curves: list[Curve], wins: dict[str, list[int]]) -> None:
+    """Count for how many errors a method of the catalogue needs less than all other solvers."""
     for quantity in QUANTITIES:
         for error in _ERRORS:
             own = _best(curves, ("pair", "fixed"), error, quantity)
             best = _best(curves, ("pair", "fixed", "rkmk", "rival"), error, quantity)
             if best is not None:
-                counts = won.setdefault(quantity, [0, 0])
+                counts = wins.setdefault(quantity, [0, 0])
                 counts[0] += own == best
                 counts[1] += 1
 
 
-def _verdicts(won: dict[str, list[int]]) -> str:
-    lines = [
-        f"- By {quantity} a method of the catalogue needs least in {count} of {total} contests "
-        "(a problem and an error), and a rival in the others."
-        for quantity, (count, total) in won.items()
-    ]
-    return "\n".join(lines)
+def verdict(wins: Mapping[str, Sequence[int]]) -> str:
+    """Return in how many cases a method of the catalogue needs least, by quantity."""
+    counts = ", ".join(f"{quantity} in {count}" for quantity, (count, _) in wins.items())
+    total = max((total for _, total in wins.values()), default=0)
+    return (
+        f"- Of {total} cases (a problem and an error) a Crouch–Grossman or commutator-free method "
+        f"of the catalogue needs the least {counts}; in the others a Munthe-Kaas method or another "
+        "package does."
+    )
 
 
 def _table(case: Case, curves: list[Curve]) -> str:
-    """Return a table of the best of each kind, and of all rivals."""
+    """Return a table of the best solvers of each kind and of all competitors."""
     named = {curve.name: curve for curve in curves}
     shown: dict[str, None] = {}
     for kinds in (("pair",), ("fixed",)):

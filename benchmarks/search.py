@@ -1,4 +1,4 @@
-"""How many exact methods of order four and five a minute of one core finds."""
+"""Number of exact methods of orders four and five found per minute of one core."""
 
 from __future__ import annotations
 
@@ -8,11 +8,22 @@ from .contest import compete, contestants
 from .record import Aim, Result, Row
 
 _CASES = ((4, 5, 50.0), (5, 9, 1.0))
-"""Order, stages, and exact methods a second aimed at."""
+"""Order, stages, and the aim in exact methods per second."""
+
+TITLE = "Searches"
+
+
+def method_text(budget: float, rounds: int) -> str:
+    """Return how searches are measured."""
+    return (
+        f"All solvers run the same random starts, {budget:.0f} s of one core each, in {rounds} "
+        "turns. A method is exact if all order conditions hold to 1e-31 in real(16); results of "
+        "SciPy, in double precision, are refined by this package."
+    )
 
 
 def run(quick: bool, figures: Path | None) -> Result:
-    """Let three solvers work on the same starts, in turns, each for the same time."""
+    """Run three solvers on the same starts, in turns, each for the same time."""
     budget, rounds = (3.0, 2) if quick else (24.0, 8)
     rows = []
     notes = []
@@ -21,7 +32,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         counts = compete(contest, budget, rounds)
         ours = contest["minimum-norm"]
         for name, against in (
-            ("lmdif", '`algorithm="lmdif"`, the paper\'s way'),
+            ("lmdif", '`algorithm="lmdif"`, as in the paper'),
             ("leastsq", "SciPy's leastsq with the compiled residual"),
         ):
             other = contest[name]
@@ -29,7 +40,7 @@ def run(quick: bool, figures: Path | None) -> Result:
                 Row(
                     f"exact methods of order {order}, {stages} stages",
                     ours.per_minute,
-                    "a core-minute",
+                    "per core-minute",
                     against,
                     other.per_minute if other.exact else None,
                     ours.per_minute / max(other.per_minute, 60.0 / other.seconds),
@@ -37,12 +48,10 @@ def run(quick: bool, figures: Path | None) -> Result:
                     aim=Aim(60.0 * aim, above=True, of="value") if name == "lmdif" else None,
                 )
             )
-        notes.append(f"- Order {order}, exact methods and starts: {counts}.")
+        notes.append(f"- Order {order}, exact methods of all starts: {counts}.")
     return Result(
-        "Searches",
-        f"The same random starts for all, {budget:.0f} s of one core each, in {rounds} turns. "
-        "Exact means that all order conditions hold to 1e-31 in real(16); what SciPy finds in "
-        "double gets the project's refinement.",
+        TITLE,
+        method_text(budget, rounds),
         tuple(rows),
         ("\n".join(notes),),
     )

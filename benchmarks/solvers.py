@@ -104,11 +104,11 @@ def _adaptive(case: Case, name: str | None) -> Callable[[float], Run]:
     options: dict[str, Any] = {} if name is None else {"method": name}
 
     def solve(tolerance: float) -> Run:
-        found = cg.solve_ivp(
+        solution = cg.solve_ivp(
             case.f, (0.0, case.end), case.y0, frame=case.frame, rtol=tolerance, atol=tolerance,
             **options,
         )  # fmt: skip
-        return Run(found.y, found.nfev, found.nexp)
+        return Run(solution.y, solution.nfev, solution.nexp)
 
     return solve
 
@@ -116,8 +116,10 @@ def _adaptive(case: Case, name: str | None) -> Callable[[float], Run]:
 def _fixed(case: Case, name: str) -> Callable[[float], Run]:
     def solve(steps: float) -> Run:
         h = case.end / steps
-        found = cg.integrate(case.f, (0.0, case.end), case.y0, frame=case.frame, method=name, h=h)
-        return Run(found.y, found.nfev, found.nexp)
+        solution = cg.integrate(
+            case.f, (0.0, case.end), case.y0, frame=case.frame, method=name, h=h
+        )
+        return Run(solution.y, solution.nfev, solution.nexp)
 
     return solve
 

@@ -1,4 +1,4 @@
-"""Equal steps against a plain loop in C that takes the same ones, and against Lielab's."""
+"""Fixed steps, compared with a plain loop in C that takes the same steps, and with Lielab."""
 
 from __future__ import annotations
 
@@ -23,6 +23,20 @@ _BODY = Product(UnitQuaternion(), Euclidean(3))
 _MEMBER_STEPS = 10
 _LIMIT = Aim(1.3, above=False)
 
+TITLE = "Steps against C"
+
+
+def method_text(rounds: int) -> str:
+    """Return how steps are measured."""
+    return (
+        "The loop in C is `benchmarks/steps.c`, compiled by gcc -O3 like the package. It performs "
+        "the same arithmetic bit for bit, calls `f` by a pointer to a function of another library, "
+        f"and does nothing else. The heavy top takes {_STEPS['C']} steps of {_H:g} and stores the "
+        f"last point, medians of {rounds} rounds; each of the bodies, with its own attitude and "
+        f"momentum, takes {_MEMBER_STEPS} steps and stores the end, one core, medians of 3 rounds. "
+        "Lielab calls `f` in Python."
+    )
+
 
 def run(quick: bool, figures: Path | None) -> Result:
     """Measure time per step of one top, and of a million bodies."""
@@ -31,16 +45,9 @@ def run(quick: bool, figures: Path | None) -> Result:
         loop = PlainLoop(Path(folder))
         rows = _top(rounds, Path(folder), loop)
         rows.append(_members(10_000 if quick else 1_000_000, Path(folder), loop))
-    absent = "- Lielab was not installed, and is left out (`pip install lielab==0.5.2`)."
+    absent = "- Lielab was not installed, so there is no comparison with it."
     return Result(
-        "Steps against C",
-        "The loop in C is `benchmarks/steps.c`, by gcc -O3 as the package is: the same arithmetic "
-        "to the bit, f by a pointer to a function of another library, and nothing else. "
-        f"Of the top {_STEPS['C']} steps of {_H:g}, the last one stored, medians of {rounds} "
-        f"rounds; of the bodies, each with an attitude and a momentum of its own, {_MEMBER_STEPS} "
-        "steps, their ends stored, one core, medians of 3 rounds. Lielab calls f in Python.",
-        tuple(rows),
-        () if lielab_top.available() else (absent,),
+        TITLE, method_text(rounds), tuple(rows), () if lielab_top.available() else (absent,)
     )
 
 
@@ -68,7 +75,7 @@ def _top(rounds: int, folder: Path, loop: PlainLoop) -> list[Row]:
     c, python, lielabs = _STEPS["C"], _STEPS["Python"], _STEPS["Lielab"]
     rows = [
         times.row(
-            f"`{method}`, heavy top, f in C", f"{method}, here", "µs a step", "plain loop in C",
+            f"`{method}`, heavy top, `f` in C", f"{method}, here", "µs per step", "plain loop in C",
             f"{method}, C", pieces=(c, c), aim=_LIMIT, above=False,
         )
         for method in ("CF4", "CG4a")
@@ -76,7 +83,7 @@ def _top(rounds: int, folder: Path, loop: PlainLoop) -> list[Row]:
     if "CG4a, Lielab" in contestants:
         rows += [
             times.row(
-                f"`CG4a`, heavy top, f in {what}", f"CG4a, {own}", "µs a step", "Lielab",
+                f"`CG4a`, heavy top, `f` in {what}", f"CG4a, {own}", "µs per step", "Lielab",
                 "CG4a, Lielab", pieces=(count, lielabs), aim=Aim(bound, above=True),
             )
             for what, own, count, bound in (("C", "here", c, 60), ("Python", "Python", python, 2))
@@ -99,6 +106,6 @@ def _members(members: int, folder: Path, loop: PlainLoop) -> Row:
         warm_up=False,
     )
     return times.row(
-        f"`CF4`, {members} free rigid bodies", "here", "µs a step", "plain loop in C", "C",
+        f"`CF4`, {members} free rigid bodies", "here", "µs per step", "plain loop in C", "C",
         pieces=2 * (members * _MEMBER_STEPS,), aim=_LIMIT, above=False,
     )  # fmt: skip

@@ -91,11 +91,11 @@ def measure(
             contestant()
             once = max(time.process_time() - begin, 1e-7)
             calls[name] = max(1, round(seconds / once))
-    found: dict[str, list[float]] = {name: [] for name in contestants}
+    seconds_per_call: dict[str, list[float]] = {name: [] for name in contestants}
     for _ in range(rounds):
         for name, contestant in contestants.items():
             begin = time.process_time()
             for _ in range(calls[name]):
                 contestant()
-            found[name].append((time.process_time() - begin) / calls[name])
-    return Times(found)
+            seconds_per_call[name].append((time.process_time() - begin) / calls[name])
+    return Times(seconds_per_call)

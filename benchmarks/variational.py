@@ -1,4 +1,4 @@
-"""What derivatives of solutions cost, beside the solution and beside differences of solutions."""
+"""The cost of derivatives of solutions, compared with the solution and with differences."""
 
 from __future__ import annotations
 
@@ -19,6 +19,19 @@ from .timing import Times, measure
 
 _STEP = 1e-4
 
+TITLE = "Derivatives of solutions"
+
+
+def method_text(rounds: int) -> str:
+    """Return how derivatives are measured."""
+    return (
+        "The time of `cg.solve_variational` to t = 10 at `rtol = atol = 1e-8`, divided by that of "
+        "`cg.solve_ivp` (smaller is better), and compared with n + 1 solutions whose differences "
+        "give the transition matrix to half as many digits (larger is better). The heavy top has n "
+        "= 6 coordinates, the rotation 3. Without `jac` the variational equation needs 2 n "
+        f"additional evaluations. Medians of {rounds} rounds."
+    )
+
 
 def run(quick: bool, figures: Path | None) -> Result:
     """Measure processor time of transition matrices."""
@@ -37,12 +50,8 @@ def run(quick: bool, figures: Path | None) -> Result:
         }
         times = measure(contestants, rounds=rounds, seconds=0.1)
     return Result(
-        "Derivatives of solutions",
-        "`cg.solve_variational` to t = 10 at `rtol = atol = 1e-8`, its time beside that of "
-        "`cg.solve_ivp` (a ratio that should be small), and of n + 1 solutions whose differences "
-        "are the transition matrix to half as many digits (a ratio that should be large). The "
-        "heavy top has n = 6 coordinates, a rotation 3. Without `jac` the variational equation "
-        f"takes 2 n evaluations more. Medians of {rounds} rounds.",
+        TITLE,
+        method_text(rounds),
         (
             *_rows(times, "compiled", "heavy top in C", 6, jac=True),
             *_rows(times, "python", "heavy top in Python", 6),
@@ -63,7 +72,7 @@ def _turn_jac(t: float, y: Any) -> Any:
 def _contest(
     name: str, f: Any, y0: Any, frame: Frame, options: dict[str, Any], jac: Any = None
 ) -> dict[str, Callable[[], object]]:
-    """Return the ways to the end of a solution, and to its transition matrix."""
+    """Return the computations of a solution and of its transition matrix."""
 
     def differences() -> None:
         ends = [cg.solve_ivp(f, (0, 10), y0, **options).y[-1]]

@@ -37,8 +37,8 @@ class NumpyResidual:
         phi = np.ones((self.stages + 1, len(self.inner) + 1))
         for tree, word in enumerate(self.inner, start=1):
             phi[:, tree] = self._weight(table, phi, word)
-        found = np.array([self._weight(table[-1:], phi, word)[0] for word in self.words])
-        return np.asarray(found - self.wanted)
+        weights_of_words = np.array([self._weight(table[-1:], phi, word)[0] for word in self.words])
+        return np.asarray(weights_of_words - self.wanted)
 
     def _weight(
         self, table: NDArray[np.float64], phi: NDArray[np.float64], word: NDArray[np.intp]

@@ -91,8 +91,8 @@ class Curve:
 
     def drift(self, error: float) -> float:
         """Return the largest drift of the runs that are about as accurate or less, or NaN."""
-        found = [p.drift for p in self.points if p.error >= 0.1 * error]
-        return max(found, default=float("nan"))
+        drifts = [p.drift for p in self.points if p.error >= 0.1 * error]
+        return max(drifts, default=float("nan"))
 
     @classmethod
     def of(cls, name: str, kind: Kind, order: int, points: list[Point]) -> Curve:
@@ -112,10 +112,10 @@ def run_point(
 ) -> dict[str, Point]:
     """Run several solvers in turns with one setting; times are medians over the rounds."""
     seconds: dict[str, list[float]] = {name: [] for name in solve}
-    found: dict[str, Run] = {}
+    runs: dict[str, Run] = {}
     for _ in range(rounds):
         for name, one in solve.items():
             begin = time.process_time()
-            found[name] = one(setting)
+            runs[name] = one(setting)
             seconds[name].append(time.process_time() - begin)
-    return {name: Point.of(case, run, median(seconds[name])) for name, run in found.items()}
+    return {name: Point.of(case, run, median(seconds[name])) for name, run in runs.items()}

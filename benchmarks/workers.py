@@ -1,4 +1,4 @@
-"""Two workers against one, on each executor; ensembles from one trajectory to a million."""
+"""Two workers compared with one, on each executor; ensembles of up to a million members."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from importlib import import_module
+from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,12 +25,23 @@ from .compiled import top_field
 from .memory import memory_rows
 from .record import Aim, Result, Row
 
+TITLE = "Workers, and ensembles of any size"
+METHOD = (
+    "Wall-clock times. 100 % means that two workers are twice as fast as one. The first row is the "
+    "limit of the machine: two independent processes run the same search, for order five with nine "
+    "stages. Runs with one and with two workers alternate; medians of three. The tries of the "
+    "construction differ in time by a factor of up to 50; of the ensemble with adaptive steps one "
+    "member in 25 takes 40 times as long as the others. Dask's workers are separate process groups "
+    "that use TCP. The other ensembles are heavy tops with a compiled right-hand side and 50 steps "
+    "of CG4a, in threads. Memory is the peak growth of a process, without files mapped into it: of "
+    "searches with a store, and of ensembles whose output goes to a file."
+)
 WORKERS = 2
 _AIM = Aim(90.0, True, "value")
 
 
 def run(quick: bool, figures: Path | None) -> Result:
-    """Measure searches and ensembles; by the clock, so on a machine that does nothing else."""
+    """Measure searches and ensembles; the machine must be idle otherwise."""
     rounds = 1 if quick else 3
     rows = [_unrelated(quick, rounds)]
     with TemporaryDirectory() as folder:
@@ -43,34 +55,18 @@ def run(quick: bool, figures: Path | None) -> Result:
                         ratios.append(alone / (WORKERS * _clock(lambda: call(two, WORKERS))))  # noqa: B023
                     efficiency = 100 * float(np.median(ratios))
                     rows.append(
-                        Row(f"{case}, {name}: of twice one worker", efficiency, "%", aim=_AIM)
+                        Row(f"{case}, {name}: efficiency of two workers", efficiency, "%", aim=_AIM)
                     )
     rows += _ensembles(quick)
     rows += memory_rows(quick)
-    return Result(
-        title="Workers, and ensembles of any size",
-        method=(
-            "By the clock. The first row is what the machine gives: the search is for order five "
-            "with nine stages, and two processes of which neither knows of the other each make all "
-            "its starts. Alone and together take turns; the median of three. Tries of the "
-            "construction, for order five with seven stages, which don't exist, take from 1 to 50 "
-            "times as long as each other; of the trajectories one in 25 takes 40 times as long as "
-            "the others. Dask's workers stand for machines: each is a group of processes of its "
-            "own, which speaks with the scheduler by TCP over the loopback. Ensembles are heavy "
-            "tops with a compiled right-hand side, 50 steps of CG4a each, in threads. Memory is "
-            "the most that a process of its own had above what it had before, files mapped into "
-            "it left out: of searches with a store whose starts are copies of the first one, of "
-            "trajectories whose last points go to a file."
-        ),
-        rows=tuple(rows),
-    )
+    return Result(TITLE, METHOD, tuple(rows))
 
 
 Call = Callable[[Executor, int], object]
 
 
 def _cases(quick: bool, folder: Path) -> dict[str, Call]:
-    """Return work of three kinds: pieces that are alike, and pieces of which few take long."""
+    """Return three kinds of work, with pieces of equal and of different lengths."""
     starts, tries, members = (60, 8, 100) if quick else (400, 80, 20_000)
     top, rng = HeavyTop(), np.random.default_rng(1)
     f = top_field(top, folder)
@@ -96,12 +92,12 @@ def _cases(quick: bool, folder: Path) -> dict[str, Call]:
     return {
         f"search of {starts} starts": search,
         f"construction, {tries} tries": construct,
-        f"{members} trajectories with steps of their own": ensemble,
+        f"ensemble of {members}, adaptive steps": ensemble,
     }
 
 
 def _unrelated(quick: bool, rounds: int) -> Row:
-    """Return how two processes fare beside each other that have nothing to do with each other."""
+    """Return the efficiency of two independent processes."""
     starts = 60 if quick else 200
     context = get_context("spawn")
     ratios = []
@@ -122,7 +118,7 @@ def _unrelated(quick: bool, rounds: int) -> Row:
         for _ in range(rounds):
             ratios.append(seconds(first) / seconds(first, second))
     return Row(
-        f"the same search of {starts} starts twice, in processes of their own: of twice one",
+        f"search of {starts} starts in each of two independent processes: efficiency",
         100 * float(np.median(ratios)),
         "%",
     )
@@ -142,15 +138,13 @@ Pools = tuple[Executor, Executor]
 
 
 def _pools() -> dict[str, Callable[[], AbstractContextManager[Pools]]]:
-    found: dict[str, Callable[[], AbstractContextManager[Pools]]] = {
+    pools: dict[str, Callable[[], AbstractContextManager[Pools]]] = {
         "threads": _threads,
         "processes": _processes,
     }
-    try:
-        import distributed  # noqa: F401
-    except ImportError:
-        return found
-    return {**found, "Dask": _dask}
+    if find_spec("distributed") is not None:
+        pools["Dask"] = _dask
+    return pools
 
 
 @contextmanager
@@ -187,10 +181,10 @@ def _dask() -> Iterator[Pools]:
 
 @contextmanager
 def _machines(workers: int, folder: str) -> Iterator[str]:
-    """Start a scheduler and so many workers, each a group of processes of its own."""
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        port = found.getsockname()[1]
+    """Start a scheduler and workers, each in its own process group."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
     address = f"tcp://127.0.0.1:{port}"
     commands = [["scheduler", "--host", "127.0.0.1", "--port", str(port)]]
     commands += [["worker", address, "--nthreads", "1"]] * workers
@@ -242,17 +236,17 @@ def _ensembles(quick: bool) -> list[Row]:
             two = min(seconds(members, repeat, WORKERS) for _ in range(rounds))
             rows.append(
                 Row(
-                    f"{members} trajectories, one worker",
+                    f"ensemble of {members}, one worker",
                     1e6 * one,
-                    "µs a trajectory",
-                    "one alone",
+                    "µs per member",
+                    "`solve_ivp`",
                     1e6 * alone,
                     alone / one,
                 )
             )
             if members > 1:
                 rows.append(
-                    Row(f"{members} trajectories, two workers: of twice one worker",
+                    Row(f"ensemble of {members}: efficiency of two workers",
                         100 * one / (WORKERS * two), "%",
                         aim=_AIM if members >= 10_000 else None)
                 )  # fmt: skip

@@ -1,6 +1,6 @@
-"""Pages of methods, a page each, made of the catalogue when the site is built.
+"""One page for each method of the catalogue, written when the site is built.
 
-They are written to ``docs/methods``, and written anew only where their text changes.
+Pages are written to ``docs/methods`` if their content has changed.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from cg.method.method import Method
 from cg.proofs import CertificationError, certificate_of
 
 ROOT = Path(__file__).parent.parent
-sys.path.append(str(ROOT))  # of the benchmarks
+sys.path.append(str(ROOT))  # for the package benchmarks
 FOLDER = Path(__file__).parent / "methods"
 KINDS = {
     "CG": "Crouch–Grossman methods",
     "CF": "Commutator-free methods",
-    "lifted": "Lifted flat methods",
+    "lifted": "Lifted classical methods",
     "implicit": "Implicit methods",
     "other": "Low order",
 }
-MAX_POINTS = 60  # of a tree that can still be read as a picture
+MAX_POINTS = 60  # larger trees are not drawn
 
 
 def slug(name: str) -> str:
@@ -40,7 +40,7 @@ def slug(name: str) -> str:
 
 
 def kind_of(method: Method) -> str:
-    """Return the key of the section that a method is listed in."""
+    """Return the key in `KINDS` of a method."""
     if not method.explicit:
         return "implicit"
     for kind in ("CG", "CF"):
@@ -52,14 +52,14 @@ def kind_of(method: Method) -> str:
 def certificate_text(method: Method) -> str:
     """Return what is proved of a method."""
     try:
-        told = str(certificate_of(method))
+        text = str(certificate_of(method))
     except CertificationError:
         return "none"
-    return told.partition(": ")[2].replace("[", "\\[").replace("]", "\\]")
+    return text.partition(": ")[2].replace("[", "\\[").replace("]", "\\]")
 
 
 def number(value: Fraction) -> str:
-    """Write an exact number: a quotient where it is short, else 17 digits."""
+    """Return an exact number as a short quotient, or rounded to 17 digits."""
     text = str(value)
     return text if len(text) <= 13 else f"{float(value):.17g}"
 
@@ -92,31 +92,31 @@ def coefficients(method: Method) -> str:
 
 @cache
 def measured() -> dict[str, dict[str, float]]:
-    """Return the errors in tolerances of all pairs, as the benchmark stored them."""
+    """Return the stored errors divided by tolerances of all pairs."""
     from benchmarks import estimates, page
 
     return estimates.stored(page.read(ROOT / "benchmarks" / "results.json")["estimates"])
 
 
-def honesty(method: Method) -> str:
-    """Return how a pair's errors compare with its tolerances; empty where nothing was measured."""
-    found = measured().get(method.name or "")
-    if found is None:
+def errors_in_tolerances(method: Method) -> str:
+    """Return the errors of a pair divided by its tolerances, or "" if there are none stored."""
+    stored = measured().get(method.name or "")
+    if stored is None:
         return ""
-    numbers = ", ".join(f"{what} {number:.2g}" for what, number in found.items())
+    numbers = ", ".join(f"{what} {number:.2g}" for what, number in stored.items())
     return f"{numbers}: [ten problems and fifty spins](../benchmarks.md#error-estimates)"
 
 
-def facts(method: Method) -> str:
+def properties(method: Method) -> str:
     """Return a table of a method's properties."""
     pair = f"{method.order}({method.embedded_order})" if method.embedded_order else method.order
     rows = {
         "order": f"{pair}{' (nominal; see the catalogue)' if method.approximate else ''}",
-        "evaluations in a step": method.stages,
-        "flows in a step": method.exponentials,
+        "evaluations per step": method.stages,
+        "flows per step": method.exponentials,
         "principal error": f"{method.principal_error():.3g}",
         "largest residual through its order": f"{method.largest_residual():.1e}",
-        "error at the end in tolerances": honesty(method),
+        "error at the end divided by the tolerance": errors_in_tolerances(method),
         "proved": certificate_text(method),
         "source": method.source,
     }
@@ -126,31 +126,31 @@ def facts(method: Method) -> str:
 
 
 def write(path: Path, text: str) -> None:
-    """Write a file if its text is another."""
+    """Write a file if its text has changed."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
 
 
 def draw(path: Path, ax: Any) -> None:
-    """Write the figure of axes, and drop it."""
+    """Save the figure of axes, and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     ax.figure.savefig(path, dpi=140, bbox_inches="tight")
     pyplot.close(ax.figure)
 
 
 def stamp_of(method: Method) -> str:
-    """Return a digest of what a method's page is made of."""
+    """Return a digest of everything that the page of a method depends on."""
     modules = [method_work, cg.plot.methods, cg.formats, *method_work.parts()]
     parts = [Path(__file__), *(Path(module.__file__) for module in modules)]
     texts = [path.read_bytes() for path in parts]
     texts += [cg.__version__.encode(), cg.export(method, "toml").encode()]
-    texts.append(honesty(method).encode())
+    texts.append(errors_in_tolerances(method).encode())
     return hashlib.sha256(b"\0".join(texts)).hexdigest()
 
 
 def exports(method: Method, name: str) -> str:
-    """Write a method in all formats that it has, and return links to them."""
+    """Write a method in all available formats, and return links to the files."""
     links = []
     for form, suffix in FORMATS.items():
         try:
@@ -164,7 +164,7 @@ def exports(method: Method, name: str) -> str:
 
 
 def page(method: Method) -> str:
-    """Write what belongs to a method's page, and return its text."""
+    """Write the files of a method's page, and return its text."""
     name = slug(method.name)
     pictures = []
     if method.explicit and len(method.points) <= MAX_POINTS:
@@ -176,8 +176,8 @@ def page(method: Method) -> str:
         )
     draw(FOLDER / "pictures" / f"{name}_region.png", cg.plot.stability_region(method))
     pictures.append(
-        "## Stability\n\nWhere flows commute, a step multiplies a solution of `y' = λ y` by "
-        f"R(hλ); coloured is where |R| ≤ 1.\n\n![Stability region of {method.name}]"
+        "## Stability\n\nIf flows commute, a step multiplies a solution of `y' = λ y` by R(hλ); "
+        f"the coloured region is |R| ≤ 1.\n\n![Stability region of {method.name}]"
         f"(pictures/{name}_region.png)"
     )
     pictures.append(method_work.section(FOLDER, name, method))
@@ -186,12 +186,12 @@ def page(method: Method) -> str:
         use = f'cg.solve_ivp(f, t_span, y0, frame=frame, method="{method.name}")'
     parts = [
         f"# {method.name}",
-        facts(method),
+        properties(method),
         f"```python\n{use}\n```",
         "## Coefficients\n\nQuotients are exact, decimals rounded to 17 digits; the files below "
-        "have all digits. Flows are followed from left to right.\n\n" + coefficients(method),
+        "have all digits. Flows follow each other from left to right.\n\n" + coefficients(method),
         *pictures,
-        f"## Take it away\n\n{exports(method, name)}",
+        f"## Files\n\n{exports(method, name)}",
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -200,9 +200,9 @@ def index(methods: list[Method]) -> str:
     """Return the page that lists all methods."""
     lines = [
         "# All methods",
-        "Each has a page with its coefficients, its tree of points, its region of stability, what "
-        "is proved of it, where it is from, and files to take away. Which to use when is in "
-        "[the catalogue](../catalogue.md).",
+        "Each method has a page with its coefficients, tree of points, stability region, "
+        "certificate, source, and files in several formats. [The catalogue](../catalogue.md) "
+        "says which to use.",
     ]
     for kind, title in KINDS.items():
         lines.append(f"## {title}")
@@ -221,7 +221,7 @@ def index(methods: list[Method]) -> str:
 
 
 def claims() -> str:
-    """Return a table of the paper's claims and their verdicts, and how those that fail are read."""
+    """Return a table of the paper's claims with verdicts and interpretations."""
     from cg.reproduce.sections.claims import CLAIMS, VERDICTS
 
     counts = [sum(claim.found == verdict for claim in CLAIMS) for verdict in VERDICTS]
@@ -240,7 +240,7 @@ def claims() -> str:
 
 
 def generate(app: Any) -> None:
-    """Write all pages; Sphinx calls this before it reads."""
+    """Write all pages; Sphinx calls this before it reads the sources."""
     write(FOLDER / "claims.md", claims())
     methods = sorted(cg.methods.values(), key=lambda m: (m.order, m.exponentials, m.name))
     for method in methods:
@@ -250,13 +250,13 @@ def generate(app: Any) -> None:
             write(path, page(method))
             write(mark, stamp)
     write(FOLDER / "index.md", index(methods))
-    kept = {f"{slug(method.name)}.md" for method in methods} | {"index.md", "claims.md"}
+    current = {f"{slug(method.name)}.md" for method in methods} | {"index.md", "claims.md"}
     for old in FOLDER.glob("*.md"):
-        if old.name not in kept:
+        if old.name not in current:
             old.unlink()
 
 
 def setup(app: Any) -> dict[str, bool]:
-    """Register with Sphinx."""
+    """Register the extension with Sphinx."""
     app.connect("builder-inited", generate)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,7 +1,7 @@
-"""What a method's error costs: pictures for its page, measured when the site is built.
+"""Work-precision figures for the pages of methods, computed when the site is built.
 
-Steps are equal, and with each method there are about as many evaluations, so that a curve begins
-and ends where others do. What the curves of comparison need is integrated once a build.
+All methods take equal steps with about the same numbers of evaluations, so that curves cover the
+same range. The curves for comparison are computed once per build.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import cg
 from cg.method.method import Method
 
 TO_COMPARE = ("CG4a", "DOP853", "CF4")
-"""The paper's example, what needs the fewest evaluations here, and one in place of either."""
+"""Methods for comparison; the third replaces one of the others on its own page."""
 
 PROBLEMS = {
     "heavy_top": ("heavy top", cg.problems.HeavyTop()),
@@ -28,20 +28,20 @@ PROBLEMS = {
 }
 END = 2
 EVALUATIONS = tuple(100 * 2**k for k in range(6))
-SOLVES = 6  # of the stage equations of an implicit method, for a step: so many evaluations more
+SOLVES = 6  # factor of evaluations for solving the stage equations of an implicit method
 BITS = 80
 ROUNDING = 1e-14  # the exact solutions are rounded to double precision
 
 
 @cache
 def exact(problem: str) -> np.ndarray:
-    """Return a problem's solution at the end, from its Taylor series in extended precision."""
+    """Return the solution of a problem at the end, by Taylor series in extended precision."""
     _, case = PROBLEMS[problem]
     return case.reference([Fraction(END)], bits=BITS).y[-1]
 
 
 def measured(problem: str, method: Method) -> list[tuple[int, int, float]]:
-    """Return evaluations, flows and error at the end of integrations with ever smaller steps."""
+    """Return evaluations, flows and error at the end for decreasing step sizes."""
     _, case = PROBLEMS[problem]
     points = []
     for evaluations in EVALUATIONS:
@@ -63,17 +63,17 @@ def measured(problem: str, method: Method) -> list[tuple[int, int, float]]:
 
 @cache
 def to_compare(problem: str, name: str) -> list[tuple[int, int, float]]:
-    """Return `measured` of a method that others are compared with."""
+    """Return the result of `measured` for a method of comparison."""
     return measured(problem, cg.methods[name])
 
 
 def draw(path: Path, problem: str, method: Method) -> None:
-    """Draw a method's error over evaluations and over flows, beside two others."""
+    """Draw the error against evaluations and flows of a method and two others."""
     others = [name for name in TO_COMPARE if name != method.name][:2]
     curves = {method.name: measured(problem, method)}
     curves |= {name: to_compare(problem, name) for name in others}
     figure, (above, below) = pyplot.subplots(2, 1, figsize=(4.0, 5.6), sharey=True)
-    # the same on all pages, which a layout that fits each would take twice as long for
+    # fixed, since automatic layout would take twice as long
     figure.subplots_adjust(left=0.19, right=0.97, bottom=0.085, top=0.95, hspace=0.24)
     for ax, work, unit in ((above, 0, "evaluations of f"), (below, 1, "flows")):
         for name, points in curves.items():
@@ -94,7 +94,7 @@ def draw(path: Path, problem: str, method: Method) -> None:
 
 
 def section(folder: Path, file: str, method: Method) -> str:
-    """Draw a method's pictures into a folder, and return the section of its page."""
+    """Draw the figures of a method into a folder, and return the section of its page."""
     others = [name for name in TO_COMPARE if name != method.name][:2]
     pictures = []
     for problem, (title, _) in PROBLEMS.items():
@@ -103,14 +103,14 @@ def section(folder: Path, file: str, method: Method) -> str:
         words = f"Error of {method.name} over evaluations and flows: {title}"
         pictures.append(f"![{words}](pictures/{path.name}){{.half}}")
     return (
-        f"## Work and precision\n\nThe error at t = {END} of equal steps, as a distance on the "
-        f"manifold, over what the steps took, beside {others[0]} and {others[1]}: the "
+        f"## Work and precision\n\nThe error at t = {END} with fixed steps, as a distance on the "
+        f"manifold, against the work, compared with {others[0]} and {others[1]}: the "
         "[heavy top](../reference/generated/cg.problems.HeavyTop.rst) of the paper, and a "
         "[free rigid body](../reference/generated/cg.problems.FreeRigidBody.rst). Errors below "
-        f"{ROUNDING:g} are rounding, and left out.\n\n" + "\n".join(pictures)
+        f"{ROUNDING:g} are rounding errors, and left out.\n\n" + "\n".join(pictures)
     )
 
 
 def parts() -> list[Any]:
-    """Return the modules that the pictures are made with."""
+    """Return the modules on which the figures depend."""
     return [cg.plot.errors, cg.problems.heavy_top, cg.problems.free_rigid_body]

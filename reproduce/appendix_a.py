@@ -158,6 +158,6 @@ def nearest_exact(name: str, method: Tableau | None = None, *, truncated: bool) 
     )
     right = np.concatenate([middle, -middle, _SOLVED - residuals, _SOLVED + residuals])
     bounds = [*((None, None) if entry else (0.0, 0.0) for entry in x), (0.0, None)]
-    found = linprog(np.eye(x.size + 1)[-1], A_ub=left, b_ub=right, bounds=bounds)
-    assert found.fun is not None
-    return float(found.fun)
+    solution = linprog(np.eye(x.size + 1)[-1], A_ub=left, b_ub=right, bounds=bounds)
+    assert solution.fun is not None
+    return float(solution.fun)

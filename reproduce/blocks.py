@@ -1,4 +1,4 @@
-"""What a section of the report is made of, before it becomes HTML or a picture."""
+"""The parts of a section of the report: text, tables and charts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 __all__ = ["Block", "Chart", "Data", "Table", "Text", "number", "places"]
 
 Data = Mapping[str, Any]
-"""The numbers of an item: what JSON can hold, no more."""
+"""The data of an item, which JSON can represent."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of plain texts.
+    """A table of strings.
 
     Attributes
     ----------
@@ -33,9 +33,9 @@ class Table:
         Each as long as the header. A cell ``"pass"``, ``"fail"`` or ``"not reproducible"``
         is marked as a verdict.
     numeric : bool
-        Set the cells in digits of equal width, to the right.
+        Align the cells to the right, in digits of equal width.
     folded : bool
-        Show the caption only until the reader opens it.
+        Show only the caption until the reader opens the table.
     """
 
     caption: str
@@ -61,9 +61,9 @@ class Chart:
     draw : callable
         Draws on an empty figure.
     caption : str
-        What it shows.
+        Text below the figure.
     description : str
-        What one who can't see it should know.
+        Alternative text.
     size : pair of float
         Width and height in inches.
     """
@@ -79,7 +79,7 @@ Block = Text | Table | Chart
 
 
 def number(value: float | int | None, digits: int = 3) -> str:
-    """Write a number for a table: so many significant digits, a real minus sign, – for None."""
+    """Return a number with some significant digits and a minus sign (−), or – for None."""
     if value is None:
         return "–"
     text = f"{value:.{digits}g}" if isinstance(value, float) else str(value)
@@ -87,5 +87,5 @@ def number(value: float | int | None, digits: int = 3) -> str:
 
 
 def places(value: float | None, count: int = 3) -> str:
-    """Write a number with so many decimals, – for None."""
+    """Return a number with a fixed number of decimals, or – for None."""
     return "–" if value is None else f"{value:.{count}f}".replace("-", "−")

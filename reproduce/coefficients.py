@@ -1,4 +1,4 @@
-"""A method's coefficients, for results.json and for the page."""
+"""Coefficients of methods as data for results.json and as tables for the page."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def labels(stages: int) -> list[str]:
 
 
 def fixed(text: str, places: int) -> str:
-    """Round a decimal number to so many places, ties to even.
+    """Round a decimal number to a number of places, ties to even.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def method_data(method: Tableau, order: int) -> dict[str, Any]:
     ----------
     method : Tableau
     order : int
-        Of the conditions whose Jacobian is looked at.
+        Order of the conditions whose Jacobian has the ``condition_number``.
 
     Returns
     -------
@@ -85,7 +85,10 @@ def method_data(method: Tableau, order: int) -> dict[str, Any]:
 
 
 def condition_number(method: Method, order: int) -> float | None:
-    """Return that of the Jacobian of the independent conditions; None if it hasn't full rank."""
+    """Return the condition number of the Jacobian, or None if it has not full rank.
+
+    The Jacobian is that of the independent conditions.
+    """
     x = np.array([float(entry.value) for entry in method.coefficients])
     derivatives = jacobian_at(method.layout, x, order, independent=True)
     singular = np.linalg.svd(derivatives, compute_uv=False)
@@ -95,7 +98,7 @@ def condition_number(method: Method, order: int) -> float | None:
 
 
 def coefficient_table(title: str, method: Data, places: int = 16) -> Table:
-    """Tabulate coefficients in a few columns, down first, to so many decimals."""
+    """Return a table of coefficients in columns, with a number of decimals."""
     pairs = [[label, fixed(value, places)] for label, value in method["coefficients"]]
     depth = -(-len(pairs) // _COLUMNS)
     pairs += [["", ""]] * (depth * _COLUMNS - len(pairs))

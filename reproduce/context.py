@@ -1,4 +1,4 @@
-"""What an item is given: the settings of the run and the results so far."""
+"""The input of an item: settings of the run, resources, and earlier results."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .blocks import Data
 __all__ = ["Context", "Progress", "Settings"]
 
 Progress = Callable[[int, int], None]
-"""Called with the numbers of finished and of all parts of an item."""
+"""Function of the numbers of finished and of all parts of an item."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What determines the numbers of a run.
+    """Settings that determine the numbers of a run.
 
     Attributes
     ----------
@@ -43,16 +43,16 @@ class Context:
     ----------
     settings : Settings
     checkpoints : Path
-        Folder for what a killed run should keep.
+        Folder for files from which a killed run continues.
     workers : int
         Threads.
     progress : callable
     publish : callable
-        Receives what an item has so far, in the form of its result, and shows it as partial.
+        Shows an intermediate result of an item as partial.
     limit : float or None
-        Seconds that an item with random starts may search; what it has by then is its result.
+        Seconds after which a search ends with the result so far.
     results : mapping
-        Numbers of the items that this one needs, by name.
+        Data of the items that this one needs, by name.
     """
 
     settings: Settings

@@ -1,4 +1,4 @@
-"""Progress of a run, and the time that is left, on a terminal or in a file."""
+"""Progress and remaining time of a run, on a terminal or in a file."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from .item import Item
 __all__ = ["Display", "duration"]
 
 _REDRAW = 0.1  # seconds between changes of a line on a terminal
-_REPORT = 30.0  # and between lines in a file
-_TRUST = 10.0  # seconds after which what this run took counts more than what was measured before
+_REPORT = 30.0  # seconds between lines in a file
+_TRUST = 10.0  # seconds after which the speed of this run outweighs the stored costs
 
 
 class Display:
-    """Progress on a stream: a moving line on a terminal, else one every half minute.
+    """Progress on a stream: an updated line on a terminal, otherwise a line every half minute.
 
     Parameters
     ----------
     stream : TextIO
     items : sequence of Item
-        All that will run, in their order.
+        All items to run, in order.
     full : bool
         Whether the extensive search runs.
     limit : float, optional
-        Seconds that a search may take.
+        Largest time of a search in seconds.
     clock : callable, optional
-        The time in seconds.
+        Returns the time in seconds.
     """
 
     def __init__(
@@ -50,9 +50,9 @@ class Display:
         self._finished = 0
         self._terminal = stream.isatty()
         self._start = self._begun = self._drawn = clock()
-        self._spent = 0.0  # of the costs of finished items
-        self._already: int | None = None  # parts that a checkpoint held
-        self._share = 0.0  # of the item that has been computed in this run
+        self._spent = 0.0  # costs of finished items
+        self._already: int | None = None  # parts read from a checkpoint
+        self._share = 0.0  # part of the item that this run has computed
 
     def begin(self, item: Item) -> Progress:
         """Return the function that receives an item's progress."""
@@ -73,18 +73,18 @@ class Display:
         return update
 
     def finish(self, item: Item, seconds: float) -> None:
-        """Tell that an item is done."""
+        """Report that an item is finished."""
         self._line(item, f"{seconds:.1f} s", end="\n")
         self._spent += self._costs[self._finished] * self._share
         self._finished += 1
         self._drawn = self._clock()
 
     def _times(self, now: float, done: int, total: int) -> str:
-        """Return how long the item has taken, and how long it and the whole run will yet take."""
+        """Return the time of the item so far, and the remaining times of the item and the run."""
         elapsed = now - self._begun
         left = elapsed * (total - done) / total / max(self._share, 1e-9)
         spent = self._spent + self._costs[self._finished] * self._share
-        # as fast as where costs were measured, until there is something to go by
+        # starts from the speed at which the costs were measured
         pace = (now - self._start + _TRUST) / (spent + _TRUST)
         later = sum(
             self._bounded(k, pace * self._costs[k])

@@ -1,4 +1,4 @@
-"""Numbers that decide claims and belong to no figure or table."""
+"""Numbers that decide claims and are not part of a figure or table."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _DISTINGUISHED = ("CG4", "CG4a", "CG5a", "CG6a")
 
 
 def gather(seed: int) -> Data:
-    """Compute all of them.
+    """Compute all numbers.
 
     Parameters
     ----------
     seed : int
-        Of the random tableaux.
+        Seed of the random tableaux.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Digests of the code that made a number, so that none is taken for another version's."""
+"""Digests of code and data, by which results of other versions are recognised."""
 
 from __future__ import annotations
 
@@ -22,50 +22,50 @@ _COMPILED = re.compile(r"cg\._\w+")
 
 
 def of_code(module: str, arguments: Mapping[str, Any]) -> str:
-    """Return a digest of arguments and of all code that a module's results depend on.
+    """Return a digest of arguments and of all code that the results of a module depend on.
 
     Parameters
     ----------
     module : str
-        Its full name.
+        Full name of the module.
     arguments : mapping
-        What JSON can hold.
+        Values that JSON can represent.
     """
-    found = sources(module)
-    parts = [json.dumps(arguments, sort_keys=True).encode(), *_data(found)]
-    return _digest(parts, found.values())
+    modules = sources(module)
+    parts = [json.dumps(arguments, sort_keys=True).encode(), *_data(modules)]
+    return _digest(parts, modules.values())
 
 
 @cache
 def sources(module: str) -> Mapping[str, Path]:
     """Return the files of a module and of all modules of ``cg`` that it imports, by name.
 
-    Imports within functions count, and texts that name a compiled module; the package ``cg``
-    itself, which imports everything, doesn't.
+    Imports within functions are included, and strings that name a compiled module. The package
+    ``cg`` itself, which imports everything, is not.
     """
-    found: dict[str, Path] = {}
+    modules: dict[str, Path] = {}
     pending = [module]
     while pending:
         name = pending.pop()
         spec = _spec(name)
-        if name in found or spec is None or spec.origin is None:
+        if name in modules or spec is None or spec.origin is None:
             continue
-        path = found[name] = Path(spec.origin)
+        path = modules[name] = Path(spec.origin)
         if path.suffix == ".py":
             package = name if path.name == "__init__.py" else name.rpartition(".")[0]
             pending += _imported(path, package)
-    return dict(sorted(found.items()))
+    return dict(sorted(modules.items()))
 
 
 def _spec(name: str) -> Any:
     try:
         return find_spec(name)
-    except ModuleNotFoundError:  # what is imported from a module, such as a function
+    except ModuleNotFoundError:  # the name of a function or class in a module
         return None
 
 
 def _imported(path: Path, package: str) -> Iterable[str]:
-    """Yield names that may be modules of ``cg`` and that a file imports."""
+    """Yield imported names that may be modules of ``cg``."""
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -80,7 +80,7 @@ def _imported(path: Path, package: str) -> Iterable[str]:
 
 
 def of_package() -> str:
-    """Return a digest of all modules of the package that are loaded, and of its data."""
+    """Return a digest of all loaded modules of the package, and of its data."""
     modules = {
         Path(str(module.__file__))
         for name, module in sys.modules.items()
@@ -90,7 +90,7 @@ def of_package() -> str:
 
 
 def _data(modules: Container[str]) -> list[bytes]:
-    """Return the data that modules read: methods, certificates, the paper's numbers."""
+    """Return the data files of modules: methods, certificates, the paper's numbers."""
     folders = {
         "cg.catalogue": files("cg.catalogue"),
         "cg.proofs.files": certificate_folder(),

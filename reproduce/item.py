@@ -1,4 +1,4 @@
-"""What one part of the report is."""
+"""The record that describes one part of the report."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ class Item:
     Attributes
     ----------
     name : str
-        As ``--only`` takes it.
+        Its name for ``--only``.
     title : str
     turn : int
-        When it is computed: after those with smaller numbers.
+        Items are computed in ascending order of this number.
     place : int
-        Where it is shown in the report, likewise.
+        Items are shown in ascending order of this number.
     compute : callable
-        From a `Context` to plain numbers. ``partial`` among them says, if it is there and not
-        null, of how many starts ``of`` how many they are.
+        Returns plain data for a `Context`. If the entry ``partial`` exists and is not null, it
+        has the numbers of finished ``starts`` and ``of`` all starts.
     present : callable
-        From those numbers to the blocks of a section; it computes nothing.
+        Returns the blocks of a section for these data, without further computation.
     needs : sequence of str
-        Items whose numbers `compute` takes from ``context.results``.
+        Items whose data `compute` reads from ``context.results``.
     cost : pair of float
-        Seconds of one core that it took where it was measured, by default and in full; what
-        predictions of the time left begin with.
+        Measured seconds of one core, for the default and the extensive run; first estimate of
+        the remaining time.
     limited : bool
-        Whether `compute` heeds ``context.limit``.
+        Whether `compute` respects ``context.limit``.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""All figures, tables and searches: whatever a module in the folder of sections lists."""
+"""All items of the report: those in the list ``ITEMS`` of each module in ``sections``."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from .item import Item
 __all__ = ["ITEMS", "select"]
 
 
-def _found() -> list[Item]:
-    names = [found.name for found in pkgutil.iter_modules(sections.__path__)]
+def _all_items() -> list[Item]:
+    names = [module.name for module in pkgutil.iter_modules(sections.__path__)]
     modules = [import_module(f"{sections.__name__}.{name}") for name in names]
     items = [item for module in modules for item in module.ITEMS]
     return sorted(items, key=lambda item: item.turn)
 
 
-ITEMS = {item.name: item for item in _found()}
-"""All items by name, in the order in which they run: the paper's first, those of seconds first."""
+ITEMS = {item.name: item for item in _all_items()}
+"""All items by name in the order of computation: those of the paper and quick ones first."""
 
 
 def select(names: Iterable[str]) -> list[Item]:
-    """Return items and all that they need, in the order in which to run them.
+    """Return items and all items that they need, in the order of computation.
 
     Raises
     ------
     KeyError
-        If there is no item of such a name.
+        If there is no item with a given name.
     """
     wanted: set[str] = set()
     pending = list(names)

@@ -1,6 +1,6 @@
-"""How numbers decide the claims of the paper.
+"""Functions that decide the claims of the paper.
 
-Every function takes the numbers of `evidence.gather` and the results of all items.
+Each takes the numbers of `evidence.gather` and the results of all items, and returns a verdict.
 """
 
 from __future__ import annotations
@@ -57,22 +57,22 @@ Results = Mapping[str, Data]
 
 _MANY = 5
 _ABOUT = 10**0.5
-"""By what a number may differ that is given by its power of ten."""
+"""Factor by which a number may differ from a power of ten that the paper gives."""
 
 
 def beyond(reason: str) -> Callable[[Data, Results], Verdict]:
-    """Return a judge that finds a claim not reproducible, for a reason."""
+    """Return a judge whose verdict is "not reproducible", with a reason."""
     return lambda numbers, results: (None, f"not reproducible because {reason}")
 
 
 def catalogue_order(order: int, name: str, numbers: Data, results: Results) -> Verdict:
-    """Tell whether the catalogue's method has this order, found from its exact residuals."""
+    """Return whether a method of the catalogue has an order, by its exact residuals."""
     own = numbers["methods"][name]["exact_order"]
     return own == order, f"order of {name}, as far as its digits can tell: {own}"
 
 
 def example(order: int, name: str, numbers: Data, results: Results) -> Verdict:
-    """Tell whether an example has its order, and the printed digits are those of the method.
+    """Return whether an example has its order, and the printed digits are those of the method.
 
     They may be off by two units of the last place, and their zeros must be exact ones.
     """
@@ -90,7 +90,7 @@ def example(order: int, name: str, numbers: Data, results: Results) -> Verdict:
 
 
 def slope(order: int, name: str, numbers: Data, results: Results) -> Verdict:
-    """Tell whether the slope is within 0.1 of the order in real(16), and within 0.25 in double."""
+    """Return whether slopes are within 0.1 of the order in real(16), and 0.25 in double."""
     quad = results["fig4.2quad"]["readings"]["momentum"]["methods"][name]
     double = [results["fig4.2"]["readings"][reading][name]["slope"] for reading in top.READINGS]
     passed = all(abs(slope - order) < 0.1 for slope in (quad["slope"],))
@@ -102,7 +102,7 @@ def slope(order: int, name: str, numbers: Data, results: Results) -> Verdict:
 
 
 def slope_six(numbers: Data, results: Results) -> Verdict:
-    """Tell whether CG6a's slope at the smallest stepsizes is within 0.1 of six."""
+    """Return whether CG6a's slope at the smallest stepsizes is within 0.1 of six."""
     run = results["fig4.2quad"]["readings"]["momentum"]["methods"]["CG6a"]
     early = run["local"][:2]
     passed = abs(run["slope"] - 6) < 0.1
@@ -114,7 +114,7 @@ def slope_six(numbers: Data, results: Results) -> Verdict:
 
 
 def slope_approximate(numbers: Data, results: Results) -> Verdict:
-    """Tell whether CG6a's slope at the smallest stepsizes is below 5.5."""
+    """Return whether CG6a's slope at the smallest stepsizes is below 5.5."""
     run = results["fig4.2quad"]["readings"]["momentum"]["methods"]["CG6a"]
     double = results["fig4.2"]["readings"]["momentum"]["CG6a"]
     return run["slope"] < 5.5, (
@@ -124,7 +124,7 @@ def slope_approximate(numbers: Data, results: Results) -> Verdict:
 
 
 def many(order: int, numbers: Data, results: Results) -> Verdict:
-    """Tell whether the search found five distinct exact methods."""
+    """Return whether the search found five distinct exact methods."""
     data = results[f"search{order}"]
     return data["distinct"] >= _MANY, f"{_found(data)}, {_MANY} being many"
 
@@ -134,13 +134,13 @@ def _found(data: Data) -> str:
 
 
 def _starts(data: Data) -> str:
-    """Say how many starts there were, and of how many, if the search was cut short."""
+    """Return how many starts there were, and of how many, if the search was cut short."""
     of = f" (of {data['partial']['of']}, a partial search)" if data["partial"] else ""
     return f"{len(data['exact'])} starts{of}"
 
 
 def trees(numbers: Data, results: Results) -> Verdict:
-    """Tell whether as many trees are generated, far beyond order six, as there should be."""
+    """Return whether as many trees are generated, far beyond order six, as there should be."""
     part = numbers["trees"]
     return part["generated"] == part["expected"], (
         f"{part['generated']} ordered trees for order {part['order']}, by the sum of Catalan "
@@ -149,7 +149,7 @@ def trees(numbers: Data, results: Results) -> Verdict:
 
 
 def independence(numbers: Data, results: Results) -> Verdict:
-    """Tell whether the Jacobian of all conditions has the rank that the independent ones count."""
+    """Return whether the rank of the full Jacobian is the number of independent conditions."""
     parts = numbers["conditions"].values()
     passed = all(
         part["rank"] == [part["independent"]] * 2 and part["independent"] < part["all"]
@@ -161,7 +161,7 @@ def independence(numbers: Data, results: Results) -> Verdict:
 
 
 def zeros(numbers: Data, results: Results) -> Verdict:
-    """Tell whether the integer table without its zeros has the paper's N_CG rows."""
+    """Return whether the integer table without its zeros has the paper's N_CG rows."""
     rows = results["table3.2"]["rows"]
     passed = all(row["trees"] - row["discarded"] == row["paper"]["N_CG"] for row in rows)
     return passed, "; ".join(
@@ -171,13 +171,13 @@ def zeros(numbers: Data, results: Results) -> Verdict:
 
 
 def table(numbers: Data, results: Results) -> Verdict:
-    """Tell whether all numbers of the table agree."""
+    """Return whether all numbers of the table agree."""
     rows = results["table3.2"]["rows"]
     return all(row["agree"] for row in rows), f"{sum(row['agree'] for row in rows)} of 3 rows agree"
 
 
 def double(order: int, numbers: Data, results: Results) -> Verdict:
-    """Tell whether five starts reach f ≤ 1e-15 in double."""
+    """Return whether five starts reach f ≤ 1e-15 in double."""
     data = results[f"search{order}"]
     f = data["f_double"]
     reached, roots = _reached(f, 1e-15), _reached(f, 1e-30)
@@ -188,7 +188,7 @@ def double(order: int, numbers: Data, results: Results) -> Verdict:
 
 
 def usually(order: int, bound: float, numbers: Data, results: Results) -> Verdict:
-    """Tell whether more than half of the refined starts reach a bound."""
+    """Return whether more than half of the refined starts reach a bound."""
     f = [value for value in results[f"search{order}"]["f_quad"] if value is not None]
     reached, roots = _reached(f, bound), _reached(f, bound**2)
     return 2 * reached > len(f), (
@@ -202,7 +202,7 @@ def _reached(f: Sequence[float], bound: float) -> int:
 
 
 def six_reached(numbers: Data, results: Results) -> Verdict:
-    """Tell whether a start of order six reaches f ≤ 1e-6 in double."""
+    """Return whether a start of order six reaches f ≤ 1e-6 in double."""
     data = results["search6"]
     reached, roots = _reached(data["f_double"], 1e-6), _reached(data["f_double"], 1e-12)
     return reached > 0, (
@@ -211,7 +211,7 @@ def six_reached(numbers: Data, results: Results) -> Verdict:
 
 
 def six_no_further(numbers: Data, results: Results) -> Verdict:
-    """Tell whether no start of order six reaches f < 1e-7 in double."""
+    """Return whether no start of order six reaches f < 1e-7 in double."""
     data = results["search6"]
     f = data["f_double"]
     by_limit = zip(
@@ -226,17 +226,17 @@ def six_no_further(numbers: Data, results: Results) -> Verdict:
 
 
 def improved(numbers: Data, results: Results) -> Verdict:
-    """Tell whether real(16) takes f from about 1e-6 to about 1e-8 at more than half of the starts.
+    """Return whether real(16) reduces f from 1e-6 to 1e-8 at more than half of the starts.
 
-    The paper doesn't report its limits of evaluations, and they decide: double is stopped near
-    1e-6 for this, and the search's own limits are told beside it. A start counts if f is above
-    10^-7.5 after double and not after real(16), so that what was below before doesn't.
+    This depends on the limits of evaluations, which the paper does not give: double is stopped
+    near 1e-6 for this test, and the evidence has the search's own limits too. A start counts if f
+    is above 10^-7.5 after double and not after real(16).
     """
     stopped, long = results["evaluations"]["stopped"], results["search6"]
     counted, pairs, text = _improvement(stopped)
     limits = long["settings"]
     return 2 * counted > len(pairs), (
-        f"the paper doesn't report its limits. With {stopped['limit']} evaluations in double and "
+        f"the paper does not give its limits. With {stopped['limit']} evaluations in double and "
         f"{stopped['limit_quad']} in real(16), {text}; with {limits['maxfev']} and "
         f"{limits['refine_maxfev']}, {_improvement(long)[2]}"
     )
@@ -258,16 +258,16 @@ def _improvement(data: Data) -> tuple[int, list[tuple[float, float]], str]:
 
 
 def no_zero(numbers: Data, results: Results) -> Verdict:
-    """Tell whether the search found no exact method of order six."""
+    """Return whether the search found no exact method of order six."""
     data = results["search6"]
     return data["distinct"] == 0, _found(data) + f"; smallest f {number(data['best']['f'], 2)}"
 
 
 def ill_conditioned(numbers: Data, results: Results) -> Verdict:
-    """Tell whether difference quotients in double can't resolve the Jacobian of order six.
+    """Return whether difference quotients in double cannot resolve the Jacobian of order six.
 
-    Their relative error is about the square root of the machine's epsilon, so that lmdif sees
-    nothing of directions whose singular value is smaller than this times the largest.
+    Their relative error is about the square root of the machine epsilon, so they do not resolve
+    directions whose singular value is smaller than this times the largest.
     """
     at_random = {q: part["condition_number"] for q, part in numbers["conditions"].items()}
     named = {name: numbers["methods"][name]["condition_number"] for name in ("CG4a", "CG6a")}
@@ -283,7 +283,7 @@ def ill_conditioned(numbers: Data, results: Results) -> Verdict:
 
 
 def typical_digits(numbers: Data, results: Results) -> Verdict:
-    """Tell whether the median condition holds to six or seven decimals."""
+    """Return whether the median condition holds to six or seven decimals."""
     part = numbers["approximate"]
     return 6 <= part["median"] <= 7, (
         f"decimals to which CG6a satisfies the median condition: {number(part['median'])}"
@@ -291,18 +291,18 @@ def typical_digits(numbers: Data, results: Results) -> Verdict:
 
 
 def all_digits(numbers: Data, results: Results) -> Verdict:
-    """Tell whether every condition holds to six decimals."""
+    """Return whether every condition holds to six decimals."""
     part = numbers["approximate"]
     return part["worst"] >= 6, (
         f"{part['six']} of {part['conditions']} conditions hold to 1e−6; the worst to "
         f"{number(part['worst'])} decimals, in the root mean square "
-        f"{number(part['root_mean_square'])}; the digits after the eighth, which aren't printed, "
+        f"{number(part['root_mean_square'])}; the digits after the eighth, which are not printed, "
         f"change a condition by at most {number(part['truncation'], 1)}"
     )
 
 
 def moderate(numbers: Data, results: Results) -> Verdict:
-    """Tell whether no coefficient exceeds the largest of CG4, the method known before."""
+    """Return whether no coefficient exceeds the largest of CG4, the method known before."""
     sizes = {name: numbers["methods"][name]["largest_coefficient"] for name in top.METHODS}
     own = {name: size for name, size in sizes.items() if name != "CG4"}
     text = ", ".join(f"{name} {number(size)}" for name, size in own.items())
@@ -312,13 +312,13 @@ def moderate(numbers: Data, results: Results) -> Verdict:
 
 
 def in_unit_interval(numbers: Data, results: Results) -> Verdict:
-    """Tell whether the abscissae of CG4a lie in [0, 1]."""
+    """Return whether the abscissae of CG4a lie in [0, 1]."""
     low, high = numbers["methods"]["CG4a"]["abscissae"]
     return 0 <= low <= high <= 1, f"abscissae of CG4a from {number(low)} to {number(high)}"
 
 
 def initial(numbers: Data, results: Results) -> Verdict:
-    """Tell whether B(0) is a rotation to rounding."""
+    """Return whether B(0) is a rotation to rounding."""
     part = numbers["initial"]
     return max(part.values()) < 1e-15, (
         f"BᵀB − I: {number(part['orthogonality'], 2)}, det B − 1: {number(part['determinant'], 2)}"
@@ -326,22 +326,22 @@ def initial(numbers: Data, results: Results) -> Verdict:
 
 
 def superior(numbers: Data, results: Results) -> Verdict:
-    """Tell whether the error of CG4a is below that of CG4 at all times, in either component."""
+    """Return whether the error of CG4a is below that of CG4 at all times, in either component."""
     return _ratios(results, "CG4a", ("CG4",), factor=1.0)
 
 
 def best_at_tenth(numbers: Data, results: Results) -> Verdict:
-    """Tell whether the error of CG6a is always below the others', at t = 1 by half."""
+    """Return whether the error of CG6a is always below the others', at t = 1 by half."""
     return _ratios(results, "CG6a", ("CG4", "CG4a", "CG5a"), factor=2.0)
 
 
 def _ratios(results: Results, name: str, others: tuple[str, ...], factor: float) -> Verdict:
     """Compare errors for both readings of the initial vector."""
-    found = {reading: _ratio(results, reading, name, others, factor) for reading in top.READINGS}
+    ratios = {reading: _ratio(results, reading, name, others, factor) for reading in top.READINGS}
     rival = others[0] if len(others) == 1 else "the best of the others"
-    return all(passed for passed, _ in found.values()), (
+    return all(passed for passed, _ in ratios.values()), (
         f"error of {name} against {rival}, all times. "
-        + ". ".join(f"ω(0) a {reading}: {text}" for reading, (_, text) in found.items())
+        + ". ".join(f"ω(0) a {reading}: {text}" for reading, (_, text) in ratios.items())
     )
 
 
@@ -363,7 +363,7 @@ def _ratio(
 
 
 def exact(numbers: Data, results: Results) -> Verdict:
-    """Tell whether the distance from SO(3) stays at rounding, of the flows themselves too."""
+    """Return whether the distance from SO(3) stays at rounding, of the flows themselves too."""
     runs = [run for methods in results["fig4.2"]["readings"].values() for run in methods.values()]
     flows = max(max(run["distance_flows"]) for run in runs)
     stepped = max(max(run["distance"]) for run in runs)
@@ -374,14 +374,14 @@ def exact(numbers: Data, results: Results) -> Verdict:
 
 
 def theorem(kind: str, numbers: Data, results: Results) -> Verdict:
-    """Tell whether slopes on another problem are within 0.1 of what the conditions give."""
+    """Return whether slopes on another problem are within 0.1 of what the conditions give."""
     runs = numbers["rotation_slopes"][kind]
     passed = all(abs(run["slope"] - run["order"]) < 0.1 for run in runs.values())
     return passed, _slopes(runs)
 
 
 def munthe_kaas(numbers: Data, results: Results) -> Verdict:
-    """Tell whether classical methods keep their orders on another problem, but for 0.1."""
+    """Return whether classical methods keep their orders on another problem, but for 0.1."""
     runs = numbers["rotation_slopes"]["Munthe-Kaas"]
     return all(run["slope"] > run["order"] - 0.1 for run in runs.values()), _slopes(runs)
 
@@ -393,7 +393,7 @@ def _slopes(runs: Data) -> str:
 
 
 def drift(numbers: Data, results: Results) -> Verdict:
-    """Tell whether SciPy's solvers leave SO(3), by more and more."""
+    """Return whether SciPy's solvers leave SO(3), by more and more."""
     runs = numbers["drift"].values()
     passed = all(run == sorted(run) and run[0] > 1e-6 and run[-1] > 2 * run[0] for run in runs)
     times = ", ".join(number(t) for t in numbers["drift_times"])
@@ -406,13 +406,13 @@ def drift(numbers: Data, results: Results) -> Verdict:
 
 
 def flat(numbers: Data, results: Results) -> Verdict:
-    """Tell whether the methods agree with the classical ones to rounding."""
+    """Return whether the methods agree with the classical ones to rounding."""
     worst = max(numbers["flat"].values())
     return worst < 1e-14, f"largest difference from the classical methods: {number(worst, 2)}"
 
 
 def truncated(numbers: Data, results: Results) -> Verdict:
-    """Tell whether 16 decimals are printed, and may be those of an exact method, truncated."""
+    """Return whether 16 decimals are printed, and may be those of an exact method, truncated."""
     parts = results["appendix"]["methods"]
     passed = all(
         part["decimals"] == 16 and part["if_truncated"] is not None and part["if_truncated"] <= 0.5

@@ -16,10 +16,10 @@ from typing import Any
 from cg.runs import StoreError
 from cg.support.parallel import available_cores
 
+from .checkpoint import DamagedError
 from .context import Settings
 from .display import Display, duration
 from .items import ITEMS, select
-from .kept import DamagedError
 from .run import OutputError, check_output, check_settings, run
 
 __all__ = ["main"]
@@ -42,8 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, or 2 if the output folder can't be used, is full or holds a report of
-        other settings, or 130 after an interrupt.
+        Exit status: 0; 2 if the output folder cannot be used, is full or has a report with other
+        settings; 130 after an interrupt.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with _terminated_as_interrupted():
             run(items, out, settings, options.workers, display.begin, display.finish, limit)
     except (StoreError, DamagedError) as error:
-        return _complain(f"{error}; without that file what it holds is computed anew")
+        return _complain(f"{error}; if you delete that file, its content is computed again")
     except OSError as error:
         return _complain(f"{error}; finished items are kept in {out}")
     except KeyboardInterrupt:
@@ -88,7 +88,7 @@ def _complain(message: str) -> int:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Let the signal that ends batch jobs end this one as an interrupt does."""
+    """Treat SIGTERM, which ends batch jobs, as an interrupt."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -116,8 +116,8 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--minutes", type=_minutes, metavar="M",
-        help="end each search after so long; the report says how far it came, and the same "
-        "command goes on from there",
+        help="end each search after M minutes; the report says how far it came, and the same "
+        "command continues from there",
     )  # fmt: skip
     parser.add_argument(
         "--only", action=_Names, metavar="ITEM[,ITEM...]",
@@ -128,14 +128,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--workers", type=_at_least(1), default=available_cores(), metavar="N",
-        help="threads; they don't change the numbers (default: all cores, %(default)s)",
+        help="threads; the numbers do not depend on them (default: all cores, %(default)s)",
     )  # fmt: skip
     parser.add_argument("--list", action="store_true", help="list the items and exit")
     return parser
 
 
 class _Names(argparse.Action):
-    """Names of items, between commas."""
+    """Names of items separated by commas."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any,

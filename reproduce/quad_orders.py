@@ -1,4 +1,4 @@
-"""Errors of the spinning top in real(16) and their slopes, for all figures that show them."""
+"""Errors of the spinning top in real(16), and their slopes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cg.analysis.convergence import observed_order, slopes
 from cg.runs.execution import as_finished
 
 from . import fingerprint, top
+from .checkpoint import Checkpoint
 from .context import Context
-from .kept import Kept
 
 __all__ = ["FIT", "Run", "end_errors", "order_data"]
 
 FIT = 4
-"""Points, those with the smallest steps, that a slope is fitted to."""
+"""Number of points, those with the smallest steps, to which a slope is fitted."""
 
 Run = tuple[top.Reading, str, int]
 """An integration over [0, 1]: reading, method, number of steps."""
@@ -27,18 +27,18 @@ Run = tuple[top.Reading, str, int]
 def end_errors(context: Context, runs: Sequence[Run]) -> dict[Run, float]:
     """Integrate in real(16), several at a time, and return the errors of B at t = 1.
 
-    Every error is kept in a checkpoint once it is known, and not computed again.
+    Errors are stored in a checkpoint, and are not computed again.
 
     Parameters
     ----------
     context : Context
     runs : sequence of Run
-        Best with the longest first, so that no core waits at the end.
+        Long runs should be first, so that all cores are busy until the end.
     """
     digest = fingerprint.of_code(__name__, {})
-    kept = Kept(context.checkpoints / f"quad-errors-{digest}.jsonl", _recorded)
+    checkpoint = Checkpoint(context.checkpoints / f"quad-errors-{digest}.jsonl", _recorded)
     try:
-        errors = dict(kept.records)
+        errors = dict(checkpoint.records)
         missing = [run for run in runs if run not in errors]
         for reading in {run[0] for run in missing}:
             top.reference_end(reading)  # once, before threads ask for it
@@ -46,10 +46,10 @@ def end_errors(context: Context, runs: Sequence[Run]) -> dict[Run, float]:
                                  context.workers)) as running:  # fmt: skip
             for index, error in running:
                 errors[missing[index]] = error
-                kept.append({"run": missing[index], "error": error})
+                checkpoint.append({"run": missing[index], "error": error})
                 context.progress(sum(run in errors for run in runs), len(runs))
     finally:
-        kept.close()
+        checkpoint.close()
     return {run: errors[run] for run in runs}
 
 

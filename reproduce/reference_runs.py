@@ -1,4 +1,4 @@
-"""Built-in problems integrated wholly in compiled code, in double or quadruple precision."""
+"""Integration of built-in problems in compiled code, in double or quadruple precision."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from cg.support.shared_numbers import Stop
 
 Kind = Literal["real64", "real128"]
 
-# Rounds exact numbers to a kind, as Fortran has them.
+# Rounds exact numbers to the arrays of a kind.
 _Convert = Callable[..., Any]
 # Takes some steps of a method.
 _Call = Callable[..., tuple[int, Any]]
@@ -36,7 +36,7 @@ _Call = Callable[..., tuple[int, Any]]
 
 @dataclass(frozen=True, eq=False)
 class CompiledTrajectory:
-    """A solution from the compiled stepper.
+    """A solution computed in compiled code.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class CompiledTrajectory:
     y
         Points rounded to float64, shape ``(steps + 1, *point_shape)``, read-only.
     raw
-        Points in the kind that was computed with: ``y`` itself, or the bytes of binary128
+        Points in the kind of the computation: ``y`` itself, or the bytes of binary128
         numbers as `cg.support.quads` has them, shape ``(steps + 1, *point_shape, 16)``, read-only.
     kind
         ``"real64"`` or ``"real128"``.
@@ -76,8 +76,8 @@ def integrate_heavy_top(
 ) -> CompiledTrajectory:
     """Integrate the spinning top from time zero, with a given number of equal steps.
 
-    All constants, the method's exact coefficients among them, are rounded once to the kind.
-    Python's global lock is released meanwhile.
+    All constants, including the exact coefficients of the method, are rounded once to the kind.
+    The call releases the global interpreter lock.
 
     Parameters
     ----------
@@ -163,9 +163,9 @@ def _integrate(
     steps: int,
     kind: Kind,
 ) -> CompiledTrajectory:
-    """Check what all built-in problems share, and make a trajectory of what the calls give.
+    """Check the common arguments, and integrate.
 
-    Python can be interrupted between them.
+    Between calls of compiled code Python handles interrupts.
     """
     tableau = resolve_method(method)
     if not tableau.explicit:

@@ -1,4 +1,4 @@
-"""The report: one page of HTML that needs nothing beside it."""
+"""The report: one self-contained page of HTML."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def page(state: Mapping[str, Any], sections: Mapping[str, str]) -> str:
     Parameters
     ----------
     state : mapping
-        What ``results.json`` holds.
+        The content of ``results.json``.
     sections : mapping
-        By item, what `section` returned.
+        By item, the result of `section`.
     """
     by_place = sorted(ITEMS.values(), key=lambda item: item.place)
     shown = [item for item in by_place if item.name in sections]
@@ -50,8 +50,8 @@ def page(state: Mapping[str, Any], sections: Mapping[str, str]) -> str:
 <h1>{escape(_TITLE)}</h1>
 <p>After Z. Jackiewicz, A. Marthinsen and B. Owren, “Construction of Runge–Kutta methods of
 Crouch–Grossman type of high order”, Advances in Computational Mathematics 13 (2000), 405–415.
-Every number of ours on this page was computed by reproduce-paper, but for the radii of
-certificates, which are read from their files; results.json has them all.</p>
+All numbers of ours on this page were computed by reproduce-paper, except the radii of
+certificates, which are read from their files; results.json has all of them.</p>
 <p>Seed {settings["seed"]}, {extent}, version {escape(run["version"])}.</p>
 {_partial(state["items"], shown)}<nav aria-label="Contents"><ol>{links}</ol></nav>
 </header>
@@ -64,7 +64,7 @@ certificates, which are read from their files; results.json has them all.</p>
 
 
 def _partial(items: Mapping[str, Data], shown: Sequence[Item]) -> str:
-    """Return a paragraph that names the searches that were cut short, if there are any."""
+    """Return a paragraph that lists unfinished searches, if there are any."""
     parts = [
         f"{item.title}: {part['starts']} of {part['of']} starts"
         for item in shown
@@ -76,7 +76,7 @@ def _partial(items: Mapping[str, Data], shown: Sequence[Item]) -> str:
 
 
 def section(item: Item, numbers: Data, out: Path) -> str:
-    """Return the section of an item's numbers; its figures are drawn into ``out/figures``."""
+    """Return the section of an item, and draw its figures into ``out/figures``."""
     body = "".join(_block(block, out) for block in item.present(numbers))
     name = _id(item)
     return (
@@ -131,7 +131,7 @@ def _row(header: Sequence[str], cells: Sequence[str]) -> str:
 
 
 def _cell(column: str, text: str) -> str:
-    """Return a cell; narrow pages write the name of its column before it."""
+    """Return a cell; on narrow screens the name of its column is shown before it."""
     label = f'data-column="{escape(column)}"'
     if text in _MARKS:
         name = text.replace(" ", "-")

@@ -1,4 +1,4 @@
-"""Compute items one after the other, and write down each as it finishes."""
+"""Compute items one after the other, and write the report after each."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ _REPORT = "report.html"
 
 
 class OutputError(Exception):
-    """The output folder can't be used; the message says why."""
+    """The output folder cannot be used; the message gives the reason."""
 
 
 def check_output(out: Path) -> None:
-    """Make the output folder and see that files can be written there.
+    """Create the output folder and check that files can be written there.
 
     Raises
     ------
     OutputError
-        If not.
+        If it is not writable.
     """
     try:
         for folder in (out, out / "figures", out / "checkpoints"):
@@ -52,17 +52,17 @@ def check_output(out: Path) -> None:
 
 
 def check_settings(out: Path, settings: Settings) -> None:
-    """See that the folder holds no report of other settings, which would be lost.
+    """Check that the folder has no report with other settings, which would be overwritten.
 
     Raises
     ------
     OutputError
-        If it does.
+        If it has one.
     """
     try:
         held = Settings(**_read(out)["settings"])
     except (OSError, ValueError, KeyError, TypeError):
-        return  # nothing there that could be lost
+        return  # there is no report
     if held != settings:
         raise OutputError(
             f"{out} holds a report of other settings ({held}; now {settings}), which would be "
@@ -81,34 +81,34 @@ def run(
 ) -> dict[str, Any]:
     """Compute items; write ``results.json``, figures and ``report.html`` as each finishes.
 
-    Items that an earlier run of the same version left in the folder, with the same settings,
-    stay in the report; there is no need for them to run again. Those that need one whose
-    numbers have changed leave it. Long items are shown while they run, as partial.
+    Items that an earlier run of the same version, with the same settings, left in the folder
+    stay in the report, except those that need an item whose data have changed. Long items are
+    shown as partial while they run.
 
     Parameters
     ----------
     items : sequence of Item
-        In the order in which to run them, with all that they need.
+        In the order of computation, with all items that they need.
     out : Path
         Checked by `check_output`.
     settings : Settings
     workers : int
     progress : callable
-        From an item to the function that receives its progress.
+        Returns the function that receives the progress of an item.
     finished : callable
-        Called with every finished item and its time in seconds.
+        Called with each finished item and its time in seconds.
     limit : float, optional
         Seconds that each search may take.
 
     Returns
     -------
     dict
-        What ``results.json`` holds:
+        The content of ``results.json``:
 
         - ``format``: `FORMAT`;
         - ``settings``: ``seed`` and ``full``;
-        - ``items``: by name the numbers of every item, as its ``compute`` documents them;
-        - ``run``: all that differs between equal runs: the ``seconds`` of each item, ``workers``,
+        - ``items``: by name the data of each item, as documented by its ``compute``;
+        - ``run``: data that differ between equal runs: the ``seconds`` of each item, ``workers``,
           ``version`` and a digest of the ``code``.
     """
     state = _earlier(out, settings)
@@ -141,13 +141,13 @@ def run(
 
 
 def _needing(name: str) -> set[str]:
-    """Return the items that need one, directly or by way of others."""
+    """Return the items that need an item, directly or through others."""
     direct = {item.name for item in ITEMS.values() if name in item.needs}
     return direct.union(*map(_needing, direct))
 
 
 def _earlier(out: Path, settings: Settings) -> dict[str, Any]:
-    """Return what an equal run has left in the folder, or the beginning of a new state."""
+    """Return the state of an equal run from the folder, or a new state."""
     fresh = {
         "format": FORMAT,
         "settings": {"seed": settings.seed, "full": settings.full},
@@ -160,7 +160,7 @@ def _earlier(out: Path, settings: Settings) -> dict[str, Any]:
         if same and state["run"]["code"] == fresh["run"]["code"]:  # type: ignore[index]
             return state
     except (OSError, ValueError, KeyError, TypeError):
-        pass  # nothing there that could be kept
+        pass  # there is no usable state
     return fresh
 
 
@@ -170,7 +170,7 @@ def _read(out: Path) -> dict[str, Any]:
 
 
 def _plain(numbers: Data) -> Data:
-    """Return what reading the numbers back from JSON gives, so that both ways are the same."""
+    """Return the data as JSON restores them, so that new and stored data are equal."""
     plain: Data = json.loads(json.dumps(numbers, allow_nan=False))
     return plain
 

@@ -1,4 +1,4 @@
-"""The one median, and the quartiles beside it."""
+"""Median and quartiles."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ __all__ = ["median", "quartiles"]
 
 
 def quartiles(values: Sequence[float]) -> list[float] | None:
-    """Return minimum, quartiles and maximum, or None where there are no values.
+    """Return minimum, quartiles and maximum, or None if there are no values.
 
-    They are values that occur, since f spans many powers of ten, between which there is nothing
-    to interpolate.
+    The results are values of the sample: f spans many powers of ten, so interpolation between
+    neighbours would be meaningless.
     """
     if not values:
         return None
-    found: list[float] = np.quantile(values, (0, 0.25, 0.5, 0.75, 1), method="nearest").tolist()
-    return found
+    five: list[float] = np.quantile(values, (0, 0.25, 0.5, 0.75, 1), method="nearest").tolist()
+    return five
 
 
 def median(values: Sequence[float]) -> float:
-    """Return the median as `quartiles` has it.
+    """Return the median, as defined by `quartiles`.
 
     Raises
     ------
     ValueError
         If there are no values.
     """
-    found = quartiles(values)
-    if found is None:
-        raise ValueError("there is no median of no values")
-    return found[2]
+    five = quartiles(values)
+    if five is None:
+        raise ValueError("values must not be empty")
+    return five[2]

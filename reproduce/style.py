@@ -1,4 +1,4 @@
-"""How figures look, and how they get into files."""
+"""Style of figures, and how they are written to files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ LINES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "CG6a": {"color": PALETTE["purple"], "marker": "D", "linestyle": (0, (1, 1))},
     }
 )
-"""Each method has its colour, marker and line in all figures."""
+"""Colour, marker and line of each method in all figures."""
 
 _MARKERS = "so^vPX*"
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (3, 1, 1, 1, 1, 1)))
@@ -70,14 +70,13 @@ _RC: dict[Any, Any] = {
 
 
 def lines(names: Iterable[str]) -> dict[str, Mapping[str, Any]]:
-    """Return colour, marker and line of each method, no two alike.
+    """Return a distinct colour, marker and line for each method.
 
-    Those of `LINES` keep theirs; their colours are left to them.
+    Methods in `LINES` have the style given there, and no other method has their colours.
     """
     listed = list(names)
     taken = {LINES[name]["color"] for name in listed if name in LINES}
-    # neighbours differ in all three, so that curves on top of each other can be told apart, and
-    # no marker has a colour twice
+    # neighbours differ in colour, marker and line, and no pair of marker and colour is repeated
     free = [
         {
             "color": color,
@@ -90,20 +89,20 @@ def lines(names: Iterable[str]) -> dict[str, Mapping[str, Any]]:
     ]
     others = [name for name in listed if name not in LINES]
     if len(others) > len(free):
-        raise ValueError(f"at most {len(free)} lines can be told apart, got {len(others)}")
+        raise ValueError(f"there are styles for at most {len(free)} methods, got {len(others)}")
     return {name: LINES[name] for name in listed if name in LINES} | dict(
         zip(others, free, strict=False)
     )
 
 
 def grid(axes: Axes, *, x: bool, y: bool) -> None:
-    """Make axes logarithmic, with a mark at every decade as far as there is room.
+    """Make axes logarithmic, with a tick at every decade where there is room.
 
     Parameters
     ----------
     axes : Axes
     x, y : bool
-        Which of them.
+        Which axes.
     """
     for wanted, name, axis in ((x, "x", axes.xaxis), (y, "y", axes.yaxis)):
         if wanted:
@@ -113,7 +112,7 @@ def grid(axes: Axes, *, x: bool, y: bool) -> None:
 
 
 def label_panel(axes: Axes, title: str) -> None:
-    """Give a panel its title, at the left."""
+    """Set the title of a panel, aligned left."""
     axes.set_title(title, loc="left")
 
 
@@ -124,12 +123,12 @@ def render(chart: Chart, folder: Path) -> str:
     ----------
     chart : Chart
     folder : Path
-        Exists already.
+        An existing folder.
 
     Returns
     -------
     str
-        An ``svg`` element whose ids are its own, so that several fit on one page.
+        An ``svg`` element with ids that are unique on the page.
     """
     # The salt makes the ids inside the file, and so the file itself, the same every time.
     with mpl.rc_context({**_RC, "svg.hashsalt": chart.name}):
@@ -154,7 +153,7 @@ def _for_page(svg: str, chart: Chart) -> str:
     body = re.sub(r'\bid="', f'id="{prefix}-', body)
     body = re.sub(r'href="#', f'href="#{prefix}-', body)
     body = re.sub(r"url\(#", f"url(#{prefix}-", body)
-    # no narrower than where its letters, of 10 points, can still be read
+    # wide enough for letters of 10 points to be legible
     least = round(_MIN_SCALE * chart.size[0])
     opening = f'<svg role="img" aria-labelledby="{prefix}-description" style="min-width: {least}px"'
     return body.replace("<svg", opening, 1)

@@ -21,7 +21,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
-from cg.reproduce.kept import Kept
+from cg.reproduce.checkpoint import Checkpoint
 
 ROOT = Path(__file__).parents[1]
 
@@ -373,8 +373,8 @@ def main() -> None:
         text=True,
         check=True,
     )
-    with tempfile.TemporaryDirectory() as name, closing(Kept(options.output)) as kept:
-        known = {record["what"] for record in kept.records}
+    with tempfile.TemporaryDirectory() as name, closing(Checkpoint(options.output)) as checkpoint:
+        known = {record["what"] for record in checkpoint.records}
         folder = Path(name)
         for path in filter(lambda path: (ROOT / path).exists(), listed.stdout.splitlines()):
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
@@ -393,7 +393,7 @@ def main() -> None:
                 "by": first,
                 "seconds": round(time.monotonic() - begin, 1),
             }
-            kept.append(record)
+            checkpoint.append(record)
             print(f"{error.file}: {error.what}: {result} {first}", flush=True)
 
 

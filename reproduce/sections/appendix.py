@@ -35,14 +35,14 @@ def compute(context: Context) -> Data:
         residuals (root of f over all trees), f over the independent ones, and the largest
         residual, exactly evaluated, of the ``paper``'s and of ``our`` coefficients.
     """
-    found = {}
+    by_method = {}
     for done, (name, paper) in enumerate(printed().items()):
         context.progress(done, len(printed()))
         rows = compare(name)
         ours = methods[name]
         places = len(paper.b[0].partition(".")[2])
         off = None if ours.approximate else partial(nearest_exact, name)
-        found[name] = {
+        by_method[name] = {
             "order": ours.order,
             "stages": ours.stages,
             "decimals": places,
@@ -65,7 +65,7 @@ def compute(context: Context) -> Data:
                 "ours": _residuals(ours, ours.order),
             },
         }
-    return {"methods": found}
+    return {"methods": by_method}
 
 
 def _residuals(method: Method, order: int) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The whole catalogue as a table, computed from coefficients but for certificates."""
+"""The catalogue as a table, computed from coefficients except for the column of certificates."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from ..item import Item
 __all__ = ["ITEMS", "compute", "describe", "markdown", "present", "table"]
 
 _EXPLANATION = (
-    "Order: p(q) for a pair whose second weights have order q, ≈ where the conditions hold "
-    "approximately. Exponentials: flows a step, those that begin rows alike once; an implicit "
-    "method repeats those of its stages. Principal "
-    "error: 2-norm of the residuals of order q + 1. Effort: exponentials times the q-th root of "
-    "the principal error, by which methods of the same order compare at equal accuracy. "
-    "Residual: the largest through the order, in rational arithmetic. Rank: that of the "
-    "Jacobian of the independent conditions, and how many there are. All these were computed in "
-    "this run. The last column wasn't: it is read from the certificates' files, the radius around "
-    "the stored coefficients within which an exact method was proved to exist, 0 if the "
-    "coefficients themselves are one; partly where that was proved for independent conditions, "
-    "and of the others that they are tiny. python -m cg.proofs --check repeats the proofs."
+    "Order: p(q) for a pair whose second weights have order q; ≈ if the conditions hold "
+    "approximately. Exponentials: flows per step, where flows that several rows share count once; "
+    "an implicit method repeats those of its stages. Principal error: 2-norm of the residuals of "
+    "order q + 1. Effort: exponentials times the q-th root of the principal error, which compares "
+    "methods of the same order at equal accuracy. Residual: the largest through the order, in "
+    "rational arithmetic. Rank: that of the Jacobian of the independent conditions, and their "
+    "number. These columns were computed in this run. The last column is read from the "
+    "certificates' files: the radius around the stored coefficients within which an exact method "
+    "was proved to exist, 0 if the coefficients are exact, and partly if this was proved for "
+    "independent conditions and the others were proved to be tiny. python -m cg.proofs --check "
+    "repeats the proofs."
 )
 
 
@@ -44,11 +44,11 @@ def compute(context: Context) -> Data:
     Data
         ``methods``: a list of what `describe` returns.
     """
-    found = []
+    entries = []
     for done, method in enumerate(packaged.values()):
         context.progress(done, len(packaged))
-        found.append(describe(method))
-    return {"methods": sorted(found, key=_place)}
+        entries.append(describe(method))
+    return {"methods": sorted(entries, key=_place)}
 
 
 def _place(entry: Data) -> tuple[Any, ...]:
@@ -110,11 +110,11 @@ def _rank(method: Method) -> int:
 def _certificate(method: Method) -> Data | None:
     if method.name not in certificate_names():
         return None
-    found = certificate_of(method)
+    certificate = certificate_of(method)
     return {
-        "radius": found.radius,
-        "identities": list(found.identities),
-        "complete": found.complete,
+        "radius": certificate.radius,
+        "identities": list(certificate.identities),
+        "complete": certificate.complete,
     }
 
 

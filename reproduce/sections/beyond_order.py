@@ -25,10 +25,10 @@ __all__ = ["ITEMS", "compute", "present", "select"]
 _LOWEST_ORDER = 6
 _POWERS = range(2, 12)
 _FLOWS = 2**20
-"""No integration takes more flows: about four seconds of one core."""
+"""Largest number of flows of an integration, about four seconds of one core."""
 
 _NEAR = 0.1
-"""How far from the order a slope between neighbours may be and still show it."""
+"""Largest difference between the order and a slope between neighbouring points."""
 
 
 def select(catalogue: Mapping[str, Method] = methods) -> list[str]:
@@ -64,7 +64,7 @@ def compute(context: Context) -> Data:
         if 2**power * methods[name].exponentials <= _FLOWS
     ]
     errors = end_errors(context, runs)
-    found: dict[str, dict[str, Any]] = {}
+    orders: dict[str, dict[str, Any]] = {}
     for reading in readings:
         parts = {}
         for name in names:
@@ -76,11 +76,11 @@ def compute(context: Context) -> Data:
                 **part,
                 "decades": decades(part, methods[name].order),
             }
-        found[reading] = {
+        orders[reading] = {
             "reference_error": top.reference_end(reading)[1],
             "methods": parts,
         }
-    return {"near": _NEAR, "readings": found}
+    return {"near": _NEAR, "readings": orders}
 
 
 def decades(part: Data, order: int) -> float:
@@ -168,13 +168,13 @@ def _draw(figure: Figure, runs: Data) -> None:
 
 def _beginnings(runs: Data) -> dict[int, float]:
     """Return where lines of the slope of each order begin, so that they end below all curves."""
-    found = {}
+    curves = {}
     for order in sorted({run["order"] for run in runs.values()}):
         exact = [run for run in runs.values() if run["order"] == order and not run["approximate"]]
         if exact:
             constants = [run["error"][-1] / run["h"][-1] ** order for run in exact]
-            found[order] = min(constants) / 5 * exact[0]["h"][0] ** order
-    return found
+            curves[order] = min(constants) / 5 * exact[0]["h"][0] ** order
+    return curves
 
 
 def _describe(runs: Data) -> str:

@@ -1,4 +1,4 @@
-"""Every result that the paper claims, with a verdict that numbers decide."""
+"""The results that the paper claims, each with a verdict and its evidence."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ class Claim:
     Attributes
     ----------
     section : str
-        Where it says so.
+        Section of the paper.
     text : str
-        In our words.
+        The claim in our words.
     judge : callable
-        From the numbers of `evidence.gather` and the results of all items to a verdict.
+        Returns a verdict for the numbers of `evidence.gather` and the results of all items.
     interpretation : str
-        How we read it, if it fails.
+        Our interpretation, if the claim fails.
     found : str
-        The verdict of a run with default settings, for those who read without a run. A test
-        compares it with what the judge says then.
+        The verdict of a run with default settings, for the documentation. A test compares it
+        with that of the judge.
     """
 
     section: str
@@ -71,9 +71,9 @@ CLAIMS = (
         "Abstract",
         "An example of order six is given, CG6a.",
         partial(judges.catalogue_order, 6, "CG6a"),
-        "The abstract counts CG6a with the others; Sections 1 and 3.2 of the paper call it what it "
-        "is, a set of coefficients that satisfies the conditions approximately. Strictly its order "
-        "is zero: its weights don't add up to 1.",
+        "The abstract counts CG6a with the others; Sections 1 and 3.2 of the paper describe it "
+        "correctly as coefficients that satisfy the conditions approximately. Strictly its order "
+        "is zero, since its weights do not add up to 1.",
         FAIL,
     ),
     *(
@@ -88,8 +88,8 @@ CLAIMS = (
         "Abstract, 3.2",
         "Experiments confirm the expected order: six.",
         judges.slope_six,
-        "What the abstract and Section 3.2 say of all three examples holds for two. For CG6a the "
-        "paper's own Section 4 says that the experiment shows conditions satisfied approximately.",
+        "The abstract and Section 3.2 claim this for all three examples; it holds for two. For "
+        "CG6a, Section 4 of the paper says that its conditions are satisfied only approximately.",
         FAIL,
     ),
     Claim(
@@ -120,7 +120,7 @@ CLAIMS = (
     Claim(
         "1",
         "These were the first of their kind.",
-        judges.beyond("priority isn't a number"),
+        judges.beyond("priority is not a number"),
         found=NOT_REPRODUCIBLE,
     ),
     Claim(
@@ -162,9 +162,9 @@ CLAIMS = (
         "3.2",
         "… and no further.",
         judges.six_no_further,
-        "How far f comes is a matter of how long lmdif may run, and the paper doesn't say how "
-        "long that was. Where the median passes the paper's value, and what it would be as a "
-        "norm, is in the section on f against evaluations.",
+        "How far f decreases depends on the limit of evaluations of lmdif, which the paper does "
+        "not give. The section on f against evaluations shows where the median reaches the paper's "
+        "value, as a sum of squares and as a norm.",
         FAIL,
     ),
     *(
@@ -190,8 +190,8 @@ CLAIMS = (
         "1, 3.2, 4",
         "The same: every condition.",
         judges.all_digits,
-        "“Six to seven digits” describes the typical condition. That others hold to fewer isn't "
-        "due to how many digits are printed.",
+        "“Six to seven digits” describes the typical condition. Others hold to fewer digits, and "
+        "the number of printed digits is not the reason.",
         FAIL,
     ),
     Claim("3.2", "The examples have moderately sized coefficients.", judges.moderate),
@@ -210,12 +210,12 @@ CLAIMS = (
         "A",
         "All coefficients are truncated to 16 decimals.",
         judges.truncated,
-        "No exact method has the digits of CG4a or of CG5a when it is truncated, only one that is "
-        "rounded comes near; CG6a is printed with eight decimals.",
+        "No exact method has the digits of CG4a or CG5a when truncated; the nearest exact method "
+        "agrees when rounded. CG6a is printed with eight decimals.",
         FAIL,
     ),
 )
-"""In the order of the paper, each once, however often the paper makes it."""
+"""All claims in the order of the paper, without repetitions."""
 
 
 def compute(context: Context) -> Data:
@@ -224,9 +224,9 @@ def compute(context: Context) -> Data:
     Returns
     -------
     Data
-        ``claims``, each with ``section``, ``claim`` in our words, ``verdict`` ("pass", "fail" or
-        "not reproducible"), ``evidence``, and ``interpretation``, empty unless it fails;
-        ``count`` by verdict; ``numbers`` that only claims need, see `evidence.gather`.
+        ``claims``, each with ``section``, ``claim``, ``verdict`` ("pass", "fail" or "not
+        reproducible"), ``evidence``, and ``interpretation``, empty unless it fails; ``count`` by
+        verdict; ``numbers``, the result of `evidence.gather`.
     """
     numbers = gather(context.settings.seed)
     judged = []
@@ -262,10 +262,9 @@ def present(data: Data) -> Sequence[Block]:
     ]
     return (
         Text(
-            "The results that the paper claims, from the abstract to the appendix, in our words, "
-            "each once. A verdict is decided by the numbers beside it, which this run computed: "
-            f"{total['pass']} pass, {total['fail']} fail, {total['not reproducible']} are not "
-            "reproducible, for the reason given."
+            "The results that the paper claims, in our words. Each verdict is decided by the "
+            f"numbers beside it, which this run computed: {total['pass']} pass, {total['fail']} "
+            f"fail, {total['not reproducible']} are not reproducible, for the reason given."
         ),
         Table("Claims", ("section", "claim", "verdict", "evidence"), rows, numeric=False),
     )

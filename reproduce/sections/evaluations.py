@@ -1,4 +1,4 @@
-"""Order six: how far f has come after how many evaluations, in double and in real(16)."""
+"""Order six: f against the number of evaluations, in double and in real(16)."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _PLAN = PLANS[6]
 _ONCE = _PLAN.unknowns + 1  # a Jacobian by differences, and the step after it
 
 STOPPED = replace(_PLAN, starts=6, maxfev=20 * _ONCE, refine_maxfev=100 * _ONCE)
-"""Double is stopped near the paper's 1e-6, and real(16) may run for long."""
+"""Settings that stop double near the paper's 1e-6, with a high limit in real(16)."""
 
 COUNTS = (10 * _ONCE, 20 * _ONCE, 40 * _ONCE, _PLAN.maxfev + _PLAN.refine_maxfev)
-"""Limits of evaluations; the last is as many as both phases of the search have together."""
+"""Limits of evaluations; the last is that of both phases of the search together."""
 
 
 def compute(context: Context) -> Data:
@@ -45,9 +45,9 @@ def compute(context: Context) -> Data:
         more evaluations in double do, ``ratio_double``, by start; ``stopped``, with its ``limit``
         and ``limit_quad``, ``f_double`` and ``f_quad`` of the first starts if double stops early.
     """
-    found = context.results["search6"]
-    starts = min(_PLAN.starts, len(found["f_double"]))
-    f = {_PLAN.maxfev: found["f_double"][:starts]}
+    searched = context.results["search6"]
+    starts = min(_PLAN.starts, len(searched["f_double"]))
+    f = {_PLAN.maxfev: searched["f_double"][:starts]}
     for done, limit in enumerate(COUNTS):
         context.progress(done, len(COUNTS) + 1)
         plan = replace(_PLAN, starts=starts, maxfev=limit, refine_below=0.0)
@@ -55,11 +55,11 @@ def compute(context: Context) -> Data:
     context.progress(len(COUNTS), len(COUNTS) + 1)
     early = _search(context, STOPPED)
     limits = sorted(f)
-    ends = zip(f[_PLAN.maxfev], found["f_quad"][:starts], f[COUNTS[-1]], strict=True)
+    ends = zip(f[_PLAN.maxfev], searched["f_quad"][:starts], f[COUNTS[-1]], strict=True)
     ratios = [(quad / double, more / double) for double, quad, more in ends if quad is not None]
     exact = context.results["search4"]
     return {
-        "paper": found["paper"],
+        "paper": searched["paper"],
         "paper_exact": exact["paper"],
         "smallest_exact": {
             "f_double": min(exact["f_double"]),

@@ -107,30 +107,31 @@ def present(data: Data) -> Sequence[Block]:
                 size=(12.0, 4.2),
             )
         )
-    for reading in top.READINGS:
-        methods = data["readings"][reading]
-        rows = [
-            [
-                method,
-                number(max(run["distance"]), 2),
-                number(max(run["distance_flows"]), 2),
-                number(run["long_distance"], 2),
-                number(run["long_distance_flows"], 2),
-                places(run["slope"], 2),
-                number(run["fitted"]),
-            ]
-            for method, run in methods.items()
-        ]
-        long = f"h = {number(data['long_h'])}"
-        blocks.append(
-            Table(
-                "Largest distance from SO(3) with a Newton–Schulz step and by flows alone, and "
-                f"least-squares slope over h ≤ {_MAX_H} and errors above {_FLOOR:g}; {reading}",
-                ("method", "h = 0.1", "flows alone", long, "flows alone", "slope", "points"),
-                rows,
-            )
-        )
+    blocks += [_table(data, reading) for reading in top.READINGS]
     return blocks
+
+
+def _table(data: Data, reading: str) -> Table:
+    """Return the table of distances and slopes of one reading."""
+    rows = [
+        [
+            method,
+            number(max(run["distance"]), 2),
+            number(max(run["distance_flows"]), 2),
+            number(run["long_distance"], 2),
+            number(run["long_distance_flows"], 2),
+            places(run["slope"], 2),
+            number(run["fitted"]),
+        ]
+        for method, run in data["readings"][reading].items()
+    ]
+    long = f"h = {number(data['long_h'])}"
+    return Table(
+        "Largest distance from SO(3) with a Newton–Schulz step and by flows alone, and "
+        f"least-squares slope over h ≤ {_MAX_H} and errors above {_FLOOR:g}; {reading}",
+        ("method", "h = 0.1", "flows alone", long, "flows alone", "slope", "points"),
+        rows,
+    )
 
 
 def _draw(figure: Figure, data: Data, methods: Data) -> None:

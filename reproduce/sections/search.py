@@ -1,4 +1,4 @@
-"""The computer search of Section 3.2: how far f was reduced, and what was found."""
+"""The computer search of Section 3.2: the values of f and the methods found."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ from ..style import PALETTE, grid
 __all__ = ["ITEMS", "PLANS", "Plan", "compute", "present"]
 
 _SHOWN = 3
-_MIN_F = 1e-70  # what zero is drawn at
+_MIN_F = 1e-70  # smaller values are drawn here
 
-_PAUSE = 60.0  # seconds at least between publications of what was found so far
-_PAUSES = 20.0  # and times what the last one took
+_PAUSE = 60.0  # least seconds between publications of partial results,
+_PAUSES = 20.0  # and least multiple of the time that the last publication took
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to search for, and how long.
+    """Settings of one search.
 
     Attributes
     ----------
     order, stages : int
     starts, full_starts : int
-        Random starts, and those of the extensive search.
+        Numbers of random starts of the default and of the extensive search.
     maxfev : int
         Evaluations in double.
     refine_below : float
-        f in double that makes a start worth real(16).
+        Starts with at most this f in double are refined in real(16).
     refine_maxfev : int
         Evaluations in real(16).
     paper_double, paper_quad : float
-        What the paper says that f was reduced to.
+        The values of f that the paper gives.
     """
 
     order: int
@@ -73,7 +73,7 @@ class Plan:
         return unknowns(self.stages)
 
     def arguments(self, seed: int) -> dict[str, Any]:
-        """Return what `cg.search` is called with, but for the number of starts."""
+        """Return the arguments of `cg.search` except the number of starts."""
         return {
             "order": self.order,
             "stages": self.stages,
@@ -87,20 +87,19 @@ class Plan:
 
 PLANS = {
     4: Plan(4, 5, 1000, 20_000, 3_200, 1e-12, 320, 1e-15, 1e-31),
-    # zeros at order five lie at the end of long valleys: most take 1e4 to 1e5 evaluations
+    # at order five lmdif follows long valleys: most zeros take 1e4 to 1e5 evaluations
     5: Plan(5, 9, 240, 4_800, 100_000, 1e-12, 1840, 1e-15, 1e-31),
-    # no zero is known to this search, so that all starts go on, for a few Jacobians each
+    # this search has found no zero, so all starts are refined, for a few Jacobians each
     6: Plan(6, 16, 16, 320, 27_400, 1.0, 822, 1e-6, 1e-8),
 }
 
 
 def compute(plan: Plan, context: Context) -> Data:
-    """Search, going on from a store where there is one.
+    """Search, or continue a search from its store.
 
-    What was found so far is published from time to time. Where
-    the search is cut short, by an interrupt or the limit of its time, its result is that of the
-    starts up to the first that isn't finished: those that take long are among them as often as
-    others.
+    Partial results are published from time to time. If an interrupt or the time limit ends the
+    search, its result is that of the starts before the first unfinished one, so that slow starts
+    are not underrepresented.
 
     Returns
     -------
@@ -120,10 +119,10 @@ def compute(plan: Plan, context: Context) -> Data:
     path = context.checkpoints / name
     clock = _Clock(context, starts, path)
 
-    def found(finished: int) -> Data:
-        kept = search(**arguments, starts=finished, workers=1, store=path)
+    def data_of(finished: int) -> Data:
+        result = search(**arguments, starts=finished, workers=1, store=path)
         part = None if finished == starts else {"starts": finished, "of": starts}
-        return _data(plan, kept) | {"partial": part}
+        return _data(plan, result) | {"partial": part}
 
     done = _finished(path)
     shown, pause = time.monotonic(), _PAUSE
@@ -139,25 +138,25 @@ def compute(plan: Plan, context: Context) -> Data:
             )
         except KeyboardInterrupt:
             if finished := _finished(path):
-                context.publish(found(min(finished, starts)))
+                context.publish(data_of(min(finished, starts)))
             raise
         except _OutOfTimeError:
-            return found(_finished(path))
+            return data_of(_finished(path))
         if done == starts:
-            return found(starts)
+            return data_of(starts)
         now = time.monotonic()
         if now - shown >= pause:
-            context.publish(found(done))
+            context.publish(data_of(done))
             shown = time.monotonic()
             pause = max(_PAUSE, _PAUSES * (shown - now))
 
 
 class _OutOfTimeError(Exception):
-    """The time that a search may take is over."""
+    """The time limit of a search is reached."""
 
 
 class _Clock:
-    """Passes progress on until time is over; the next start at least is waited for."""
+    """Reports progress, and ends the search after the time limit and at least one new start."""
 
     def __init__(self, context: Context, starts: int, store: Path) -> None:
         self._context = context
@@ -175,7 +174,7 @@ class _Clock:
 
 
 def _finished(path: Path) -> int:
-    """Return how many starts a store has without a gap."""
+    """Return the number of stored starts before the first missing one."""
     if not path.exists():
         return 0
     with Store(path) as store:
@@ -212,7 +211,7 @@ def _data(plan: Plan, result: SearchResult) -> dict[str, Any]:
 
 
 def _chosen(order: int, methods: Sequence[Tableau]) -> Sequence[Tableau]:
-    """Choose as the paper chose: abscissae in [0, 1] at order four, then small coefficients."""
+    """Choose methods as the paper does: abscissae in [0, 1] at order four, small coefficients."""
     if order == PLANS[4].order:
         methods = sorted(methods, key=lambda method: not _in_unit_interval(method))
     return methods[:_SHOWN]
@@ -238,7 +237,7 @@ def _best(plan: Plan, start: RandomStart) -> dict[str, Any]:
 
 
 def present(plan: Plan, data: Data) -> Sequence[Block]:
-    """Draw how f is distributed, and show the chosen methods."""
+    """Draw the distribution of f, and list the chosen methods."""
     settings, total, exact = data["settings"], len(data["exact"]), sum(data["exact"])
     refined = sum(f is not None for f in data["f_quad"])
     every = (
@@ -254,8 +253,8 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
             f"xtol = ftol = 1e−32 and at most {settings['refine_maxfev']}. {data['at_limit']} of "
             f"the starts ended at the limit of evaluations in double. f is the sum of squares "
             "over the independent conditions, as in the paper, whose table has zeros for the "
-            "others; its root is the norm that lmdif's own drivers print. A start is determined "
-            "by the seed and its number alone."
+            "others; its square root is the norm that the drivers of lmdif print. A start is "
+            "determined by the seed and its number alone."
         ),
         Chart(
             f"search{plan.order}",
@@ -293,8 +292,8 @@ def present(plan: Plan, data: Data) -> Sequence[Block]:
 
 def _partial(part: Data) -> str:
     return (
-        f"Partial: the first {part['starts']} of {part['of']} starts. The search was cut short or "
-        "still runs; the same command goes on with it."
+        f"Partial: the first {part['starts']} of {part['of']} starts. The search was ended early "
+        "or still runs; the same command continues it."
     )
 
 

@@ -1,7 +1,7 @@
-"""Find the factors of proofs of impossibility again, with the computer algebra system Singular.
+"""Compute the factors of proofs of impossibility with the computer algebra system Singular.
 
-``python tools/make_impossibility_proofs.py order4 FOLDER`` writes a file of `cg.impossibility`.
-Only finding needs Singular: `python -m cg.impossibility` checks the file without it.
+``python -m research.impossibility.find_proofs order4 FOLDER`` writes a file of proofs, which
+``python -m research.impossibility`` checks without Singular.
 """
 
 from __future__ import annotations
@@ -122,13 +122,13 @@ class FlatLemmas:
             },
         )
         last, tall = f["[[[[]]]]"], "[[[[]]]]"
+        u = 24 * b[2] * a43 * a32
         columns = []
         for j in range(3):
             times = {
                 name: -144 * _determinant(v) * _cofactor(n, k, j) for k, name in enumerate(zeros)
             }
             raised = self._add(s * d[j], {**times, determinant: d[j]})
-            u = 24 * b[2] * a43 * a32
             factors = {raised: u**2, tall: -24 * (u * q + 1) * d[j]}
             columns.append(self._add(d[j], factors))
         end = c[2] - 1

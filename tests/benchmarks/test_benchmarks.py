@@ -1,4 +1,4 @@
-"""The benchmarks compute what they say, and their page says what was measured."""
+"""Solvers and problems of the benchmarks are right, and the pages show the stored results."""
 
 import importlib.util
 import shutil
@@ -26,7 +26,7 @@ def _importable():
 
 
 @pytest.mark.parametrize(("order", "stages"), [(3, 3), (5, 9)])
-def test_the_numpy_residual_is_that_of_the_definition(order, stages):
+def test_numpy_residual_agrees_with_the_exact_residual(order, stages):
     from benchmarks.weights import NumpyResidual
 
     x = np.random.default_rng(1).uniform(-1, 1, conditions.unknowns(stages))
@@ -36,7 +36,7 @@ def test_the_numpy_residual_is_that_of_the_definition(order, stages):
     np.testing.assert_allclose(found, np.array(exact, dtype=float), rtol=0, atol=1e-12)
 
 
-def test_leastsq_has_the_derivatives_of_its_residual():
+def test_jacobian_for_leastsq_agrees_with_differences():
     from benchmarks.leastsq import PaddedResidual
 
     residual = PaddedResidual(4, 5)
@@ -49,7 +49,7 @@ def test_leastsq_has_the_derivatives_of_its_residual():
 
 
 @pytest.mark.parametrize("projected", [True, False])
-def test_dop853_solves_all_cases(projected):
+def test_projected_dop853_solves_all_cases(projected):
     from benchmarks.cases import cases
     from benchmarks.projected import integrate
 
@@ -70,7 +70,7 @@ def test_dop853_solves_all_cases(projected):
 
 
 @pytest.mark.parametrize("order", [4, 6])
-def test_orders_of_magnus_methods(order):
+def test_observed_order_of_magnus_methods(order):
     from benchmarks.cases import cases
     from benchmarks.magnus import Magnus
 
@@ -84,7 +84,7 @@ def test_orders_of_magnus_methods(order):
     assert observed_order([1 / n for n in counts], errors).order == pytest.approx(order, abs=0.1)
 
 
-def test_work_is_interpolated_and_the_best_is_found():
+def test_curves_interpolate_work_and_best_solver():
     from benchmarks.rivals import _best
     from benchmarks.work_curves import Curve, Point
 
@@ -108,7 +108,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C co
 
 @needs_gcc
 @pytest.mark.parametrize("key", ["CF4", "CG4a", "CF6a", "CG5a"])
-def test_the_plain_loop_takes_the_same_steps(tmp_path, key):
+def test_plain_loop_in_c_takes_the_same_steps(tmp_path, key):
     from benchmarks.compiled import PlainLoop, field, top_field
 
     loop, top = PlainLoop(tmp_path), HeavyTop()
@@ -127,7 +127,7 @@ def test_the_plain_loop_takes_the_same_steps(tmp_path, key):
 
 @needs_gcc
 @pytest.mark.parametrize("key", ["DP5(4)", "CF5r"])
-def test_the_plain_loop_refuses_methods_that_it_would_get_wrong(tmp_path, key):
+def test_plain_loop_rejects_unsupported_methods(tmp_path, key):
     from benchmarks.compiled import PlainLoop, field
 
     with pytest.raises(ValueError, match=r"steps\.c"):
@@ -135,7 +135,7 @@ def test_the_plain_loop_refuses_methods_that_it_would_get_wrong(tmp_path, key):
 
 
 @needs_gcc
-def test_functions_of_an_ensemble_are_the_same_in_c_and_in_python(tmp_path):
+def test_ensemble_functions_agree_in_c_and_python(tmp_path):
     from benchmarks import ensemble
     from benchmarks.compiled import field
     from benchmarks.ensemble import fields, level
@@ -154,7 +154,7 @@ def test_functions_of_an_ensemble_are_the_same_in_c_and_in_python(tmp_path):
 
 
 @needs_gcc
-def test_solvers_of_the_tumbling_body_solve_it(tmp_path):
+def test_solvers_solve_the_tumbling_body(tmp_path):
     from benchmarks import bodies
 
     case = bodies.tumbling(tmp_path)
@@ -171,7 +171,7 @@ def test_solvers_of_the_tumbling_body_solve_it(tmp_path):
         assert case.error(points[-1]) < 1e-8, name
 
 
-def test_rows_of_bodies_are_of_the_fastest_rival(monkeypatch):
+def test_bodies_compare_with_the_fastest_competitor(monkeypatch):
     from benchmarks import bodies
     from benchmarks.work_curves import Point
 
@@ -192,19 +192,7 @@ def test_rows_of_bodies_are_of_the_fastest_rival(monkeypatch):
     assert row.met
 
 
-def test_lines_are_those_of_the_files(tmp_path):
-    from benchmarks.calls import count_lines
-
-    for folder in ("cg/integration/__pycache__", "fortran", "cg/other"):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / "cg/integration/a.py").write_text("one\n\nthree\n")
-    (tmp_path / "fortran/a.f90.in").write_text("one\n")
-    (tmp_path / "cg/other/a.py").write_text("none\n")
-    (tmp_path / "cg/integration/__pycache__/a.pyc").write_text("none\n")
-    assert count_lines(tmp_path) == 4
-
-
-def test_pairs_of_methods_on_one_tableau_are_compared():
+def test_tableaux_compare_both_forms():
     from benchmarks.tableaux import _line
     from benchmarks.work_curves import Curve, Point
 
@@ -227,7 +215,7 @@ def _cases(*names):
 
 
 @needs_gcc
-def test_a_step_is_compared_with_its_parts(tmp_path):
+def test_parts_compare_a_step_with_the_sum(tmp_path):
     from benchmarks import parts
     from benchmarks.compiled import field
 
@@ -238,7 +226,7 @@ def test_a_step_is_compared_with_its_parts(tmp_path):
 
 
 @pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
-def test_lielab_solves_what_it_can_express():
+def test_lielab_solves_supported_cases():
     from benchmarks.lielab_rival import METHODS, LielabRival, expresses
 
     assert [expresses(case) for case in _cases("heavy_top", "two_levels")] == [True, False]
@@ -251,7 +239,7 @@ def test_lielab_solves_what_it_can_express():
 
 
 @pytest.mark.skipif(importlib.util.find_spec("lielab") is None, reason="needs Lielab")
-def test_lielab_solves_the_same_problem():
+def test_lielab_solves_the_heavy_top():
     from benchmarks.lielab_top import LielabTop
 
     top = HeavyTop()
@@ -260,7 +248,7 @@ def test_lielab_solves_the_same_problem():
     np.testing.assert_allclose(end, exact, rtol=0, atol=1e-6)
 
 
-def test_medians_and_ratios_are_of_rounds():
+def test_times_give_medians_and_ratios_of_rounds():
     from benchmarks.timing import Times
 
     times = Times({"a": [1.0, 2.0, 9.0], "b": [2.0, 8.0, 9.0]})
@@ -271,7 +259,7 @@ def test_medians_and_ratios_are_of_rounds():
     assert times.row("x", "a", "µs", "b", "b", above=False).ratio == 0.5
 
 
-def test_the_page_is_of_the_stored_numbers():
+def test_pages_are_rendered_from_the_stored_results(tmp_path):
     from benchmarks import page
     from benchmarks.__main__ import NAMES
 
@@ -281,14 +269,50 @@ def test_the_page_is_of_the_stored_numbers():
     assert {"kernels", "rivals", "estimates"} <= set(results)
     environments = page.read_environments(file)
     assert set(environments) == set(results)
-    written = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
-    assert page.render(results, environments) == written
-    for result in results.values():
+    page.write_pages(results, environments, tmp_path)
+    pages = sorted(tmp_path.iterdir())
+    assert len(pages) == 2
+    for written in pages:
+        stored = ROOT / "docs" / written.name
+        assert written.read_text(encoding="utf-8") == stored.read_text(encoding="utf-8")
+    details = [result.details for result in results.values() if result.details is not None]
+    for result in (*results.values(), *details):
         for figure in result.figures:
             assert (ROOT / "docs" / f"{figure.name}.png").is_file()
 
 
-def test_aims_that_are_missed_are_marked():
+@pytest.mark.parametrize(
+    "name", ["bodies", "calls", "ensemble", "kernels", "parts", "rivals", "steps", "variational"]
+)
+def test_stored_titles_and_methods_are_those_of_the_module(name):
+    from importlib import import_module
+
+    from benchmarks import page
+
+    result = page.read(ROOT / "benchmarks" / "results.json")[name]
+    module = import_module(f"benchmarks.{name}")
+    assert result.title == module.TITLE
+    assert result.method in {module.method_text(rounds) for rounds in range(1, 32)}
+
+
+def test_results_are_stored_without_nan(tmp_path):
+    from benchmarks import page
+    from benchmarks.record import Aim, Result, Row
+
+    rows = (Row("a", float("nan"), "s"), Row("b", 2.0, "s", "c", 3.0, 1.5, aim=Aim(1.0, True)))
+    result = Result("Title", "method", rows[1:], ("note",), details=Result("Title", "all", rows))
+    page.write({"one": result}, {"one": {"python": "3"}}, tmp_path / "results.json")
+    stored = page.read(tmp_path / "results.json")["one"]
+    assert (stored.rows, stored.notes) == (result.rows, result.notes)
+    assert np.isnan(stored.details.rows[0].value)
+    assert stored.details.rows[1] == rows[1]
+    text = page.render({"one": stored}, {"one": {"python": "3"}})
+    assert "| b | 2.00 s | c | 3.00 s | 1.50 | ratio ≥ 1: met |" in text
+    assert text.endswith("1. python 3\n")
+    assert "| a | none found |" in page.render_details({"one": stored})
+
+
+def test_met_is_false_for_missed_aims_and_nan():
     from benchmarks.record import Aim, Row
 
     assert Row("x", 2.0, "s", aim=Aim(1.0, above=False, of="value")).met is False
@@ -297,9 +321,9 @@ def test_aims_that_are_missed_are_marked():
     assert Row("x", 2.0, "s").met is None
 
 
-def test_unknown_names_are_refused(capsys):
+def test_rejects_unknown_names(capsys):
     from benchmarks.__main__ import main
 
     with pytest.raises(SystemExit):
         main(["nothing"])
-    assert "NAME must be one of kernels" in capsys.readouterr().err
+    assert "NAME must be one of rivals" in capsys.readouterr().err

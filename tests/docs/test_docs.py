@@ -1,4 +1,4 @@
-"""Every block of Python in the site's pages runs, in order, and its assertions hold."""
+"""The code blocks of the start, how-to and mathematics pages run in order."""
 
 import re
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests_of_pages import blocks_of, run
+from tests_of_pages import blocks_of, compiler_command, run, source_in
 
 import cg
 from cg.integration.default_method import choose_method
@@ -32,11 +32,11 @@ PAGES = sorted(
         if page != "howto/compiled"
     ],
 )
-def test_the_blocks_of_a_page_run(page, capsys):
+def test_code_of_page_runs(page, capsys):
     if page in IN_JAX:
-        pytest.importorskip("diffrax", reason="diffrax isn't installed")
+        pytest.importorskip("diffrax", reason="diffrax is not installed")
     if page == "howto/jaxlie":
-        pytest.importorskip("jaxlie", reason="jaxlie isn't installed")
+        pytest.importorskip("jaxlie", reason="jaxlie is not installed")
     names = run(f"docs/{page}.md")
     if "numba" in {kind for kind, _ in blocks_of(f"docs/{page}.md")}:
         numba = pytest.importorskip("numba")
@@ -48,12 +48,10 @@ def test_the_blocks_of_a_page_run(page, capsys):
 @pytest.fixture
 def in_c(tmp_path, monkeypatch):
     """The program in C of the page on compiled right-hand sides, compiled as the page says."""
-    text = (DOCS / "howto/compiled.md").read_text(encoding="utf-8")
-    (source,) = re.findall(r"```c\n(.*?)```", text, re.DOTALL)
-    (command,) = re.findall(r"^    (cc .*)$", text, re.MULTILINE)
-    (tmp_path / "turn.c").write_text(source, encoding="utf-8")
+    page = "docs/howto/compiled.md"
+    (tmp_path / "turn.c").write_text(source_in(page, "c"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    subprocess.run(command.split(), check=True)
+    subprocess.run(compiler_command(page), check=True)
     return run("docs/howto/compiled.md")
 
 
@@ -79,8 +77,7 @@ def test_right_hand_sides_in_numba():
 @pytest.mark.slow
 def test_right_hand_sides_in_cython(tmp_path, monkeypatch):
     pytest.importorskip("Cython")
-    text = (DOCS / "howto/compiled.md").read_text(encoding="utf-8")
-    (source,) = re.findall(r"```cython\n(.*?)```", text, re.DOTALL)
+    source = source_in("docs/howto/compiled.md", "cython")
     (tmp_path / "turning.pyx").write_text(source, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     subprocess.run(
@@ -91,7 +88,7 @@ def test_right_hand_sides_in_cython(tmp_path, monkeypatch):
     assert names["by_cython"].success
 
 
-def test_methods_with_stages_beyond_their_step_are_listed():
+def test_methods_with_stages_outside_the_step_are_listed():
     text = (DOCS / "start" / "from_solve_ivp.md").read_text("utf-8")
     (row,) = [line for line in text.splitlines() if line.startswith("| times at which `f`")]
     beyond = {

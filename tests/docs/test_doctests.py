@@ -1,4 +1,4 @@
-"""Examples in docstrings run and give what they say, and all that is public has one."""
+"""Doctests pass, and every public object has an example."""
 
 import doctest
 import importlib
@@ -28,7 +28,7 @@ NAMES = sorted(
 )
 
 
-def test_all_modules_are_found():
+def test_doctest_modules_include_all_files():
     assert {"cg.trees.ordered", "cg.frames.so3", "cg.integration.ivp", "cg.support.quads"} <= set(
         NAMES
     )
@@ -47,9 +47,9 @@ def unseen(monkeypatch):
 
 @pytest.mark.usefixtures("unseen")
 @pytest.mark.parametrize("name", NAMES)
-def test_the_examples_of_a_module(name):
+def test_doctests_of_module(name):
     if WITHOUT_JAX and name.startswith("cg.jax"):
-        pytest.skip("diffrax isn't installed")
+        pytest.skip("diffrax is not installed")
     module = importlib.import_module(name)
     finder, runner = doctest.DocTestFinder(), doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
     told = []
@@ -120,7 +120,7 @@ def without_example(objects):
     ]
 
 
-def test_what_is_public_is_found():
+def test_public_objects_include_known_names():
     names = set(public())
     assert {"cg.Tableau", "cg.frames.Sphere", "cg.plot.tree", "cg.conditions.count"} <= names
     assert {
@@ -131,7 +131,7 @@ def test_what_is_public_is_found():
     assert len(names) > 100
 
 
-def test_an_object_without_example_is_found():
+def test_detects_public_object_without_example():
     from cg.proofs.certificate import Beyond
     from cg.support.checks import check_real
 
@@ -139,11 +139,11 @@ def test_an_object_without_example_is_found():
     assert without_example({"OrderedTree": cg.trees.OrderedTree}) == []
 
 
-def test_all_that_is_public_has_an_example():
+def test_public_objects_have_examples():
     assert without_example(public()) == []
 
 
-def test_the_reference_lists_what_is_offered():
+def test_reference_lists_all_public_names():
     told_elsewhere = {"cg.methods"} | {f"cg.conditions.{name}" for name in cg.conditions.__all__}
     modules = {name for name in offered() if isinstance(resolved(name), ModuleType)}
     assert offered() - told_elsewhere - modules <= in_reference()

@@ -1,12 +1,11 @@
-"""What the pages on exports and pictures show can be run as it stands."""
+"""The code in the pages on export and plots runs."""
 
-import importlib.util
 import subprocess
 import warnings
 
 import matplotlib
 import pytest
-from test_readme import HERE, blocks_of, run
+from tests_of_pages import ROOT, run, source_in
 
 import cg
 
@@ -18,7 +17,7 @@ def _own_folder(monkeypatch):
     monkeypatch.setenv("CG_METHODS", "")  # what the page sets is taken back
 
 
-def test_the_page_on_exports():
+def test_export_page():
     names = run("docs/export.md")
     assert names["difference"] < 1e-14
     assert names["header"] == cg.export("CF4", "c")
@@ -27,17 +26,16 @@ def test_the_page_on_exports():
 
 
 @pytest.mark.slow
-def test_the_page_on_jax():
-    if importlib.util.find_spec("jax") is None:
-        pytest.skip("jax isn't installed")
+def test_jax_code_of_export_page():
+    # not "jax" alone: tests/jax would be found as a namespace package
+    pytest.importorskip("jax.numpy", reason="jax is not installed")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert abs(float(run("docs/export.md")["of_jax"]())) > 0
 
 
-def test_the_program_in_c(tmp_path):
-    (source,) = blocks_of("docs/export.md", "c")
-    (tmp_path / "program.c").write_text(source, encoding="utf-8")
+def test_c_program_of_export_page(tmp_path):
+    (tmp_path / "program.c").write_text(source_in("docs/export.md", "c"), encoding="utf-8")
     (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
     subprocess.run(["gcc", *flags, "program.c", "-o", "program"], check=True, cwd=tmp_path)
@@ -45,7 +43,7 @@ def test_the_program_in_c(tmp_path):
     assert float(found.stdout) == pytest.approx(0.5, abs=1e-14)
 
 
-def test_the_page_on_pictures(tmp_path, monkeypatch):
+def test_plots_page(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
@@ -54,8 +52,8 @@ def test_the_page_on_pictures(tmp_path, monkeypatch):
     assert (tmp_path / "cf4.png").stat().st_size > 1000
     assert names["ax"].name == "3d"
     plt.close("all")
-    page = (HERE / "docs/plots.md").read_text(encoding="utf-8")
-    for picture in (HERE / "docs/plots").glob("*.png"):
+    page = (ROOT / "docs/plots.md").read_text(encoding="utf-8")
+    for picture in (ROOT / "docs/plots").glob("*.png"):
         assert f"(plots/{picture.name})" in page
         assert picture.stat().st_size < 50_000
     assert all(f"`{name}(" in page for name in cg.plot.__all__)

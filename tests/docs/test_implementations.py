@@ -1,4 +1,4 @@
-"""The page of other implementations: what it says is what is computed."""
+"""The page on other implementations matches the computed results."""
 
 import importlib
 import sys
@@ -35,7 +35,7 @@ def without_slope(row):
     return cells[:5] + cells[6:]
 
 
-def test_the_page_has_what_is_computed(tool, checked):
+def test_page_matches_the_computed_table(tool, checked):
     page = tool.PAGE.read_text(encoding="utf-8")
     rows = page.partition(tool.BEGIN)[2].partition(tool.END)[0].splitlines()[2:]
     rows = rows[: rows.index("")]
@@ -74,7 +74,7 @@ def test_slopes(tool, checked):
         assert slope == pytest.approx(meant, abs=0.25), c.entry["name"]
 
 
-def test_lielab_still_has_these(checked):
+def test_lielab_still_has_these_coefficients(checked):
     lielab = pytest.importorskip("lielab.integrate")
     for name in ("CG23", "CG4a", "CG5a"):
         kind = getattr(lielab.CrouchGrossmanCoefficients, name)
@@ -85,7 +85,7 @@ def test_lielab_still_has_these(checked):
         assert b[:s] == method.b.tolist()
 
 
-def test_the_wrong_rational_of_the_symmetric_method(checked):
+def test_wrong_rational_coefficient_of_symmetric_method(checked):
     entry = checked["DiffMan", "CG4test"].entry
     right = [[x.replace("-443/2993", "-1087/7344") for x in row] for row in entry["a"]]
     assert cg.diagnose(cg.Tableau(right, entry["b"]), c=entry["c"]).order == 4

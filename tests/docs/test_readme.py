@@ -1,12 +1,12 @@
-"""What the README and the other pages show can be run as it stands."""
+"""The code in the README and in other pages runs."""
 
-import re
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests_of_pages import blocks_of, compiler_command, run, source_in
 
 import cg
 
@@ -15,19 +15,7 @@ pytestmark = pytest.mark.no_core
 HERE = Path(__file__).parents[2]
 
 
-def blocks_of(page, language="python"):
-    text = (HERE / page).read_text(encoding="utf-8")
-    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
-
-
-def run(page):
-    names = {}
-    for block in blocks_of(page):
-        exec(compile(block, page, "exec"), names)
-    return names
-
-
-def test_the_python_in_the_readme_runs(capsys):
+def test_code_of_readme_runs(capsys):
     assert len(blocks_of("README.md")) >= 3
     names = run("README.md")
     assert names["run"].success
@@ -38,17 +26,17 @@ def test_the_python_in_the_readme_runs(capsys):
     assert "The end of t_span was reached" in capsys.readouterr().out
 
 
-def test_the_python_in_the_package_index_runs(capsys):
+def test_code_of_package_page_runs(capsys):
     names = run("PACKAGE.md")
     assert names["run"].success
     assert "The end of t_span was reached" in capsys.readouterr().out
 
 
-def test_the_package_index_gets_no_links_that_lead_nowhere():
+def test_package_page_has_no_relative_links():
     assert "](" not in (HERE / "PACKAGE.md").read_text(encoding="utf-8")
 
 
-def test_the_examples_of_frames():
+def test_code_of_frames_page():
     names = run("docs/frames.md")
     path, flight = names["path"], names["flight"]
     # latitude: z' = -(1 - z^2) / 2; longitude grows with time
@@ -83,7 +71,7 @@ def test_the_examples_of_frames():
     assert names["course"].success
 
 
-def test_the_equations_in_the_table_of_frames():
+def test_equations_in_table_of_frames():
     rng = np.random.default_rng(2)
     omega = rng.standard_normal(3)
     turn, pauli = Rotation.from_rotvec, cg.frames.SU(2)
@@ -111,32 +99,28 @@ def test_the_equations_in_the_table_of_frames():
     np.testing.assert_allclose(derivative(pauli, point), -1j * hamiltonian @ point, atol=1e-9)
 
 
-def test_the_compiled_top(tmp_path, monkeypatch):
-    (source,) = blocks_of("docs/compiled.md", "c")
-    (command,) = re.findall(
-        r"^    (cc .*)$", (HERE / "docs/compiled.md").read_text(encoding="utf-8"), re.MULTILINE
-    )
-    (tmp_path / "top.c").write_text(source, encoding="utf-8")
+def test_c_program_of_compiled_page(tmp_path, monkeypatch):
+    (tmp_path / "top.c").write_text(source_in("docs/compiled.md", "c"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     warnings = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
-    subprocess.run([*command.split(), *warnings], check=True)
+    subprocess.run([*compiler_command("docs/compiled.md"), *warnings], check=True)
     names = {}
-    block = blocks_of("docs/compiled.md")[0]
+    block = blocks_of("docs/compiled.md")[0][1]
     exec(compile(block.replace("(0, 100)", "(0, 1)"), "docs/compiled.md", "exec"), names)
     top, solution = names["top"], names["solution"]
     reference = top.reference([1]).y[0]
     np.testing.assert_allclose(solution.y[-1], reference[:12], atol=1e-9)
 
 
-def test_the_compiled_turn_in_numba():
+def test_numba_program_of_compiled_page():
     pytest.importorskip("numba")
     names = {"np": np, "cg": cg}
-    exec(compile(blocks_of("docs/compiled.md")[1], "docs/compiled.md", "exec"), names)
+    exec(compile(blocks_of("docs/compiled.md")[1][1], "docs/compiled.md", "exec"), names)
     wanted = Rotation.from_rotvec([0, 0, 0.5]).as_matrix()
     np.testing.assert_allclose(names["solution"].y[-1], wanted, atol=1e-14)
 
 
-def test_the_examples_of_problems():
+def test_code_of_problems_page():
     names = run("docs/problems.md")
     assert names["drift"] < 1e-6
     assert names["error"] < 1e-8
@@ -145,11 +129,11 @@ def test_the_examples_of_problems():
     assert (np.diff(names["action"]) < 0.0).all()
 
 
-def test_the_examples_of_munthe_kaas():
+def test_code_of_munthe_kaas_page():
     assert run("docs/rkmk.md")["heun"].order == 2
 
 
-def test_the_examples_of_long_searches(capsys, monkeypatch, tmp_path):
+def test_code_of_runs_page(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     names = run("docs/runs.md")
     made = {"runs.db", "Mine.toml", "Mine.certificate.toml"}

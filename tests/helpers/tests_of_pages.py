@@ -1,4 +1,4 @@
-"""Blocks of programs in the pages of the documentation and how they are run; words of pages."""
+"""Helpers for tests of documentation pages: run their code, read their text."""
 
 import re
 from pathlib import Path
@@ -13,19 +13,33 @@ def words_of(page):
 
 
 def power_of_ten(x, digits):
-    """Return a number as pages write it."""
+    """Return a number as the pages write it, such as 1.5·10⁻³."""
     mantissa, exponent = f"{float(x):.{digits}e}".split("e")
     return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}"
 
 
 def blocks_of(page):
-    """Return the kind of each block of Python, what follows the language, and its text."""
+    """Return pairs (kind, text) of blocks of Python; the kind is the word after the language."""
     text = (ROOT / page).read_text(encoding="utf-8")
     return re.findall(r"^```python *(\w*)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
+def source_in(page, language):
+    """Return the text of the only block of a page in some other language than Python."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    (source,) = re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    return source
+
+
+def compiler_command(page):
+    """Return the words of the only line of a page that calls the C compiler."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    (command,) = re.findall(r"^    (cc .*)$", text, re.MULTILINE)
+    return command.split()
+
+
 def run(page, kind="", names=None):
-    """Run all blocks of a kind, one after the other, and return the names that they leave."""
+    """Run all blocks of a kind in order, and return the names that they define."""
     names = {} if names is None else names
     for number, (this, block) in enumerate(blocks_of(page)):
         if this == kind:

@@ -1,4 +1,4 @@
-"""What the report shows beyond the paper."""
+"""Sections of the report beyond the paper."""
 
 import re
 from pathlib import Path
@@ -30,7 +30,7 @@ def entries(catalogue):
     return {entry["name"]: entry for entry in catalogue["methods"]}
 
 
-def test_the_whole_catalogue_is_shown(catalogue):
+def test_catalogue_section_lists_all_methods(catalogue):
     assert sorted(entries(catalogue)) == sorted(methods)
     explicit = [entry["explicit"] for entry in catalogue["methods"]]
     assert explicit == sorted(explicit, reverse=True)
@@ -57,7 +57,7 @@ def test_residuals_and_ranks(catalogue):
         assert found["principal_error"] > 1e-5
 
 
-def test_certificates_are_shown_where_there_are_any(catalogue):
+def test_catalogue_section_shows_certificates(catalogue):
     rows = {row[0]: row[-1] for row in beyond_catalogue.table(catalogue).rows}
     proved = {name for name, found in entries(catalogue).items() if found["certificate"]}
     assert proved == set(certificate_names()) == {n for n, cell in rows.items() if cell != "–"}
@@ -66,7 +66,7 @@ def test_certificates_are_shown_where_there_are_any(catalogue):
     assert rows["CG4a"].endswith("e−36")
 
 
-def test_documented_table_is_the_catalogue(catalogue):
+def test_table_in_docs_matches_the_catalogue(catalogue):
     shown = beyond_catalogue.markdown(beyond_catalogue.table(catalogue))
     page = PAGE.read_text("utf-8")
     assert shown in page, "out of date; run python tools/update_catalogue.py"
@@ -107,7 +107,7 @@ def test_documented_table_is_the_catalogue(catalogue):
         ("CF7b", "effort", 7),
     ],
 )
-def test_advice_is_right(catalogue, name, by, among):
+def test_recommended_methods_are_best_in_their_class(catalogue, name, by, among):
     # Crouch–Grossman methods among themselves, others among all
     rivals = {
         other["name"]: other[by]
@@ -118,7 +118,7 @@ def test_advice_is_right(catalogue, name, by, among):
     assert rivals[name] == min(rivals.values())
 
 
-def test_catalogue_in_the_report(tmp_path, monkeypatch):
+def test_report_has_the_catalogue_section(tmp_path, monkeypatch):
     listed = {name: methods[name] for name in ("CG4a", "CG2(3)", "ImplicitMidpoint")}
     monkeypatch.setattr(beyond_catalogue, "packaged", listed)
     assert main(["--only", "beyond.catalogue", "--out", str(tmp_path)]) == 0
@@ -127,7 +127,7 @@ def test_catalogue_in_the_report(tmp_path, monkeypatch):
     check_page((tmp_path / "report.html").read_text("utf-8"))
 
 
-def test_orders_in_the_report(tmp_path, monkeypatch):
+def test_report_has_the_order_section(tmp_path, monkeypatch):
     monkeypatch.setattr(beyond_order, "_POWERS", range(3, 8))
     assert main(["--only", "beyond.order", "--out", str(tmp_path)]) == 0
     part = read(tmp_path)["items"]["beyond.order"]["readings"]["momentum"]
@@ -145,7 +145,7 @@ def test_orders_in_the_report(tmp_path, monkeypatch):
     assert parsed.tags.count("figure") == 1
 
 
-def test_all_orders_from_six_are_selected():
+def test_order_section_has_all_methods_from_order_six():
     def method(order, explicit=True):
         return SimpleNamespace(order=order, explicit=explicit)
 
@@ -153,18 +153,18 @@ def test_all_orders_from_six_are_selected():
     assert beyond_order.select(listed) == ["c", "a"]
 
 
-def test_decades_count_from_the_smallest_error():
+def test_slopes_use_decades_above_the_smallest_error():
     part = {"error": [1e-1, 1e-3, 1e-9, 1e-15], "local": [2.0, 6.05, 5.95]}
     assert beyond_order.decades(part, 6) == pytest.approx(12)
     assert beyond_order.decades(part, 7) == 0
     assert beyond_order.decades({**part, "local": [6.0, 4.0, 6.0]}, 6) == pytest.approx(6)
 
 
-def test_lines_differ():
+def test_line_styles_are_distinct():
     names = [f"CG6{letter}" for letter in "abcdefghijkl"]
     looks = lines(names)
     assert list(looks) == names
     assert looks["CG6a"] == LINES["CG6a"]
     assert len({tuple(map(str, look.values())) for look in looks.values()}) == len(names)
-    with pytest.raises(ValueError, match="told apart"):
+    with pytest.raises(ValueError, match="there are styles for at most"):
         lines(map(str, range(100)))

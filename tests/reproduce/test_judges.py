@@ -1,4 +1,4 @@
-"""Every judge of a claim with numbers on which it must pass, and with some on which it must not."""
+"""Every judge of a claim, with numbers for which it must pass and must fail."""
 
 import copy
 from functools import partial
@@ -316,14 +316,14 @@ def test_judge_passes_and_fails(judge, failing, passing):
     assert not verdict(judge, failing)
 
 
-def test_every_judge_is_tried():
+def test_every_judge_has_a_case():
     tried = {name(judge) for judge, _, _ in CASES}
     assert tried | {"beyond", "Results", "Verdict"} == set(judges.__all__)
     in_use = {name(claim.judge) for claim in CLAIMS}
     assert in_use == tried | {"<lambda>"}  # those of `beyond`
 
 
-def test_no_claim_is_counted_twice():
+def test_claims_are_distinct():
     asked = [
         (name(claim.judge), getattr(claim.judge, "args", ()))
         for claim in CLAIMS
@@ -332,11 +332,11 @@ def test_no_claim_is_counted_twice():
     assert len(set(asked)) == len(asked)
 
 
-def test_what_has_no_number_is_not_judged():
+def test_claim_without_number_is_not_reproducible():
     assert judges.beyond("nobody knows")({}, {}) == (None, "not reproducible because nobody knows")
 
 
-def test_partial_searches_are_told_of():
+def test_evidence_mentions_partial_searches():
     given = results()
     given["search4"]["partial"] = {"starts": 6, "of": 90}
     evidence = judges.many(4, {}, given)[1]
@@ -344,17 +344,17 @@ def test_partial_searches_are_told_of():
     assert "partial" not in judges.many(5, {}, given)[1]
 
 
-def test_improvement_is_told_with_its_numbers():
+def test_evidence_of_improvement_has_its_numbers():
     given = results()
     given["search6"]["f_double"] = [1e-8] * 4
     _, evidence = judges.improved(numbers(), given)
-    assert "doesn't report its limits" in evidence
+    assert "does not give its limits" in evidence
     assert "20 evaluations in double and 100 in real(16), 3 of 4 starts come to" in evidence
     assert "the median of f from 1e−06 to 1e−08" in evidence
     assert "with 1000 and 30, 0 of 4 starts" in evidence
 
 
-def test_claims_that_fail_are_interpreted(monkeypatch, tmp_path):
+def test_failing_claims_have_an_interpretation(monkeypatch, tmp_path):
     from cg.reproduce.context import Context, Settings
     from cg.reproduce.sections import claims
 

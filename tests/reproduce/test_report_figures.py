@@ -1,4 +1,4 @@
-"""What is drawn is read back from the figures: labels, data, axes, stepsizes, reference slopes."""
+"""Figures of the report: labels, data, axes, stepsizes, reference slopes."""
 
 from fractions import Fraction
 
@@ -296,7 +296,7 @@ def test_figure_of_evaluations():
     assert "1e−06 → 1e−08; 3e−07 → –" in blocks[2].text
 
 
-def test_stepsizes_and_times_are_those_of_the_paper():
+def test_stepsizes_and_times_match_the_paper():
     assert fig4_1.STEPS == 10
     h = [1 / steps for steps in fig4_2._STEPS]
     assert 0.1 in h
@@ -305,7 +305,7 @@ def test_stepsizes_and_times_are_those_of_the_paper():
     assert top.METHODS == METHODS == tuple(LINES)
 
 
-def test_errors_belong_to_their_stepsize():
+def test_errors_match_their_stepsizes():
     reading, method, steps = "velocity", "CG5a", 10
     problem = HeavyTop(reading)
     exact = np.array([float(x) for x in problem.reference([Fraction(1)]).values[0]])
@@ -319,7 +319,7 @@ def test_errors_belong_to_their_stepsize():
     assert over_time.t == pytest.approx([k / steps for k in range(steps + 1)])
 
 
-def test_flows_alone_take_the_same_steps_and_stay_on_the_group():
+def test_flow_distances_use_the_same_steps():
     distance = top.flow_distances("momentum", "CG4a", 10)
     assert len(distance) == 11
     assert 1e-17 < distance[-1] < 2e-15
@@ -327,7 +327,7 @@ def test_flows_alone_take_the_same_steps_and_stay_on_the_group():
     assert distance[-1] < again[-1] < 1e-14  # rounding adds up: nothing takes it away
 
 
-def test_a_distance_off_the_group_is_seen():
+def test_distance_detects_points_off_the_group():
     rotation = np.eye(3)
     rotation[0, 1] = 1e-7
     assert top._off_group(rotation.ravel().tolist()) == pytest.approx(0.5e-7, rel=1e-6)

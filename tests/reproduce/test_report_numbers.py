@@ -1,4 +1,4 @@
-"""Numbers of the paper under a checksum, the code that numbers depend on, and the time left."""
+"""Printed numbers of the paper, digests of code, and the display of progress."""
 
 import hashlib
 import io
@@ -24,7 +24,7 @@ DIGITS = {
 
 
 @pytest.mark.parametrize("name", DIGITS)
-def test_printed_digits_are_as_they_were_read(name):
+def test_printed_digits_have_their_checksum(name):
     lines = [f"{label}={digits}" for label, digits in printed()[name].labelled()]
     total = hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
     assert (len(lines), total) == DIGITS[name]
@@ -47,7 +47,7 @@ def test_table_of_the_paper():
     ]
 
 
-def test_what_a_search_depends_on_is_found():
+def test_sources_include_all_modules_of_a_search():
     found = set(fingerprint.sources("cg.construction.search.random_search"))
     assert {
         "cg._core_r64",
@@ -77,16 +77,16 @@ def test_digests_change_with_code_and_arguments(tmp_path, monkeypatch):
     assert first != fingerprint.of_code("m", {"order": 4})
 
 
-def test_differences_name_what_was_changed():
+def test_differences_from_the_paper_are_listed():
     rows = {row["what"]: row["ours"] for row in differences.compute(None)["differences"]}
     text = " ".join(rows.values())
-    for word in ("Python", "written anew", "rows of zeros", "[−1, 1]", "NumPy", "binary128"):
+    for word in ("Python", "modern Fortran", "rows of zeros", "[−1, 1]", "NumPy", "binary128"):
         assert word in text
     for order, plan in PLANS.items():
         assert f"order {order}: {plan.maxfev} in double, {plan.refine_maxfev} in real(16)" in text
 
 
-def test_numbers_from_files_are_called_that():
+def test_radii_are_labelled_as_read_from_files():
     text = beyond_catalogue.present({"methods": []})[0].text
     assert "read from the certificates' files" in text
     assert beyond_catalogue.table({"methods": []}).header[-1] == "certificate (from its file)"
@@ -108,7 +108,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_progress_in_a_file_with_the_time_left():
+def test_progress_in_a_file_shows_the_remaining_time():
     clock, stream = Clock(), io.StringIO()
     items = [item("first", 100.0), item("second", 300.0)]
     display = Display(stream, items, clock=clock)
@@ -128,7 +128,7 @@ def test_progress_in_a_file_with_the_time_left():
     assert "\r" not in stream.getvalue()
 
 
-def test_what_a_checkpoint_held_is_not_counted_as_pace():
+def test_remaining_time_ignores_parts_from_a_checkpoint():
     clock, stream = Clock(), io.StringIO()
     one = item("one", 100.0)
     update = Display(stream, [one], clock=clock).begin(one)
@@ -137,7 +137,7 @@ def test_what_a_checkpoint_held_is_not_counted_as_pace():
     assert "40 s, about 6 min left" in stream.getvalue()
 
 
-def test_a_limit_bounds_searches_only():
+def test_time_limit_applies_to_searches_only():
     clock, stream = Clock(), io.StringIO()
     items = [item("search", 1000.0, limited=True), item("figure", 120.0)]
     update = Display(stream, items, clock=clock, limit=60.0).begin(items[0])

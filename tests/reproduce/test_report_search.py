@@ -1,4 +1,4 @@
-"""The searches of the report: what they keep, what they show, what is pinned."""
+"""Searches of the report: checkpoints, interrupts, presentation."""
 
 import json
 import signal
@@ -16,9 +16,9 @@ from test_reproduce import read
 from cg.construction.search.random_search import search
 from cg.construction.search.start import random_start
 from cg.reproduce.blocks import Table
+from cg.reproduce.checkpoint import Checkpoint, DamagedError
 from cg.reproduce.coefficients import labels
 from cg.reproduce.context import Context, Settings
-from cg.reproduce.kept import DamagedError, Kept
 from cg.reproduce.main import main
 from cg.reproduce.quad_orders import end_errors
 from cg.reproduce.sections import evaluations
@@ -34,7 +34,7 @@ def context(folder, **changes):
     return Context(Settings(), folder, 2, **changes)
 
 
-def test_plans_are_those_of_the_paper():
+def test_plans_match_the_paper():
     # order, stages, starts, starts in full, evaluations in double: 200 (n + 1) at orders four and
     # six, refined below, evaluations in real(16), f in double and real(16) in the paper
     assert {order: astuple(plan) for order, plan in PLANS.items()} == {
@@ -48,7 +48,7 @@ def test_plans_are_those_of_the_paper():
     assert (stopped.starts, stopped.maxfev, stopped.refine_maxfev) == (6, 2740, 13_700)
 
 
-def test_searches_are_called_with_their_plan(tmp_path):
+def test_search_uses_its_plan(tmp_path):
     data = section.compute(replace(PLANS[4], starts=2), context(tmp_path))
     assert data["settings"] | {"tree": None} == {
         "order": 4, "stages": 5, "seed": 0, "algorithm": "lmdif", "rows": "explicit", "width": 1.0,
@@ -59,7 +59,7 @@ def test_searches_are_called_with_their_plan(tmp_path):
     assert abs(random_start(0, 1, 15, 1.0)).max() <= 1
 
 
-def test_no_phase_exceeds_its_limit(tmp_path):
+def test_phases_respect_their_evaluation_limits(tmp_path):
     plan = replace(PLANS[4], starts=20, maxfev=200, refine_below=1.0, refine_maxfev=100)
     data = section.compute(plan, context(tmp_path))
     n = plan.unknowns
@@ -70,12 +70,12 @@ def test_no_phase_exceeds_its_limit(tmp_path):
     assert any(nfev is not None and nfev >= 100 for nfev in data["nfev_quad"])
 
 
-def test_one_median():
+def test_median_and_quartiles():
     assert quartiles([]) is None
     assert quartiles([1e-9, 1.0, 1e-3]) == [1e-9, 1e-9, 1e-3, 1.0, 1.0]
     assert median([1e-9, 1.0, 1e-3]) == 1e-3
     assert median([4.0, 1.0, 3.0, 2.0]) in (2.0, 3.0)
-    with pytest.raises(ValueError, match="no values"):
+    with pytest.raises(ValueError, match="must not be empty"):
         median([])
 
 
@@ -103,7 +103,7 @@ def stores(folder):
     return list(folder.glob("*.db"))
 
 
-def test_interrupted_search_goes_on(tmp_path):
+def test_interrupted_search_continues(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         section.compute(SMALL, context(tmp_path, progress=stop_after(20)))
     (path,) = stores(tmp_path)
@@ -134,7 +134,7 @@ def test_full_has_more_starts_and_shares_the_store(tmp_path):
     assert all(plan.full_starts > 10 * plan.starts for plan in PLANS.values())
 
 
-def test_methods_are_chosen_as_the_paper_chose(tmp_path):
+def test_methods_are_chosen_by_the_rule_of_the_paper(tmp_path):
     data = section.compute(replace(SMALL, starts=300), context(tmp_path))
     inside = [method["abscissae_in_unit_interval"] for method in data["methods"]]
     assert inside == sorted(inside, reverse=True)
@@ -147,7 +147,7 @@ def test_methods_are_chosen_as_the_paper_chose(tmp_path):
     assert sizes == sorted(sizes)
 
 
-def test_search_without_a_method_says_so(tmp_path):
+def test_search_without_exact_method_reports_it(tmp_path):
     plan = replace(PLANS[5], starts=2, maxfev=300)
     data = section.compute(plan, context(tmp_path))
     assert data["distinct"] == 0
@@ -158,7 +158,7 @@ def test_search_without_a_method_says_so(tmp_path):
     assert json.dumps(data, allow_nan=False)
 
 
-def test_an_interrupted_search_shows_what_it_has(tmp_path):
+def test_interrupted_search_shows_partial_result(tmp_path):
     shown = []
     with pytest.raises(KeyboardInterrupt):
         section.compute(SMALL, context(tmp_path, progress=stop_after(20), publish=shown.append))
@@ -171,7 +171,7 @@ def test_an_interrupted_search_shows_what_it_has(tmp_path):
     assert data["f_double"] == whole["f_double"][:finished]
 
 
-def test_an_interrupt_before_the_first_start_shows_nothing(tmp_path, monkeypatch):
+def test_interrupt_before_the_first_start_shows_nothing(tmp_path, monkeypatch):
     def interrupt(**arguments):
         raise KeyboardInterrupt
 
@@ -182,7 +182,7 @@ def test_an_interrupt_before_the_first_start_shows_nothing(tmp_path, monkeypatch
     assert shown == []
 
 
-def test_a_search_ends_with_its_time_and_goes_on_later(tmp_path):
+def test_search_stops_at_time_limit_and_continues_later(tmp_path):
     data = section.compute(SMALL, context(tmp_path, limit=0.0))
     first = data["partial"]["starts"]
     assert 1 <= first < 10
@@ -191,7 +191,7 @@ def test_a_search_ends_with_its_time_and_goes_on_later(tmp_path):
     assert section.compute(SMALL, context(tmp_path, limit=1e9))["partial"] is None
 
 
-def test_a_partial_search_has_no_gaps(tmp_path):
+def test_partial_search_has_no_gaps(tmp_path):
     section.compute(replace(SMALL, starts=8), context(tmp_path))
     (path,) = stores(tmp_path)
     assert section._finished(path) == 8
@@ -203,7 +203,7 @@ def test_a_partial_search_has_no_gaps(tmp_path):
     assert not (tmp_path / "nothing").exists()
 
 
-def test_long_searches_are_published_meanwhile(tmp_path, monkeypatch):
+def test_long_searches_publish_partial_results(tmp_path, monkeypatch):
     monkeypatch.setattr(section, "_PAUSE", 0.0)
     monkeypatch.setattr(section, "_PAUSES", 0.0)
     shown = []
@@ -215,7 +215,7 @@ def test_long_searches_are_published_meanwhile(tmp_path, monkeypatch):
     assert data["f_double"][:15] == shown[-1]["f_double"]
 
 
-def test_evaluations_are_those_of_the_same_starts(tmp_path, monkeypatch):
+def test_evaluations_section_uses_the_same_starts(tmp_path, monkeypatch):
     monkeypatch.setattr(evaluations, "_PLAN", replace(PLANS[6], starts=2, maxfev=700))
     monkeypatch.setattr(evaluations, "COUNTS", (300, 500, 900))
     early = replace(PLANS[6], starts=1, maxfev=400, refine_below=1e3, refine_maxfev=140)
@@ -239,7 +239,7 @@ def test_evaluations_are_those_of_the_same_starts(tmp_path, monkeypatch):
     assert data["smallest_exact"] == {"f_double": 1e-3, "f_quad": None}
 
 
-def test_errors_in_quad_are_kept(tmp_path, monkeypatch):
+def test_quad_errors_are_stored_in_a_checkpoint(tmp_path, monkeypatch):
     runs = [("momentum", "CG4", 8), ("momentum", "CG4a", 4), ("momentum", "CG4", 4)]
 
     with pytest.raises(KeyboardInterrupt):
@@ -258,18 +258,18 @@ def test_errors_in_quad_are_kept(tmp_path, monkeypatch):
         end_errors(context(tmp_path), runs)
 
 
-def test_a_line_that_a_killed_run_left_unfinished_is_dropped(tmp_path):
+def test_checkpoint_drops_an_incomplete_last_line(tmp_path):
     path = tmp_path / "errors.jsonl"
     path.write_bytes(b'[1]\n[2, "\xc3')
-    with closing(Kept(path)) as kept:
-        assert kept.records == ([1],)
-        kept.append([3])
-    with closing(Kept(path)) as kept:
-        assert kept.records == ([1], [3])
+    with closing(Checkpoint(path)) as checkpoint:
+        assert checkpoint.records == ([1],)
+        checkpoint.append([3])
+    with closing(Checkpoint(path)) as checkpoint:
+        assert checkpoint.records == ([1], [3])
 
 
 @pytest.mark.parametrize("line", [b"no JSON", b"\xff", b"\0\0\0", b"[1]", b'{"run": 3}'])
-def test_damaged_errors_in_quad_are_named(line, tmp_path, monkeypatch, capsys):
+def test_damaged_checkpoint_of_quad_errors_is_named(line, tmp_path, monkeypatch, capsys):
     assert end_errors(context(tmp_path), []) == {}
     (path,) = tmp_path.iterdir()
     content = line + b'\n{"run": ["momentum", "CG4", 8], "error": 0.5}\n'
@@ -296,7 +296,7 @@ def wait_for(condition, process):
 
 
 @pytest.mark.slow
-def test_killed_search_goes_on(tmp_path):
+def test_killed_search_continues(tmp_path):
     killed, whole = tmp_path / "killed", tmp_path / "whole"
     process = start(killed, "--only", "search4")
     wait_for(lambda: any(len(recorded(p)) > 20 for p in stores(killed / "checkpoints")), process)
@@ -304,7 +304,7 @@ def test_killed_search_goes_on(tmp_path):
 
 
 @pytest.mark.slow
-def test_killed_integrations_go_on(tmp_path):
+def test_killed_integrations_continue(tmp_path):
     killed, whole = tmp_path / "killed", tmp_path / "whole"
     process = start(killed, "--only", "fig4.2quad")
     wait_for(
@@ -327,7 +327,7 @@ def check_that_it_goes_on(process, killed, whole, item):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signal")
-def test_a_terminated_run_shows_its_partial_search(tmp_path):
+def test_terminated_run_shows_its_partial_search(tmp_path):
     process = start(tmp_path, "--only", "search4")
     wait_for(lambda: any(len(recorded(p)) > 20 for p in stores(tmp_path / "checkpoints")), process)
     process.send_signal(signal.SIGTERM)

@@ -79,7 +79,7 @@ def check_page(text):
     return parsed
 
 
-def test_unknown_item_lists_those_there_are(capsys):
+def test_unknown_item_error_lists_all_items(capsys):
     with pytest.raises(SystemExit) as stopped:
         main(["--only", "fig9.9"])
     assert stopped.value.code == 2
@@ -100,7 +100,7 @@ def test_unknown_item_lists_those_there_are(capsys):
         (["--minutes", "nan"], "--minutes"),
     ],
 )
-def test_wrong_arguments_are_named(arguments, named, capsys):
+def test_rejects_wrong_arguments(arguments, named, capsys):
     with pytest.raises(SystemExit) as stopped:
         main(arguments)
     assert stopped.value.code == 2
@@ -116,7 +116,7 @@ def no_work(monkeypatch):
 
 
 @pytest.mark.usefixtures("no_work")
-def test_out_is_a_file(tmp_path, capsys):
+def test_rejects_out_that_is_a_file(tmp_path, capsys):
     path = tmp_path / "taken"
     path.write_text("mine")
     assert main(["--out", str(path)]) == 2
@@ -128,7 +128,7 @@ def test_out_is_a_file(tmp_path, capsys):
 
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc takes no folders, not even from root")
-def test_out_is_not_writable(capsys):
+def test_rejects_out_that_is_not_writable(capsys):
     assert main(["--out", "/proc/nothing"]) == 2
     assert "/proc/nothing is not writable" in capsys.readouterr().err
 
@@ -139,7 +139,7 @@ def test_list(capsys):
     assert [line.split()[0] for line in printed.splitlines()] == list(items.ITEMS)
 
 
-def test_needs_come_first():
+def test_needed_items_run_first():
     chosen = [item.name for item in items.select(["claims"])]
     assert chosen[-1] == "claims"
     assert set(NEEDS) < set(chosen)
@@ -188,7 +188,7 @@ def test_page_with_figures_is_self_contained(figures):
     assert parsed.tags.count("figcaption") == 4
 
 
-def test_equal_runs_give_equal_files(figures):
+def test_equal_runs_write_equal_files(figures):
     first, second = map(read, figures)
     assert first.pop("run") != {}
     assert second.pop("run") != {}
@@ -197,12 +197,12 @@ def test_equal_runs_give_equal_files(figures):
         assert path.read_bytes() == (figures[1] / "figures" / path.name).read_bytes()
 
 
-def test_reference_is_better_than_double(figures):
+def test_reference_is_more_accurate_than_double(figures):
     readings = read(figures[0])["items"]["fig4.1"]["readings"]
     assert all(0 < part["reference_error"] < 1e-30 for part in readings.values())
 
 
-def test_appendix_agrees(figures):
+def test_appendix_matches_the_paper(figures):
     found = read(figures[0])["items"]["appendix"]["methods"]
     assert [part["count"] for part in found.values()] == [20, 54, 152]
     for name in ("CG4a", "CG5a"):
@@ -222,7 +222,7 @@ def test_slopes_and_distance(figures):
         assert runs["CG6a"]["slope"] < 2
 
 
-def test_items_of_an_equal_run_stay(tmp_path):
+def test_items_of_an_equal_run_remain_in_the_report(tmp_path):
     out = ["--out", str(tmp_path)]
     main(["--only", "table3.2", *out])
     main(["--only", "appendix", *out])
@@ -233,7 +233,7 @@ def test_items_of_an_equal_run_stay(tmp_path):
 
 
 @pytest.mark.parametrize("other", [["--seed", "5"], ["--full"]])
-def test_a_report_of_other_settings_is_not_replaced(tmp_path, capsys, other):
+def test_report_with_other_settings_is_not_overwritten(tmp_path, capsys, other):
     out = ["--out", str(tmp_path)]
     assert main(["--only", "table3.2", *out]) == 0
     kept = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
@@ -243,7 +243,7 @@ def test_a_report_of_other_settings_is_not_replaced(tmp_path, capsys, other):
     assert kept == {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
 
 
-def test_full_goes_to_a_folder_of_its_own(tmp_path, monkeypatch):
+def test_full_run_has_its_own_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for arguments in ([], ["--full"]):
         assert main(["--only", "table3.2", *arguments]) == 0
@@ -251,7 +251,7 @@ def test_full_goes_to_a_folder_of_its_own(tmp_path, monkeypatch):
         assert read(tmp_path / folder)["settings"] == {"seed": 0, "full": full}
 
 
-def test_several_items_between_commas(tmp_path, capsys):
+def test_only_accepts_several_items(tmp_path, capsys):
     assert main(["--only", "table3.2, differences", "--out", str(tmp_path)]) == 0
     assert list(read(tmp_path)["items"]) == ["differences", "table3.2"]
     with pytest.raises(SystemExit) as stopped:
@@ -262,7 +262,7 @@ def test_several_items_between_commas(tmp_path, capsys):
     assert all(name in message for name in items.ITEMS)
 
 
-def test_items_leave_with_what_they_were_made_of(tmp_path):
+def test_items_are_removed_when_their_inputs_change(tmp_path):
     run_module.check_output(tmp_path)
     below = replace(items.ITEMS["table3.2"], compute=lambda context: {"rows": []})
     above = replace(items.ITEMS["claims"], compute=lambda context: {"claims": [], "count": COUNT})
@@ -273,7 +273,7 @@ def test_items_leave_with_what_they_were_made_of(tmp_path):
     assert list(read(tmp_path)["items"]) == ["table3.2"]
 
 
-def test_what_is_published_is_shown_before_the_end(tmp_path):
+def test_published_data_are_shown_before_the_end(tmp_path):
     def compute(context):
         context.publish({"rows": [], "partial": {"starts": 3, "of": 9}})
         assert read(tmp_path)["items"]["table3.2"]["partial"] == {"starts": 3, "of": 9}
@@ -297,7 +297,7 @@ def test_unreadable_results_are_replaced(tmp_path, left):
     assert list(read(tmp_path)["items"]) == ["table3.2"]
 
 
-def test_finished_items_outlive_a_later_failure(tmp_path):
+def test_finished_items_remain_after_a_later_failure(tmp_path):
     def fail(context):
         raise RuntimeError("power cut")
 
@@ -309,7 +309,7 @@ def test_finished_items_outlive_a_later_failure(tmp_path):
     check_page((tmp_path / "report.html").read_text("utf-8"))
 
 
-def test_numbers_that_json_lacks_are_refused(tmp_path):
+def test_rejects_numbers_that_json_cannot_represent(tmp_path):
     run_module.check_output(tmp_path)
     broken = replace(items.ITEMS["fig4.1"], compute=lambda context: {"x": float("nan")})
     with pytest.raises(ValueError, match="JSON"):
@@ -333,12 +333,12 @@ def test_number():
     assert number(196) == "196"
 
 
-def test_table_of_uneven_rows_is_refused():
+def test_rejects_table_with_uneven_rows():
     with pytest.raises(ValueError, match="3 cells"):
         Table("t", ("a", "b", "c"), [("1", "2")])
 
 
-def test_slope_in_quad_is_seen_below_double():
+def test_quad_slope_is_resolved_below_double_precision():
     errors = {2**k: 3 * 2.0 ** (-5 * k) for k in range(4, 20, 2)}
     data = order_data(errors)
     assert data["slope"] == pytest.approx(5)
@@ -354,12 +354,12 @@ def test_page_escapes():
     assert "<b>" not in page(state, {})
 
 
-def test_claims_name_where_they_are_made():
+def test_claims_name_their_section():
     assert all(claim.section and claim.text.endswith((".", "…")) for claim in CLAIMS)
     assert len({(claim.section, claim.text) for claim in CLAIMS}) == len(CLAIMS)
 
 
-def test_verdicts_that_readers_are_told():
+def test_documented_verdicts_match_the_judges():
     counts = [sum(claim.found == verdict for claim in CLAIMS) for verdict in VERDICTS]
     assert sum(counts) == len(CLAIMS)
     assert all(bool(claim.interpretation) == (claim.found == "fail") for claim in CLAIMS)
@@ -371,7 +371,7 @@ def test_verdicts_that_readers_are_told():
     assert len(told.splitlines()) == failed
 
 
-def test_each_verdict_of_other_papers_needs_no_numbers():
+def test_claims_about_other_papers_need_no_numbers():
     for claim in CLAIMS:
         if claim.found == "not reproducible":
             assert claim.judge({}, {})[0] is None
@@ -409,7 +409,7 @@ def test_whole_default_run(tmp_path):
     assert parsed.tags.count("figure") == 10
 
 
-def test_a_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
+def test_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
     """It is what a full disk may leave behind."""
 
     def stopped(*arguments, **options):
@@ -424,4 +424,4 @@ def test_a_damaged_checkpoint_is_named(tmp_path, monkeypatch, capsys):
     assert main(arguments) == 2
     told = capsys.readouterr().err.splitlines()[-1]
     assert told.startswith(f"reproduce-paper: error: store {store} is not an SQLite database")
-    assert told.endswith("; without that file what it holds is computed anew")
+    assert told.endswith("; if you delete that file, its content is computed again")

@@ -1,4 +1,4 @@
-"""A file that keeps pieces of a long item, one a line, so that a killed run goes on from them."""
+"""A file of finished parts of a long item, one per line, from which a killed run continues."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["DamagedError", "Kept"]
+__all__ = ["Checkpoint", "DamagedError"]
 
 
 class DamagedError(ValueError):
-    """A file of which a line can't be read."""
+    """A checkpoint has a line that cannot be read."""
 
 
-class Kept:
-    """Records of a file, and those that are appended to it.
+class Checkpoint:
+    """A file of records, one JSON value per line, that grows by `append`.
 
-    A line that a killed run left unfinished is dropped.
+    An incomplete last line, which a killed run leaves, is removed.
 
     Parameters
     ----------
     path : Path
-        The file, which is made if there is none.
+        The file; it is created if it does not exist.
     read : callable, optional
-        Turns what JSON gives into a record, or raises ValueError.
+        Makes a record from a JSON value, or raises ValueError.
 
     Attributes
     ----------
     records : tuple
-        What the file held when it was opened.
+        The records in the file when it was opened.
 
     Raises
     ------
     DamagedError
-        If another line than the last isn't JSON, or no record.
+        If a complete line is not JSON or not a record.
     OSError
-        If the file can't be written.
+        If the file cannot be written.
     """
 
     def __init__(self, path: Path, read: Callable[[Any], Any] = lambda record: record) -> None:
@@ -54,7 +54,7 @@ class Kept:
             self._stream.truncate(len(whole))
 
     def append(self, record: Any) -> None:
-        """Write a record, and make sure that it is on disk."""
+        """Write a record to disk."""
         self._stream.write(json.dumps(record).encode() + b"\n")
         self._stream.flush()
         os.fsync(self._stream.fileno())
