@@ -6,7 +6,7 @@ PEERS := $(VENV)/.peers
 OUT ?=
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks test-sanitize test-oldest lint benchmarks catalogue reference-steps implementations reliability docs wheel clean
+.PHONY: all build reproduce test test-all test-checks test-sanitize test-oldest lint benchmarks catalogue reference-steps implementations mutants docs wheel clean
 
 all: build
 
@@ -78,8 +78,13 @@ implementations: build
 reference-steps: build
 	$(PY) tools/make_reference_steps.py
 
-reliability: build
-	$(PY) tests/reliability.py
+# mutation testing of the modules that tools/cosmic-ray.toml names
+MUTANTS := build/mutants.sqlite
+mutants: build
+	$(PY) -m pip install --quiet cosmic-ray
+	test -f $(MUTANTS) || $(VENV)/bin/cosmic-ray init tools/cosmic-ray.toml $(MUTANTS)
+	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(VENV)/bin/cosmic-ray exec tools/cosmic-ray.toml $(MUTANTS)
+	$(VENV)/bin/cr-report $(MUTANTS)
 
 lint: build
 	$(VENV)/bin/ruff check .
