@@ -15,6 +15,7 @@ from functools import cache
 from flint import fmpq, fmpq_mat
 
 from ...structure.layout import Layout
+from ...support.balls import to_fmpq
 from ..systems import Equation, Term
 from ..weights import Quantity
 from .holes import HOLE, basis, outer_nodes
@@ -237,9 +238,7 @@ def _filled(
 
 def _echelon(rows: Sequence[Sequence[Fraction | int]]) -> tuple[list[list[fmpq]], list[int]]:
     """Return the reduced echelon form of columns, and which of them are independent."""
-    columns = fmpq_mat(
-        [[fmpq(Fraction(x).numerator, Fraction(x).denominator) for x in row] for row in rows]
-    ).transpose()
+    columns = fmpq_mat([[to_fmpq(Fraction(x)) for x in row] for row in rows]).transpose()
     reduced, rank = columns.rref()
     entries = reduced.tolist()[:rank]
     return entries, [next(k for k, x in enumerate(row) if x != 0) for row in entries]
