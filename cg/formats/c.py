@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .program import Program
-from .text import comment, heading, integers, real, wrapped
+from .text import comment, fill, real, wrapped
 
 __all__ = ["to_c"]
 
@@ -53,7 +53,7 @@ static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data,
             @NAME@_REAL *to = work + @name@_target[move] * n;
 @v@            for (k = @name@_first[move]; k < @name@_first[move + 1]; k++) {
                 const @NAME@_REAL weight = h * @name@_weight[k];
-                const @NAME@_REAL *field = fields + @name@_stage[k] * m;
+                const @NAME@_REAL *field = fields + @name@_term_stage[k] * m;
                 for (i = 0; i < m; i++)
                     v[i] = k == @name@_first[move] ? weight * field[i] : v[i] + weight * field[i];
             }
@@ -109,8 +109,8 @@ _SAYS_ERRORS = {
 }
 
 
-def to_c(program: Program, lower: int | None) -> str:
-    """Return a header; `lower` is the order of the second result of a pair."""
+def to_c(program: Program) -> str:
+    """Return a header."""
     output, says, second = "", "", ""
     real_type = f"{program.name.upper()}_REAL"
     if program.second is not None:
@@ -127,34 +127,21 @@ def to_c(program: Program, lower: int | None) -> str:
         "says": says,
         "second": second,
         "output": output,
-    }
-    values = {
         "name": program.name,
         "NAME": program.name.upper(),
-        "slots": str(program.slots),
-        "stages": str(program.stages),
-        "rows": str(program.stages + (program.slots if program.on_algebra else 1)),
-        "moves": str(len(program.moves)),
-        "result": str(program.result),
-        "second_slot": str(program.second),
-        "errors": str(len(program.errors)),
-        "lower": str(lower),
+        "slots": program.slots,
+        "stages": program.stages,
+        "rows": program.stages + (program.slots if program.on_algebra else 1),
+        "moves": len(program.moves),
+        "result": program.result,
+        "second_slot": program.second,
+        "errors": len(program.errors),
+        "lower": program.lower_order,
     }
-    for table in (parts, values):  # parts first: they have values in them
-        for key, value in table.items():
-            text = text.replace(f"@{key}@", value)
-    return comment(heading(program.title, program.source), "//") + "\n" + text
+    return comment(program.heading, "//") + "\n" + fill(text, parts)
 
 
 def _tables(program: Program) -> str:
-    arrays = {
-        "before": integers(program.before),
-        "slot": integers(program.stage_slots),
-        "origin": integers([move.origin for move in program.moves]),
-        "target": integers([move.target for move in program.moves]),
-        "first": integers(program.first_term),
-        "stage": integers(program.term_stages),
-    }
     numbers = {"weight": program.term_weights, "c": program.c}
     if program.errors:
         numbers["error"] = tuple(weight for row in program.errors for weight in row)
@@ -163,7 +150,7 @@ def _tables(program: Program) -> str:
         "   c, how many moves come before it, and its slot. Moves go from a slot to a slot, along",
         "   the sum of weights times fields at stages. */",
     ]
-    for name, entries in arrays.items():
+    for name, entries in program.integer_tables(slot=0, term=0).items():
         lines.append(_array(f"static const int {program.name}_{name}", entries))
     for name, texts in numbers.items():
         values = [f"{program.name.upper()}_NUMBER({real(text)})" for text in texts]

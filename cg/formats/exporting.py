@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FORMATS", "export", "summary"]
 
-_CODE: dict[str, Callable[[Program, int | None], str]] = {
+_CODE: dict[str, Callable[[Program], str]] = {
     "python": to_python,
     "c": to_c,
     "fortran": to_fortran,
@@ -109,10 +109,7 @@ def export(
         return dumps(numbers.rounded())
     if format == "latex":
         return to_latex(numbers, summary(method))
-    program = make_program(numbers, summary(method))
-    orders = method.order, method.embedded_order
-    lower = None if orders[1] is None else min(orders[0], orders[1])
-    return _CODE[format](program, lower)
+    return _CODE[format](make_program(numbers, summary(method)))
 
 
 def summary(method: Method) -> str:

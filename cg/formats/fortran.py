@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .program import Program
-from .text import comment, heading, integers, real, wrapped
+from .text import comment, fill, real, wrapped
 
 __all__ = ["to_fortran"]
 
-_MAX_ENTRIES = 200  # in one statement, which older standards end after 255 lines
-_WIDEST = 120  # of a line, which the standard ends after 132 characters
+_MAX_ENTRIES = 200  # of an array in one statement; older standards allow 255 continuation lines
+_MAX_WIDTH = 120  # of a piece of a number; the standard allows lines of 132 characters
 
 _MODULE = """module @name@_method
   implicit none
@@ -119,11 +119,11 @@ _SAYS_ERRORS = {
 }
 
 
-def to_fortran(program: Program, lower: int | None) -> str:
-    """Return a module; `lower` is the order of the second result of a pair."""
-    parts = dict.fromkeys(["says", "argument", "declare", "output", "index"], "")
+def to_fortran(program: Program) -> str:
+    """Return a module."""
+    parts: dict[str, object] = dict.fromkeys(["says", "argument", "declare", "output", "index"], "")
     if program.second is not None:
-        parts["says"] = f". The second result is of order {lower}."
+        parts["says"] = f". The second result is of order {program.lower_order}."
         parts["argument"] = ", second"
         parts["declare"] = "    real(wp), intent(out), optional :: second(:)   ! (n)\n"
         parts["output"] = _PAIR
@@ -148,28 +148,20 @@ def to_fortran(program: Program, lower: int | None) -> str:
         ),
         "tables": _tables(program),
         "name": program.name,
-        "slots": str(program.slots),
-        "stages": str(program.stages),
-        "moves": str(len(program.moves)),
-        "result": str(program.result),
-        "second": str(program.second),
-        "errors": str(len(program.errors)),
+        "slots": program.slots,
+        "stages": program.stages,
+        "moves": len(program.moves),
+        "result": program.result,
+        "second": program.second,
+        "errors": len(program.errors),
     }
-    text = _MODULE
-    for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return comment(heading(program.title, program.source), "!") + "\n" + text
+    return comment(program.heading, "!") + "\n" + fill(_MODULE, parts)
 
 
 def _tables(program: Program) -> str:
-    moves = program.moves
+    integers = program.integer_tables(slot=0, term=1)
     lines = [
-        *_array("integer", "before", integers(program.before)),
-        *_array("integer", "slot", integers(program.stage_slots)),
-        *_array("integer", "origin", integers([move.origin for move in moves])),
-        *_array("integer", "target", integers([move.target for move in moves])),
-        *_array("integer", "first", integers(program.first_term, 1)),
-        *_array("integer", "term_stage", integers(program.term_stages, 1)),
+        *(line for name, values in integers.items() for line in _array("integer", name, values)),
         *_array("real(wp)", "weight", _numbers(program.term_weights)),
         *_array("real(wp)", "c", _numbers(program.c)),
     ]
@@ -185,13 +177,12 @@ def _tables(program: Program) -> str:
 
 
 def _numbers(texts: Sequence[str]) -> list[str]:
-    """Return numbers of the kind wp, those of many digits over several lines."""
-    found = []
-    for text in texts:
-        number = f"{real(text)}_wp"
-        pieces = [number[k : k + _WIDEST] for k in range(0, len(number), _WIDEST)]
-        found.append("&\n&".join(pieces))
-    return found
+    """Return real literals of kind wp; long ones continue over several lines."""
+    numbers = [f"{real(text)}_wp" for text in texts]
+    return [
+        "&\n&".join(number[k : k + _MAX_WIDTH] for k in range(0, len(number), _MAX_WIDTH))
+        for number in numbers
+    ]
 
 
 def _array(kind: str, name: str, entries: Sequence[str]) -> list[str]:

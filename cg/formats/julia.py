@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .program import Program
-from .text import comment, heading, integers, wrapped
+from .text import comment, fill, wrapped
 
 __all__ = ["to_julia"]
 
@@ -91,8 +91,8 @@ _SHAPES = {
 }
 
 
-def to_julia(program: Program, lower: int | None) -> str:
-    """Return a module; `lower` is the order of the second result of a pair."""
+def to_julia(program: Program) -> str:
+    """Return a module."""
     algebra = program.on_algebra
     output = ""
     if program.second is not None:
@@ -112,33 +112,25 @@ def to_julia(program: Program, lower: int | None) -> str:
     parts = {
         "output": output,
         "Module": program.name.capitalize(),
-        "slots": str(program.slots),
+        "slots": program.slots,
         "tables": _tables(program),
         "dexpinv": "dexpinv, " if algebra else "",
         "says_dexpinv": says if algebra else "",
         "coordinates": "    coordinates = Vector{Any}(undef, SLOTS)\n" if algebra else "",
         "keep": keep if algebra else "",
         "derivative": derivative if algebra else "",
-        "result": str(program.result + 1),
-        "second": str((program.second or 0) + 1),
-        "lower": str(lower),
+        "result": program.result + 1,
+        "second": (program.second or 0) + 1,
+        "lower": program.lower_order,
         "shape": _SHAPES.get(len(program.errors), ""),
     }
-    text = _MODULE
-    for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return comment(heading(program.title, program.source), "#") + "\n" + text
+    return comment(program.heading, "#") + "\n" + fill(_MODULE, parts)
 
 
 def _tables(program: Program) -> str:
-    moves = program.moves
+    integers = program.integer_tables(slot=1, term=1)
     lines = [
-        _vector("BEFORE", integers(program.before)),
-        _vector("SLOT", integers(program.stage_slots, 1)),
-        _vector("ORIGIN", integers([move.origin for move in moves], 1)),
-        _vector("TARGET", integers([move.target for move in moves], 1)),
-        _vector("FIRST", integers(program.first_term, 1)),
-        _vector("TERM_STAGE", integers(program.term_stages, 1)),
+        *(_vector(name.upper(), values) for name, values in integers.items()),
         _vector("WEIGHTS", _texts(program.term_weights)),
         _vector("C", _texts(program.c)),
     ]

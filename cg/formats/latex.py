@@ -160,12 +160,7 @@ def _list(method: Method) -> str:
 
 def _points(method: CommutatorFree) -> str:
     """Return the points of a step: where each begins, its weights, and what it is."""
-    roles: dict[int, list[str]] = {}
-    for stage, at in enumerate(method.stage_points, 1):
-        roles.setdefault(at, []).append(f"stage {stage}")
-    roles.setdefault(method.result, []).append("result")
-    if method.embedded_result is not None:
-        roles.setdefault(method.embedded_result, []).append("second result")
+    roles = method.tree.roles()
     lines = [f"$0$ & & & & {', '.join(roles.get(-1, []))} \\\\"]
     pairs = zip(method.points, method.point_coefficients, strict=True)
     for m, (point, weights) in enumerate(pairs):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .program import Program
-from .text import comment, heading, integers, wrapped
+from .text import comment, fill, wrapped
 
 __all__ = ["to_matlab"]
 
@@ -77,14 +77,14 @@ _SAYS_ERRORS = {
 }
 
 
-def to_matlab(program: Program, lower: int | None) -> str:
-    """Return a function file; `lower` is the order of the second result of a pair."""
+def to_matlab(program: Program) -> str:
+    """Return a function file."""
     algebra = program.on_algebra
     says = _SAYS_DEXPINV if algebra else ""
     returns, output = "y", ""
     if program.second is not None:
         returns, output = "[y, second]", _PAIR
-        says += f"\n% second is the other result, of order {lower}."
+        says += f"\n% second is the other result, of order {program.lower_order}."
     elif program.errors:
         returns, output = "[y, error_of_step]", _ERROR
         says += _SAYS_ERRORS[len(program.errors)]
@@ -97,30 +97,22 @@ def to_matlab(program: Program, lower: int | None) -> str:
         "name": program.name,
         "dexpinv": "dexpinv, " if algebra else "",
         "says": says,
-        "head": comment(heading(program.title, program.source), "%"),
+        "head": comment(program.heading, "%"),
         "tables": _tables(program),
-        "slots": str(program.slots),
+        "slots": program.slots,
         "coordinates": f"coordinates = cell(1, {program.slots});\n" if algebra else "",
         "keep": "    coordinates{target(move)} = v;\n" if algebra else "",
         "derivative": derivative if algebra else "",
-        "result": str(program.result + 1),
-        "second": str((program.second or 0) + 1),
+        "result": program.result + 1,
+        "second": (program.second or 0) + 1,
     }
-    text = _FUNCTION
-    for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return text
+    return fill(_FUNCTION, parts)
 
 
 def _tables(program: Program) -> str:
-    moves = program.moves
+    integers = program.integer_tables(slot=1, term=1)
     lines = [
-        _row("before", integers(program.before)),
-        _row("slot", integers(program.stage_slots, 1)),
-        _row("origin", integers([move.origin for move in moves], 1)),
-        _row("target", integers([move.target for move in moves], 1)),
-        _row("first", integers(program.first_term, 1)),
-        _row("term_stage", integers(program.term_stages, 1)),
+        *(_row(name, values) for name, values in integers.items()),
         _row("weight", program.term_weights),
         _row("c", program.c),
     ]

@@ -45,12 +45,7 @@ def _tableau(method: Method) -> str:
 
 
 def _points(method: CommutatorFree) -> str:
-    roles: dict[int, list[str]] = {}
-    for stage, at in enumerate(method.stage_points, 1):
-        roles.setdefault(at, []).append(f"stage {stage}")
-    roles.setdefault(method.result, []).append("result")
-    if method.embedded_result is not None:
-        roles.setdefault(method.embedded_result, []).append("second result")
+    roles = method.tree.roles()
     rows = [_row("0", "", "", roles.get(-1, []))]
     shown = islice(zip(method.points, short_numbers(method), strict=True), _MAX_ROWS - 1)
     for m, (point, numbers) in enumerate(shown):

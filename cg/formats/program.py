@@ -7,12 +7,12 @@ another, and between them f is evaluated at a slot, stage by stage. Chains of fl
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import accumulate
 
 from ..method.munthe_kaas import MuntheKaas
-from ..structure.points import START, Point, PointTree
+from ..structure.points import START, Point, PointTree, tree_of_flat_rows
 from .digits import Numbers
 
 __all__ = ["Move", "Program", "identifier", "make_program"]
@@ -62,8 +62,11 @@ class Program:
         The slot of the other result of a pair whose results are compared.
     errors : tuple of tuples of str
         Weights of the stages in each error estimate of a pair that needs no second result.
+    lower_order : int or None
+        Order of the less accurate result of a pair.
     on_algebra : bool
-        Whether coefficients at stages become derivatives of coordinates, by dexp⁻¹.
+        Whether dexp⁻¹ turns the coefficients at stages into derivatives of coordinates, as in
+        methods of Munthe-Kaas.
     """
 
     name: str
@@ -77,6 +80,7 @@ class Program:
     result: int
     second: int | None
     errors: tuple[tuple[str, ...], ...]
+    lower_order: int | None
     on_algebra: bool
 
     @property
@@ -85,22 +89,36 @@ class Program:
         return len(self.c)
 
     @property
-    def first_term(self) -> tuple[int, ...]:
-        """Where the terms of each move begin among all, and their number last."""
-        starts = [0]
-        for move in self.moves:
-            starts.append(starts[-1] + len(move.terms))
-        return tuple(starts)
-
-    @property
-    def term_stages(self) -> tuple[int, ...]:
-        """The stages of all terms."""
-        return tuple(stage for move in self.moves for stage, _ in move.terms)
+    def heading(self) -> str:
+        """Title and source, a line each."""
+        return f"{self.title}\n{self.source}" if self.source else self.title
 
     @property
     def term_weights(self) -> tuple[str, ...]:
-        """The weights of all terms."""
+        """The weights of the terms of all moves."""
         return tuple(weight for move in self.moves for _, weight in move.terms)
+
+    def integer_tables(self, *, slot: int, term: int) -> dict[str, list[str]]:
+        """Return the integers that define the moves, by the names of their arrays.
+
+        Parameters
+        ----------
+        slot : int
+            Number of the first slot.
+        term : int
+            Number of the first stage and of the first term.
+        """
+        first_terms = accumulate((len(move.terms) for move in self.moves), initial=term)
+        stages = (stage for move in self.moves for stage, _ in move.terms)
+        tables = {
+            "before": self.before,
+            "slot": (at + slot for at in self.stage_slots),
+            "origin": (move.origin + slot for move in self.moves),
+            "target": (move.target + slot for move in self.moves),
+            "first": first_terms,
+            "term_stage": (stage + term for stage in stages),
+        }
+        return {name: list(map(str, values)) for name, values in tables.items()}
 
 
 def identifier(name: str) -> str:
@@ -145,6 +163,7 @@ def make_program(numbers: Numbers, title: str) -> Program:
     )
     c = [sum(tree.flat_row(at), Fraction(0)) for at in tree.stage_points]
     second = tree.embedded_result
+    lower = None if method.embedded_order is None else min(method.order, method.embedded_order)
     return Program(
         identifier(method.name),
         title,
@@ -157,6 +176,7 @@ def make_program(numbers: Numbers, title: str) -> Program:
         slots[tree.result],
         None if second is None else slots[second],
         tuple(tuple(map(numbers.decimal, row)) for row in errors),
+        lower,
         isinstance(method, MuntheKaas),
     )
 
@@ -174,7 +194,7 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
         if third is not None:
             others.append([weight.value for weight in third])
         errors = [[x - y for x, y in zip(b, other, strict=True)] for other in others]
-        return _flat(rows[: method.stages], b), errors
+        return tree_of_flat_rows(rows[: method.stages], b), errors
     tree = method.layout.tree(numbers.values)
     result, second = tree.result, tree.embedded_result
     if better and second is not None:
@@ -188,18 +208,6 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
         sums = tree.flat_row(tree.result)
         errors.append([x - weight.value for x, weight in zip(sums, third, strict=True)])
     return PointTree(tree.points, tree.stage_points, result), errors
-
-
-def _flat(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
-    """Return a point, reached from the initial one, for each different row that isn't zero."""
-    index: dict[tuple[Fraction, ...], int] = {}
-
-    def point(row: Sequence[Fraction]) -> int:
-        return index.setdefault(tuple(row), len(index)) if any(row) else START
-
-    stages = tuple(map(point, a))
-    result = point(b)
-    return PointTree(tuple(Point(START, dict(enumerate(row))) for row in index), stages, result)
 
 
 def _without_repetitions(tree: PointTree) -> PointTree:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .program import Program
-from .text import comment, heading, wrapped
+from .text import comment, wrapped
 
 __all__ = ["to_jax", "to_python"]
 
@@ -13,7 +13,7 @@ _ARGUMENTS = """    f : callable
         ``flow(v, y)`` returns the time-1 flow through y of the field with coefficients v.
 {dexpinv}    t : float
         Time.
-    y : {array}
+    y : array
         The point; whatever `flow` takes.
     h : float
         Step size.
@@ -114,24 +114,23 @@ def _combined(terms, fields, h):
 """
 
 
-def to_python(program: Program, lower: int | None) -> str:
-    """Return a module that needs NumPy only; `lower` is the order of the second result."""
-    return _module(program, lower, "import numpy as np", "np")
+def to_python(program: Program) -> str:
+    """Return a module that needs NumPy only."""
+    return _module(program, "import numpy as np", "np")
 
 
-def to_jax(program: Program, lower: int | None) -> str:
-    """Return a module whose functions are pure, if those that they are given are."""
-    return _module(program, lower, "import jax.numpy as jnp", "jnp")
+def to_jax(program: Program) -> str:
+    """Return a module whose functions are pure if their arguments `f` and `flow` are."""
+    return _module(program, "import jax.numpy as jnp", "jnp")
 
 
-def _module(program: Program, lower: int | None, line: str, xp: str) -> str:
+def _module(program: Program, line: str, xp: str) -> str:
     call = "f, flow, dexpinv, t, y, h" if program.on_algebra else "f, flow, t, y, h"
-    array = "array"
-    arguments = _ARGUMENTS.format(dexpinv=_DEXPINV if program.on_algebra else "", array=array)
-    values = {"call": call, "arguments": arguments, "xp": xp, "lower": lower}
+    arguments = _ARGUMENTS.format(dexpinv=_DEXPINV if program.on_algebra else "")
+    values = {"call": call, "arguments": arguments, "xp": xp, "lower": program.lower_order}
     # in a comment in the first two lines Python would look for an encoding
     parts = ['"""A step of a Runge-Kutta method on manifolds."""', ""]
-    parts += [comment(heading(program.title, program.source), "#")]
+    parts += [comment(program.heading, "#")]
     parts += ["", line, "", _tables(program)]
     parts += ["", _STEP.format(**values).rstrip("\n")]
     if program.second is not None:
