@@ -49,24 +49,18 @@ class _Commands(click.Group):
         return found
 
 
-def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted and not ctx.resilient_parsing:
-        import cg
-
-        click.echo(f"crouch-grossman {cg.__version__}")
-        ctx.exit()
-
-
 @click.group(
     cls=_Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Exit codes: 0 if all is well, 1 if the answer is no, 2 if an argument is wrong, 130 "
     "after an interrupt. Every command that prints data takes --json.",
 )
-@click.option(
-    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
+@click.version_option(
+    package_name=PROGRAM,
+    prog_name=PROGRAM,
+    message="%(prog)s %(version)s",
     help="Print the version and exit.",
-)  # fmt: skip
+)
 def group() -> None:
     """Runge–Kutta methods on manifolds: find, check, construct, prove and export them.
 
