@@ -1,4 +1,4 @@
-"""A step in C: a header of its own."""
+"""A step in C: a header file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _HEAD = """
 #ifndef @NAME@_H
 #define @NAME@_H
 
-/* Numbers are doubles. For others define both before this file is included, such as
+/* Numbers are doubles. For another type, define both macros before including this file, e.g.
    #define @NAME@_REAL long double
    #define @NAME@_NUMBER(x) x##L */
 #ifndef @NAME@_REAL
@@ -21,8 +21,8 @@ _HEAD = """
 #define @NAME@_NUMBER(x) x
 #endif
 
-/* f(t, y, f, data) writes the m coefficients of the frame's fields at the point y.
-   It and those below return 0, or another number that ends the step and is returned by it. */
+/* f(t, y, f, data) writes the m coefficients of the frame's fields at the point y to f.
+   All callbacks return 0; another value ends the step, which returns that value. */
 typedef int (*@name@_f)(@NAME@_REAL t, const @NAME@_REAL *y, @NAME@_REAL *f, void *data);
 
 /* flow(v, y, data) moves the point y along the time-1 flow of the field with coefficients v. */
@@ -30,16 +30,16 @@ typedef int (*@name@_flow)(const @NAME@_REAL *v, @NAME@_REAL *y, void *data);
 """
 
 _DEXPINV = """
-/* dexpinv(u, v, data) replaces the coefficients v with which a point of coordinates u moves by
-   the derivative of these coordinates. */
+/* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
+   u by the derivative of the coordinates. */
 typedef int (*@name@_dexpinv)(const @NAME@_REAL *u, @NAME@_REAL *v, void *data);
 """
 
 _STEP = """
-/* Numbers of the work space of a step, for points of n numbers and m fields */
+/* Size of the work array of a step, for points of n numbers and m fields */
 #define @NAME@_WORK(n, m) (@slots@ * (n) + @rows@ * (m))
 
-/* Moves the point y, of n numbers, by a step of size h from time t.@says@ */
+/* Advances the point y, of n numbers, by a step of size h from time t.@says@ */
 static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data, int n, int m,
     @NAME@_REAL t, @NAME@_REAL h, @NAME@_REAL *y, @second@@NAME@_REAL *work)
 {
@@ -97,15 +97,15 @@ _ERROR = """    if (error)
 """
 
 _SAYS_PAIR = """
-   The second result, of order @lower@, is written to second unless that is a null pointer."""
+   Writes the second result, of order @lower@, to second unless that is a null pointer."""
 
 _SAYS_ERRORS = {
     1: """
-   The m coefficients of its error are written to error unless that is a null pointer:
-   those of the field by which the two results differ.""",
+   Writes the m coefficients of its error to error unless that is a null pointer: the
+   coefficients of the field whose flow joins the two results.""",
     2: """
-   The m coefficients of its error e, and m more of e_3, are written to error unless that is a
-   null pointer; the estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
+   Writes the m coefficients of its error e, and the m of e_3, to error unless that is a null
+   pointer; the estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
 }
 
 
@@ -146,9 +146,9 @@ def _tables(program: Program) -> str:
     if program.errors:
         numbers["error"] = tuple(weight for row in program.errors for weight in row)
     lines = [
-        "/* Points are kept in slots, of which 0 is the initial one. Of each stage: its abscissa",
-        "   c, how many moves come before it, and its slot. Moves go from a slot to a slot, along",
-        "   the sum of weights times fields at stages. */",
+        "/* Slots hold points; slot 0 holds the initial one. Each stage has an abscissa c, the",
+        "   number of moves before it, and a slot. Each move is a flow from one slot to another,",
+        "   along the weighted sum of the fields at stages. */",
     ]
     for name, entries in program.integer_tables(slot=0, term=0).items():
         lines.append(_array(f"static const int {program.name}_{name}", entries))
@@ -160,5 +160,5 @@ def _tables(program: Program) -> str:
 
 
 def _array(declared: str, entries: Sequence[str]) -> str:
-    entries = entries or ["0"]  # an array of C can't be empty
+    entries = entries or ["0"]  # C has no empty arrays
     return f"{declared}[{len(entries)}] = {{\n{wrapped(entries, '    ')}\n}};"

@@ -31,7 +31,7 @@ _MODULE = """module @name@_method
       real(wp), intent(out) :: f(:)       ! (m)
     end subroutine f_i
 
-    ! Moves a point along the time-1 flow of the field with coefficients v
+    ! Advances a point along the time-1 flow of the field with coefficients v
     subroutine flow_i(v, y)
       import :: wp
       real(wp), intent(in) :: v(:)        ! (m)
@@ -40,14 +40,14 @@ _MODULE = """module @name@_method
 @interface@
   end interface
 
-  ! Points are kept in slots, of which 0 is the initial one. Of each stage: its abscissa c, how many
-  ! moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
-  ! times fields at stages.
+  ! Slots hold points; slot 0 holds the initial one. Each stage has an abscissa c, the number of
+  ! moves before it, and a slot. Each move is a flow from one slot to another, along the weighted
+  ! sum of the fields at stages.
 @tables@
 
 contains
 
-  ! Moves a point by a step of size h from time t@says@
+  ! Advances a point by a step of size h from time t@says@
   subroutine @name@_step(f, flow, @dexpinv@m, t, h, y@argument@)
     procedure(f_i) :: f
     procedure(flow_i) :: flow
@@ -90,7 +90,7 @@ end module @name@_method
 """
 
 _DEXPINV = """
-    ! Replaces the coefficients v with which a point of coordinates u moves by the derivative of u
+    ! Replaces the coefficients v of the velocity of a point with coordinates u by u'
     subroutine dexpinv_i(u, v)
       import :: wp
       real(wp), intent(in) :: u(:)        ! (m)
@@ -113,7 +113,7 @@ _ERROR = """    if (present(error)) then
 
 _SAYS_ERRORS = {
     1: """. The coefficients of its
-  ! error are those of the field by which the two results differ.""",
+  ! error are those of the field whose flow joins the two results.""",
     2: """. The coefficients of its
   ! error are e and e_3, and the estimate |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
 }
@@ -186,7 +186,7 @@ def _numbers(texts: Sequence[str]) -> list[str]:
 
 
 def _array(kind: str, name: str, entries: Sequence[str]) -> list[str]:
-    """Declare an array; a long one in parts."""
+    """Return the declaration of an array; a long one is joined from several."""
     if not entries:
         return [f"  {kind}, parameter :: {name}(0) = [{kind} ::]"]
     if len(entries) <= _MAX_ENTRIES:

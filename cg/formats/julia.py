@@ -11,11 +11,11 @@ __all__ = ["to_julia"]
 
 _MODULE = '''module @Module@
 
-# Nothing is exported, since Base has a function step: call @Module@.step.
+# The module exports nothing, since Base has a function step: call @Module@.step.
 
-# Points are kept in slots, of which 1 is the initial one. Of each stage: its abscissa, how many
-# moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
-# times fields at stages. Numbers are texts, so that they may be read as any type.
+# Slots hold points; slot 1 holds the initial one. Each stage has an abscissa, the number of moves
+# before it, and a slot. Each move is a flow from one slot to another, along the weighted sum of
+# the fields at stages. Numbers are strings, so that any type can be parsed from them.
 const SLOTS = @slots@
 @tables@
 
@@ -24,7 +24,7 @@ const SLOTS = @slots@
 
 Return the point after a step of size h. f(t, y) returns the coefficients of the frame's fields,
 flow(v, y) the time-1 flow through y of the field with coefficients v.@says_dexpinv@
-Numbers are of the type of h.
+Numbers have the type of h.
 """
 step(f, flow, @dexpinv@t, y, h) = stages(f, flow, @dexpinv@t, y, h)[1][@result@]
 @output@
@@ -86,7 +86,7 @@ end
 '''
 
 _SHAPES = {
-    1: "a vector of one,\nthe field by which the two results differ.",
+    1: "a vector with\nthe field whose flow joins the two results.",
     2: "e and e3, from which\nthe estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e3|^2).",
 }
 
@@ -100,8 +100,8 @@ def to_julia(program: Program) -> str:
     elif program.errors:
         output = _ERROR
     says = (
-        "\ndexpinv(u, v) returns the derivative of the coordinates u of a point that moves with\n"
-        "coefficients v."
+        "\ndexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity\n"
+        "has the coefficients v."
     )
     keep = "            coordinates[TARGET[move]] = v\n"
     derivative = (

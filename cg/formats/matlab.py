@@ -10,14 +10,14 @@ from .text import comment, fill, wrapped
 __all__ = ["to_matlab"]
 
 _FUNCTION = """function @returns@ = @name@_step(f, flow, @dexpinv@t, y, h)
-% The point after a step of size h: f(t, y) returns the coefficients of the frame's fields as a
+% Return the point after a step of size h. f(t, y) returns the coefficients of the fields as a
 % column, flow(v, y) the time-1 flow through y of the field with coefficients v.@says@
 %
 @head@
 
-% Points are kept in slots, of which 1 is the initial one. Of each stage: its abscissa c, how many
-% moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
-% times fields at stages.
+% Slots hold points; slot 1 holds the initial one. Each stage has an abscissa c, the number of
+% moves before it, and a slot. Each move is a flow from one slot to another, along the weighted sum
+% of the fields at stages.
 @tables@
 
 points = cell(1, @slots@);
@@ -66,11 +66,12 @@ end
 """
 
 _SAYS_DEXPINV = """
-% dexpinv(u, v) returns the derivative of the coordinates u of a point that moves with v."""
+% dexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity has the
+% coefficients v."""
 
 _SAYS_ERRORS = {
     1: """
-% error_of_step has the coefficients of its error, the field by which the two results differ.""",
+% error_of_step has the coefficients of its error, the field whose flow joins the two results.""",
     2: """
 % error_of_step has the coefficients of its error, e and e_3 in columns; the estimate is
 % |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",

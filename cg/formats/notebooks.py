@@ -1,4 +1,4 @@
-"""Methods as notebooks show them."""
+"""Representations of methods in notebooks."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ __all__ = ["to_formula", "to_html"]
 _MAX_ROWS = 40
 _CELL = 'style="text-align: right; padding: 0.1em 0.6em'
 _LEFT = f'{_CELL}; border-right: 1px solid"'
-_TEXT = 'class="tex2jax_ignore mathjax_ignore"'  # dollars begin no formula
+_TEXT = 'class="tex2jax_ignore mathjax_ignore"'  # MathJax leaves dollar signs alone
 _LINE = 'style="border-top: 1px solid"'
 
 
 def to_formula(method: Method) -> str:
-    """Return a method as a LaTeX formula of few digits, ``$`` signs included."""
+    """Return a method as a LaTeX formula with few digits, in ``$`` signs."""
     return f"$\\displaystyle {to_array(method)}$"
 
 
 def to_html(method: Method) -> str:
-    """Return a method as HTML: what it is, and its tableau or points to few digits."""
+    """Return a method as HTML: a summary, and its tableau or points with few digits."""
     title = (
         f"<b>{escape(visible(method.name) or 'without name')}</b>: {escape(method.description())}"
     )

@@ -1,7 +1,9 @@
-"""A step of an explicit method as a short program, the same in every language.
+"""A step of an explicit method as a list of moves between slots, the same in every language.
 
-A step keeps points in slots; slot 0 is the initial point. Its moves are flows from one slot to
-another, and between them f is evaluated at a slot, stage by stage. Chains of flows take one slot.
+A slot is a variable that holds a point; slot 0 holds the initial point. A move is a flow from the
+point in one slot to a point that is stored in another slot or replaces it. The moves to a stage
+precede its evaluation of f. A slot is reused as soon as its point isn't needed any more, so that a
+chain of flows takes a single slot.
 """
 
 from __future__ import annotations
@@ -25,9 +27,9 @@ class Move:
     Attributes
     ----------
     origin, target : int
-        Slots; they are the same if the point that it starts from isn't needed any more.
-    terms : tuple of pairs
-        Stages (from 0) and the decimal numbers that their coefficients are multiplied by.
+        Slots; equal if the initial point of the flow isn't needed any more.
+    terms : tuple of (int, str)
+        Stages, counted from 0, and their weights as decimal numbers.
     """
 
     origin: int
@@ -37,31 +39,31 @@ class Move:
 
 @dataclass(frozen=True)
 class Program:
-    """What a step does.
+    """The moves and evaluations of a step.
 
     Attributes
     ----------
     name : str
-        An identifier of all languages, in lower case.
+        Name of the method as an identifier in lower case.
     title : str
-        What the method is, in one line.
+        One-line summary of the method.
     source : str
-        Where it is from.
+        Reference of the method.
     slots : int
         Number of slots.
     moves : tuple of Move
     before : tuple of int
-        How many moves come before each stage is evaluated; the rest follow the last stage.
+        Number of moves before each stage is evaluated; the others follow the last stage.
     stage_slots : tuple of int
-        Where each stage is evaluated.
+        Slot at which each stage is evaluated.
     c : tuple of str
         Abscissae.
     result : int
-        The slot of the result; of a pair the one of higher order.
+        Slot of the result; for a pair, of the result of higher order.
     second : int or None
-        The slot of the other result of a pair whose results are compared.
+        Slot of the other result, for a pair whose error is the distance of the results.
     errors : tuple of tuples of str
-        Weights of the stages in each error estimate of a pair that needs no second result.
+        Weights of the stages in each error estimate, for a pair with an error in the algebra.
     lower_order : int or None
         Order of the less accurate result of a pair.
     on_algebra : bool
@@ -122,7 +124,7 @@ class Program:
 
 
 def identifier(name: str) -> str:
-    """Return a name as an identifier in lower case, such as ``cg3_2`` for CG3(2).
+    """Return the name of a method as an identifier in lower case.
 
     Examples
     --------
@@ -136,7 +138,7 @@ def identifier(name: str) -> str:
 
 
 def make_program(numbers: Numbers, title: str) -> Program:
-    """Return the step of an explicit method.
+    """Return the program of a step of an explicit method.
 
     Raises
     ------
@@ -182,7 +184,7 @@ def make_program(numbers: Numbers, title: str) -> Program:
 
 
 def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
-    """Return the points of a step that leads to the better result, and weights of errors."""
+    """Return the points of a step to the result of higher order, and the weights of its errors."""
     method = numbers.method
     third = getattr(method, "third_weights", None)
     better = (method.embedded_order or 0) > method.order
@@ -211,7 +213,7 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
 
 
 def _without_repetitions(tree: PointTree) -> PointTree:
-    """Return the tree with points that are the same made one."""
+    """Return the tree in which equal points are merged."""
     same = tree.merged
     points = tuple(Point(same[point.parent], point.weights) for point in tree.points)
     second = tree.embedded_result
@@ -224,28 +226,28 @@ def _without_repetitions(tree: PointTree) -> PointTree:
 
 
 def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
-    """Return the points in the order in which they are needed, and how many before each stage."""
-    order: dict[int, None] = {}  # a set that keeps its order
+    """Return the points in the order of their moves, and the number of moves before each stage."""
+    order: dict[int, None] = {}  # an ordered set
 
-    def lead_to(end: int) -> None:
+    def append_path(end: int) -> None:
         order.update(dict.fromkeys(tree.path(end)))
 
     before = []
     for at in tree.stage_points:
-        lead_to(at)
+        append_path(at)
         before.append(len(order))
-    lead_to(tree.result)
+    append_path(tree.result)
     if tree.embedded_result is not None:
-        lead_to(tree.embedded_result)
+        append_path(tree.embedded_result)
     return list(order), tuple(before)
 
 
 def _slots(
     tree: PointTree, order: list[int], before: tuple[int, ...]
 ) -> tuple[dict[int, int], int]:
-    """Return the slot of each point, and how many there are.
+    """Return the slot of each point, and the number of slots.
 
-    A slot is used again when no move, stage or result needs its point any more.
+    A slot is reused after the last move, stage or result that needs its point.
     """
     last: dict[int, int] = {}
     for k, m in enumerate(order):

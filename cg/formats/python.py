@@ -14,14 +14,14 @@ _ARGUMENTS = """    f : callable
 {dexpinv}    t : float
         Time.
     y : array
-        The point; whatever `flow` takes.
+        The point, as `flow` takes it.
     h : float
         Step size.
 """
 
 _DEXPINV = """    dexpinv : callable
-        ``dexpinv(u, v)`` returns the derivative of the coordinates u of a point that moves with
-        coefficients v.
+        ``dexpinv(u, v)`` returns the derivative of the coordinates u of a point whose velocity
+        has the coefficients v.
 """
 
 _STEP = '''def step({call}):
@@ -57,7 +57,7 @@ def step_error({call}):
 '''
 
 _SHAPES = {
-    1: "The error has shape (1, m): the field by which the two results differ.",
+    1: "The error has shape (1, m): the field whose flow joins the two results.",
     2: """The errors have shape (2, m): e = errors[0] and e_3 = errors[1], from
     which the estimate is ``|e|**2 / sqrt(|e|**2 + 0.01 * |e_3|**2)``.""",
 }
@@ -128,7 +128,7 @@ def _module(program: Program, line: str, xp: str) -> str:
     call = "f, flow, dexpinv, t, y, h" if program.on_algebra else "f, flow, t, y, h"
     arguments = _ARGUMENTS.format(dexpinv=_DEXPINV if program.on_algebra else "")
     values = {"call": call, "arguments": arguments, "xp": xp, "lower": program.lower_order}
-    # in a comment in the first two lines Python would look for an encoding
+    # a docstring comes first, since Python looks for an encoding in comments of the first two lines
     parts = ['"""A step of a Runge-Kutta method on manifolds."""', ""]
     parts += [comment(program.heading, "#")]
     parts += ["", line, "", _tables(program)]
@@ -145,18 +145,18 @@ def _module(program: Program, line: str, xp: str) -> str:
 
 def _tables(program: Program) -> str:
     lines = [
-        "# points are kept in slots, of which 0 is the initial one",
+        "# slots hold points; slot 0 holds the initial one",
         f"SLOTS = {program.slots}",
         f"RESULT = {program.result}",
     ]
     if program.second is not None:
         lines.append(f"SECOND = {program.second}")
     lines += [
-        "# of each stage: its abscissa, how many moves come before it, and its slot",
+        "# of each stage: abscissa, number of moves before it, slot",
         f"C = (\n{wrapped(program.c, '    ')},\n)",
         f"BEFORE = (\n{wrapped(map(str, program.before), '    ')},\n)",
         f"STAGE_SLOTS = (\n{wrapped(map(str, program.stage_slots), '    ')},\n)",
-        "# moves: from a slot to a slot, along the sum of these weights times fields at stages",
+        "# moves: from slot, to slot, (stage, weight) of the fields whose sum the flow is along",
         "MOVES = (",
     ]
     for move in program.moves:

@@ -121,7 +121,7 @@ class TestMethods:
         assert len(dotted) == (name == "CF6(5)")
 
     def test_what_is_refused(self, ax):
-        with pytest.raises(ValueError, match="method must be explicit for its points to be drawn"):
+        with pytest.raises(ValueError, match="method must be explicit, got"):
             cg.plot.points("DICG4", ax)
         with pytest.raises(ValueError, match="method must be one of"):
             cg.plot.tableau("XX", ax)
@@ -200,7 +200,7 @@ class TestErrors:
             ([0.1, 0.2], [1e-3], r"vectors of one length, got shapes \(2,\), \(1,\)"),
             ([0.1, -0.2], [1e-3, 1e-3], "h must be finite and positive"),
             ([0.1, 0.2], [1e-3, np.nan], "errors must be finite and not negative"),
-            ([0.1, 0.2], [0.0, 0.0], "errors must have one that isn't zero"),
+            ([0.1, 0.2], [0.0, 0.0], "errors must not all be zero"),
             ("ab", [1.0], "h must be a vector of numbers, got 'ab'"),
         ],
     )
