@@ -1,4 +1,4 @@
-"""Trees drawn as text."""
+"""Trees and points of steps as text."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _NODE = "●"
 
 
 def draw_tree(tree: OrderedTree) -> str:
-    """Return an ordered tree as lines of text: the root on top, children from top to bottom.
+    """Return an ordered tree as lines of text, each node above its children.
 
-    The child on top is the leftmost, whose flow comes first.
+    The first child is the leftmost, whose flow comes first.
 
     Examples
     --------
@@ -33,10 +33,10 @@ def draw_tree(tree: OrderedTree) -> str:
 
 
 def draw_points(method: Any, *, digits: int = 6) -> str:
-    """Return the points of a step of an explicit method as lines of text, children below.
+    """Return the points of a step of an explicit method as lines of text, each above its children.
 
-    Each line is one flow: the number of the point, the combination of frozen fields, and what is
-    at the point.
+    Each line is one flow: the number of the point, the combination of frozen fields, and the role
+    of the point.
 
     Parameters
     ----------

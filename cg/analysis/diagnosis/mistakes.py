@@ -1,4 +1,4 @@
-"""Known mistakes, each recognised by the method that it was made of."""
+"""Known mistakes, recognised by the method that results when they are undone."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...structure.points import MethodError
 from .findings import Finding
-from .likeness import Likeness, likeness
+from .matching import CatalogueMatch, closest_match
 from .variants import order_on_vector_spaces, reversals, transposed, with_coefficients
 
-__all__ = ["find_all"]
+__all__ = ["recognise_all"]
 
 _MIN_PLACES, _MAX_PLACES = 5, 12
-"""Of coefficients that were cut short: fewer are meant as they are, and more are harmless."""
+"""Decimal places of truncated coefficients; fewer are taken as exact, more are harmless."""
 
-_FULL_DOUBLE = 15  # significant digits of the shortest text of a double that wasn't cut short
+_FULL_DOUBLE = 15  # significant digits of the shortest text of a double that wasn't truncated
 _SINGLE = Fraction(1, 2**24)
 _HARMLESS = 1e-13
 _SLIP = ("CG4a", "a_5,4", Fraction("-1.1092979392113565"))
 
 
-def find_all(method: Method, c: Sequence[Coefficient] | None = None) -> Iterator[Finding]:
-    """Return what is known of a method; `c` are abscissae that it came with."""
+def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Iterator[Finding]:
+    """Yield the findings about a method; `c` are abscissae to compare its row sums with."""
     yield from _abscissae(method, c)
     yield from _equal_weights(method)
     place = _short_unit(method.coefficients)
-    like = likeness(method, within=Fraction(0) if place is None else place)
+    match = closest_match(method, within=Fraction(0) if place is None else place)
     order = method.exact_order
     turned = [*_transposed(method, order), *_reversed(method, order)]
-    # the other way round it is a method as it was meant: nothing else is to blame
-    known = [] if turned else [*_known(method, like), *_digits(method, order, place)]
+    # a reversed or transposed method has no other mistake
+    known = [] if turned else [*_known(method, match), *_digits(method, order, place)]
     yield from turned
     yield from known
     if not turned and not any(finding.mistake for finding in known):
@@ -47,7 +47,7 @@ def _abscissae(method: Method, c: Sequence[Coefficient] | None) -> Iterator[Find
         return
     for i, (given, row) in enumerate(zip(c, method.exact[0], strict=True), 1):
         total = sum(row, Fraction(0))
-        # rounded entries leave their sum off by as much as each
+        # the uncertainties of the entries add up
         allowed = given.unit + sum((k.unit for k in method.coefficients), Fraction(0))
         if abs(given.value - total) > allowed:
             yield Finding(
@@ -70,18 +70,18 @@ def _equal_weights(method: Method) -> Iterator[Finding]:
         )
 
 
-def _known(method: Method, like: Likeness | None) -> Iterator[Finding]:
-    if like is None:
+def _known(method: Method, match: CatalogueMatch | None) -> Iterator[Finding]:
+    if match is None:
         return
-    name = like.method.name
-    flat = isinstance(like.method, MuntheKaas) and not isinstance(method, MuntheKaas)
+    name = match.method.name
+    flat = isinstance(match.method, MuntheKaas) and not isinstance(method, MuntheKaas)
     aside = ", a method of Munthe-Kaas for coordinates" if flat else ""
-    if not like.changed:
-        if method is not like.method:
+    if not match.changed:
+        if method is not match.method:
             yield Finding("known", f"its coefficients are those of {name}{aside}")
         return
-    if [(name, *change[:1]) for change in like.changed] == [_SLIP[:2]]:
-        here = like.changed[0][1]
+    if [(name, *change[:1]) for change in match.changed] == [_SLIP[:2]]:
+        here = match.changed[0][1]
         if abs(here.value - _SLIP[2]) <= here.unit:
             yield Finding(
                 "slip",
@@ -90,8 +90,8 @@ def _known(method: Method, like: Likeness | None) -> Iterator[Finding]:
                 "-1.1092979392113465; its own c_5 tells which is right",
             )
             return
-    labels = " and ".join(change[0] for change in like.changed)
-    values = "; ".join(f"{_text(x)} here, {_text(y)} there" for _, x, y in like.changed)
+    labels = " and ".join(change[0] for change in match.changed)
+    values = "; ".join(f"{_text(x)} here, {_text(y)} there" for _, x, y in match.changed)
     yield Finding("changed", f"it differs from {name}{aside} in {labels} only: {values}")
 
 
@@ -127,9 +127,9 @@ def _digits(method: Method, order: int, place: Fraction | None) -> list[Finding]
 
 
 def _short_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
-    """Return the last place of coefficients that were cut short; negative for single precision.
+    """Return the unit in the last decimal place of truncated coefficients.
 
-    None if they weren't.
+    It is negative, and relative, for single precision; None if coefficients aren't truncated.
     """
     places = [p for p in map(_places, coefficients) if p is not None]
     if not places:
@@ -143,7 +143,7 @@ def _short_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
 
 
 def _unit(coefficient: Coefficient, place: Fraction) -> Fraction:
-    """Return what a coefficient that isn't an integer or a quotient is off by."""
+    """Return the uncertainty of a truncated coefficient; zero if it is rational."""
     if _places(coefficient) is None:
         return Fraction(0)
     return place if place > 0 else -place * abs(coefficient.value)
@@ -154,7 +154,7 @@ def _precision(place: Fraction) -> str:
 
 
 def _places(coefficient: Coefficient) -> int | None:
-    """Return the decimal places of a coefficient's shortest text; None of a quotient."""
+    """Return the decimal places of a coefficient's shortest text; None if it is rational."""
     text = coefficient.text
     if "x" in text:
         text = repr(float(coefficient.value))
@@ -205,8 +205,8 @@ def _flat(method: Method, order: int) -> Iterator[Finding]:
 
 
 def _name(method: Method) -> str:
-    like = likeness(method)
-    return f" {like.method.name}," if like is not None and not like.changed else ""
+    match = closest_match(method)
+    return f" {match.method.name}," if match is not None and not match.changed else ""
 
 
 def _text(coefficient: Coefficient) -> str:
@@ -215,6 +215,6 @@ def _text(coefficient: Coefficient) -> str:
 
 
 def _short(value: Fraction) -> str:
-    # Python may refuse to write a longer one
+    # Python may be unable to write a longer one
     text = str(value) if value.denominator.bit_length() <= 64 else ""
     return text if 0 < len(text) <= 12 else f"{float(value):.16g}"
