@@ -93,7 +93,7 @@ def diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
         return found
     finding = Finding(
         "equal weights",
-        "b_embedded is b: the difference of both results is zero, and estimates no error",
+        "b_embedded equals b: the difference of the results is zero and estimates no error",
     )
     return replace(found, findings=(finding, *found.findings))
 

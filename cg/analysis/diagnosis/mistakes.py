@@ -23,26 +23,30 @@ _MIN_PLACES, _MAX_PLACES = 5, 12
 _FULL_DOUBLE = 15  # significant digits of the shortest text of a double that wasn't truncated
 _SINGLE = Fraction(1, 2**24)
 _HARMLESS = 1e-13
-_SLIP = ("CG4a", "a_5,4", Fraction("-1.1092979392113565"))
+_MISPRINT = ("CG4a", "a_5,4", Fraction("-1.1092979392113565"))
 
 
 def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Iterator[Finding]:
     """Yield the findings about a method; `c` are abscissae to compare its row sums with."""
-    yield from _abscissae(method, c)
+    yield from _wrong_abscissae(method, c)
     yield from _equal_weights(method)
-    place = _short_unit(method.coefficients)
+    place = _truncation_unit(method.coefficients)
     match = closest_match(method, within=Fraction(0) if place is None else place)
     order = method.exact_order
-    turned = [*_transposed(method, order), *_reversed(method, order)]
+    undone = [*_transposed(method, order), *_reversed(method, order)]
     # a reversed or transposed method has no other mistake
-    known = [] if turned else [*_known(method, match), *_digits(method, order, place)]
-    yield from turned
+    known = (
+        []
+        if undone
+        else [*_match_findings(method, match), *_truncated_digits(method, order, place)]
+    )
+    yield from undone
     yield from known
-    if not turned and not any(finding.mistake for finding in known):
-        yield from _flat(method, order)
+    if not undone and not any(finding.mistake for finding in known):
+        yield from _unlifted(method, order)
 
 
-def _abscissae(method: Method, c: Sequence[Coefficient] | None) -> Iterator[Finding]:
+def _wrong_abscissae(method: Method, c: Sequence[Coefficient] | None) -> Iterator[Finding]:
     if c is None:
         return
     for i, (given, row) in enumerate(zip(c, method.exact[0], strict=True), 1):
@@ -66,11 +70,11 @@ def _equal_weights(method: Method) -> Iterator[Finding]:
         yield Finding(
             "equal weights",
             f"the second weights equal the first up to {float(apart):.1g}: the difference of both "
-            "results estimates no error",
+            "results is zero up to rounding",
         )
 
 
-def _known(method: Method, match: CatalogueMatch | None) -> Iterator[Finding]:
+def _match_findings(method: Method, match: CatalogueMatch | None) -> Iterator[Finding]:
     if match is None:
         return
     name = match.method.name
@@ -80,14 +84,13 @@ def _known(method: Method, match: CatalogueMatch | None) -> Iterator[Finding]:
         if method is not match.method:
             yield Finding("known", f"its coefficients are those of {name}{aside}")
         return
-    if [(name, *change[:1]) for change in match.changed] == [_SLIP[:2]]:
+    if [(name, *change[:1]) for change in match.changed] == [_MISPRINT[:2]]:
         here = match.changed[0][1]
-        if abs(here.value - _SLIP[2]) <= here.unit:
+        if abs(here.value - _MISPRINT[2]) <= here.unit:
             yield Finding(
                 "slip",
-                "it is CG4a with a misprint that went from code to code: a_5,4 = "
-                f"{_text(here)} has one digit wrong, where the paper has "
-                "-1.1092979392113465; its own c_5 tells which is right",
+                f"it is CG4a with a misprint known from several codes: a_5,4 = {_text(here)} has "
+                "one wrong digit; -1.1092979392113465 in the paper agrees with c_5",
             )
             return
     labels = " and ".join(change[0] for change in match.changed)
@@ -95,22 +98,22 @@ def _known(method: Method, match: CatalogueMatch | None) -> Iterator[Finding]:
     yield Finding("changed", f"it differs from {name}{aside} in {labels} only: {values}")
 
 
-def _digits(method: Method, order: int, place: Fraction | None) -> list[Finding]:
+def _truncated_digits(method: Method, order: int, place: Fraction | None) -> list[Finding]:
     if place is not None:
         rounded = [
             Coefficient(k.value, k.text, max(k.unit, _unit(k, place))) for k in method.coefficients
         ]
         try:
-            meant = with_coefficients(method, rounded).exact_order
+            full = with_coefficients(method, rounded).exact_order
         except MethodError:
             return []
-        if meant > order:
+        if full > order:
             return [
                 Finding(
                     "digits",
-                    f"its coefficients are cut short, to {_precision(place)}: with all digits it "
-                    f"would have order {meant}, as it is conditions are off by "
-                    f"{method.largest_residual(meant):.1g}, and errors don't fall below that",
+                    f"its coefficients are truncated to {_precision(place)}: with all digits the "
+                    f"order would be {full}; now conditions are off by "
+                    f"{method.largest_residual(full):.1g}, and errors can't fall below that",
                 )
             ]
     if order and not method.approximate:
@@ -120,13 +123,13 @@ def _digits(method: Method, order: int, place: Fraction | None) -> list[Finding]
                 Finding(
                     "digits",
                     f"its coefficients have too few digits for double precision: conditions are "
-                    f"off by {residual:.1g}, and errors don't fall below that",
+                    f"off by {residual:.1g}, and errors can't fall below that",
                 )
             ]
     return []
 
 
-def _short_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
+def _truncation_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
     """Return the unit in the last decimal place of truncated coefficients.
 
     It is negative, and relative, for single precision; None if coefficients aren't truncated.
@@ -172,7 +175,7 @@ def _transposed(method: Method, order: int) -> Iterator[Finding]:
     if turned is not None and turned.exact_order > order:
         yield Finding(
             "transposed",
-            f"a is transposed: with rows for columns it is{_name(turned)} explicit, of order "
+            f"a is transposed: the transpose is{_name(turned)} explicit, of order "
             f"{turned.exact_order}",
         )
 
@@ -183,24 +186,25 @@ def _reversed(method: Method, order: int) -> Iterator[Finding]:
         if turned.exact_order > max(order, best[0] if best else 1):
             best = turned.exact_order, what, turned
     if best is not None:
-        found, what, turned = best
-        are = "is" if what == "b" else "are"
+        highest, what, turned = best
+        are, they = ("is", "it gives") if what == "b" else ("are", "they give")
         yield Finding(
             "reversed",
-            f"{what} {are} in reverse: the other way round it is{_name(turned)} of order {found}",
+            f"{what} {are} reversed: in the right order {they}{_name(turned) or ' a method'} of "
+            f"order {highest}",
         )
 
 
-def _flat(method: Method, order: int) -> Iterator[Finding]:
+def _unlifted(method: Method, order: int) -> Iterator[Finding]:
     if isinstance(method, MuntheKaas) or method.approximate:
         return
     flat = order_on_vector_spaces(method)
     if flat > order:
         yield Finding(
             "flat",
-            f"it is a method for vector spaces as it stands: of order {flat} where flows commute, "
-            f"of order {order} on manifolds; cg.lift brings a flat tableau to manifolds, "
-            "cg.MuntheKaas uses one where brackets are at hand",
+            f"it is a classical method: of order {flat} where flows commute, of order {order} on "
+            "manifolds; cg.lift makes a method for manifolds of it, and cg.MuntheKaas uses its "
+            "tableau on frames with brackets",
         )
 
 
