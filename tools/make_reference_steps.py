@@ -1,8 +1,8 @@
 """Write reference steps of all methods: ``python tools/make_reference_steps.py``.
 
-The file has one step of each method of the catalogue in ball arithmetic, on a rotation whose angular
-velocity depends on time and on the rotation. Other implementations can be tested against it. Points,
-stages, exponentials and dexp⁻¹ are implemented here independently of the package.
+The file has one step of each method of the catalogue in ball arithmetic, on a rotation whose
+angular velocity depends on time and on the rotation. Other implementations can be tested against
+it. Points, stages, exponentials and dexp⁻¹ are implemented here independently of the package.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class MineError(Exception):
 
 
 def returned(size):
-    """Return values that are wrong for a function of vectors with `size` entries, and some right."""
+    """Return values, most of them wrong for a function that returns vectors of `size` entries."""
     right = np.full(size, 0.1)
     return [
         *(None, "x", b"", 0.1, True, [], {}, object(), [None] * size, ["a"] * size),
