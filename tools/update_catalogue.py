@@ -1,8 +1,9 @@
 """Prove new methods of the catalogue and write its table: ``python tools/update_catalogue.py``.
 
 Proves each method whose certificate is missing or out of date, completely or else in part, and
-writes the certificate. Then writes the table of docs/catalogue.md and the data of `crouch-grossman list`.
-The last line of output names the methods that are proved in part, or not at all.
+writes the certificate. Then writes the table of docs/catalogue.md and the data that
+`crouch-grossman list` prints. The last line of output names the methods that are proved in part,
+or not at all.
 """
 
 from __future__ import annotations

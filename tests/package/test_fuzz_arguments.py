@@ -197,7 +197,7 @@ def finite(result):
         return False
 
 
-def outcome(name, changes):
+def error_of(name, changes):
     """Call a function with some arguments changed; return its error or None.
 
     A RuntimeWarning of NumPy counts as an error if the result is finite.
@@ -246,7 +246,14 @@ RETURNED = {
         "CertificationError",
         "ConvergenceError",
     ),
-    *("FlowOverflowError", "LiftError", "StepTooLongError", "Product", "exact_weights"),
+    *(
+        "MissingQuadsError",
+        "FlowOverflowError",
+        "LiftError",
+        "StepTooLongError",
+        "Product",
+        "exact_weights",
+    ),
 }
 # Functions of the user, whose own errors are raised unchanged
 FUNCTIONS = {"f", "jac", "df_dp", "events", "progress", "args"}
@@ -267,7 +274,7 @@ PARTS = {
 def check(name, changes):
     """Check that a call with some arguments changed returns, or raises an error that names one."""
     call = EXAMPLES[name]
-    error = outcome(name, changes)
+    error = error_of(name, changes)
     if error is None or isinstance(error, (MemoryError, *call.own)):
         return
     assert isinstance(error, TypeError | ValueError), repr(error)
