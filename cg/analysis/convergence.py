@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array
-from cg.frames.base import Frame
-from cg.integration.ivp import integrate
-from cg.integration.rhs.python import Coefficients
-from cg.method.method import Method
+from ..frames.arrays import Array, real_array
+from ..frames.base import Frame
+from ..integration.ivp import integrate
+from ..integration.rhs.python import Coefficients
+from ..method.method import Method
 
 
 @dataclass(frozen=True)
@@ -98,12 +98,7 @@ def observed_order(
     >>> round(observed_order(h, 3 * h**4).order, 10)
     4.0
     """
-    steps = np.asarray(h, dtype=np.float64)
-    sizes = np.asarray(errors, dtype=np.float64)
-    if steps.ndim != 1 or steps.shape != sizes.shape:
-        raise ValueError(
-            f"h and errors must be vectors of one length, got shapes {steps.shape}, {sizes.shape}"
-        )
+    steps, sizes = _vectors(h, errors)
     # the negated comparisons keep NaN, which _checked reports
     used = ~(sizes <= floor) & ~(steps < h_range[0]) & ~(steps > h_range[1])
     if used.sum() < 2:
@@ -156,13 +151,18 @@ def final_errors(
     return np.array(errors)
 
 
-def _checked(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
-    steps = np.asarray(h, dtype=np.float64)
-    sizes = np.asarray(errors, dtype=np.float64)
+def _vectors(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
+    steps, sizes = real_array(h, "h"), real_array(errors, "errors")
     if steps.ndim != 1 or steps.shape != sizes.shape:
         raise ValueError(
             f"h and errors must be vectors of one length, got shapes {steps.shape}, {sizes.shape}"
         )
+    return steps, sizes
+
+
+def _checked(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
+    """Return step sizes and errors as vectors; they must be positive, and steps distinct."""
+    steps, sizes = _vectors(h, errors)
     for name, values in (("h", steps), ("errors", sizes)):
         if not (np.isfinite(values).all() and (values > 0.0).all()):
             raise ValueError(f"{name} must be positive and finite, got {values}")

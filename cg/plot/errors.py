@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..frames.arrays import real_array
 from ..support.checks import check_real
 from .style import FAINT, axes_for, check_label, curve_style
 
@@ -152,13 +153,7 @@ def _label_steps(ax: Any) -> None:
 def _pairs(
     name: str, x: ArrayLike, errors: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    arrays = []
-    for label, values in ((name, x), ("errors", errors)):
-        try:
-            arrays.append(np.asarray(values, dtype=np.float64))
-        except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"{label} must be a vector of numbers, got {values!r}") from None
-    numbers, sizes = arrays
+    numbers, sizes = real_array(x, name), real_array(errors, "errors")
     if numbers.ndim != 1 or numbers.shape != sizes.shape:
         raise ValueError(
             f"{name} and errors must be vectors of one length, got shapes {numbers.shape}, "

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..frames.arrays import check_finite, real_array
 from ..support.checks import check_integer
 from .style import COLOURS, check_label, spatial_axes_for
 
@@ -119,16 +120,11 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
 
 
 def _points(y: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    values = getattr(y, "y", y)
-    try:
-        points = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"y must be an array of numbers, got {y!r}") from None
+    points = real_array(getattr(y, "y", y), "y")
     if points.ndim != 1 + len(shape) or points.shape[1:] != shape or len(points) == 0:
         expected = ", ".join(("n", *map(str, shape)))
         raise ValueError(f"y must have shape ({expected}), got {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError("y must be finite")
+    check_finite(points, "y")
     return points
 
 

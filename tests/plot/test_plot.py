@@ -201,7 +201,7 @@ class TestErrors:
             ([0.1, -0.2], [1e-3, 1e-3], "h must be finite and positive"),
             ([0.1, 0.2], [1e-3, np.nan], "errors must be finite and not negative"),
             ([0.1, 0.2], [0.0, 0.0], "errors must not all be zero"),
-            ("ab", [1.0], "h must be a vector of numbers, got 'ab'"),
+            ("ab", [1.0], "h must be an array of real numbers, got 'ab'"),
         ],
     )
     def test_rejects(self, ax, h, errors, message):
