@@ -39,7 +39,7 @@ _STEP = """
 /* Size of the work array of a step, for points of n numbers and m fields */
 #define @NAME@_WORK(n, m) (@slots@ * (n) + @rows@ * (m))
 
-/* Advances the point y, of n numbers, by a step of size h from time t.@says@ */
+/* Advances the point y, of n numbers, by a step of size h from time t.@remark@ */
 static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data, int n, int m,
     @NAME@_REAL t, @NAME@_REAL h, @NAME@_REAL *y, @second@@NAME@_REAL *work)
 {
@@ -96,10 +96,10 @@ _ERROR = """    if (error)
             }
 """
 
-_SAYS_PAIR = """
+_PAIR_REMARK = """
    Writes the second result, of order @lower@, to second unless that is a null pointer."""
 
-_SAYS_ERRORS = {
+_ERROR_REMARKS = {
     1: """
    Writes the m coefficients of its error to error unless that is a null pointer: the
    coefficients of the field whose flow joins the two results.""",
@@ -111,12 +111,12 @@ _SAYS_ERRORS = {
 
 def to_c(program: Program) -> str:
     """Return a header."""
-    output, says, second = "", "", ""
+    output, remark, second = "", "", ""
     real_type = f"{program.name.upper()}_REAL"
     if program.second is not None:
-        output, says, second = _PAIR, _SAYS_PAIR, f"{real_type} *second, "
+        output, remark, second = _PAIR, _PAIR_REMARK, f"{real_type} *second, "
     elif program.errors:
-        output, says = _ERROR, _SAYS_ERRORS[len(program.errors)]
+        output, remark = _ERROR, _ERROR_REMARKS[len(program.errors)]
         second = f"{real_type} *error, "
     v = "            v = fields + (@stages@ + @name@_target[move]) * m;\n"
     text = _HEAD + (_DEXPINV if program.on_algebra else "") + "\n" + _tables(program) + _STEP
@@ -124,7 +124,7 @@ def to_c(program: Program) -> str:
         "v": v if program.on_algebra else "",
         "derivative": _DERIVATIVE if program.on_algebra else "",
         "dexpinv": f"{program.name}_dexpinv dexpinv, " if program.on_algebra else "",
-        "says": says,
+        "remark": remark,
         "second": second,
         "output": output,
         "name": program.name,

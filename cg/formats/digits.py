@@ -80,8 +80,8 @@ class Numbers:
         if digits is None:
             return method
         texts = [
-            to_decimal(value, digits, zeros=zeros) if given.unit else given.text
-            for given, value in zip(method.coefficients, self.values, strict=True)
+            _rounded_text(coefficient, value, digits, zeros)
+            for coefficient, value in zip(method.coefficients, self.values, strict=True)
         ]
         try:
             return _with_texts(method, texts, digits, zeros)
@@ -103,9 +103,9 @@ def known_digits(method: Method) -> int | None:
     """
     third = getattr(method, "third_weights", None) or ()
     digits = [
-        max(math.floor(math.log10(abs(given.value) / given.unit)) + 1, 1)
-        for given in (*method.coefficients, *third)
-        if given.unit and given.value
+        max(math.floor(math.log10(abs(coefficient.value) / coefficient.unit)) + 1, 1)
+        for coefficient in (*method.coefficients, *third)
+        if coefficient.unit and coefficient.value
     ]
     return min(digits, default=None)
 
@@ -137,7 +137,7 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
 
         if not isinstance(certificate, Certificate):
             raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
-    stored = tuple(given.value for given in method.coefficients)
+    stored = tuple(coefficient.value for coefficient in method.coefficients)
     if digits is None:
         return Numbers(method, stored, None)
     digits = check_integer("digits", digits, 1, MAX_DIGITS)
@@ -168,7 +168,7 @@ def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) 
     }
     third = getattr(method, "third_weights", None)
     if third is not None:
-        third = [_shortened(given, digits, zeros) for given in third]
+        third = [_rounded_text(weight, weight.value, digits, zeros) for weight in third]
     if isinstance(method, CommutatorFree):
         return CommutatorFree(
             zip(method.layout.parents, method.layout.point_weights(texts), strict=True),
@@ -187,5 +187,6 @@ def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) 
     return Tableau(a, b, b_embedded=b_embedded, **names, **nominal)
 
 
-def _shortened(given: Coefficient, digits: int, zeros: bool) -> str:
-    return to_decimal(given.value, digits, zeros=zeros) if given.unit else given.text
+def _rounded_text(coefficient: Coefficient, value: Fraction, digits: int, zeros: bool) -> str:
+    """Return a more precise value of a coefficient to `digits` digits; rational ones unchanged."""
+    return to_decimal(value, digits, zeros=zeros) if coefficient.unit else coefficient.text

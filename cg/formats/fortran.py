@@ -47,7 +47,7 @@ _MODULE = """module @name@_method
 
 contains
 
-  ! Advances a point by a step of size h from time t@says@
+  ! Advances a point by a step of size h from time t@remark@
   subroutine @name@_step(f, flow, @dexpinv@m, t, h, y@argument@)
     procedure(f_i) :: f
     procedure(flow_i) :: flow
@@ -111,7 +111,7 @@ _ERROR = """    if (present(error)) then
     end if
 """
 
-_SAYS_ERRORS = {
+_ERROR_REMARKS = {
     1: """. The coefficients of its
   ! error are those of the field whose flow joins the two results.""",
     2: """. The coefficients of its
@@ -121,15 +121,17 @@ _SAYS_ERRORS = {
 
 def to_fortran(program: Program) -> str:
     """Return a module."""
-    parts: dict[str, object] = dict.fromkeys(["says", "argument", "declare", "output", "index"], "")
+    parts: dict[str, object] = dict.fromkeys(
+        ["remark", "argument", "declare", "output", "index"], ""
+    )
     if program.second is not None:
-        parts["says"] = f". The second result is of order {program.lower_order}."
+        parts["remark"] = f". The second result is of order {program.lower_order}."
         parts["argument"] = ", second"
         parts["declare"] = "    real(wp), intent(out), optional :: second(:)   ! (n)\n"
         parts["output"] = _PAIR
     elif program.errors:
         count = len(program.errors)
-        parts["says"] = _SAYS_ERRORS[count]
+        parts["remark"] = _ERROR_REMARKS[count]
         parts["argument"] = ", error"
         parts["declare"] = f"    real(wp), intent(out), optional :: error(:, :) ! (m, {count})\n"
         parts["output"] = _ERROR

@@ -23,7 +23,7 @@ const SLOTS = @slots@
     step(f, flow, @dexpinv@t, y, h)
 
 Return the point after a step of size h. f(t, y) returns the coefficients of the frame's fields,
-flow(v, y) the time-1 flow through y of the field with coefficients v.@says_dexpinv@
+flow(v, y) the time-1 flow through y of the field with coefficients v.@dexpinv_remark@
 Numbers have the type of h.
 """
 step(f, flow, @dexpinv@t, y, h) = stages(f, flow, @dexpinv@t, y, h)[1][@result@]
@@ -85,7 +85,7 @@ function step_error(f, flow, @dexpinv@t, y, h)
 end
 '''
 
-_SHAPES = {
+_ERROR_REMARKS = {
     1: "a vector with\nthe field whose flow joins the two results.",
     2: "e and e3, from which\nthe estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e3|^2).",
 }
@@ -99,7 +99,7 @@ def to_julia(program: Program) -> str:
         output = _PAIR
     elif program.errors:
         output = _ERROR
-    says = (
+    remark = (
         "\ndexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity\n"
         "has the coefficients v."
     )
@@ -115,14 +115,14 @@ def to_julia(program: Program) -> str:
         "slots": program.slots,
         "tables": _tables(program),
         "dexpinv": "dexpinv, " if algebra else "",
-        "says_dexpinv": says if algebra else "",
+        "dexpinv_remark": remark if algebra else "",
         "coordinates": "    coordinates = Vector{Any}(undef, SLOTS)\n" if algebra else "",
         "keep": keep if algebra else "",
         "derivative": derivative if algebra else "",
         "result": program.result + 1,
         "second": (program.second or 0) + 1,
         "lower": program.lower_order,
-        "shape": _SHAPES.get(len(program.errors), ""),
+        "shape": _ERROR_REMARKS.get(len(program.errors), ""),
     }
     return comment(program.heading, "#") + "\n" + fill(_MODULE, parts)
 

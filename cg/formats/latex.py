@@ -86,7 +86,7 @@ def _entries(
 
     Abscissae are sums of the packed coefficients `exact`, by default the stored ones.
     """
-    packed = [given.value for given in method.coefficients] if exact is None else list(exact)
+    packed = [entry.value for entry in method.coefficients] if exact is None else list(exact)
     summed = method.layout.full_rows(packed)
     explicit = method.explicit
     rows = [list(row) for row in method.layout.full_rows(method.coefficients)]

@@ -11,7 +11,7 @@ __all__ = ["to_matlab"]
 
 _FUNCTION = """function @returns@ = @name@_step(f, flow, @dexpinv@t, y, h)
 % Return the point after a step of size h. f(t, y) returns the coefficients of the fields as a
-% column, flow(v, y) the time-1 flow through y of the field with coefficients v.@says@
+% column, flow(v, y) the time-1 flow through y of the field with coefficients v.@remark@
 %
 @head@
 
@@ -65,11 +65,11 @@ for k = 1:size(error_weight, 1)
 end
 """
 
-_SAYS_DEXPINV = """
+_DEXPINV_REMARK = """
 % dexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity has the
 % coefficients v."""
 
-_SAYS_ERRORS = {
+_ERROR_REMARKS = {
     1: """
 % error_of_step has the coefficients of its error, the field whose flow joins the two results.""",
     2: """
@@ -81,14 +81,14 @@ _SAYS_ERRORS = {
 def to_matlab(program: Program) -> str:
     """Return a function file."""
     algebra = program.on_algebra
-    says = _SAYS_DEXPINV if algebra else ""
+    remark = _DEXPINV_REMARK if algebra else ""
     returns, output = "y", ""
     if program.second is not None:
         returns, output = "[y, second]", _PAIR
-        says += f"\n% second is the other result, of order {program.lower_order}."
+        remark += f"\n% second is the other result, of order {program.lower_order}."
     elif program.errors:
         returns, output = "[y, error_of_step]", _ERROR
-        says += _SAYS_ERRORS[len(program.errors)]
+        remark += _ERROR_REMARKS[len(program.errors)]
     derivative = (
         "  if slot(stage) > 1\n    field = dexpinv(coordinates{slot(stage)}, field);\n  end\n"
     )
@@ -97,7 +97,7 @@ def to_matlab(program: Program) -> str:
         "returns": returns,
         "name": program.name,
         "dexpinv": "dexpinv, " if algebra else "",
-        "says": says,
+        "remark": remark,
         "head": comment(program.heading, "%"),
         "tables": _tables(program),
         "slots": program.slots,

@@ -87,7 +87,7 @@ def to_nodepy(method: str | Method) -> Any:
     from nodepy import runge_kutta_method
     from sympy import Rational
 
-    rational = all(given.unit == 0 for given in method.coefficients)
+    rational = all(coefficient.unit == 0 for coefficient in method.coefficients)
 
     def array(rows: Any) -> Any:
         numbers = np.array(rows, dtype=object)

@@ -56,7 +56,7 @@ def step_error({call}):
     return points[RESULT], {xp}.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
 '''
 
-_SHAPES = {
+_ERROR_REMARKS = {
     1: "The error has shape (1, m): the field whose flow joins the two results.",
     2: """The errors have shape (2, m): e = errors[0] and e_3 = errors[1], from
     which the estimate is ``|e|**2 / sqrt(|e|**2 + 0.01 * |e_3|**2)``.""",
@@ -136,7 +136,7 @@ def _module(program: Program, line: str, xp: str) -> str:
     if program.second is not None:
         parts.append(_PAIR.format(**values).rstrip("\n"))
     if program.errors:
-        shape = _SHAPES[len(program.errors)]
+        shape = _ERROR_REMARKS[len(program.errors)]
         parts.append(_ERROR.format(shape=shape, **values).rstrip("\n"))
     stages = _STAGES_ON_ALGEBRA if program.on_algebra else _STAGES
     parts += [stages.format(**values).rstrip("\n"), _COMBINED.rstrip("\n")]

@@ -163,7 +163,7 @@ def _pairs(
         raise ValueError(f"{name} must be finite and positive, got {numbers}")
     if not (np.isfinite(sizes).all() and (sizes >= 0).all()):
         raise ValueError(f"errors must be finite and not negative, got {sizes}")
-    kept = sizes > 0
-    if not kept.any():
+    nonzero = sizes > 0
+    if not nonzero.any():
         raise ValueError(f"errors must not all be zero, got {sizes}")
-    return numbers[kept], sizes[kept]
+    return numbers[nonzero], sizes[nonzero]

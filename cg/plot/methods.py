@@ -192,12 +192,12 @@ def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
     ends = [*tree.stage_points, tree.result]
     if tree.embedded_result is not None:
         ends.append(tree.embedded_result)
-    kept = sorted({same[m] for end in ends for m in tree.path(end)} - {START})
-    children: dict[int, list[int]] = {m: [] for m in (START, *kept)}
-    for m in kept:
+    used = sorted({same[m] for end in ends for m in tree.path(end)} - {START})
+    children: dict[int, list[int]] = {m: [] for m in (START, *used)}
+    for m in used:
         children[same[tree.points[m].parent]].append(m)
     times = {START: 0.0}
-    for m in kept:
+    for m in used:
         weights = tree.points[m].weights.values()
         times[m] = times[same[tree.points[m].parent]] + float(sum(weights, Fraction(0)))
     heights: dict[int, float] = {}
@@ -209,4 +209,4 @@ def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
         else:
             heights[m] = heights[parent] + _RISE if first else max(heights.values()) + 1.0
         pending += [(child, m, k == 0) for k, child in reversed(list(enumerate(children[m])))]
-    return {m: (times[m], heights[m]) for m in (START, *kept)}
+    return {m: (times[m], heights[m]) for m in (START, *used)}

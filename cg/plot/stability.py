@@ -108,13 +108,13 @@ def _box(methods: list[Method]) -> tuple[tuple[float, float], tuple[float, float
     return (left - margin, right + margin), (-high - margin, high + margin)
 
 
-def _range(name: str, given: Any, default: tuple[float, float]) -> tuple[float, float]:
-    if given is None:
+def _range(name: str, limits: Any, default: tuple[float, float]) -> tuple[float, float]:
+    if limits is None:
         return default
     try:
-        low, high = map(float, given)
+        low, high = map(float, limits)
     except (TypeError, ValueError):
         low = high = np.nan
     if not (np.isfinite([low, high]).all() and low < high):
-        raise ValueError(f"{name} must be a pair of increasing finite numbers, got {given!r}")
+        raise ValueError(f"{name} must be a pair of increasing finite numbers, got {limits!r}")
     return low, high

@@ -88,14 +88,14 @@ def diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
         equal = True
         entry.pop("b_embedded")
         method = _method(**entry)
-    found = diagnose(method, c=c)
+    diagnosis = diagnose(method, c=c)
     if not equal:
-        return found
+        return diagnosis
     finding = Finding(
         "equal weights",
         "b_embedded equals b: the difference of the results is zero and estimates no error",
     )
-    return replace(found, findings=(finding, *found.findings))
+    return replace(diagnosis, findings=(finding, *found.findings))
 
 
 def _method(

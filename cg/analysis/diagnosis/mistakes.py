@@ -49,15 +49,15 @@ def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Ite
 def _wrong_abscissae(method: Method, c: Sequence[Coefficient] | None) -> Iterator[Finding]:
     if c is None:
         return
-    for i, (given, row) in enumerate(zip(c, method.exact[0], strict=True), 1):
+    for i, (expected, row) in enumerate(zip(c, method.exact[0], strict=True), 1):
         total = sum(row, Fraction(0))
         # the uncertainties of the entries add up
-        allowed = given.unit + sum((k.unit for k in method.coefficients), Fraction(0))
-        if abs(given.value - total) > allowed:
+        allowed = expected.unit + sum((k.unit for k in method.coefficients), Fraction(0))
+        if abs(expected.value - total) > allowed:
             yield Finding(
                 "abscissae",
-                f"row {i} of a sums to {_short(total)}, not to c_{i} = {given.text}: "
-                f"off by {float(total - given.value):.3g}",
+                f"row {i} of a sums to {_short(total)}, not to c_{i} = {expected.text}: "
+                f"off by {float(total - expected.value):.3g}",
             )
 
 
