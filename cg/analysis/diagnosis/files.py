@@ -95,7 +95,7 @@ def diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
         "equal weights",
         "b_embedded equals b: the difference of the results is zero and estimates no error",
     )
-    return replace(diagnosis, findings=(finding, *found.findings))
+    return replace(diagnosis, findings=(finding, *diagnosis.findings))
 
 
 def _method(
