@@ -9,7 +9,7 @@ from .text import comment, fill, real, wrapped
 
 __all__ = ["to_c"]
 
-_HEAD = """
+_HEADER = """
 #ifndef @NAME@_H
 #define @NAME@_H
 
@@ -27,15 +27,8 @@ typedef int (*@name@_f)(@NAME@_REAL t, const @NAME@_REAL *y, @NAME@_REAL *f, voi
 
 /* flow(v, y, data) moves the point y along the time-1 flow of the field with coefficients v. */
 typedef int (*@name@_flow)(const @NAME@_REAL *v, @NAME@_REAL *y, void *data);
-"""
-
-_DEXPINV = """
-/* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
-   u by the derivative of the coordinates. */
-typedef int (*@name@_dexpinv)(const @NAME@_REAL *u, @NAME@_REAL *v, void *data);
-"""
-
-_STEP = """
+@typedef@
+@tables@
 /* Size of the work array of a step, for points of n numbers and m fields */
 #define @NAME@_WORK(n, m) (@slots@ * (n) + @rows@ * (m))
 
@@ -75,12 +68,25 @@ static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data,
 #endif
 """
 
+_DEXPINV = """
+/* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
+   u by the derivative of the coordinates. */
+typedef int (*@name@_dexpinv)(const @NAME@_REAL *u, @NAME@_REAL *v, void *data);
+"""
+
 _DERIVATIVE = """            if (@name@_slot[stage]) {
                 status = dexpinv(work + @slots@ * n + (@stages@ + @name@_slot[stage]) * m,
                     fields + stage * m, data);
                 if (status) return status;
             }
 """
+
+_ALGEBRA = {
+    "typedef": _DEXPINV,
+    "dexpinv": "@name@_dexpinv dexpinv, ",
+    "v": "            v = fields + (@stages@ + @name@_target[move]) * m;\n",
+    "derivative": _DERIVATIVE,
+}
 
 _PAIR = """    if (second)
         for (i = 0; i < n; i++) second[i] = work[@second_slot@ * n + i];
@@ -118,12 +124,9 @@ def to_c(program: Program) -> str:
     elif program.errors:
         output, remark = _ERROR, _ERROR_REMARKS[len(program.errors)]
         second = f"{real_type} *error, "
-    v = "            v = fields + (@stages@ + @name@_target[move]) * m;\n"
-    text = _HEAD + (_DEXPINV if program.on_algebra else "") + "\n" + _tables(program) + _STEP
-    parts = {
-        "v": v if program.on_algebra else "",
-        "derivative": _DERIVATIVE if program.on_algebra else "",
-        "dexpinv": f"{program.name}_dexpinv dexpinv, " if program.on_algebra else "",
+    parts: dict[str, object] = {
+        **program.if_on_algebra(_ALGEBRA),
+        "tables": _tables(program),
         "remark": remark,
         "second": second,
         "output": output,
@@ -138,7 +141,7 @@ def to_c(program: Program) -> str:
         "errors": len(program.errors),
         "lower": program.lower_order,
     }
-    return comment(program.heading, "//") + "\n" + fill(text, parts)
+    return comment(program.heading, "//") + "\n" + fill(_HEADER, parts)
 
 
 def _tables(program: Program) -> str:

@@ -98,6 +98,17 @@ _DEXPINV = """
     end subroutine dexpinv_i
 """
 
+_ALGEBRA = {
+    "interface": _DEXPINV,
+    "dexpinv": "dexpinv, ",
+    "declare_dexpinv": "    procedure(dexpinv_i) :: dexpinv\n",
+    "more": ", u(m, 0:@slots@ - 1)",
+    "keep": "        u(:, target(move)) = v\n",
+    "derivative": (
+        "      if (slot(stage) > 0) call dexpinv(u(:, slot(stage)), fields(:, stage))\n"
+    ),
+}
+
 _PAIR = """    if (present(second)) second = points(:, @second@)
 """
 
@@ -136,18 +147,8 @@ def to_fortran(program: Program) -> str:
         parts["declare"] = f"    real(wp), intent(out), optional :: error(:, :) ! (m, {count})\n"
         parts["output"] = _ERROR
         parts["index"] = ", j, k"
-    algebra = program.on_algebra
+    parts |= program.if_on_algebra(_ALGEBRA)
     parts |= {
-        "interface": _DEXPINV if algebra else "",
-        "dexpinv": "dexpinv, " if algebra else "",
-        "declare_dexpinv": "    procedure(dexpinv_i) :: dexpinv\n" if algebra else "",
-        "more": ", u(m, 0:@slots@ - 1)" if algebra else "",
-        "keep": "        u(:, target(move)) = v\n" if algebra else "",
-        "derivative": (
-            "      if (slot(stage) > 0) call dexpinv(u(:, slot(stage)), fields(:, stage))\n"
-            if algebra
-            else ""
-        ),
         "tables": _tables(program),
         "name": program.name,
         "slots": program.slots,

@@ -60,6 +60,21 @@ end
 end
 '''
 
+_ALGEBRA = {
+    "dexpinv": "dexpinv, ",
+    "dexpinv_remark": (
+        "\ndexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity\n"
+        "has the coefficients v."
+    ),
+    "coordinates": "    coordinates = Vector{Any}(undef, SLOTS)\n",
+    "keep": "            coordinates[TARGET[move]] = v\n",
+    "derivative": (
+        "        if SLOT[stage] > 1\n"
+        "            fields[stage] = dexpinv(coordinates[SLOT[stage]], fields[stage])\n"
+        "        end\n"
+    ),
+}
+
 _PAIR = '''
 """
     step_pair(f, flow, @dexpinv@t, y, h)
@@ -93,32 +108,17 @@ _ERROR_REMARKS = {
 
 def to_julia(program: Program) -> str:
     """Return a module."""
-    algebra = program.on_algebra
     output = ""
     if program.second is not None:
         output = _PAIR
     elif program.errors:
         output = _ERROR
-    remark = (
-        "\ndexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity\n"
-        "has the coefficients v."
-    )
-    keep = "            coordinates[TARGET[move]] = v\n"
-    derivative = (
-        "        if SLOT[stage] > 1\n"
-        "            fields[stage] = dexpinv(coordinates[SLOT[stage]], fields[stage])\n"
-        "        end\n"
-    )
     parts = {
         "output": output,
+        **program.if_on_algebra(_ALGEBRA),
         "Module": program.name.capitalize(),
         "slots": program.slots,
         "tables": _tables(program),
-        "dexpinv": "dexpinv, " if algebra else "",
-        "dexpinv_remark": remark if algebra else "",
-        "coordinates": "    coordinates = Vector{Any}(undef, SLOTS)\n" if algebra else "",
-        "keep": keep if algebra else "",
-        "derivative": derivative if algebra else "",
         "result": program.result + 1,
         "second": (program.second or 0) + 1,
         "lower": program.lower_order,

@@ -11,7 +11,7 @@ __all__ = ["to_matlab"]
 
 _FUNCTION = """function @returns@ = @name@_step(f, flow, @dexpinv@t, y, h)
 % Return the point after a step of size h. f(t, y) returns the coefficients of the fields as a
-% column, flow(v, y) the time-1 flow through y of the field with coefficients v.@remark@
+% column, flow(v, y) the time-1 flow through y of the field with coefficients v.@dexpinv_remark@@remark@
 %
 @head@
 
@@ -53,6 +53,20 @@ y = points{@result@};
 @output@end
 """
 
+_DEXPINV = """
+% dexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity has the
+% coefficients v."""
+
+_ALGEBRA = {
+    "dexpinv": "dexpinv, ",
+    "dexpinv_remark": _DEXPINV,
+    "coordinates": "coordinates = cell(1, @slots@);\n",
+    "keep": "    coordinates{target(move)} = v;\n",
+    "derivative": (
+        "  if slot(stage) > 1\n    field = dexpinv(coordinates{slot(stage)}, field);\n  end\n"
+    ),
+}
+
 _PAIR = "second = points{@second@};\n"
 
 _ERROR = """error_of_step = zeros(size(fields, 1), size(error_weight, 1));
@@ -65,10 +79,6 @@ for k = 1:size(error_weight, 1)
 end
 """
 
-_DEXPINV_REMARK = """
-% dexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity has the
-% coefficients v."""
-
 _ERROR_REMARKS = {
     1: """
 % error_of_step has the coefficients of its error, the field whose flow joins the two results.""",
@@ -80,30 +90,22 @@ _ERROR_REMARKS = {
 
 def to_matlab(program: Program) -> str:
     """Return a function file."""
-    algebra = program.on_algebra
-    remark = _DEXPINV_REMARK if algebra else ""
-    returns, output = "y", ""
+    remark, returns, output = "", "y", ""
     if program.second is not None:
         returns, output = "[y, second]", _PAIR
-        remark += f"\n% second is the other result, of order {program.lower_order}."
+        remark = f"\n% second is the other result, of order {program.lower_order}."
     elif program.errors:
         returns, output = "[y, error_of_step]", _ERROR
-        remark += _ERROR_REMARKS[len(program.errors)]
-    derivative = (
-        "  if slot(stage) > 1\n    field = dexpinv(coordinates{slot(stage)}, field);\n  end\n"
-    )
+        remark = _ERROR_REMARKS[len(program.errors)]
     parts = {
+        **program.if_on_algebra(_ALGEBRA),
         "output": output,
         "returns": returns,
         "name": program.name,
-        "dexpinv": "dexpinv, " if algebra else "",
         "remark": remark,
         "head": comment(program.heading, "%"),
         "tables": _tables(program),
         "slots": program.slots,
-        "coordinates": f"coordinates = cell(1, {program.slots});\n" if algebra else "",
-        "keep": "    coordinates{target(move)} = v;\n" if algebra else "",
-        "derivative": derivative if algebra else "",
         "result": program.result + 1,
         "second": (program.second or 0) + 1,
     }

@@ -9,6 +9,7 @@ chain of flows takes a single slot.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate
@@ -94,6 +95,10 @@ class Program:
     def heading(self) -> str:
         """Title and source, a line each."""
         return f"{self.title}\n{self.source}" if self.source else self.title
+
+    def if_on_algebra(self, parts: Mapping[str, str]) -> dict[str, str]:
+        """Return parts of a template if the method works in the algebra, else empty texts."""
+        return dict(parts) if self.on_algebra else dict.fromkeys(parts, "")
 
     @property
     def term_weights(self) -> tuple[str, ...]:
