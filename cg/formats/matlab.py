@@ -11,7 +11,7 @@ __all__ = ["to_matlab"]
 
 _FUNCTION = """function @returns@ = @name@_step(f, flow, @dexpinv@t, y, h)
 % Return the point after a step of size h. f(t, y) returns the coefficients of the fields as a
-% column, flow(v, y) the time-1 flow through y of the field with coefficients v.@dexpinv_remark@@remark@
+% column, flow(v, y) the time-1 flow through y of the field with coefficients v.@algebra@@remark@
 %
 @head@
 
@@ -59,7 +59,7 @@ _DEXPINV = """
 
 _ALGEBRA = {
     "dexpinv": "dexpinv, ",
-    "dexpinv_remark": _DEXPINV,
+    "algebra": _DEXPINV,
     "coordinates": "coordinates = cell(1, @slots@);\n",
     "keep": "    coordinates{target(move)} = v;\n",
     "derivative": (
