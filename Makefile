@@ -1,4 +1,4 @@
-# `make reproduce` and `make test` do all on a fresh Debian or Ubuntu machine.
+# `make reproduce` and `make test` also install all they need on a fresh Debian or Ubuntu machine.
 VENV := .venv
 PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
@@ -6,7 +6,7 @@ PEERS := $(VENV)/.peers
 OUT ?=
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks test-sanitize test-oldest lint benchmarks catalogue reference-steps implementations reliability docs wheel clean
+.PHONY: all build reproduce test test-all test-checks test-sanitize test-oldest lint benchmarks catalogue reference-steps implementations mutants docs wheel clean
 
 all: build
 
@@ -24,7 +24,7 @@ build: $(STAMP)
 reproduce: build
 	$(VENV)/bin/reproduce-paper $(if $(OUT),--out $(OUT)) $(ARGS)
 
-# what differential tests compare with; they skip where it can't be had
+# packages that tests compare results with; without them these tests are skipped
 $(PEERS): $(STAMP) tools/peers.sh
 	@sh tools/peers.sh $(PY)
 	@touch $(PEERS)
@@ -35,8 +35,8 @@ test: build $(PEERS)
 test-all: build $(PEERS)
 	$(PY) -m pytest --numprocesses auto $(ARGS)
 
-# a second environment, whose core is compiled with run-time checks; without the tests that don't
-# reach compiled code, or only by ways that others go
+# a second environment with run-time checks in the compiled core; tests that add nothing for the core
+# are left out
 test-checks:
 	@sh tools/prerequisites.sh
 	test -d $(VENV)-checks || python3 -m venv $(VENV)-checks
@@ -45,16 +45,16 @@ test-checks:
 		--no-build-isolation -Cbuild-dir=build/checks -Csetup-args=-Dchecks=true --editable ".[test]"
 	$(VENV)-checks/bin/python -m pytest --numprocesses auto -m "not slow and not no_core" $(ARGS)
 
-# the core with the sanitizers of addresses and undefined behaviour; they take memory for themselves,
-# so that tests that measure it mean nothing
+# the core with the address and undefined-behaviour sanitizers, which use memory themselves, so that
+# tests of memory use are left out
 MEASURED := construction/test_lmdif_callback.py::test_nothing_is_left_behind_by_exceptions \
   method/test_low_storage.py::TestMemory
 test-sanitize: build $(PEERS)
 	sh tools/sanitized.sh $(PY) --numprocesses auto -m "sanitize and not slow" \
 		$(foreach name,$(MEASURED),--deselect=tests/$(name)) $(ARGS)
 
-# the suite with the oldest versions that pyproject.toml admits; peers aren't installed there, and
-# old packages may use what newer ones of theirs call deprecated
+# the tests with the oldest versions that pyproject.toml admits, without the packages to compare with;
+# old packages may cause deprecation warnings
 test-oldest:
 	@sh tools/prerequisites.sh
 	test -d $(VENV)-oldest || python3 -m venv $(VENV)-oldest
@@ -78,21 +78,26 @@ implementations: build
 reference-steps: build
 	$(PY) tools/make_reference_steps.py
 
-reliability: build
-	$(PY) tests/reliability.py
+# mutation testing of the modules that tools/cosmic-ray.toml names
+MUTANTS := build/mutants.sqlite
+mutants: build
+	$(PY) -m pip install --quiet cosmic-ray
+	test -f $(MUTANTS) || $(VENV)/bin/cosmic-ray init tools/cosmic-ray.toml $(MUTANTS)
+	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(VENV)/bin/cosmic-ray exec tools/cosmic-ray.toml $(MUTANTS)
+	$(VENV)/bin/cr-report $(MUTANTS)
 
 lint: build
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 
-# the site, into build/site; a warning is an error, and so is a link within it that leads nowhere
+# the site, in build/site; warnings and broken internal links are errors
 docs: build
 	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(PY) -m pip install --quiet --no-build-isolation --editable ".[docs]"
 	$(PY) -m sphinx --builder html --fail-on-warning --keep-going --quiet docs build/site
 	$(PY) docs/check_site.py build/site
 
-# sdist and wheel in dist/, tried in a new environment that has no Fortran libraries
+# sdist and wheel in dist/, tested in a new environment without Fortran libraries
 wheel:
 	sh tools/wheel.sh dist
 

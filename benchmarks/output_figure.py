@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from .rival_figure import RC
+from .rival_figure import RC, save_figure
 
 __all__ = ["OutputError", "draw"]
 
@@ -82,5 +82,4 @@ def draw(errors: list[OutputError], folder: Path) -> None:
         panels[0].set_ylabel("largest error between steps")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=8.5)
-        figure.savefig(folder / "output_errors.png", dpi=110, metadata={"Software": None})
-        figure.savefig(folder / "output_errors.svg", metadata={"Date": None, "Creator": None})
+        save_figure(figure, folder / "output_errors.png", dpi=110)

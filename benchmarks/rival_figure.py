@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
+from PIL import Image
 
 from .work_curves import QUANTITIES, Curve
 
-__all__ = ["RC", "draw"]
+__all__ = ["RC", "draw", "save_figure"]
 
 # Colours that stay apart for colour-blind readers (M. Okabe and K. Ito, 2008)
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
@@ -87,7 +89,14 @@ def draw(curves: list[Curve], title: str, name: str, folder: Path) -> None:
         ]
         handles.append(Line2D([], [], label="all others", **_faint()))
         figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8.5)
-        figure.savefig(folder / f"{name}.png", dpi=90, metadata={"Software": None})
+        save_figure(figure, folder / f"{name}.png", dpi=90)
+
+
+def save_figure(figure: Figure, path: Path, dpi: int) -> None:
+    """Write a figure as a PNG of 32 colours, which takes a quarter of the space of all colours."""
+    rendered = BytesIO()
+    figure.savefig(rendered, format="png", dpi=dpi)
+    Image.open(rendered).convert("RGB").quantize(32).save(path, optimize=True)
 
 
 def _styles(curves: list[Curve]) -> dict[str, dict[str, Any]]:

@@ -26,6 +26,7 @@ extensions = [
     "method_pages",
     "myst_parser",
     "numpydoc",
+    "pictures",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
@@ -36,7 +37,6 @@ extensions = [
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = [
     "examples",
-    "gallery/*.py",
     "methods/claims.md",
     "examples_built/sg_execution_times.rst",
 ]

@@ -1,6 +1,6 @@
-"""Check other implementations: ``python tools/check_implementations.py``.
+"""Diagnose tableaux of other implementations: ``python tools/check_implementations.py``.
 
-Reads docs/implementations.toml, and writes what each tableau really is to docs/implementations.md.
+Reads docs/implementations.toml and writes the table of docs/implementations.md.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _STEPS = (16, 24, 32, 48, 64)
 
 @dataclass(frozen=True)
 class Checked:
-    """A tableau of an implementation, and what it is."""
+    """A tableau of an implementation, its diagnosis and its observed order."""
 
     entry: dict[str, Any]
     diagnosis: Diagnosis
@@ -38,7 +38,7 @@ class Checked:
 
     @property
     def row(self) -> str:
-        """The row of the table."""
+        """Row of the table."""
         says, order = _pair(self.entry["says"], self.entry.get("says_embedded")), self.diagnosis
         cells = (
             self.entry["implementation"],
@@ -53,7 +53,7 @@ class Checked:
 
     @property
     def verdict(self) -> str:
-        """What was recognised, and how far conditions through the claimed order are off."""
+        """Recognised mistakes, and the largest residual up to the claimed order."""
         found = "; ".join(finding.message for finding in self.diagnosis.findings)
         note = self.entry.get("note", "")
         residual = self.diagnosis.method.largest_residual(self.entry["says"])
@@ -70,15 +70,15 @@ def read() -> list[dict[str, Any]]:
 
 
 def check(entry: dict[str, Any]) -> Checked:
-    """Return what an entry is."""
+    """Diagnose an entry and measure its order."""
     keys = ("a", "b", "b_embedded", "c")
     found = diagnose_tableau({"name": ""} | {key: entry[key] for key in keys if key in entry})
-    # without second weights, since `integrate` goes on with those of the higher order
+    # without second weights, since `integrate` advances with the weights of higher order
     return Checked(entry, found, slope_of(Tableau(entry["a"], entry["b"])))
 
 
 def slope_of(method: Method) -> float:
-    """Return the slope of the error at time one of a rotation that sees all trees."""
+    """Return the observed order on a problem that depends on all order conditions."""
     problem = StateDependentRotation()
     steps = [1 / n for n in _STEPS]
     errors = final_errors(

@@ -1,9 +1,8 @@
 """Write reference steps of all methods: ``python tools/make_reference_steps.py``.
 
-One step of each method of the catalogue on a rotation whose angular velocity depends on time and on
-the rotation, in ball arithmetic, for other implementations to be tested against. It shares no code
-with the compiled core, nor with what the package does in Python: points, stages, exponentials
-and dexp⁻¹ are written down here once more.
+The file has one step of each method of the catalogue in ball arithmetic, on a rotation whose
+angular velocity depends on time and on the rotation. Other implementations can be tested against
+it. Points, stages, exponentials and dexp⁻¹ are implemented here independently of the package.
 """
 
 from __future__ import annotations
@@ -189,7 +188,7 @@ def _digits(y: arb_mat) -> list[str]:
 
 
 def _rounded(x: arb) -> str:
-    """Return the digits that both ends of a ball round to."""
+    """Return the digits to which both ends of a ball round."""
     exact = partial(_exact, x)
     low, high = (to_decimal(exact(end), DIGITS) for end in ("lower", "upper"))
     if low != high:

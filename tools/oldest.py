@@ -1,4 +1,4 @@
-"""Print the oldest versions that the package and its tests take, one requirement a line."""
+"""Print the oldest admitted version of each dependency of the package and its tests."""
 
 import tomllib
 from pathlib import Path

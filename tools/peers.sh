@@ -1,10 +1,10 @@
 #!/bin/sh
-# Install what differential tests compare with, where that can be done; tests skip without it.
+# Install the packages that tests compare results with; without them these tests are skipped.
 # Usage: peers.sh PYTHON
 set -u
 
 python=$1
-# Usage: debian PACKAGE WHAT; tests of WHAT are skipped without it
+# Usage: debian PACKAGE SUBJECT; without the package the tests of SUBJECT are skipped
 debian() {
   command="apt-get update -qq && apt-get install --yes -qq $1"
   if ! command -v apt-get >/dev/null 2>&1; then

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Make sure of what pip cannot bring: a Fortran compiler, Python with venv and headers.
+# Install what pip can't: a Fortran compiler, and Python with venv and headers.
 set -eu
 
 missing=""

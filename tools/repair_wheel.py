@@ -1,6 +1,6 @@
-"""Give a wheel the libraries that it needs, the oldest tag that is true, and the licences of both.
+"""Add shared libraries and their licences to a wheel, and set its platform tag.
 
-``python tools/repair_wheel.py WHEEL FOLDER`` runs auditwheel and adds texts to the wheel it makes.
+``python tools/repair_wheel.py WHEEL FOLDER`` runs auditwheel and adds the licences to its result.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Run tests on a core that is compiled with the sanitizers of addresses and undefined behaviour.
+# Run tests on a core compiled with the address and undefined-behaviour sanitizers.
 # Usage: sanitized.sh PYTHON [pytest's arguments]
 set -eu
 

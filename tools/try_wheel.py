@@ -1,6 +1,6 @@
-"""Try an installed wheel: what it loads, what it holds, and tests that need nothing else.
+"""Test an installed wheel: its libraries, its files, and the tests without other dependencies.
 
-``python tools/try_wheel.py TESTS``, away from the source; `tools/wheel.sh` does it.
+Run ``python tools/try_wheel.py TESTS`` outside of the source tree; `tools/wheel.sh` does.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Prove the catalogue's new methods and write its table: ``python tools/update_catalogue.py``.
+"""Prove new methods of the catalogue and write its table: ``python tools/update_catalogue.py``.
 
-A method whose certificate is missing or isn't its own any more is proved, all of it or else in
-part, and its certificate written; then the table of docs/catalogue.md and what `cg list` prints
-are written anew. The last line says which methods are proved in part, and which not.
+Proves each method whose certificate is missing or out of date, completely or else in part, and
+writes the certificate. Then writes the table of docs/catalogue.md and the data that
+`crouch-grossman list` prints. The last line of output names the methods that are proved in part,
+or not at all.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 
 
 def main() -> int:
-    """Return 1 if a certificate that is there doesn't hold and can't be replaced, else 0."""
+    """Return 1 if an existing certificate is invalid and can't be replaced, else 0."""
     whole, partly, without, failed = [], [], [], 0
     for method in packaged.values():
         known = _certificate(method)
@@ -52,7 +53,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _prove(method: Method) -> Certificate:
-    """Return a proof, or else one of independent conditions, the others being small."""
+    """Return a complete certificate, or else one of independent conditions with small others."""
     try:
         return certify(method)
     except CertificationError as error:
@@ -61,7 +62,7 @@ def _prove(method: Method) -> Certificate:
 
 
 def _certificate(method: Method) -> Certificate | None:
-    """Return the certificate that a method has, if it is its own."""
+    """Return the certificate of a method if it is up to date, else None."""
     try:
         certificate = certificate_of(method)
         fitting(certificate, method)
@@ -71,7 +72,7 @@ def _certificate(method: Method) -> Certificate | None:
 
 
 def write_table(page: Path) -> None:
-    """Replace what is between the two marks."""
+    """Replace the text between the two marks of a page."""
     before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     after = rest.partition(END)[2]
     shown = markdown(table(compute(Context(Settings(), Path()))))

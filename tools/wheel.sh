@@ -1,6 +1,6 @@
 #!/bin/sh
-# Make the sdist, from it a wheel with the libraries that it needs and their licences, and try both.
-# Usage: wheel.sh [FOLDER], by default dist. What is committed is what is packed.
+# Build the sdist, and from it a wheel with its shared libraries and their licences; test both.
+# Usage: wheel.sh [FOLDER], by default dist. Only committed files are packed.
 set -eu
 
 root=$(cd "$(dirname "$0")/.." && pwd)

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Run a command that sees no libgfortran and no libquadmath of the system: nothing is bound over them
-# outside of this command's own name space of mounts. Without the right to make one, it runs as it is.
+# Run a command with the system's libgfortran and libquadmath hidden, by bind mounts in a mount
+# namespace of its own. Without permission for that, the command runs as usual.
 # Usage: without_fortran.sh COMMAND [ARGUMENT ...]
 set -eu
 

@@ -1,1 +1,1 @@
-"""Observed orders of convergence, and diagnosis of given coefficients."""
+"""Observed orders of convergence, and diagnosis of coefficients."""

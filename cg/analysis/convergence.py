@@ -1,4 +1,4 @@
-"""From errors at several step sizes to the observed order of a method."""
+"""Observed orders from errors at several step sizes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array
-from cg.frames.base import Frame
-from cg.integration.ivp import integrate
-from cg.integration.rhs.python import Coefficients
-from cg.method.method import Method
+from ..frames.arrays import Array, real_array
+from ..frames.base import Frame
+from ..integration.ivp import integrate
+from ..integration.rhs.python import Coefficients
+from ..method.method import Method
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,13 @@ class Slope:
     Attributes
     ----------
     order
-        The least-squares slope over the points that were used.
+        Least-squares slope over the points used.
     constant
-        The error at step size 1 that the fitted line predicts.
+        Error at step size 1 predicted by the fitted line.
     spread
-        Largest minus smallest slope between neighbouring points that were used.
+        Largest minus smallest slope between neighbouring points used.
     h, error
-        The points that were used, by decreasing step size, shape ``(n,)``.
+        Points used, by decreasing step size, shape ``(n,)``.
     """
 
     order: float
@@ -78,9 +78,9 @@ def observed_order(
     errors
         Errors, shape ``(n,)``.
     floor
-        Errors at or below it are taken for rounding and left out.
+        Errors at or below it count as rounding errors and are left out.
     h_range
-        Smallest and largest step size in the asymptotic range; points beyond are left out.
+        Smallest and largest step size in the asymptotic range; points outside are left out.
 
     Returns
     -------
@@ -89,8 +89,8 @@ def observed_order(
     Raises
     ------
     ValueError
-        If the shapes differ, a step size or an error that is used isn't positive and finite, or
-        fewer than two points are left.
+        If the shapes differ, a step size or error used isn't positive and finite, or fewer than
+        two points remain.
 
     Examples
     --------
@@ -98,13 +98,8 @@ def observed_order(
     >>> round(observed_order(h, 3 * h**4).order, 10)
     4.0
     """
-    steps = np.asarray(h, dtype=np.float64)
-    sizes = np.asarray(errors, dtype=np.float64)
-    if steps.ndim != 1 or steps.shape != sizes.shape:
-        raise ValueError(
-            f"h and errors must be vectors of one length, got shapes {steps.shape}, {sizes.shape}"
-        )
-    # Written so that a NaN stays in and is reported, not dropped.
+    steps, sizes = _vectors(h, errors)
+    # the negated comparisons keep NaN, which _checked reports
     used = ~(sizes <= floor) & ~(steps < h_range[0]) & ~(steps > h_range[1])
     if used.sum() < 2:
         raise ValueError(
@@ -128,21 +123,21 @@ def final_errors(
     method: str | Method,
     h: Sequence[float],
 ) -> Array:
-    """Return the errors at the end of fixed-step integrations.
+    """Return the final errors of integrations with constant steps.
 
     Parameters
     ----------
     f, t_span, y0, frame, method
         As for `cg.integrate`.
     exact
-        The solution at the end of the span, shape ``frame.point_shape``.
+        Solution at the end of the span, shape ``frame.point_shape``.
     h
         Step sizes.
 
     Returns
     -------
     ndarray
-        The frame's distances from the exact solution, shape ``(len(h),)``.
+        Distances of the frame from the exact solution, shape ``(len(h),)``.
 
     Raises
     ------
@@ -156,13 +151,18 @@ def final_errors(
     return np.array(errors)
 
 
-def _checked(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
-    steps = np.asarray(h, dtype=np.float64)
-    sizes = np.asarray(errors, dtype=np.float64)
+def _vectors(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
+    steps, sizes = real_array(h, "h"), real_array(errors, "errors")
     if steps.ndim != 1 or steps.shape != sizes.shape:
         raise ValueError(
             f"h and errors must be vectors of one length, got shapes {steps.shape}, {sizes.shape}"
         )
+    return steps, sizes
+
+
+def _checked(h: ArrayLike, errors: ArrayLike) -> tuple[Array, Array]:
+    """Return step sizes and errors as vectors; they must be positive, and steps distinct."""
+    steps, sizes = _vectors(h, errors)
     for name, values in (("h", steps), ("errors", sizes)):
         if not (np.isfinite(values).all() and (values > 0.0).all()):
             raise ValueError(f"{name} must be positive and finite, got {values}")

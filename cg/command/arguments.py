@@ -1,4 +1,4 @@
-"""What several commands have in common: methods as arguments, and JSON."""
+"""Arguments and options of several commands, and functions for their output."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = [
     "workers_option",
 ]
 
-_FILE = f"{__name__}.file"  # of a method, in the context of a command
+_FILE = f"{__name__}.file"  # key of the method's file in the context of a command
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -45,26 +45,26 @@ workers_option = click.option(
 
 
 def is_file(text: str) -> bool:
-    """Tell whether an argument means a file, and not a name of the catalogue."""
+    """Return whether an argument is a path rather than a name in the catalogue."""
     return text.endswith((".toml", ".json")) or os.sep in text
 
 
 def named(name: str) -> Method:
-    """Return the method of the catalogue with a name; the ValueError names those near it."""
+    """Return the method of a name; the ValueError for an unknown name lists similar ones."""
     if name in methods or name in munthe_kaas:
         return resolve_method(name)
     raise ValueError(f"no method is named {name!r}, and it is no .toml or .json file{near(name)}")
 
 
 class MethodArgument(click.ParamType):  # type: ignore[type-arg]
-    """The name of a method, or a file of one."""
+    """Type of an argument that is the name or the file of a method."""
 
     name = "NAME|FILE"
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Offer names of the catalogue, then files."""
+        """Return the names in the catalogue that begin so, then files."""
         names = [
             n
             for n in (*methods, *munthe_kaas)
@@ -77,12 +77,12 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
 
 
 class NamedMethod(MethodArgument):
-    """The same, read."""
+    """Type of an argument that is converted to a method."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> Method:
-        """Return the method; the argument is at fault if there is none."""
+        """Return the method; raise BadParameter if it can't be read."""
         if isinstance(value, Method):
             return value
         try:
@@ -95,12 +95,12 @@ class NamedMethod(MethodArgument):
 
 
 def certificate_of_file(method: Method) -> Certificate | None:
-    """Return the certificate beside the file that the argument is; None without.
+    """Return the certificate beside the file of the method; None if there is no such file.
 
     Raises
     ------
     CertificationError
-        If it is none, or another method's.
+        If the file isn't a certificate, or is one of another method.
     """
     from cg.proofs.files import certificate_beside
 
@@ -117,14 +117,14 @@ def as_json(data: Any) -> None:
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Print lines of text, in which nothing reaches the terminal that isn't printable."""
+    """Print lines of text with all other control characters escaped."""
     click.echo(visible_lines(text), err=err)
 
 
 def check_output(path: Path | None, option: str = "--output") -> None:
-    """Raise an error that names the option unless a file can be written there, before any work.
+    """Raise BadParameter unless a file can be written to a path.
 
-    Folders that aren't there will be made.
+    Commands call it before they compute. Missing folders don't matter, since they are created.
     """
     if path is None:
         return

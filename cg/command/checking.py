@@ -1,4 +1,4 @@
-"""``check``: what a method really is."""
+"""``check``: diagnosis of a method."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ class _Diagnosed(MethodArgument):
             raise self._refused(param, problem) from None
 
 
-@click.command("check", short_help="Find out what a method really is.")
-@click.argument("found", metavar="NAME|FILE", type=_Diagnosed())
-@click.option("--order", type=click.IntRange(1), help="The order that the method must have.")
+@click.command("check", short_help="Determine the order of a method and recognise mistakes.")
+@click.argument("diagnosis", metavar="NAME|FILE", type=_Diagnosed())
+@click.option("--order", type=click.IntRange(1), help="Required order.")
 @json_option
-def check_command(found: Diagnosis, order: int | None, in_json: bool) -> int:
-    """Find out which order a method really has, and what is wrong with it.
+def check_command(diagnosis: Diagnosis, order: int | None, in_json: bool) -> int:
+    """Determine the order of a method and recognise mistakes in its coefficients.
 
-    Prints the order, the first order condition that fails, drawn as a tree, and known mistakes:
-    rows in reverse, a transposed, a coefficient changed, digits cut short, second weights equal
-    to the first, rows that don't sum to c, a flat tableau used as it stands.
+    Prints the order, the first violated order condition with its tree, and known mistakes:
+    reversed rows, a transposed, a changed coefficient, truncated digits, second weights equal to
+    the first, rows that don't sum to c, a classical tableau that isn't lifted.
 
-    A file is TOML or JSON with a, b, and if you like b_embedded, c, name and source; or with
-    points, as in the catalogue. Numbers are texts, so that all digits are kept.
+    A file is TOML or JSON with a, b and optionally b_embedded, c, name and source; or with points,
+    as in the catalogue. Numbers are strings, which keep all digits.
 
     Exits with 1 if a mistake is recognised, or the order is lower than --order.
 
@@ -45,12 +45,12 @@ def check_command(found: Diagnosis, order: int | None, in_json: bool) -> int:
       crouch-grossman check my_method.toml --order 4
       crouch-grossman check my_method.json --json
     """
-    reached = max(found.order, found.method.order)
+    reached = max(diagnosis.order, diagnosis.method.order)
     too_low = order is not None and reached < order
     if in_json:
-        as_json(found.as_dict())
+        as_json(diagnosis.as_dict())
     else:
-        say(str(found))
+        say(str(diagnosis))
         if too_low:
             say(f"the order is {reached}, less than {order}")
-    return NO if too_low or found.mistakes else 0
+    return NO if too_low or diagnosis.mistakes else 0

@@ -1,4 +1,4 @@
-"""``completion``: what a shell reads to complete commands, options and names of methods."""
+"""``completion``: shell scripts that complete commands, options and names of methods."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from .main import COMPLETE, PROGRAM, group
 __all__ = ["completion_command"]
 
 
-@click.command("completion", short_help="Print the completion of a shell.")
+@click.command("completion", short_help="Print a completion script for a shell.")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion_command(shell: str) -> None:
-    """Print the completion of a shell, which completes names of methods too.
+    """Print a script for a shell that completes commands, options and names of methods.
 
     \b
     Examples:

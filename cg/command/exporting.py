@@ -1,4 +1,4 @@
-"""``export``: a method for another program."""
+"""``export``: a method as data, a table or code."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ __all__ = ["export_command"]
 @click.argument("format", metavar="FORMAT", type=click.Choice(sorted(FORMATS)))
 @click.option(
     "--digits", type=click.IntRange(1, 4000), metavar="N",
-    help="Significant digits; more than are stored come from the certificate.",
+    help="Significant digits; those beyond the stored ones come from the certificate.",
 )  # fmt: skip
 @click.option(
     "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-    help="Write there and not on standard output.",
+    help="Output file; standard output by default.",
 )  # fmt: skip
 def export_command(method: Method, format: str, digits: int | None, output: Path | None) -> None:
-    """Write a method as data, as a table, or as a step in another language.
+    """Write a method as a data file, a LaTeX table, or code for one step.
 
-    The certificate of a file FILE.toml is FILE.certificate.toml beside it.
+    The certificate of FILE.toml is the file FILE.certificate.toml in the same folder.
 
     FORMAT is json, toml, latex, python, jax, c, fortran, julia or matlab.
 

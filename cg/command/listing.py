@@ -1,4 +1,4 @@
-"""``list``: the methods there are."""
+"""``list``: the methods of the catalogue."""
 
 from __future__ import annotations
 
@@ -28,21 +28,25 @@ _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas")
 
 
 @click.command("list")
-@click.option("--order", type=click.IntRange(1), help="Only of this order.")
-@click.option("--min-order", type=click.IntRange(1), help="Only of this order or a higher one.")
+@click.option("--order", type=click.IntRange(1), help="Only methods of this order.")
+@click.option("--min-order", type=click.IntRange(1), help="Only methods of this order or higher.")
 @click.option(
     "--max-evaluations", type=click.IntRange(1), metavar="N",
-    help="Only with so many evaluations a step at most.",
+    help="Only methods with at most N evaluations per step.",
 )  # fmt: skip
 @click.option(
     "--max-flows", type=click.IntRange(1), metavar="N",
-    help="Only with so many flows a step at most.",
+    help="Only methods with at most N flows per step.",
 )  # fmt: skip
-@click.option("--pair/--no-pair", default=None, help="Only pairs, or none.")
-@click.option("--kind", type=click.Choice(_KINDS, case_sensitive=False), help="Only of this kind.")
+@click.option(
+    "--pair/--no-pair", default=None, help="Only pairs, or only methods without an error estimate."
+)
+@click.option(
+    "--kind", type=click.Choice(_KINDS, case_sensitive=False), help="Only methods of this kind."
+)
 @click.option(
     "--sort", type=click.Choice(list(_KEYS)), default="order", show_default=True,
-    help="Sort by; then by evaluations, flows and name.",
+    help="First sort key; then evaluations, flows and name.",
 )  # fmt: skip
 @json_option
 def list_command(
@@ -57,9 +61,9 @@ def list_command(
 ) -> None:
     """List the methods of the catalogue.
 
-    Flows of pairs include those of the estimate; error is the principal error, the size of the
-    residuals of the next order. JSON says too whether a certificate proves the order: "proved" is
-    "whole", "partly" or "no".
+    The flows of a pair include those of its error estimate. The error is the principal error, the
+    norm of the residuals of the next order. In JSON, "proved" says whether a certificate proves
+    the order: "whole", "partly" or "no".
 
     \b
     Examples:
@@ -67,10 +71,10 @@ def list_command(
       crouch-grossman list --min-order 5 --pair --sort flows
       crouch-grossman list --kind implicit --json
     """
-    every: dict[str, Method] = {**methods, **munthe_kaas}
-    wanted = [
+    catalogue: dict[str, Method] = {**methods, **munthe_kaas}
+    selected = [
         facts
-        for facts in (facts_of(method, stability=in_json) for method in every.values())
+        for facts in (facts_of(method, stability=in_json) for method in catalogue.values())
         if (order is None or facts.order == order)
         and (min_order is None or facts.order >= min_order)
         and (max_evaluations is None or facts.evaluations <= max_evaluations)
@@ -78,14 +82,14 @@ def list_command(
         and (pair is None or (facts.embedded_order is not None) == pair)
         and (kind is None or facts.kind == kind)
     ]
-    wanted.sort(key=lambda f: (_KEYS[sort](f), f.evaluations, f.flows, f.name))
+    selected.sort(key=lambda f: (_KEYS[sort](f), f.evaluations, f.flows, f.name))
     if in_json:
         from cg.proofs import proved
 
-        as_json([facts.as_dict() | {"proved": proved(every[facts.name])} for facts in wanted])
+        as_json([facts.as_dict() | {"proved": proved(catalogue[facts.name])} for facts in selected])
         return
     heads = ("name", "kind", "order", "evaluations", "flows", "error")
-    say(table([heads, *map(_row, wanted)]))
+    say(table([heads, *map(_row, selected)]))
 
 
 def _row(facts: Facts) -> tuple[str, ...]:
@@ -97,7 +101,7 @@ def _row(facts: Facts) -> tuple[str, ...]:
 
 
 def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:
-    """Return rows as lines of text in columns, the first so many of them flush left."""
+    """Return rows as aligned columns of text, the first `left` columns flush left."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:

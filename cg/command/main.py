@@ -1,4 +1,4 @@
-"""The command: its group, its subcommands by name, and what errors come to."""
+"""The command: its group, its subcommands, and the exit codes of errors."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cg.support.parsing import visible
 __all__ = ["COMPLETE", "NO", "PROGRAM", "UNUSABLE", "group", "main"]
 
 NO, UNUSABLE, INTERRUPTED = 1, 2, 130
-"""Exit codes: the answer is no, an argument is wrong, an interrupt."""
+"""Exit codes: negative result, wrong argument, interrupt."""
 
 PROGRAM = "crouch-grossman"
 COMPLETE = "_CROUCH_GROSSMAN_COMPLETE"
-"""The variable by which shells ask for completions."""
+"""Environment variable through which shells request completions."""
 
 _MODULES = {
     "list": "listing",
@@ -36,7 +36,7 @@ _MODULES = {
 
 
 class _Commands(click.Group):
-    """Subcommands that are imported when they are run."""
+    """A group whose subcommands are imported when they are run."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_MODULES)
@@ -45,28 +45,22 @@ class _Commands(click.Group):
         if cmd_name not in _MODULES:
             return None
         module = import_module(f"cg.command.{_MODULES[cmd_name]}")
-        found: click.Command = getattr(module, f"{cmd_name}_command")
-        return found
-
-
-def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted and not ctx.resilient_parsing:
-        import cg
-
-        click.echo(f"crouch-grossman {cg.__version__}")
-        ctx.exit()
+        command: click.Command = getattr(module, f"{cmd_name}_command")
+        return command
 
 
 @click.group(
     cls=_Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Exit codes: 0 if all is well, 1 if the answer is no, 2 if an argument is wrong, 130 "
-    "after an interrupt. Every command that prints data takes --json.",
+    epilog="Exit codes: 0 for success, 1 for a negative result, 2 for a wrong argument, 130 after "
+    "an interrupt. Every command that prints data takes --json.",
 )
-@click.option(
-    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
+@click.version_option(
+    package_name=PROGRAM,
+    prog_name=PROGRAM,
+    message="%(prog)s %(version)s",
     help="Print the version and exit.",
-)  # fmt: skip
+)
 def group() -> None:
     """Runge–Kutta methods on manifolds: find, check, construct, prove and export them.
 
@@ -86,14 +80,14 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     arguments : sequence of str, optional
         By default those of the process.
     program : str, optional
-        What messages call the command.
+        Name of the command in messages.
 
     Returns
     -------
     int
-        The exit code: 0, 1 if the answer is no (a method has a mistake, a proof fails, nothing
-        was found), 2 if an argument is wrong, which a line on standard error names, or 130 after
-        an interrupt.
+        The exit code: 0 for success; 1 for a negative result (a method has a mistake, a proof
+        fails, a search finds nothing); 2 for a wrong argument, which a line on standard error
+        names; 130 after an interrupt.
     """
     given = None if arguments is None else list(arguments)
     try:
@@ -119,7 +113,7 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
 
 
 def _with_notes(text: str, error: BaseException) -> str:
-    """Return what is said of an error, with what was added to it on its way."""
+    """Return the message of an error with the notes added to it."""
     return "; ".join([text, *getattr(error, "__notes__", ())])
 
 

@@ -1,4 +1,4 @@
-"""``plot``: pictures of a method."""
+"""``plot``: plots of a method."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .arguments import METHOD, check_output
 __all__ = ["plot_command"]
 
 
-@click.command("plot", short_help="Draw a method.")
+@click.command("plot", short_help="Plot a method.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @click.argument("what", metavar="WHAT", type=click.Choice(["points", "tableau", "stability"]))
 @click.option(
     "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), required=True,
-    metavar="FILE", help="The picture: .svg, .png, .pdf, ….",
+    metavar="FILE", help="Output file: .svg, .png, .pdf, ….",
 )  # fmt: skip
 def plot_command(method: Method, what: str, output: Path) -> None:
-    """Draw a method as a picture: its points, its tableau or its stability region.
+    """Plot the points, the tableau or the stability region of a method.
 
     \b
     Examples:
@@ -33,7 +33,7 @@ def plot_command(method: Method, what: str, output: Path) -> None:
     check_output(output)
     import matplotlib as mpl
 
-    mpl.use("Agg")  # no window is wanted
+    mpl.use("Agg")  # no window is opened
     from cg import plot
 
     draw = {"points": plot.points, "tableau": plot.tableau, "stability": plot.stability_region}

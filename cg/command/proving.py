@@ -1,4 +1,4 @@
-"""``certify``: proofs."""
+"""``certify``: proof of the order of a method."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ __all__ = ["certify_command"]
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @click.option(
     "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-    help="Write the certificate there.",
+    help="Output file of the certificate.",
 )  # fmt: skip
 @json_option
 def certify_command(method: Method, output: Path | None, in_json: bool) -> int:
     """Prove the order of a method in ball arithmetic.
 
-    Prints the certificate: in a box around the coefficients is exactly one method that has the
-    order exactly. Certificates of the catalogue are proved again by
-    `python -m cg.proofs --check`.
+    Prints the certificate: a box around the coefficients contains exactly one method that has the
+    order exactly. `python -m cg.proofs --check` proves the certificates of the catalogue again.
 
     Exits with 1 if the proof fails.
 

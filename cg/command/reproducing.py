@@ -1,4 +1,4 @@
-"""``reproduce``: the paper."""
+"""``reproduce``: reproduction of the paper."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def reproduce_command(arguments: tuple[str, ...]) -> int:
       crouch-grossman reproduce --list
       crouch-grossman reproduce --only fig4.1 --out report
     """
-    main = import_module("cg.reproduce.main").main  # in the source tree it isn't below cg
+    main = import_module("cg.reproduce.main").main  # not below cg in the source tree
     try:
         return int(main(arguments))
-    except SystemExit as end:  # of its parser, which has said why
+    except SystemExit as end:  # its parser has printed why
         return end.code if isinstance(end.code, int) else 0

@@ -1,4 +1,4 @@
-"""``show``: all of one method."""
+"""``show``: all data of one method."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from .listing import table
 
 __all__ = ["show_command"]
 
-_MAX_BITS = 128  # more than the most digits that are shown
+_MAX_BITS = 128  # of a denominator; longer fractions are shown as decimals
 
 
-@click.command("show", short_help="Show all of one method.")
+@click.command("show", short_help="Show all data of one method.")
 @click.argument("method", metavar="NAME|FILE", type=METHOD)
 @click.option(
     "--digits", type=click.IntRange(1, 36), default=6, show_default=True, metavar="N",
-    help="Significant digits of coefficients that are printed.",
+    help="Significant digits of the printed coefficients.",
 )  # fmt: skip
 @json_option
 def show_command(method: Method, digits: int, in_json: bool) -> None:
-    """Show a method: its tableau or its points, order, principal error, stability, proof, source.
+    """Show the tableau or points, order, principal error, stability, proof and source of a method.
 
-    Points are drawn as a tree: below each point are those that flows from it lead to. F1 is the
-    field frozen at stage 1. JSON has all digits.
+    Points are drawn as a tree: a flow leads from each point to those below it. F1 is the field
+    frozen at stage 1. JSON has all digits.
 
     \b
     Examples:
@@ -109,7 +109,7 @@ def _certificate(method: Method) -> str | None:
             return None
         if method.name in packaged:
             return str(certificate)
-    try:  # nothing of a file of the user's is believed
+    try:  # a certificate in a file of the user has to be checked
         check(certificate, method)
     except CertificationError as error:
         return f"proves nothing: {error}"
@@ -117,7 +117,7 @@ def _certificate(method: Method) -> str | None:
 
 
 def _tableau(method: Any, digits: int) -> str:
-    """Return c, a and b in columns; c before the rows of a, ``b^`` before second weights."""
+    """Return c, a and b in columns; ``b^`` stands before the second weights."""
     *rows, last = method.layout.cut(method.coefficients)
     labels = [_sum(row, digits) for row in method.exact[0]]
     lines = []
@@ -135,7 +135,7 @@ def _tableau(method: Any, digits: int) -> str:
 
 def _sum(row: Sequence[Fraction], digits: int) -> str:
     total = sum(row, Fraction(0))
-    # a longer one isn't shown as it is, and Python may refuse to write it
+    # Python may be unable to write a longer fraction
     text = str(total) if total.denominator.bit_length() <= _MAX_BITS else ""
     return text if 0 < len(text) <= digits + 1 else f"{float(total):.{digits}g}"
 

@@ -1,4 +1,4 @@
-"""Methods written in other formats: data, documents, and steps in other languages."""
+"""Export of methods: data files, LaTeX tables, and one step in other languages."""
 
 from __future__ import annotations
 

@@ -1,19 +1,19 @@
-"""A step in C: a header of its own."""
+"""A step in C: a header file."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from .program import Program
-from .text import comment, heading, integers, real, wrapped
+from .text import comment, fill, real, wrapped
 
 __all__ = ["to_c"]
 
-_HEAD = """
+_HEADER = """
 #ifndef @NAME@_H
 #define @NAME@_H
 
-/* Numbers are doubles. For others define both before this file is included, such as
+/* Numbers are doubles. For another type, define both macros before including this file, e.g.
    #define @NAME@_REAL long double
    #define @NAME@_NUMBER(x) x##L */
 #ifndef @NAME@_REAL
@@ -21,25 +21,18 @@ _HEAD = """
 #define @NAME@_NUMBER(x) x
 #endif
 
-/* f(t, y, f, data) writes the m coefficients of the frame's fields at the point y.
-   It and those below return 0, or another number that ends the step and is returned by it. */
+/* f(t, y, f, data) writes the m coefficients of the frame's fields at the point y to f.
+   All callbacks return 0; another value ends the step, which returns that value. */
 typedef int (*@name@_f)(@NAME@_REAL t, const @NAME@_REAL *y, @NAME@_REAL *f, void *data);
 
 /* flow(v, y, data) moves the point y along the time-1 flow of the field with coefficients v. */
 typedef int (*@name@_flow)(const @NAME@_REAL *v, @NAME@_REAL *y, void *data);
-"""
-
-_DEXPINV = """
-/* dexpinv(u, v, data) replaces the coefficients v with which a point of coordinates u moves by
-   the derivative of these coordinates. */
-typedef int (*@name@_dexpinv)(const @NAME@_REAL *u, @NAME@_REAL *v, void *data);
-"""
-
-_STEP = """
-/* Numbers of the work space of a step, for points of n numbers and m fields */
+@typedef@
+@tables@
+/* Size of the work array of a step, for points of n numbers and m fields */
 #define @NAME@_WORK(n, m) (@slots@ * (n) + @rows@ * (m))
 
-/* Moves the point y, of n numbers, by a step of size h from time t.@says@ */
+/* Advances the point y, of n numbers, by a step of size h from time t.@remark@ */
 static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data, int n, int m,
     @NAME@_REAL t, @NAME@_REAL h, @NAME@_REAL *y, @second@@NAME@_REAL *work)
 {
@@ -53,7 +46,7 @@ static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data,
             @NAME@_REAL *to = work + @name@_target[move] * n;
 @v@            for (k = @name@_first[move]; k < @name@_first[move + 1]; k++) {
                 const @NAME@_REAL weight = h * @name@_weight[k];
-                const @NAME@_REAL *field = fields + @name@_stage[k] * m;
+                const @NAME@_REAL *field = fields + @name@_term_stage[k] * m;
                 for (i = 0; i < m; i++)
                     v[i] = k == @name@_first[move] ? weight * field[i] : v[i] + weight * field[i];
             }
@@ -75,12 +68,25 @@ static inline int @name@_step(@name@_f f, @name@_flow flow, @dexpinv@void *data,
 #endif
 """
 
+_DEXPINV = """
+/* dexpinv(u, v, data) replaces the coefficients v of the velocity of the point with coordinates
+   u by the derivative of the coordinates. */
+typedef int (*@name@_dexpinv)(const @NAME@_REAL *u, @NAME@_REAL *v, void *data);
+"""
+
 _DERIVATIVE = """            if (@name@_slot[stage]) {
                 status = dexpinv(work + @slots@ * n + (@stages@ + @name@_slot[stage]) * m,
                     fields + stage * m, data);
                 if (status) return status;
             }
 """
+
+_ALGEBRA = {
+    "typedef": _DEXPINV,
+    "dexpinv": "@name@_dexpinv dexpinv, ",
+    "v": "            v = fields + (@stages@ + @name@_target[move]) * m;\n",
+    "derivative": _DERIVATIVE,
+}
 
 _PAIR = """    if (second)
         for (i = 0; i < n; i++) second[i] = work[@second_slot@ * n + i];
@@ -96,74 +102,58 @@ _ERROR = """    if (error)
             }
 """
 
-_SAYS_PAIR = """
-   The second result, of order @lower@, is written to second unless that is a null pointer."""
+_PAIR_REMARK = """
+   Writes the second result, of order @lower@, to second unless that is a null pointer."""
 
-_SAYS_ERRORS = {
+_ERROR_REMARKS = {
     1: """
-   The m coefficients of its error are written to error unless that is a null pointer:
-   those of the field by which the two results differ.""",
+   Writes the m coefficients of its error to error unless that is a null pointer: the
+   coefficients of the field whose flow joins the two results.""",
     2: """
-   The m coefficients of its error e, and m more of e_3, are written to error unless that is a
-   null pointer; the estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
+   Writes the m coefficients of its error e, and the m of e_3, to error unless that is a null
+   pointer; the estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
 }
 
 
-def to_c(program: Program, lower: int | None) -> str:
-    """Return a header; `lower` is the order of the second result of a pair."""
-    output, says, second = "", "", ""
+def to_c(program: Program) -> str:
+    """Return a header."""
+    output, remark, second = "", "", ""
     real_type = f"{program.name.upper()}_REAL"
     if program.second is not None:
-        output, says, second = _PAIR, _SAYS_PAIR, f"{real_type} *second, "
+        output, remark, second = _PAIR, _PAIR_REMARK, f"{real_type} *second, "
     elif program.errors:
-        output, says = _ERROR, _SAYS_ERRORS[len(program.errors)]
+        output, remark = _ERROR, _ERROR_REMARKS[len(program.errors)]
         second = f"{real_type} *error, "
-    v = "            v = fields + (@stages@ + @name@_target[move]) * m;\n"
-    text = _HEAD + (_DEXPINV if program.on_algebra else "") + "\n" + _tables(program) + _STEP
-    parts = {
-        "v": v if program.on_algebra else "",
-        "derivative": _DERIVATIVE if program.on_algebra else "",
-        "dexpinv": f"{program.name}_dexpinv dexpinv, " if program.on_algebra else "",
-        "says": says,
+    parts: dict[str, object] = {
+        **program.if_on_algebra(_ALGEBRA),
+        "tables": _tables(program),
+        "remark": remark,
         "second": second,
         "output": output,
-    }
-    values = {
         "name": program.name,
         "NAME": program.name.upper(),
-        "slots": str(program.slots),
-        "stages": str(program.stages),
-        "rows": str(program.stages + (program.slots if program.on_algebra else 1)),
-        "moves": str(len(program.moves)),
-        "result": str(program.result),
-        "second_slot": str(program.second),
-        "errors": str(len(program.errors)),
-        "lower": str(lower),
+        "slots": program.slots,
+        "stages": program.stages,
+        "rows": program.stages + (program.slots if program.on_algebra else 1),
+        "moves": len(program.moves),
+        "result": program.result,
+        "second_slot": program.second,
+        "errors": len(program.errors),
+        "lower": program.lower_order,
     }
-    for table in (parts, values):  # parts first: they have values in them
-        for key, value in table.items():
-            text = text.replace(f"@{key}@", value)
-    return comment(heading(program.title, program.source), "//") + "\n" + text
+    return comment(program.heading, "//") + "\n" + fill(_HEADER, parts)
 
 
 def _tables(program: Program) -> str:
-    arrays = {
-        "before": integers(program.before),
-        "slot": integers(program.stage_slots),
-        "origin": integers([move.origin for move in program.moves]),
-        "target": integers([move.target for move in program.moves]),
-        "first": integers(program.first_term),
-        "stage": integers(program.term_stages),
-    }
     numbers = {"weight": program.term_weights, "c": program.c}
     if program.errors:
         numbers["error"] = tuple(weight for row in program.errors for weight in row)
     lines = [
-        "/* Points are kept in slots, of which 0 is the initial one. Of each stage: its abscissa",
-        "   c, how many moves come before it, and its slot. Moves go from a slot to a slot, along",
-        "   the sum of weights times fields at stages. */",
+        "/* Slots hold points; slot 0 holds the initial one. Each stage has an abscissa c, the",
+        "   number of moves before it, and a slot. Each move is a flow from one slot to another,",
+        "   along the weighted sum of the fields at stages. */",
     ]
-    for name, entries in arrays.items():
+    for name, entries in program.integer_tables(slot=0, term=0).items():
         lines.append(_array(f"static const int {program.name}_{name}", entries))
     for name, texts in numbers.items():
         values = [f"{program.name.upper()}_NUMBER({real(text)})" for text in texts]
@@ -173,5 +163,5 @@ def _tables(program: Program) -> str:
 
 
 def _array(declared: str, entries: Sequence[str]) -> str:
-    entries = entries or ["0"]  # an array of C can't be empty
+    entries = entries or ["0"]  # C has no empty arrays
     return f"{declared}[{len(entries)}] = {{\n{wrapped(entries, '    ')}\n}};"

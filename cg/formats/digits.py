@@ -1,4 +1,4 @@
-"""Coefficients of a method to any number of digits, as far as they are known."""
+"""Coefficients of a method rounded to a number of decimal digits."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
 __all__ = ["MAX_DIGITS", "Numbers", "known_digits", "numbers_of"]
 
 MAX_DIGITS = 4000
-"""More decimal digits of an integer Python doesn't write by default."""
+"""Limit of `digits`: Python converts integers of up to 4300 digits to text by default."""
 
 _GUARD_DIGITS = 10
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """The coefficients of a method, known to as many digits as are to be written.
+    """Coefficients of a method with enough digits for the output.
 
     Attributes
     ----------
     method : Method
-        The method that they are of, with its coefficients as they are stored.
+        The method with its stored coefficients.
     values : tuple of Fraction
-        Packed as its layout says; right to `digits` significant digits and some more.
+        Coefficients in the order of the method's layout, correct to more than `digits` digits.
     digits : int or None
-        How many digits are to be written; None for those that are stored.
+        Number of significant digits to write; None for the stored ones.
     """
 
     method: Method
@@ -47,14 +47,14 @@ class Numbers:
     digits: int | None
 
     def decimal(self, value: Fraction) -> str:
-        """Write a coefficient, or a sum of them, as a decimal number.
+        """Return a coefficient, or a sum of coefficients, as a decimal number.
 
-        Without a number of digits there are as many as tell any two binary128 numbers apart, and
-        whatever reads them finds the same double as Python does.
+        If `digits` is None, the number has 36 digits, or more if these round to another double
+        than the exact value.
         """
         if self.digits is not None:
             return to_decimal(value, self.digits)
-        if float(value) == 0.0:  # below the range of doubles, which compilers refuse
+        if float(value) == 0.0:  # compilers reject numbers below the range of doubles
             return "0"
         places = DECIMAL_DIGITS
         while float(text := to_decimal(value, places)) != float(value):
@@ -62,26 +62,26 @@ class Numbers:
         return text
 
     def rounded(self, *, zeros: bool = False) -> Method:
-        """Return the method with its coefficients written to so many digits.
+        """Return the method with its coefficients rounded to `digits` digits.
 
-        Those that are known exactly stay as they are.
+        Rational coefficients stay exact.
 
         Parameters
         ----------
         zeros : bool, optional
-            Keep zeros at the end of the others.
+            Keep trailing zeros of decimal numbers.
 
         Raises
         ------
         ValueError
-            If with so few digits it isn't the method any more.
+            If the rounded coefficients don't define a method of the same kind.
         """
         method, digits = self.method, self.digits
         if digits is None:
             return method
         texts = [
-            to_decimal(value, digits, zeros=zeros) if given.unit else given.text
-            for given, value in zip(method.coefficients, self.values, strict=True)
+            _rounded_text(coefficient, value, digits, zeros)
+            for coefficient, value in zip(method.coefficients, self.values, strict=True)
         ]
         try:
             return _with_texts(method, texts, digits, zeros)
@@ -91,9 +91,9 @@ class Numbers:
 
 
 def known_digits(method: Method) -> int | None:
-    """Return how many significant digits of all coefficients are stored; None if they are exact.
+    """Return the smallest number of correct digits of the coefficients; None if all are rational.
 
-    Those of binary128 numbers have 34 of them, doubles 16.
+    It is 34 for binary128 numbers and 16 for doubles.
 
     Examples
     --------
@@ -103,32 +103,32 @@ def known_digits(method: Method) -> int | None:
     """
     third = getattr(method, "third_weights", None) or ()
     digits = [
-        max(math.floor(math.log10(abs(given.value) / given.unit)) + 1, 1)
-        for given in (*method.coefficients, *third)
-        if given.unit and given.value
+        max(math.floor(math.log10(abs(coefficient.value) / coefficient.unit)) + 1, 1)
+        for coefficient in (*method.coefficients, *third)
+        if coefficient.unit and coefficient.value
     ]
     return min(digits, default=None)
 
 
 def numbers_of(method: Method, digits: int | None, certificate: Certificate | None) -> Numbers:
-    """Return the coefficients of a method, from its certificate if more digits are asked for.
+    """Return the coefficients of a method, from its certificate if the stored digits are too few.
 
     Parameters
     ----------
     method : Method
     digits : int or None
-        Significant digits; None for those that are stored.
+        Significant digits; None for the stored ones.
     certificate : Certificate or None
-        By default the one of the catalogue.
+        Certificate of the method; None for the one in the catalogue.
 
     Raises
     ------
     TypeError
         If an argument isn't of the type listed.
     ValueError
-        If `digits` is out of range, or more than are known.
+        If `digits` is out of range, or exceeds the known digits.
     CertificationError
-        If the certificate isn't one of the method.
+        If the certificate isn't one for the method.
     """
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
@@ -137,7 +137,7 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
 
         if not isinstance(certificate, Certificate):
             raise TypeError(f"certificate must be a Certificate, got {certificate!r}")
-    stored = tuple(given.value for given in method.coefficients)
+    stored = tuple(coefficient.value for coefficient in method.coefficients)
     if digits is None:
         return Numbers(method, stored, None)
     digits = check_integer("digits", digits, 1, MAX_DIGITS)
@@ -155,13 +155,12 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
         raise ValueError(
             f"digits must be at most {known}, which are stored, since {problem}; got {digits}"
         ) from None
-    wanted = min(digits + _GUARD_DIGITS, MAX_DIGITS)
-    texts = refined_digits(method, certificate, wanted)
+    texts = refined_digits(method, certificate, min(digits + _GUARD_DIGITS, MAX_DIGITS))
     return Numbers(method, tuple(map(Fraction, texts)), digits)
 
 
 def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) -> Method:
-    """Return a method of the same kind with other coefficients."""
+    """Return the method with other coefficients; its third weights are rounded."""
     names: dict[str, Any] = {"name": method.name, "source": method.source}
     nominal: dict[str, Any] = {
         "nominal_order": method.nominal_order,
@@ -169,7 +168,7 @@ def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) 
     }
     third = getattr(method, "third_weights", None)
     if third is not None:
-        third = [_shortened(given, digits, zeros) for given in third]
+        third = [_rounded_text(weight, weight.value, digits, zeros) for weight in third]
     if isinstance(method, CommutatorFree):
         return CommutatorFree(
             zip(method.layout.parents, method.layout.point_weights(texts), strict=True),
@@ -188,5 +187,6 @@ def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) 
     return Tableau(a, b, b_embedded=b_embedded, **names, **nominal)
 
 
-def _shortened(given: Coefficient, digits: int, zeros: bool) -> str:
-    return to_decimal(given.value, digits, zeros=zeros) if given.unit else given.text
+def _rounded_text(coefficient: Coefficient, value: Fraction, digits: int, zeros: bool) -> str:
+    """Return a more precise value of a coefficient to `digits` digits; rational ones unchanged."""
+    return to_decimal(value, digits, zeros=zeros) if coefficient.unit else coefficient.text

@@ -1,4 +1,4 @@
-"""Methods written for elsewhere: data, documents, and steps in other languages."""
+"""Export of a method to a data file, a LaTeX table, or one step in another language."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FORMATS", "export", "summary"]
 
-_CODE: dict[str, Callable[[Program, int | None], str]] = {
+_CODE: dict[str, Callable[[Program], str]] = {
     "python": to_python,
     "c": to_c,
     "fortran": to_fortran,
@@ -42,7 +42,7 @@ FORMATS = {
     "matlab": ".m",
     "jax": ".py",
 }
-"""The formats, with the suffix of their files."""
+"""Suffix of the files of each format."""
 
 
 def export(
@@ -52,14 +52,14 @@ def export(
     digits: int | None = None,
     certificate: Certificate | None = None,
 ) -> str:
-    """Write a method for another program, language or document.
+    """Return a method as the text of a file: data, a LaTeX table, or code for one step.
 
-    ``"json"`` and ``"toml"`` are data, which `cg.catalogue.loads` reads back. ``"latex"`` is a
-    table for the package booktabs: a tableau, a list of entries where these have too many digits
-    for that, or the points of a commutator-free method. The others are a module, a header or a
-    function file with a step: ``"python"`` (for NumPy), ``"jax"`` (pure functions), ``"c"``,
-    ``"fortran"``, ``"julia"`` and ``"matlab"`` (for Octave too). They have no other needs; the
-    right-hand side and the flows of the frame are arguments.
+    ``"json"`` and ``"toml"`` are data files, which `cg.catalogue.loads` reads. ``"latex"`` is a
+    table for the package booktabs: a tableau, a list of its entries if they are too long for one,
+    or the points of a commutator-free method. The other formats are source files with a function
+    for one step: ``"python"`` (for NumPy), ``"jax"`` (pure functions), ``"c"``, ``"fortran"``,
+    ``"julia"`` and ``"matlab"`` (also for Octave). The code has no dependencies; the right-hand
+    side and the flow of the frame are arguments of the step.
 
     Parameters
     ----------
@@ -68,26 +68,27 @@ def export(
     format : str
         One of `FORMATS`.
     digits : int, optional
-        Significant digits of all coefficients that aren't known exactly, at most 4000; in code of
-        all coefficients. By default data have those that are stored, and code so many that
-        the doubles are those of this package. More than are stored come from the certificate.
+        Significant digits, at most 4000, of coefficients that aren't rational, and in code of all
+        coefficients. By default, data files have the stored digits, and code has enough digits to
+        give the same doubles as this package. Digits beyond the stored ones are computed from
+        the certificate.
     certificate : cg.Certificate, optional
-        By default the one of the catalogue, if there is one; see `cg.certify`.
+        Certificate of the method (`cg.certify`); by default the one in the catalogue.
 
     Returns
     -------
     str
-        The text of a file with the suffix ``FORMATS[format]``.
+        Text of a file with the suffix ``FORMATS[format]``.
 
     Raises
     ------
     TypeError
         If an argument isn't of the type listed.
     ValueError
-        If there is no such method or format, `digits` is out of range or more than are known, or
-        the method is implicit and the format has a step.
+        If there is no such method or format, `digits` is out of range or exceeds the known
+        digits, or the format is a language and the method is implicit.
     CertificationError
-        If the certificate isn't one of the method.
+        If the certificate isn't one for the method.
 
     Examples
     --------
@@ -109,14 +110,11 @@ def export(
         return dumps(numbers.rounded())
     if format == "latex":
         return to_latex(numbers, summary(method))
-    program = make_program(numbers, summary(method))
-    orders = method.order, method.embedded_order
-    lower = None if orders[1] is None else min(orders[0], orders[1])
-    return _CODE[format](program, lower)
+    return _CODE[format](make_program(numbers, summary(method)))
 
 
 def summary(method: Method) -> str:
-    """Return what a method is, in one line.
+    """Return a one-line summary of a method.
 
     Examples
     --------

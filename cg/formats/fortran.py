@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .program import Program
-from .text import comment, heading, integers, real, wrapped
+from .text import comment, fill, real, wrapped
 
 __all__ = ["to_fortran"]
 
-_MAX_ENTRIES = 200  # in one statement, which older standards end after 255 lines
-_WIDEST = 120  # of a line, which the standard ends after 132 characters
+_MAX_ENTRIES = 200  # of an array in one statement; older standards allow 255 continuation lines
+_MAX_WIDTH = 120  # of a piece of a number; the standard allows lines of 132 characters
 
 _MODULE = """module @name@_method
   implicit none
@@ -31,7 +31,7 @@ _MODULE = """module @name@_method
       real(wp), intent(out) :: f(:)       ! (m)
     end subroutine f_i
 
-    ! Moves a point along the time-1 flow of the field with coefficients v
+    ! Advances a point along the time-1 flow of the field with coefficients v
     subroutine flow_i(v, y)
       import :: wp
       real(wp), intent(in) :: v(:)        ! (m)
@@ -40,14 +40,14 @@ _MODULE = """module @name@_method
 @interface@
   end interface
 
-  ! Points are kept in slots, of which 0 is the initial one. Of each stage: its abscissa c, how many
-  ! moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
-  ! times fields at stages.
+  ! Slots hold points; slot 0 holds the initial one. Each stage has an abscissa c, the number of
+  ! moves before it, and a slot. Each move is a flow from one slot to another, along the weighted
+  ! sum of the fields at stages.
 @tables@
 
 contains
 
-  ! Moves a point by a step of size h from time t@says@
+  ! Advances a point by a step of size h from time t@remark@
   subroutine @name@_step(f, flow, @dexpinv@m, t, h, y@argument@)
     procedure(f_i) :: f
     procedure(flow_i) :: flow
@@ -90,13 +90,24 @@ end module @name@_method
 """
 
 _DEXPINV = """
-    ! Replaces the coefficients v with which a point of coordinates u moves by the derivative of u
+    ! Replaces the coefficients v of the velocity of a point with coordinates u by u'
     subroutine dexpinv_i(u, v)
       import :: wp
       real(wp), intent(in) :: u(:)        ! (m)
       real(wp), intent(inout) :: v(:)     ! (m)
     end subroutine dexpinv_i
 """
+
+_ALGEBRA = {
+    "interface": _DEXPINV,
+    "dexpinv": "dexpinv, ",
+    "declare_dexpinv": "    procedure(dexpinv_i) :: dexpinv\n",
+    "more": ", u(m, 0:@slots@ - 1)",
+    "keep": "        u(:, target(move)) = v\n",
+    "derivative": (
+        "      if (slot(stage) > 0) call dexpinv(u(:, slot(stage)), fields(:, stage))\n"
+    ),
+}
 
 _PAIR = """    if (present(second)) second = points(:, @second@)
 """
@@ -111,65 +122,49 @@ _ERROR = """    if (present(error)) then
     end if
 """
 
-_SAYS_ERRORS = {
+_ERROR_REMARKS = {
     1: """. The coefficients of its
-  ! error are those of the field by which the two results differ.""",
+  ! error are those of the field whose flow joins the two results.""",
     2: """. The coefficients of its
   ! error are e and e_3, and the estimate |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
 }
 
 
-def to_fortran(program: Program, lower: int | None) -> str:
-    """Return a module; `lower` is the order of the second result of a pair."""
-    parts = dict.fromkeys(["says", "argument", "declare", "output", "index"], "")
+def to_fortran(program: Program) -> str:
+    """Return a module."""
+    parts: dict[str, object] = dict.fromkeys(
+        ["remark", "argument", "declare", "output", "index"], ""
+    )
     if program.second is not None:
-        parts["says"] = f". The second result is of order {lower}."
+        parts["remark"] = f". The second result is of order {program.lower_order}."
         parts["argument"] = ", second"
         parts["declare"] = "    real(wp), intent(out), optional :: second(:)   ! (n)\n"
         parts["output"] = _PAIR
     elif program.errors:
         count = len(program.errors)
-        parts["says"] = _SAYS_ERRORS[count]
+        parts["remark"] = _ERROR_REMARKS[count]
         parts["argument"] = ", error"
         parts["declare"] = f"    real(wp), intent(out), optional :: error(:, :) ! (m, {count})\n"
         parts["output"] = _ERROR
         parts["index"] = ", j, k"
-    algebra = program.on_algebra
+    parts |= program.if_on_algebra(_ALGEBRA)
     parts |= {
-        "interface": _DEXPINV if algebra else "",
-        "dexpinv": "dexpinv, " if algebra else "",
-        "declare_dexpinv": "    procedure(dexpinv_i) :: dexpinv\n" if algebra else "",
-        "more": ", u(m, 0:@slots@ - 1)" if algebra else "",
-        "keep": "        u(:, target(move)) = v\n" if algebra else "",
-        "derivative": (
-            "      if (slot(stage) > 0) call dexpinv(u(:, slot(stage)), fields(:, stage))\n"
-            if algebra
-            else ""
-        ),
         "tables": _tables(program),
         "name": program.name,
-        "slots": str(program.slots),
-        "stages": str(program.stages),
-        "moves": str(len(program.moves)),
-        "result": str(program.result),
-        "second": str(program.second),
-        "errors": str(len(program.errors)),
+        "slots": program.slots,
+        "stages": program.stages,
+        "moves": len(program.moves),
+        "result": program.result,
+        "second": program.second,
+        "errors": len(program.errors),
     }
-    text = _MODULE
-    for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return comment(heading(program.title, program.source), "!") + "\n" + text
+    return comment(program.heading, "!") + "\n" + fill(_MODULE, parts)
 
 
 def _tables(program: Program) -> str:
-    moves = program.moves
+    integers = program.integer_tables(slot=0, term=1)
     lines = [
-        *_array("integer", "before", integers(program.before)),
-        *_array("integer", "slot", integers(program.stage_slots)),
-        *_array("integer", "origin", integers([move.origin for move in moves])),
-        *_array("integer", "target", integers([move.target for move in moves])),
-        *_array("integer", "first", integers(program.first_term, 1)),
-        *_array("integer", "term_stage", integers(program.term_stages, 1)),
+        *(line for name, values in integers.items() for line in _array("integer", name, values)),
         *_array("real(wp)", "weight", _numbers(program.term_weights)),
         *_array("real(wp)", "c", _numbers(program.c)),
     ]
@@ -185,17 +180,16 @@ def _tables(program: Program) -> str:
 
 
 def _numbers(texts: Sequence[str]) -> list[str]:
-    """Return numbers of the kind wp, those of many digits over several lines."""
-    found = []
-    for text in texts:
-        number = f"{real(text)}_wp"
-        pieces = [number[k : k + _WIDEST] for k in range(0, len(number), _WIDEST)]
-        found.append("&\n&".join(pieces))
-    return found
+    """Return real literals of kind wp; long ones continue over several lines."""
+    numbers = [f"{real(text)}_wp" for text in texts]
+    return [
+        "&\n&".join(number[k : k + _MAX_WIDTH] for k in range(0, len(number), _MAX_WIDTH))
+        for number in numbers
+    ]
 
 
 def _array(kind: str, name: str, entries: Sequence[str]) -> list[str]:
-    """Declare an array; a long one in parts."""
+    """Return the declaration of an array; a long one is joined from several."""
     if not entries:
         return [f"  {kind}, parameter :: {name}(0) = [{kind} ::]"]
     if len(entries) <= _MAX_ENTRIES:

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .program import Program
-from .text import comment, heading, integers, wrapped
+from .text import comment, fill, wrapped
 
 __all__ = ["to_julia"]
 
 _MODULE = '''module @Module@
 
-# Nothing is exported, since Base has a function step: call @Module@.step.
+# The module exports nothing, since Base has a function step: call @Module@.step.
 
-# Points are kept in slots, of which 1 is the initial one. Of each stage: its abscissa, how many
-# moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
-# times fields at stages. Numbers are texts, so that they may be read as any type.
+# Slots hold points; slot 1 holds the initial one. Each stage has an abscissa, the number of moves
+# before it, and a slot. Each move is a flow from one slot to another, along the weighted sum of
+# the fields at stages. Numbers are strings, so that any type can be parsed from them.
 const SLOTS = @slots@
 @tables@
 
@@ -23,8 +23,8 @@ const SLOTS = @slots@
     step(f, flow, @dexpinv@t, y, h)
 
 Return the point after a step of size h. f(t, y) returns the coefficients of the frame's fields,
-flow(v, y) the time-1 flow through y of the field with coefficients v.@says_dexpinv@
-Numbers are of the type of h.
+flow(v, y) the time-1 flow through y of the field with coefficients v.@dexpinv_remark@
+Numbers have the type of h.
 """
 step(f, flow, @dexpinv@t, y, h) = stages(f, flow, @dexpinv@t, y, h)[1][@result@]
 @output@
@@ -60,6 +60,21 @@ end
 end
 '''
 
+_ALGEBRA = {
+    "dexpinv": "dexpinv, ",
+    "dexpinv_remark": (
+        "\ndexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity\n"
+        "has the coefficients v."
+    ),
+    "coordinates": "    coordinates = Vector{Any}(undef, SLOTS)\n",
+    "keep": "            coordinates[TARGET[move]] = v\n",
+    "derivative": (
+        "        if SLOT[stage] > 1\n"
+        "            fields[stage] = dexpinv(coordinates[SLOT[stage]], fields[stage])\n"
+        "        end\n"
+    ),
+}
+
 _PAIR = '''
 """
     step_pair(f, flow, @dexpinv@t, y, h)
@@ -85,60 +100,37 @@ function step_error(f, flow, @dexpinv@t, y, h)
 end
 '''
 
-_SHAPES = {
-    1: "a vector of one,\nthe field by which the two results differ.",
+_ERROR_REMARKS = {
+    1: "a vector with\nthe field whose flow joins the two results.",
     2: "e and e3, from which\nthe estimate is |e|^2 / sqrt(|e|^2 + 0.01 |e3|^2).",
 }
 
 
-def to_julia(program: Program, lower: int | None) -> str:
-    """Return a module; `lower` is the order of the second result of a pair."""
-    algebra = program.on_algebra
+def to_julia(program: Program) -> str:
+    """Return a module."""
     output = ""
     if program.second is not None:
         output = _PAIR
     elif program.errors:
         output = _ERROR
-    says = (
-        "\ndexpinv(u, v) returns the derivative of the coordinates u of a point that moves with\n"
-        "coefficients v."
-    )
-    keep = "            coordinates[TARGET[move]] = v\n"
-    derivative = (
-        "        if SLOT[stage] > 1\n"
-        "            fields[stage] = dexpinv(coordinates[SLOT[stage]], fields[stage])\n"
-        "        end\n"
-    )
     parts = {
         "output": output,
+        **program.if_on_algebra(_ALGEBRA),
         "Module": program.name.capitalize(),
-        "slots": str(program.slots),
+        "slots": program.slots,
         "tables": _tables(program),
-        "dexpinv": "dexpinv, " if algebra else "",
-        "says_dexpinv": says if algebra else "",
-        "coordinates": "    coordinates = Vector{Any}(undef, SLOTS)\n" if algebra else "",
-        "keep": keep if algebra else "",
-        "derivative": derivative if algebra else "",
-        "result": str(program.result + 1),
-        "second": str((program.second or 0) + 1),
-        "lower": str(lower),
-        "shape": _SHAPES.get(len(program.errors), ""),
+        "result": program.result + 1,
+        "second": (program.second or 0) + 1,
+        "lower": program.lower_order,
+        "shape": _ERROR_REMARKS.get(len(program.errors), ""),
     }
-    text = _MODULE
-    for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return comment(heading(program.title, program.source), "#") + "\n" + text
+    return comment(program.heading, "#") + "\n" + fill(_MODULE, parts)
 
 
 def _tables(program: Program) -> str:
-    moves = program.moves
+    integers = program.integer_tables(slot=1, term=1)
     lines = [
-        _vector("BEFORE", integers(program.before)),
-        _vector("SLOT", integers(program.stage_slots, 1)),
-        _vector("ORIGIN", integers([move.origin for move in moves], 1)),
-        _vector("TARGET", integers([move.target for move in moves], 1)),
-        _vector("FIRST", integers(program.first_term, 1)),
-        _vector("TERM_STAGE", integers(program.term_stages, 1)),
+        *(_vector(name.upper(), values) for name, values in integers.items()),
         _vector("WEIGHTS", _texts(program.term_weights)),
         _vector("C", _texts(program.c)),
     ]

@@ -1,4 +1,4 @@
-"""Methods as LaTeX: tableaux and tables of points for the package booktabs, and for notebooks."""
+"""LaTeX tables of methods for the package booktabs, and short formulas for notebooks."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from .digits import Numbers
 
 __all__ = ["short_numbers", "to_array", "to_latex"]
 
-_WIDEST = 110
-"""Characters of a row; tableaux with longer ones are written as lists of their entries."""
+_MAX_WIDTH = 110
+"""Largest number of characters in a row of a tableau; a wider one becomes a list of its entries."""
 
-_LONGEST = 40  # rows of a table that stays on one page
+_MAX_ROWS = 40  # of a table that stays on one page
 
-_MAX_BITS = 10_000  # of an integer; from 4300 digits on Python refuses to write it
+_MAX_BITS = 10_000  # of an integer that is written; Python's limit is 4300 decimal digits
 
 _SHORT = 6  # digits in notebooks
 
 
 def to_latex(numbers: Numbers, title: str) -> str:
-    """Return a table, preceded by comments on what it needs."""
+    """Return a table, after a comment that names the method and the required packages."""
     method = numbers.rounded(zeros=True)
     if isinstance(method, CommutatorFree):
         table = _points(method)
     else:
         rows = _tableau(method, numbers)
         widest = max(sum(map(len, row)) for row in rows)
-        table = _list(method) if widest > _WIDEST else _butcher(rows, method)
+        table = _list(method) if widest > _MAX_WIDTH else _butcher(rows, method)
     needs = r"% \usepackage{booktabs}"
     if "longtable" in table:
         needs += r", \usepackage{longtable}"
@@ -39,7 +39,7 @@ def to_latex(numbers: Numbers, title: str) -> str:
 
 
 def to_array(method: Method) -> str:
-    r"""Return a method as a formula of a few digits, for notebooks: an ``array``."""
+    r"""Return a method as a formula with few digits: an ``array``, or equations of its points."""
     if isinstance(method, CommutatorFree):
         lines = []
         for m, weights in enumerate(method.point_coefficients):
@@ -66,10 +66,10 @@ def to_array(method: Method) -> str:
 
 
 def short_numbers(method: Method) -> Iterator[list[str]]:
-    """Return the coefficients of a method to few digits, for people, row by row as they are needed.
+    """Yield the rows of a tableau, or the weights of each point, with few digits.
 
-    Of a tableau the rows, abscissae first and blanks for zeros beside the diagonal; else the
-    weights of each point.
+    A row of a tableau begins with its abscissa; entries that are zero by the shape of the tableau
+    are empty.
     """
     if isinstance(method, CommutatorFree):
         for weights in method.point_coefficients:
@@ -82,11 +82,11 @@ def short_numbers(method: Method) -> Iterator[list[str]]:
 def _entries(
     method: Method, exact: Sequence[Fraction] | None = None
 ) -> Iterator[list[Coefficient | None]]:
-    """Return the rows of a tableau with its abscissae; None for zeros beside the diagonal.
+    """Yield the rows of a tableau, abscissae first; None for zeros by the shape of the tableau.
 
-    Abscissae are sums of `exact`, packed, or else of the coefficients.
+    Abscissae are sums of the packed coefficients `exact`, by default the stored ones.
     """
-    packed = [given.value for given in method.coefficients] if exact is None else list(exact)
+    packed = [entry.value for entry in method.coefficients] if exact is None else list(exact)
     summed = method.layout.full_rows(packed)
     explicit = method.explicit
     rows = [list(row) for row in method.layout.full_rows(method.coefficients)]
@@ -104,14 +104,16 @@ def _entries(
             numbers = [Coefficient.read(entry) for entry in row]
             total = Fraction(sum(summed[i]))
             if _is_long(total) or any(set(number.text) & set(".ex") for number in numbers):
-                first = Coefficient(total, to_decimal(total), Fraction(1))  # a decimal too
+                first = Coefficient(
+                    total, to_decimal(total), Fraction(1)
+                )  # decimal, as the entries
             else:
                 first = Coefficient.read(total)
         yield [first, *entries]
 
 
 def _is_long(value: Fraction) -> bool:
-    """Tell whether Python might refuse to write numerator or denominator."""
+    """Return whether numerator or denominator may be too long for Python to write."""
     return max(value.numerator.bit_length(), value.denominator.bit_length()) > _MAX_BITS
 
 
@@ -145,7 +147,7 @@ def _butcher(rows: list[list[str]], method: Method) -> str:
 
 
 def _list(method: Method) -> str:
-    """Return the coefficients of a tableau that aren't zero, one below the other."""
+    """Return a table of the nonzero coefficients of a tableau, one a row."""
     rows = [row[1:] for row in _entries(method)]
     labels = [f"a_{{{i}," for i in range(1, method.stages + 1)]
     labels += ["b_{", r"\hat b_{", r"\tilde b_{"]
@@ -159,13 +161,8 @@ def _list(method: Method) -> str:
 
 
 def _points(method: CommutatorFree) -> str:
-    """Return the points of a step: where each begins, its weights, and what it is."""
-    roles: dict[int, list[str]] = {}
-    for stage, at in enumerate(method.stage_points, 1):
-        roles.setdefault(at, []).append(f"stage {stage}")
-    roles.setdefault(method.result, []).append("result")
-    if method.embedded_result is not None:
-        roles.setdefault(method.embedded_result, []).append("second result")
+    """Return a table of the points of a step: parent, weights and role of each."""
+    roles = method.tree.roles()
     lines = [f"$0$ & & & & {', '.join(roles.get(-1, []))} \\\\"]
     pairs = zip(method.points, method.point_coefficients, strict=True)
     for m, (point, weights) in enumerate(pairs):
@@ -186,7 +183,7 @@ def _points(method: CommutatorFree) -> str:
 
 
 def _table(columns: str, head: str, lines: Sequence[str]) -> str:
-    environment = "longtable" if len(lines) > _LONGEST else "tabular"
+    environment = "longtable" if len(lines) > _MAX_ROWS else "tabular"
     end_of_head = [r"\midrule", r"\endhead"] if environment == "longtable" else [r"\midrule"]
     body = [
         f"\\begin{{{environment}}}{{{columns}}}",
@@ -201,7 +198,7 @@ def _table(columns: str, head: str, lines: Sequence[str]) -> str:
 
 
 def _number(entry: Coefficient) -> str:
-    if entry.text.lstrip("-").startswith("0x"):  # a double as it is stored
+    if entry.text.lstrip("-").startswith("0x"):  # a double in hexadecimal
         return _power(to_decimal(entry.value, 17))
     numerator, slash, denominator = entry.text.partition("/")
     if not slash:

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .program import Program
-from .text import comment, heading, integers, wrapped
+from .text import comment, fill, wrapped
 
 __all__ = ["to_matlab"]
 
 _FUNCTION = """function @returns@ = @name@_step(f, flow, @dexpinv@t, y, h)
-% The point after a step of size h: f(t, y) returns the coefficients of the frame's fields as a
-% column, flow(v, y) the time-1 flow through y of the field with coefficients v.@says@
+% Return the point after a step of size h. f(t, y) returns the coefficients of the fields as a
+% column, flow(v, y) the time-1 flow through y of the field with coefficients v.@algebra@@remark@
 %
 @head@
 
-% Points are kept in slots, of which 1 is the initial one. Of each stage: its abscissa c, how many
-% moves come before it, and its slot. Moves go from a slot to a slot, along the sum of weights
-% times fields at stages.
+% Slots hold points; slot 1 holds the initial one. Each stage has an abscissa c, the number of
+% moves before it, and a slot. Each move is a flow from one slot to another, along the weighted sum
+% of the fields at stages.
 @tables@
 
 points = cell(1, @slots@);
@@ -53,6 +53,20 @@ y = points{@result@};
 @output@end
 """
 
+_DEXPINV = """
+% dexpinv(u, v) returns the derivative of the coordinates u of a point whose velocity has the
+% coefficients v."""
+
+_ALGEBRA = {
+    "dexpinv": "dexpinv, ",
+    "algebra": _DEXPINV,
+    "coordinates": "coordinates = cell(1, @slots@);\n",
+    "keep": "    coordinates{target(move)} = v;\n",
+    "derivative": (
+        "  if slot(stage) > 1\n    field = dexpinv(coordinates{slot(stage)}, field);\n  end\n"
+    ),
+}
+
 _PAIR = "second = points{@second@};\n"
 
 _ERROR = """error_of_step = zeros(size(fields, 1), size(error_weight, 1));
@@ -65,62 +79,43 @@ for k = 1:size(error_weight, 1)
 end
 """
 
-_SAYS_DEXPINV = """
-% dexpinv(u, v) returns the derivative of the coordinates u of a point that moves with v."""
-
-_SAYS_ERRORS = {
+_ERROR_REMARKS = {
     1: """
-% error_of_step has the coefficients of its error, the field by which the two results differ.""",
+% error_of_step has the coefficients of its error, the field whose flow joins the two results.""",
     2: """
 % error_of_step has the coefficients of its error, e and e_3 in columns; the estimate is
 % |e|^2 / sqrt(|e|^2 + 0.01 |e_3|^2).""",
 }
 
 
-def to_matlab(program: Program, lower: int | None) -> str:
-    """Return a function file; `lower` is the order of the second result of a pair."""
-    algebra = program.on_algebra
-    says = _SAYS_DEXPINV if algebra else ""
-    returns, output = "y", ""
+def to_matlab(program: Program) -> str:
+    """Return a function file."""
+    remark, returns, output = "", "y", ""
     if program.second is not None:
         returns, output = "[y, second]", _PAIR
-        says += f"\n% second is the other result, of order {lower}."
+        remark = f"\n% second is the other result, of order {program.lower_order}."
     elif program.errors:
         returns, output = "[y, error_of_step]", _ERROR
-        says += _SAYS_ERRORS[len(program.errors)]
-    derivative = (
-        "  if slot(stage) > 1\n    field = dexpinv(coordinates{slot(stage)}, field);\n  end\n"
-    )
+        remark = _ERROR_REMARKS[len(program.errors)]
     parts = {
+        **program.if_on_algebra(_ALGEBRA),
         "output": output,
         "returns": returns,
         "name": program.name,
-        "dexpinv": "dexpinv, " if algebra else "",
-        "says": says,
-        "head": comment(heading(program.title, program.source), "%"),
+        "remark": remark,
+        "head": comment(program.heading, "%"),
         "tables": _tables(program),
-        "slots": str(program.slots),
-        "coordinates": f"coordinates = cell(1, {program.slots});\n" if algebra else "",
-        "keep": "    coordinates{target(move)} = v;\n" if algebra else "",
-        "derivative": derivative if algebra else "",
-        "result": str(program.result + 1),
-        "second": str((program.second or 0) + 1),
+        "slots": program.slots,
+        "result": program.result + 1,
+        "second": (program.second or 0) + 1,
     }
-    text = _FUNCTION
-    for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return text
+    return fill(_FUNCTION, parts)
 
 
 def _tables(program: Program) -> str:
-    moves = program.moves
+    integers = program.integer_tables(slot=1, term=1)
     lines = [
-        _row("before", integers(program.before)),
-        _row("slot", integers(program.stage_slots, 1)),
-        _row("origin", integers([move.origin for move in moves], 1)),
-        _row("target", integers([move.target for move in moves], 1)),
-        _row("first", integers(program.first_term, 1)),
-        _row("term_stage", integers(program.term_stages, 1)),
+        *(_row(name, values) for name, values in integers.items()),
         _row("weight", program.term_weights),
         _row("c", program.c),
     ]

@@ -1,4 +1,4 @@
-"""Methods as notebooks show them."""
+"""Representations of methods in notebooks."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ __all__ = ["to_formula", "to_html"]
 _MAX_ROWS = 40
 _CELL = 'style="text-align: right; padding: 0.1em 0.6em'
 _LEFT = f'{_CELL}; border-right: 1px solid"'
-_TEXT = 'class="tex2jax_ignore mathjax_ignore"'  # dollars begin no formula
+_TEXT = 'class="tex2jax_ignore mathjax_ignore"'  # MathJax leaves dollar signs alone
 _LINE = 'style="border-top: 1px solid"'
 
 
 def to_formula(method: Method) -> str:
-    """Return a method as a LaTeX formula of few digits, ``$`` signs included."""
+    """Return a method as a LaTeX formula with few digits, in ``$`` signs."""
     return f"$\\displaystyle {to_array(method)}$"
 
 
 def to_html(method: Method) -> str:
-    """Return a method as HTML: what it is, and its tableau or points to few digits."""
+    """Return a method as HTML: a summary, and its tableau or points with few digits."""
     title = (
         f"<b>{escape(visible(method.name) or 'without name')}</b>: {escape(method.description())}"
     )
@@ -45,12 +45,7 @@ def _tableau(method: Method) -> str:
 
 
 def _points(method: CommutatorFree) -> str:
-    roles: dict[int, list[str]] = {}
-    for stage, at in enumerate(method.stage_points, 1):
-        roles.setdefault(at, []).append(f"stage {stage}")
-    roles.setdefault(method.result, []).append("result")
-    if method.embedded_result is not None:
-        roles.setdefault(method.embedded_result, []).append("second result")
+    roles = method.tree.roles()
     rows = [_row("0", "", "", roles.get(-1, []))]
     shown = islice(zip(method.points, short_numbers(method), strict=True), _MAX_ROWS - 1)
     for m, (point, numbers) in enumerate(shown):

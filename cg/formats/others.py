@@ -1,4 +1,4 @@
-"""Flat tableaux of methods as objects of other packages: nodepy and diffrax."""
+"""Conversion of methods to classical tableaux of diffrax and nodepy."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ __all__ = ["to_diffrax", "to_nodepy"]
 
 
 def to_diffrax(method: str | Method) -> Any:
-    """Return the flat tableau of an explicit method as a ``diffrax.ButcherTableau``.
+    """Return the classical tableau of an explicit method as a ``diffrax.ButcherTableau``.
 
-    Where flows commute, as on vector spaces, the method is the one with this tableau. Of a pair
-    the weights of higher order make the steps. Without second weights the error is zero, which
-    suits constant steps only.
+    On vector spaces, where flows commute, the method is the one with this tableau. A pair advances
+    with the weights of higher order. The error weights of a method without second weights are
+    zero, so that it only works with constant steps.
 
     Parameters
     ----------
@@ -31,8 +31,8 @@ def to_diffrax(method: str | Method) -> Any:
     Raises
     ------
     TypeError, ValueError
-        If there is no such method, it is implicit, or it has a single stage, which diffrax has no
-        tableau for.
+        If there is no such method, it is implicit, or it has a single stage, which diffrax doesn't
+        support.
     ModuleNotFoundError
         If diffrax isn't installed.
 
@@ -59,7 +59,7 @@ def to_diffrax(method: str | Method) -> Any:
 
 
 def to_nodepy(method: str | Method) -> Any:
-    """Return the flat tableau of an explicit method as one of nodepy.
+    """Return the classical tableau of an explicit method as one of nodepy.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ def to_nodepy(method: str | Method) -> Any:
     Returns
     -------
     nodepy.runge_kutta_method.ExplicitRungeKuttaMethod
-        Or of a pair the ``ExplicitRungeKuttaPair``, whose first weights are those of higher
-        order. Rational coefficients are rational numbers of SymPy, others are doubles.
+        For a pair, an ``ExplicitRungeKuttaPair`` whose first weights have the higher order.
+        Coefficients are rational numbers of SymPy if all are rational, else doubles.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def to_nodepy(method: str | Method) -> Any:
     from nodepy import runge_kutta_method
     from sympy import Rational
 
-    rational = all(given.unit == 0 for given in method.coefficients)
+    rational = all(coefficient.unit == 0 for coefficient in method.coefficients)
 
     def array(rows: Any) -> Any:
         numbers = np.array(rows, dtype=object)
@@ -112,7 +112,7 @@ def _explicit(method: str | Method) -> Method:
 
 
 def _weights(method: Method) -> tuple[tuple[Fraction, ...], tuple[Fraction, ...] | None]:
-    """Return the weights of higher order, and those of the other result of a pair."""
+    """Return the weights of higher order, and the other weights of a pair."""
     b, second = method.exact[1], method.exact_embedded
     if second is not None and (method.embedded_order or 0) > method.order:
         return second, b

@@ -1,18 +1,21 @@
-"""A step of an explicit method as a short program, the same in every language.
+"""A step of an explicit method as a list of moves between slots, the same in every language.
 
-A step keeps points in slots; slot 0 is the initial point. Its moves are flows from one slot to
-another, and between them f is evaluated at a slot, stage by stage. Chains of flows take one slot.
+A slot is a variable that holds a point; slot 0 holds the initial point. A move is a flow from the
+point in one slot to a point that is stored in another slot or replaces it. The moves to a stage
+precede its evaluation of f. A slot is reused as soon as its point isn't needed any more, so that a
+chain of flows takes a single slot.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import accumulate
 
 from ..method.munthe_kaas import MuntheKaas
-from ..structure.points import START, Point, PointTree
+from ..structure.points import START, Point, PointTree, tree_of_flat_rows
 from .digits import Numbers
 
 __all__ = ["Move", "Program", "identifier", "make_program"]
@@ -25,9 +28,9 @@ class Move:
     Attributes
     ----------
     origin, target : int
-        Slots; they are the same if the point that it starts from isn't needed any more.
-    terms : tuple of pairs
-        Stages (from 0) and the decimal numbers that their coefficients are multiplied by.
+        Slots; equal if the initial point of the flow isn't needed any more.
+    terms : tuple of (int, str)
+        Stages, counted from 0, and their weights as decimal numbers.
     """
 
     origin: int
@@ -37,33 +40,36 @@ class Move:
 
 @dataclass(frozen=True)
 class Program:
-    """What a step does.
+    """The moves and evaluations of a step.
 
     Attributes
     ----------
     name : str
-        An identifier of all languages, in lower case.
+        Name of the method as an identifier in lower case.
     title : str
-        What the method is, in one line.
+        One-line summary of the method.
     source : str
-        Where it is from.
+        Reference of the method.
     slots : int
         Number of slots.
     moves : tuple of Move
     before : tuple of int
-        How many moves come before each stage is evaluated; the rest follow the last stage.
+        Number of moves before each stage is evaluated; the others follow the last stage.
     stage_slots : tuple of int
-        Where each stage is evaluated.
+        Slot at which each stage is evaluated.
     c : tuple of str
         Abscissae.
     result : int
-        The slot of the result; of a pair the one of higher order.
+        Slot of the result; for a pair, of the result of higher order.
     second : int or None
-        The slot of the other result of a pair whose results are compared.
+        Slot of the other result, for a pair whose error is the distance of the results.
     errors : tuple of tuples of str
-        Weights of the stages in each error estimate of a pair that needs no second result.
+        Weights of the stages in each error estimate, for a pair with an error in the algebra.
+    lower_order : int or None
+        Order of the less accurate result of a pair.
     on_algebra : bool
-        Whether coefficients at stages become derivatives of coordinates, by dexp⁻¹.
+        Whether dexp⁻¹ turns the coefficients at stages into derivatives of coordinates, as in
+        methods of Munthe-Kaas.
     """
 
     name: str
@@ -77,6 +83,7 @@ class Program:
     result: int
     second: int | None
     errors: tuple[tuple[str, ...], ...]
+    lower_order: int | None
     on_algebra: bool
 
     @property
@@ -85,26 +92,44 @@ class Program:
         return len(self.c)
 
     @property
-    def first_term(self) -> tuple[int, ...]:
-        """Where the terms of each move begin among all, and their number last."""
-        starts = [0]
-        for move in self.moves:
-            starts.append(starts[-1] + len(move.terms))
-        return tuple(starts)
+    def heading(self) -> str:
+        """Title and source, a line each."""
+        return f"{self.title}\n{self.source}" if self.source else self.title
 
-    @property
-    def term_stages(self) -> tuple[int, ...]:
-        """The stages of all terms."""
-        return tuple(stage for move in self.moves for stage, _ in move.terms)
+    def if_on_algebra(self, parts: Mapping[str, str]) -> dict[str, str]:
+        """Return parts of a template if the method works in the algebra, else empty texts."""
+        return dict(parts) if self.on_algebra else dict.fromkeys(parts, "")
 
     @property
     def term_weights(self) -> tuple[str, ...]:
-        """The weights of all terms."""
+        """The weights of the terms of all moves."""
         return tuple(weight for move in self.moves for _, weight in move.terms)
+
+    def integer_tables(self, *, slot: int, term: int) -> dict[str, list[str]]:
+        """Return the integers that define the moves, by the names of their arrays.
+
+        Parameters
+        ----------
+        slot : int
+            Number of the first slot.
+        term : int
+            Number of the first stage and of the first term.
+        """
+        first_terms = accumulate((len(move.terms) for move in self.moves), initial=term)
+        stages = (stage for move in self.moves for stage, _ in move.terms)
+        tables = {
+            "before": self.before,
+            "slot": (at + slot for at in self.stage_slots),
+            "origin": (move.origin + slot for move in self.moves),
+            "target": (move.target + slot for move in self.moves),
+            "first": first_terms,
+            "term_stage": (stage + term for stage in stages),
+        }
+        return {name: list(map(str, values)) for name, values in tables.items()}
 
 
 def identifier(name: str) -> str:
-    """Return a name as an identifier in lower case, such as ``cg3_2`` for CG3(2).
+    """Return the name of a method as an identifier in lower case.
 
     Examples
     --------
@@ -118,7 +143,7 @@ def identifier(name: str) -> str:
 
 
 def make_program(numbers: Numbers, title: str) -> Program:
-    """Return the step of an explicit method.
+    """Return the program of a step of an explicit method.
 
     Raises
     ------
@@ -145,6 +170,7 @@ def make_program(numbers: Numbers, title: str) -> Program:
     )
     c = [sum(tree.flat_row(at), Fraction(0)) for at in tree.stage_points]
     second = tree.embedded_result
+    lower = None if method.embedded_order is None else min(method.order, method.embedded_order)
     return Program(
         identifier(method.name),
         title,
@@ -157,12 +183,13 @@ def make_program(numbers: Numbers, title: str) -> Program:
         slots[tree.result],
         None if second is None else slots[second],
         tuple(tuple(map(numbers.decimal, row)) for row in errors),
+        lower,
         isinstance(method, MuntheKaas),
     )
 
 
 def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
-    """Return the points of a step that leads to the better result, and weights of errors."""
+    """Return the points of a step to the result of higher order, and the weights of its errors."""
     method = numbers.method
     third = getattr(method, "third_weights", None)
     better = (method.embedded_order or 0) > method.order
@@ -174,7 +201,7 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
         if third is not None:
             others.append([weight.value for weight in third])
         errors = [[x - y for x, y in zip(b, other, strict=True)] for other in others]
-        return _flat(rows[: method.stages], b), errors
+        return tree_of_flat_rows(rows[: method.stages], b), errors
     tree = method.layout.tree(numbers.values)
     result, second = tree.result, tree.embedded_result
     if better and second is not None:
@@ -190,20 +217,8 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
     return PointTree(tree.points, tree.stage_points, result), errors
 
 
-def _flat(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
-    """Return a point, reached from the initial one, for each different row that isn't zero."""
-    index: dict[tuple[Fraction, ...], int] = {}
-
-    def point(row: Sequence[Fraction]) -> int:
-        return index.setdefault(tuple(row), len(index)) if any(row) else START
-
-    stages = tuple(map(point, a))
-    result = point(b)
-    return PointTree(tuple(Point(START, dict(enumerate(row))) for row in index), stages, result)
-
-
 def _without_repetitions(tree: PointTree) -> PointTree:
-    """Return the tree with points that are the same made one."""
+    """Return the tree in which equal points are merged."""
     same = tree.merged
     points = tuple(Point(same[point.parent], point.weights) for point in tree.points)
     second = tree.embedded_result
@@ -216,28 +231,28 @@ def _without_repetitions(tree: PointTree) -> PointTree:
 
 
 def _sequence(tree: PointTree) -> tuple[list[int], tuple[int, ...]]:
-    """Return the points in the order in which they are needed, and how many before each stage."""
-    order: dict[int, None] = {}  # a set that keeps its order
+    """Return the points in the order of their moves, and the number of moves before each stage."""
+    order: dict[int, None] = {}  # an ordered set
 
-    def lead_to(end: int) -> None:
+    def append_path(end: int) -> None:
         order.update(dict.fromkeys(tree.path(end)))
 
     before = []
     for at in tree.stage_points:
-        lead_to(at)
+        append_path(at)
         before.append(len(order))
-    lead_to(tree.result)
+    append_path(tree.result)
     if tree.embedded_result is not None:
-        lead_to(tree.embedded_result)
+        append_path(tree.embedded_result)
     return list(order), tuple(before)
 
 
 def _slots(
     tree: PointTree, order: list[int], before: tuple[int, ...]
 ) -> tuple[dict[int, int], int]:
-    """Return the slot of each point, and how many there are.
+    """Return the slot of each point, and the number of slots.
 
-    A slot is used again when no move, stage or result needs its point any more.
+    A slot is reused after the last move, stage or result that needs its point.
     """
     last: dict[int, int] = {}
     for k, m in enumerate(order):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .program import Program
-from .text import comment, heading, wrapped
+from .text import comment, wrapped
 
 __all__ = ["to_jax", "to_python"]
 
@@ -13,15 +13,15 @@ _ARGUMENTS = """    f : callable
         ``flow(v, y)`` returns the time-1 flow through y of the field with coefficients v.
 {dexpinv}    t : float
         Time.
-    y : {array}
-        The point; whatever `flow` takes.
+    y : array
+        The point, as `flow` takes it.
     h : float
         Step size.
 """
 
 _DEXPINV = """    dexpinv : callable
-        ``dexpinv(u, v)`` returns the derivative of the coordinates u of a point that moves with
-        coefficients v.
+        ``dexpinv(u, v)`` returns the derivative of the coordinates u of a point whose velocity
+        has the coefficients v.
 """
 
 _STEP = '''def step({call}):
@@ -56,8 +56,8 @@ def step_error({call}):
     return points[RESULT], {xp}.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
 '''
 
-_SHAPES = {
-    1: "The error has shape (1, m): the field by which the two results differ.",
+_ERROR_REMARKS = {
+    1: "The error has shape (1, m): the field whose flow joins the two results.",
     2: """The errors have shape (2, m): e = errors[0] and e_3 = errors[1], from
     which the estimate is ``|e|**2 / sqrt(|e|**2 + 0.01 * |e_3|**2)``.""",
 }
@@ -114,30 +114,29 @@ def _combined(terms, fields, h):
 """
 
 
-def to_python(program: Program, lower: int | None) -> str:
-    """Return a module that needs NumPy only; `lower` is the order of the second result."""
-    return _module(program, lower, "import numpy as np", "np")
+def to_python(program: Program) -> str:
+    """Return a module that needs NumPy only."""
+    return _module(program, "import numpy as np", "np")
 
 
-def to_jax(program: Program, lower: int | None) -> str:
-    """Return a module whose functions are pure, if those that they are given are."""
-    return _module(program, lower, "import jax.numpy as jnp", "jnp")
+def to_jax(program: Program) -> str:
+    """Return a module whose functions are pure if their arguments `f` and `flow` are."""
+    return _module(program, "import jax.numpy as jnp", "jnp")
 
 
-def _module(program: Program, lower: int | None, line: str, xp: str) -> str:
+def _module(program: Program, line: str, xp: str) -> str:
     call = "f, flow, dexpinv, t, y, h" if program.on_algebra else "f, flow, t, y, h"
-    array = "array"
-    arguments = _ARGUMENTS.format(dexpinv=_DEXPINV if program.on_algebra else "", array=array)
-    values = {"call": call, "arguments": arguments, "xp": xp, "lower": lower}
-    # in a comment in the first two lines Python would look for an encoding
+    arguments = _ARGUMENTS.format(dexpinv=_DEXPINV if program.on_algebra else "")
+    values = {"call": call, "arguments": arguments, "xp": xp, "lower": program.lower_order}
+    # a docstring comes first, since Python looks for an encoding in comments of the first two lines
     parts = ['"""A step of a Runge-Kutta method on manifolds."""', ""]
-    parts += [comment(heading(program.title, program.source), "#")]
+    parts += [comment(program.heading, "#")]
     parts += ["", line, "", _tables(program)]
     parts += ["", _STEP.format(**values).rstrip("\n")]
     if program.second is not None:
         parts.append(_PAIR.format(**values).rstrip("\n"))
     if program.errors:
-        shape = _SHAPES[len(program.errors)]
+        shape = _ERROR_REMARKS[len(program.errors)]
         parts.append(_ERROR.format(shape=shape, **values).rstrip("\n"))
     stages = _STAGES_ON_ALGEBRA if program.on_algebra else _STAGES
     parts += [stages.format(**values).rstrip("\n"), _COMBINED.rstrip("\n")]
@@ -146,18 +145,18 @@ def _module(program: Program, lower: int | None, line: str, xp: str) -> str:
 
 def _tables(program: Program) -> str:
     lines = [
-        "# points are kept in slots, of which 0 is the initial one",
+        "# slots hold points; slot 0 holds the initial one",
         f"SLOTS = {program.slots}",
         f"RESULT = {program.result}",
     ]
     if program.second is not None:
         lines.append(f"SECOND = {program.second}")
     lines += [
-        "# of each stage: its abscissa, how many moves come before it, and its slot",
+        "# of each stage: abscissa, number of moves before it, slot",
         f"C = (\n{wrapped(program.c, '    ')},\n)",
         f"BEFORE = (\n{wrapped(map(str, program.before), '    ')},\n)",
         f"STAGE_SLOTS = (\n{wrapped(map(str, program.stage_slots), '    ')},\n)",
-        "# moves: from a slot to a slot, along the sum of these weights times fields at stages",
+        "# moves: from slot, to slot, (stage, weight) of the fields whose sum the flow is along",
         "MOVES = (",
     ]
     for move in program.moves:

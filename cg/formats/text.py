@@ -1,39 +1,44 @@
-"""What the writers of all languages share: headings, and long lists in short lines."""
+"""Text functions of all languages: comments, lists over several lines, templates."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 
 from ..support.parsing import visible
 
-__all__ = ["comment", "heading", "integers", "real", "wrapped"]
+__all__ = ["comment", "fill", "real", "wrapped"]
 
 _WIDTH = 96
 
 
-def heading(title: str, source: str) -> str:
-    """Return what a file says of the method it holds."""
-    return f"{title}\n{source}" if source else title
+def fill(template: str, parts: Mapping[str, object]) -> str:
+    """Return a template with each ``@key@`` replaced by its part.
+
+    A part may have keys of later parts in it.
+    """
+    for key, part in parts.items():
+        template = template.replace(f"@{key}@", str(part))
+    return template
 
 
 def comment(text: str, mark: str) -> str:
-    """Return a text as lines of comment, none of which the next line continues."""
+    """Return a text as comment lines, none of which ends in a line continuation."""
     lines = []
     for paragraph in text.splitlines():
         lines += textwrap.wrap(visible(paragraph), _WIDTH) or [""]
-    # in C a comment goes on after a backslash, which ??/ is too
+    # in C a backslash, also written ??/, continues a comment on the next line
     ends = (" ." if line.endswith(("\\", "??/")) else "" for line in lines)
     return "\n".join(f"{mark} {line}{end}".rstrip() for line, end in zip(lines, ends, strict=True))
 
 
 def real(number: str) -> str:
-    """Return a decimal number so that no language takes it for an integer."""
+    """Return a decimal number as a real literal, with a point or an exponent."""
     return number if "." in number or "e" in number else f"{number}.0"
 
 
 def wrapped(entries: Iterable[str], indent: str, separator: str = ", ", end: str = "") -> str:
-    """Return entries of a list in lines that aren't too long; `end` stands before line breaks."""
+    """Return the entries of a list over lines of limited length, each but the last with `end`."""
     lines: list[str] = []
     line: list[str] = []
     length = 0
@@ -46,8 +51,3 @@ def wrapped(entries: Iterable[str], indent: str, separator: str = ", ", end: str
     lines.append(separator.join(line))
     between = separator.rstrip() + end + "\n"
     return between.join(indent + text for text in lines)
-
-
-def integers(values: Sequence[int], shift: int = 0) -> list[str]:
-    """Return integers as texts, counted from `shift`."""
-    return [str(value + shift) for value in values]

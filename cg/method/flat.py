@@ -8,6 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from ..conditions import MAX_ORDER
+from ..support.balls import to_fmpq
 from .coefficients import Coefficient
 from .tableau import Tableau
 
@@ -122,8 +123,8 @@ def _weights(
 ) -> list[Fraction]:
     from flint import fmpq, fmpq_mat
 
-    matrix = fmpq_mat([[fmpq(e.numerator, e.denominator) for e in row] for row in a])
-    row = [fmpq(w.numerator, w.denominator) for w in b]
+    matrix = fmpq_mat([[to_fmpq(e) for e in row] for row in a])
+    row = [to_fmpq(w) for w in b]
     known: dict[Rooted, list[fmpq]] = {}
 
     def at_stages(tree: Rooted) -> list[fmpq]:

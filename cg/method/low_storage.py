@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..conditions.exact import HasTree
 from ..structure.points import MethodError
+from ..support.balls import to_fmpq
 from ..support.checks import check_integer
 from ..trees.ordered import MAX_NODES
 from .coefficients import MIN_ROUNDED_PLACES, Coefficient
@@ -32,7 +33,7 @@ from .commutator_free import CommutatorFree
 from .method import TOLERANCE_FACTOR, Method, read_coefficient
 
 if TYPE_CHECKING:
-    from flint import fmpq
+    pass
 
 __all__ = ["RootedTree", "flat_residuals", "from_two_registers", "rooted_trees", "two_registers"]
 
@@ -247,13 +248,13 @@ def flat_residuals(method: HasTree, order: int) -> tuple[Fraction, ...]:
     Fraction(0, 1)
     """
     tree = method.tree
-    rows = [[_flint(x) for x in tree.flat_row(m)] for m in (*tree.stage_points, tree.result)]
+    rows = [[to_fmpq(x) for x in tree.flat_row(m)] for m in (*tree.stage_points, tree.result)]
     ends: dict[RootedTree, list[Any]] = {}
 
     def weights(t: RootedTree) -> list[Any]:
         """Return the weights of the tree planted on a new root, by stage, then at the result."""
         if t not in ends:
-            inner = [_flint(Fraction(1))] * len(tree.stage_points)
+            inner = [to_fmpq(Fraction(1))] * len(tree.stage_points)
             for child in t:
                 pairs = zip(inner, weights(child), strict=False)
                 inner = [x * y for x, y in pairs]
@@ -266,11 +267,5 @@ def flat_residuals(method: HasTree, order: int) -> tuple[Fraction, ...]:
 
 def _dot(row: Sequence[Any], values: Sequence[Any]) -> Any:
     return sum(
-        (x * y for x, y in zip(row, values, strict=True) if x != 0), start=_flint(Fraction(0))
+        (x * y for x, y in zip(row, values, strict=True) if x != 0), start=to_fmpq(Fraction(0))
     )
-
-
-def _flint(value: Fraction) -> fmpq:
-    from flint import fmpq
-
-    return fmpq(value.numerator, value.denominator)

@@ -1,7 +1,7 @@
-"""Pictures of trees, methods and results, drawn with matplotlib on axes that are given or new.
+"""Plots of trees, methods and results with matplotlib.
 
-Each function takes ``ax``, where to draw, and returns it; without it there is a new figure.
-Colours stay apart for colour-blind readers, and lines differ in dashes and markers too.
+Each function draws on the axes ``ax``, by default those of a new figure, and returns them. Colours
+are distinguishable for colour-blind readers; lines also differ in dashes and markers.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Errors over step sizes, and over work."""
+"""Plots of errors against step sizes and against work."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..frames.arrays import real_array
 from ..support.checks import check_real
 from .style import FAINT, axes_for, check_label, curve_style
 
 __all__ = ["convergence", "work_precision"]
 
-_FEW_DECADES = 300.0
+_MAX_RATIO = 300.0  # of the ends of an axis whose ticks 2 and 5 are labelled too
 
 
 def convergence(
@@ -23,17 +24,17 @@ def convergence(
     label: str | None = None,
     order: float | None = None,
 ) -> Any:
-    """Draw errors over step sizes, both on logarithmic axes; call it again for other curves.
+    """Draw errors against step sizes on logarithmic axes; several calls add curves.
 
     Parameters
     ----------
     h, errors : array_like, shape (n,)
-        Positive numbers (`cg.analysis.convergence.final_errors`); an error of zero is left
-        out.
+        Positive numbers (`cg.analysis.convergence.final_errors`); points with error zero are
+        left out.
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure by default.
     label : str, optional
-        The name of the curve in the legend.
+        Name of the curve in the legend.
     order : float, optional
         Draw a line of this slope through the last point.
 
@@ -46,7 +47,7 @@ def convergence(
     ValueError
         If the shapes differ, or a number isn't finite and positive.
     TypeError
-        If `ax` is no axes.
+        If `ax` isn't axes of matplotlib.
 
     Examples
     --------
@@ -85,18 +86,18 @@ def work_precision(
     label: str | None = None,
     unit: str = "evaluations of f",
 ) -> Any:
-    """Draw errors over the work that they took, both on logarithmic axes.
+    """Draw errors against work on logarithmic axes; several calls add curves.
 
     Parameters
     ----------
     work, errors : array_like, shape (n,)
-        Positive numbers; an error of zero is left out.
+        Positive numbers; points with error zero are left out.
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure by default.
     label : str, optional
-        The name of the curve in the legend.
+        Name of the curve in the legend.
     unit : str, optional
-        What work is counted in, such as ``"seconds"``.
+        Unit of work, such as ``"seconds"``.
 
     Returns
     -------
@@ -107,7 +108,7 @@ def work_precision(
     ValueError
         If the shapes differ, or a number isn't finite and positive.
     TypeError
-        If `ax` is no axes.
+        If `ax` isn't axes of matplotlib.
 
     Examples
     --------
@@ -139,11 +140,11 @@ def _draw(x: NDArray[np.float64], errors: NDArray[np.float64], ax: Any, label: s
 
 
 def _label_steps(ax: Any) -> None:
-    """Label 1, 2 and 5 of each decade, or of many decades their ends alone."""
+    """Label 1, 2 and 5 in each decade, or powers of ten on a long axis."""
     from matplotlib import ticker
 
     low, high = ax.get_xlim()
-    subs = (1.0, 2.0, 5.0) if high / low < _FEW_DECADES else (1.0,)
+    subs = (1.0, 2.0, 5.0) if high / low < _MAX_RATIO else (1.0,)
     ax.xaxis.set_major_locator(ticker.LogLocator(subs=subs))
     ax.xaxis.set_major_formatter(ticker.FuncFormatter(lambda x, _: f"{x:g}"))
     ax.xaxis.set_minor_formatter(ticker.NullFormatter())
@@ -152,13 +153,7 @@ def _label_steps(ax: Any) -> None:
 def _pairs(
     name: str, x: ArrayLike, errors: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    found = []
-    for label, values in ((name, x), ("errors", errors)):
-        try:
-            found.append(np.asarray(values, dtype=np.float64))
-        except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"{label} must be a vector of numbers, got {values!r}") from None
-    numbers, sizes = found
+    numbers, sizes = real_array(x, name), real_array(errors, "errors")
     if numbers.ndim != 1 or numbers.shape != sizes.shape:
         raise ValueError(
             f"{name} and errors must be vectors of one length, got shapes {numbers.shape}, "
@@ -168,7 +163,7 @@ def _pairs(
         raise ValueError(f"{name} must be finite and positive, got {numbers}")
     if not (np.isfinite(sizes).all() and (sizes >= 0).all()):
         raise ValueError(f"errors must be finite and not negative, got {sizes}")
-    kept = sizes > 0
-    if not kept.any():
-        raise ValueError(f"errors must have one that isn't zero, got {sizes}")
-    return numbers[kept], sizes[kept]
+    nonzero = sizes > 0
+    if not nonzero.any():
+        raise ValueError(f"errors must not all be zero, got {sizes}")
+    return numbers[nonzero], sizes[nonzero]

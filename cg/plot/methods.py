@@ -1,4 +1,4 @@
-"""Methods as pictures: tableaux, and trees of points."""
+"""Plots of tableaux and of trees of points."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from .style import COLOURS, FAINT, axes_for, blank, plain
 
 __all__ = ["points", "tableau"]
 
-_FEW = 10  # points whose flows are written beside them
-_RISE = 0.3  # of a flow that goes on from the last one, where another branch is one above
+_MAX_LABELLED = 10  # points; with more, the weights of flows aren't written
+_RISE = 0.3  # of the first child above its parent; another branch is 1 above
 
 
 def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     """Draw the tableau of a method: abscissae, a, b and the second weights of a pair.
 
-    Of a commutator-free method it is the flat one, the sums of weights that lead to each stage.
+    The tableau of a commutator-free method is the classical one, with the sums of the weights of
+    the flows to each stage.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure by default.
     digits : int, optional
-        Significant digits of what isn't a short fraction.
+        Significant digits of coefficients that aren't short fractions.
 
     Returns
     -------
@@ -40,7 +41,8 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     Raises
     ------
     TypeError, ValueError
-        If there is no such method, `digits` is no positive integer, or `ax` is no axes.
+        If there is no such method, `digits` isn't a positive integer, or `ax` isn't axes of
+        matplotlib.
 
     Examples
     --------
@@ -70,8 +72,12 @@ def tableau(method: str | Method, ax: Any = None, *, digits: int = 4) -> Any:
     blank(ax)
     ax.set_xlim(-0.6, s + 0.6)
     ax.set_ylim(-len(rows) - 0.2, 0.6)
-    ax.set_title(f"{plain(method.name) or 'without name'}: {method.description()}", fontsize=10)
+    _set_title(ax, method)
     return ax
+
+
+def _set_title(ax: Any, method: Method) -> None:
+    ax.set_title(f"{plain(method.name) or 'without name'}: {method.description()}", fontsize=10)
 
 
 def _cell(size: float, colour: str) -> dict[str, Any]:
@@ -84,18 +90,18 @@ def _text(value: Fraction, digits: int) -> str:
 
 
 def _flow(weights: Mapping[int, Fraction]) -> str:
-    """Return the sum of fields that a flow is along, two of them a line."""
+    """Return the sum of fields of a flow as text, two terms a line."""
     terms = [f"{_text(weight, 3)} F{k + 1}" for k, weight in weights.items()]
     signed = [terms[0], *(f"− {x[1:]}" if x.startswith("−") else f"+ {x}" for x in terms[1:])]
     return "\n".join(" ".join(signed[k : k + 2]) for k in range(0, len(signed), 2))
 
 
 def points(method: str | Method, ax: Any = None) -> Any:
-    """Draw the points of a step, placed by their times; each line is a flow.
+    """Draw the points of a step at their times; each line is a flow.
 
-    Stages are circles with their numbers, the result is a square, and that of second weights a
-    diamond; where a pair has an error estimate that takes no flow, its line is dotted. If there
-    are few points, the weights of each flow stand beside its line.
+    Stages are numbered circles, the result is a square and the second result a diamond. The flow
+    to a second result that is only used for the error, and not computed, is dotted. With at most
+    ten points, the weights of each flow are written on its line.
 
     Parameters
     ----------
@@ -111,7 +117,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
     Raises
     ------
     TypeError, ValueError
-        If there is no such method, it is implicit, or `ax` is no axes.
+        If there is no such method, it is implicit, or `ax` isn't axes of matplotlib.
 
     Examples
     --------
@@ -122,7 +128,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
     """
     method = resolve_method(method)
     if not method.explicit:
-        raise ValueError(f"method must be explicit for its points to be drawn, got {method!r}")
+        raise ValueError(f"method must be explicit, got {method!r}")
     ax = axes_for(ax)
     tree = method.tree
     places = _places(tree)
@@ -132,7 +138,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
         xs, ys = zip(places[tree.points[m].parent], places[m], strict=True)
         dotted = free and m == tree.embedded_result
         ax.plot(xs, ys, color=FAINT, linewidth=1.2, linestyle=":" if dotted else "-", zorder=1)
-        if len(used) <= _FEW:
+        if len(used) <= _MAX_LABELLED:
             ax.text(
                 (xs[0] + xs[1]) / 2,
                 (ys[0] + ys[1]) / 2,
@@ -148,7 +154,7 @@ def points(method: str | Method, ax: Any = None) -> Any:
     for side in ("left", "right", "top"):
         ax.spines[side].set_visible(False)
     ax.margins(0.1, 0.15)
-    ax.set_title(f"{plain(method.name) or 'without name'}: {method.description()}", fontsize=10)
+    _set_title(ax, method)
     return ax
 
 
@@ -181,26 +187,26 @@ def _draw_points(ax: Any, tree: PointTree, places: dict[int, tuple[float, float]
 
 
 def _places(tree: PointTree) -> dict[int, tuple[float, float]]:
-    """Return where to draw the points: at their times, and each branch at a height of its own."""
+    """Return the places of the points: x is the time, and each branch has another height."""
     same = tree.merged
     ends = [*tree.stage_points, tree.result]
     if tree.embedded_result is not None:
         ends.append(tree.embedded_result)
-    kept = sorted({same[m] for end in ends for m in tree.path(end)} - {START})
-    children: dict[int, list[int]] = {m: [] for m in (START, *kept)}
-    for m in kept:
+    used = sorted({same[m] for end in ends for m in tree.path(end)} - {START})
+    children: dict[int, list[int]] = {m: [] for m in (START, *used)}
+    for m in used:
         children[same[tree.points[m].parent]].append(m)
     times = {START: 0.0}
-    for m in kept:
+    for m in used:
         weights = tree.points[m].weights.values()
         times[m] = times[same[tree.points[m].parent]] + float(sum(weights, Fraction(0)))
     heights: dict[int, float] = {}
     pending = [(START, START, True)]
-    while pending:  # one branch after the other, each above those before, and rising
+    while pending:  # depth first, each branch above the previous ones
         m, parent, first = pending.pop()
         if m == START:
             heights[m] = 0.0
         else:
             heights[m] = heights[parent] + _RISE if first else max(heights.values()) + 1.0
         pending += [(child, m, k == 0) for k, child in reversed(list(enumerate(children[m])))]
-    return {m: (times[m], heights[m]) for m in (START, *kept)}
+    return {m: (times[m], heights[m]) for m in (START, *used)}

@@ -26,10 +26,10 @@ def stability_region(
     x: tuple[float, float] | None = None,
     y: tuple[float, float] | None = None,
 ) -> Any:
-    """Draw the boundaries of where methods damp ``y' = λ y``: ``|R(z)| = 1`` with ``z = h λ``.
+    """Draw the boundaries ``|R(z)| = 1`` of stability regions of methods, with ``z = h λ``.
 
-    Where flows commute, a method is the one with its flat tableau, whose region it is. That of a
-    single method is filled.
+    R is the stability function of the classical method for ``y' = λ y``, to which a method reduces
+    where flows commute. The region of a single method is filled.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def stability_region(
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure by default.
     x, y : pairs of float, optional
-        Ends of the real and of the imaginary axis; by default what shows the regions.
+        Ranges of the real and the imaginary part; by default they contain the regions.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def stability_region(
     Raises
     ------
     TypeError, ValueError
-        If there is no such method, a range isn't increasing, or `ax` is no axes.
+        If there is no such method, a range isn't increasing, or `ax` isn't axes of matplotlib.
 
     Examples
     --------
@@ -58,8 +58,8 @@ def stability_region(
     single = isinstance(method, str | Method)
     if not single and not isinstance(method, Sequence):
         raise TypeError(f"method must be a method, a name, or a sequence of them, got {method!r}")
-    given = [method] if isinstance(method, str | Method) else list(method)
-    methods = [resolve_method(one) for one in given]
+    names = [method] if isinstance(method, str | Method) else list(method)
+    methods = [resolve_method(name) for name in names]
     if not methods:
         raise ValueError("method must be one or more methods, got none")
     box = _box(methods) if x is None or y is None else ((0.0, 0.0), (0.0, 0.0))
@@ -87,7 +87,7 @@ def stability_region(
 
 
 def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return R(z), what a step of ``y' = λ y`` with ``z = h λ`` multiplies by; of the shape of z.
+    """Return the stability function R(z), the factor of a step of ``y' = λ y`` with ``z = h λ``.
 
     See `cg.method.stability.stability_function`.
     """
@@ -98,7 +98,7 @@ def growth(method: Method, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
 
 def _box(methods: list[Method]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ends of the axes that show the regions, or what is near of those without end."""
+    """Return ranges of both axes that contain the regions, or their part near the origin."""
     reach = 2.0 + max(one.stages for one in methods)
     x, y = np.meshgrid(np.linspace(-2 * reach, reach, 241), np.linspace(0.0, 1.5 * reach, 121))
     stable = np.any([np.abs(growth(one, x + 1j * y)) <= 1.0 for one in methods], axis=0)
@@ -108,13 +108,13 @@ def _box(methods: list[Method]) -> tuple[tuple[float, float], tuple[float, float
     return (left - margin, right + margin), (-high - margin, high + margin)
 
 
-def _range(name: str, given: Any, default: tuple[float, float]) -> tuple[float, float]:
-    if given is None:
+def _range(name: str, limits: Any, default: tuple[float, float]) -> tuple[float, float]:
+    if limits is None:
         return default
     try:
-        low, high = map(float, given)
+        low, high = map(float, limits)
     except (TypeError, ValueError):
         low = high = np.nan
     if not (np.isfinite([low, high]).all() and low < high):
-        raise ValueError(f"{name} must be a pair of increasing finite numbers, got {given!r}")
+        raise ValueError(f"{name} must be a pair of increasing finite numbers, got {limits!r}")
     return low, high

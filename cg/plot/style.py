@@ -1,4 +1,4 @@
-"""Axes, colours and dashes that all pictures share."""
+"""Axes, colours and dashes of all plots."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = [
 ]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Those of Okabe and Ito, which stay apart for colour-blind readers."""
+"""Palette of Okabe and Ito, distinguishable for colour-blind readers."""
 
 FAINT = "#999999"
 
@@ -28,23 +28,23 @@ _CURVE = "cg-curve"
 
 
 def axes_for(ax: Any) -> Any:
-    """Return axes to draw on: those given, or new ones.
+    """Return `ax`, or axes of a new figure if it is None.
 
     Raises
     ------
     TypeError
-        If `ax` is no axes of matplotlib.
+        If `ax` isn't axes of matplotlib.
     """
     return _axes(ax, None)
 
 
 def spatial_axes_for(ax: Any) -> Any:
-    """Return three-dimensional axes to draw on.
+    """Return `ax`, or three-dimensional axes of a new figure if it is None.
 
     Raises
     ------
     TypeError
-        If `ax` is no axes of matplotlib.
+        If `ax` isn't axes of matplotlib.
     ValueError
         If they aren't three-dimensional.
     """
@@ -67,7 +67,7 @@ def _axes(ax: Any, projection: str | None) -> Any:
 
 
 def blank(ax: Any) -> None:
-    """Take ticks and frame away, where positions have no meaning."""
+    """Remove ticks and frame."""
     ax.set_xticks([])
     ax.set_yticks([])
     for spine in ax.spines.values():
@@ -75,7 +75,7 @@ def blank(ax: Any) -> None:
 
 
 def curve_style(ax: Any) -> dict[str, Any]:
-    """Return the look of the next curve on these axes, different from those there are."""
+    """Return colour, dashes and marker of the next curve on these axes."""
     number = sum(line.get_gid() == _CURVE for line in ax.get_lines())
     return {
         "color": COLOURS[number % len(COLOURS)],
@@ -88,11 +88,11 @@ def curve_style(ax: Any) -> dict[str, Any]:
 
 
 def plain(text: str) -> str:
-    """Return a text that matplotlib draws as it is, in which dollars begin no formula."""
+    """Return a text in which matplotlib takes no dollar sign for a formula."""
     return visible(text).replace("$", r"\$")
 
 
 def check_label(label: Any) -> None:
-    """Raise TypeError unless a label is a text, or there is none."""
+    """Raise TypeError unless a label is a str or None."""
     if label is not None and not isinstance(label, str):
         raise TypeError(f"label must be a str or None, got {label!r}")

@@ -1,4 +1,4 @@
-"""Trajectories on the sphere, and of the axes of a rotating body."""
+"""Plots of trajectories on the sphere and of the axes of a rotating body."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..frames.arrays import check_finite, real_array
+from ..support.checks import check_integer
 from .style import COLOURS, check_label, spatial_axes_for
 
 __all__ = ["trajectory_of_axes", "trajectory_on_sphere"]
@@ -17,18 +19,18 @@ _NAMES = "xyz"
 def trajectory_on_sphere(
     y: Any, ax: Any = None, *, label: str | None = None, color: str | None = None
 ) -> Any:
-    """Draw a trajectory on a sphere around the origin, with the sphere; its start is a dot.
+    """Draw a trajectory on a sphere around the origin, and the sphere; a dot marks the start.
 
     Parameters
     ----------
-    y : array_like, shape (n, 3), or a result with such points
-        As ``solution.y`` of a solution on ``cg.frames.Sphere(2)``, or the solution itself.
+    y : array_like, shape (n, 3), or Solution
+        Points, or a solution on ``cg.frames.Sphere(2)``.
     ax : matplotlib.axes.Axes, optional
         Three-dimensional axes; a new figure by default.
     label : str, optional
-        The name of the curve in the legend.
+        Name of the curve in the legend.
     color : str, optional
-        Its colour.
+        Colour of the curve.
 
     Returns
     -------
@@ -37,9 +39,9 @@ def trajectory_on_sphere(
     Raises
     ------
     ValueError
-        If the shape is another one, numbers aren't finite, or the axes aren't three-dimensional.
+        If `y` has another shape or isn't finite, or the axes aren't three-dimensional.
     TypeError
-        If `ax` is no axes.
+        If `ax` isn't axes of matplotlib.
 
     Examples
     --------
@@ -68,17 +70,16 @@ def trajectory_on_sphere(
 
 
 def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
-    """Draw the paths of the three axes of a rotating body, and the axes themselves at some times.
+    """Draw the paths of the three axes of a rotating body, and the axes at some times.
 
     Parameters
     ----------
-    y : array_like, shape (n, 3, 3), or a result with such points
-        Rotation matrices, whose columns are the axes of the body in space; a
-        `scipy.spatial.transform.Rotation` serves too.
+    y : array_like, shape (n, 3, 3), Solution or scipy.spatial.transform.Rotation
+        Rotation matrices, whose columns are the axes of the body in space.
     ax : matplotlib.axes.Axes, optional
         Three-dimensional axes; a new figure by default.
     triads : int, optional
-        How many times there are at which the axes are drawn, the first and the last among them.
+        Number of times, including the first and the last, at which the axes are drawn.
 
     Returns
     -------
@@ -87,9 +88,9 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     Raises
     ------
     ValueError
-        If the shape is another one, numbers aren't finite, or the axes aren't three-dimensional.
+        If `y` has another shape or isn't finite, or the axes aren't three-dimensional.
     TypeError
-        If `ax` is no axes, or `triads` no integer.
+        If `ax` isn't axes of matplotlib, or `triads` isn't an integer.
 
     Examples
     --------
@@ -103,8 +104,6 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     >>> ax.name
     '3d'
     """
-    from ..support.checks import check_integer
-
     matrices = _points(y.as_matrix() if hasattr(y, "as_matrix") else y, (3, 3))
     triads = min(check_integer("triads", triads, 0), len(matrices))
     ax = spatial_axes_for(ax)
@@ -121,16 +120,11 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
 
 
 def _points(y: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    values = getattr(y, "y", y)
-    try:
-        points = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"y must be an array of numbers, got {y!r}") from None
+    points = real_array(getattr(y, "y", y), "y")
     if points.ndim != 1 + len(shape) or points.shape[1:] != shape or len(points) == 0:
-        wanted = ", ".join(("n", *map(str, shape)))
-        raise ValueError(f"y must have shape ({wanted}), got {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError("y must be finite")
+        expected = ", ".join(("n", *map(str, shape)))
+        raise ValueError(f"y must have shape ({expected}), got {points.shape}")
+    check_finite(points, "y")
     return points
 
 
@@ -140,7 +134,7 @@ def _draw_path(ax: Any, points: NDArray[np.float64], colour: str, label: str | N
 
 
 def _draw_sphere(ax: Any, radius: float) -> None:
-    """Draw a sphere as lines of latitude and longitude, once."""
+    """Draw lines of latitude and longitude, unless the axes have a sphere."""
     if any(part.get_gid() == "cg-sphere" for part in ax.collections):
         return
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))

@@ -1,4 +1,4 @@
-"""Ordered trees, drawn with their roots at the bottom."""
+"""Plots of ordered trees."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ _MAX_NODES = 200
 
 
 def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
-    """Draw an ordered tree: its root is at the bottom, and children stand from left to right.
+    """Draw an ordered tree with its root at the bottom and children from left to right.
 
     Parameters
     ----------
     tree : OrderedTree or str
-        A tree, or its text in brackets; at most 200 nodes.
+        A tree, or its bracket notation; at most 200 nodes.
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure by default.
     title : bool, optional
-        Whether to write the brackets and the density γ below.
+        Whether to write the bracket notation and the density γ below.
 
     Returns
     -------
@@ -32,9 +32,9 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
     Raises
     ------
     TypeError
-        If `tree` is neither a tree nor a text, or `ax` is no axes.
+        If `tree` is neither a tree nor a str, or `ax` isn't axes of matplotlib.
     ValueError
-        If a text is no tree, or there are too many nodes.
+        If `tree` isn't valid bracket notation, or has too many nodes.
 
     Examples
     --------
@@ -67,9 +67,9 @@ def tree(tree: OrderedTree | str, ax: Any = None, *, title: bool = True) -> Any:
 
 
 def layout(tree: OrderedTree) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
-    """Return where the nodes are, the root first, and the edges as pairs of a parent and a child.
+    """Return the positions of the nodes, root first, and the edges as (parent, child).
 
-    Leaves stand one apart; other nodes are in the middle of their children.
+    Neighbouring leaves have distance one; other nodes are above the middle of their children.
     """
     order: list[OrderedTree] = []
     parents: list[int] = []

@@ -10,12 +10,13 @@ from itertools import product
 from math import prod
 
 import numpy as np
-from flint import arb, fmpq
+from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import Frame
 from cg.frames.arrays import Array
 from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+from cg.support.balls import to_arb
 from cg.support.checks import check_integer
 
 _UNIT = 8
@@ -153,4 +154,4 @@ class AffineField:
 
 def _ball(x: float) -> arb:
     exact = Fraction(float(x))
-    return arb(fmpq(exact.numerator, exact.denominator))
+    return to_arb(exact)

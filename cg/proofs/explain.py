@@ -11,11 +11,12 @@ from itertools import combinations
 from typing import Any, Protocol
 
 import numpy as np
-from flint import arb, arb_mat, fmpq
+from flint import arb, arb_mat
 from numpy.typing import NDArray
 from scipy import linalg
 
 from ..structure.layout import Layout, Rows
+from ..support.balls import to_fmpq
 from ..support.parsing import read_fraction
 from ..support.quads import to_decimal
 from .dependent.composition import MidpointSteps
@@ -229,7 +230,7 @@ def _deviations(words: Sequence[Word], layout: Layout, y: Sequence[arb]) -> NDAr
 
 def _ratio(word: Word, bush: Word) -> Any:
     ratio = reciprocal_density(word) / reciprocal_density(bush)
-    return fmpq(ratio.numerator, ratio.denominator)
+    return to_fmpq(ratio)
 
 
 def names_of_left_out(conditions: Sequence[Condition], structure: str = "") -> tuple[str, ...]:

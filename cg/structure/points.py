@@ -132,6 +132,16 @@ class PointTree:
         """Tell whether the same flows lead to two points."""
         return self.merged[one] == self.merged[other]
 
+    def roles(self) -> dict[int, list[str]]:
+        """Return what each point is evaluated as, such as ``{-1: ["stage 1"], 0: ["result"]}``."""
+        roles: dict[int, list[str]] = {}
+        for stage, point in enumerate(self.stage_points, 1):
+            roles.setdefault(point, []).append(f"stage {stage}")
+        roles.setdefault(self.result, []).append("result")
+        if self.embedded_result is not None:
+            roles.setdefault(self.embedded_result, []).append("second result")
+        return roles
+
     @cached_property
     def merged(self) -> dict[int, int]:
         """By each point, the first one that is the same, `START` among them."""
@@ -252,3 +262,23 @@ def tree_of_rows(
     result = chain(b)
     embedded = None if b_embedded is None else chain(b_embedded)
     return PointTree(tuple(index), stages, result, embedded)
+
+
+def tree_of_flat_rows(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
+    """Return the tree of a Munthe-Kaas method: each row is one flow from the initial point.
+
+    Equal rows share a point; a row of zeros is the initial point.
+
+    Parameters
+    ----------
+    a : s rows of s numbers
+    b : s numbers
+    """
+    index: dict[tuple[Fraction, ...], int] = {}
+
+    def point(row: Sequence[Fraction]) -> int:
+        return index.setdefault(tuple(row), len(index)) if any(row) else START
+
+    stages, result = tuple(map(point, a)), point(b)
+    points = tuple(Point(START, dict(enumerate(row))) for row in index)
+    return PointTree(points, stages, result)

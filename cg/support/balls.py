@@ -1,14 +1,19 @@
-"""The precision of balls, which python-flint keeps once for the whole process."""
+"""Numbers of python-flint: rational numbers, balls, and the precision of the whole process."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from fractions import Fraction
+from typing import TYPE_CHECKING
 
 from .forks import in_children
 
-__all__ = ["working_precision"]
+if TYPE_CHECKING:
+    from flint import arb, fmpq
+
+__all__ = ["to_arb", "to_fmpq", "working_precision"]
 
 _lock = threading.RLock()
 _holders: list[tuple[int, int]] = []  # threads, and the precision before: the outermost first
@@ -50,3 +55,17 @@ def working_precision(bits: int) -> Iterator[None]:
         finally:
             ctx.prec = before
             _holders.pop()
+
+
+def to_fmpq(value: Fraction | int) -> fmpq:
+    """Return a rational number as one of python-flint."""
+    from flint import fmpq
+
+    return fmpq(value.numerator, value.denominator)
+
+
+def to_arb(value: Fraction | int | arb) -> arb:
+    """Return the ball around a rational number at the working precision; a ball as it is."""
+    from flint import arb
+
+    return value if isinstance(value, arb) else arb(to_fmpq(value))

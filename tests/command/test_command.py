@@ -1,4 +1,4 @@
-"""The command, in this process, and a few times as a process of its own."""
+"""The command, run in this process and in others."""
 
 import json
 import os
@@ -43,7 +43,7 @@ def process(*arguments, **options):
 
 
 class TestHelp:
-    def test_each_command_has_help_with_examples(self, run):
+    def test_help_has_examples(self, run):
         code, shown, _ = run("--help")
         assert code == 0
         listed = re.findall(r"^  (\w+)  ", shown.partition("Commands:")[2], re.MULTILINE)
@@ -60,7 +60,7 @@ class TestHelp:
     def test_version(self, run):
         assert run("--version") == (0, f"crouch-grossman {cg.__version__}\n", "")
 
-    def test_a_command_is_imported_when_it_is_run(self):
+    def test_commands_are_imported_lazily(self):
         code = "import sys, cg.command; cg.command.main(['--version'])\nprint(*sys.modules)"
         found = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=True
@@ -101,7 +101,7 @@ class TestList:
         assert rows[1][2:5] == ["6", "7", "14"]
 
     @pytest.mark.parametrize("name", QUICK)
-    def test_what_is_kept_is_what_is_computed(self, name):
+    def test_stored_facts_equal_computed(self, name):
         method = {**cg.methods, **munthe_kaas}[name]
         text = (files("cg.catalogue") / "facts.json").read_text("utf-8")
         (kept,) = (entry for entry in json.loads(text) if entry["name"] == name)
@@ -115,7 +115,7 @@ class TestList:
             ("DP5(4)", (5, 7, 12), 0.001885, (3.307, 0.9972)),  # as RK45 in flat space
         ],
     )
-    def test_what_is_known_of_methods(self, name, counts, error, limits):
+    def test_facts(self, name, counts, error, limits):
         facts = facts_of(cg.methods[name])
         assert (facts.order, facts.evaluations, facts.flows) == counts
         assert facts.principal_error == pytest.approx(error, rel=1e-3)
@@ -123,8 +123,8 @@ class TestList:
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", [*cg.methods, *munthe_kaas])
-    def test_what_is_kept_of_all(self, name):
-        self.test_what_is_kept_is_what_is_computed(name)
+    def test_stored_facts_of_all(self, name):
+        self.test_stored_facts_equal_computed(name)
 
 
 class TestShow:
@@ -165,13 +165,13 @@ class TestCheck:
         assert "order: 4 on manifolds" in shown
         assert "    └── ●\n        └── ●\n" in shown
 
-    def test_too_low_an_order(self, run):
+    def test_order_too_low(self, run):
         code, shown, _ = run("check", "CG4a", "--order", "5")
         assert code == 1
         assert shown.endswith("the order is 4, less than 5\n")
 
     @pytest.mark.parametrize("suffix", ["toml", "json"])
-    def test_the_slip_of_cg4a(self, run, tmp_path, suffix):
+    def test_misprint_of_cg4a(self, run, tmp_path, suffix):
         file = tmp_path / f"mine.{suffix}"
         text = SLIP if suffix == "toml" else loads(SLIP).export("json")
         file.write_text(text)
@@ -194,7 +194,7 @@ class TestNewMethods:
         saved = [cg.catalogue.load(path) for path in (tmp_path / "found").iterdir()]
         assert set(saved) == set(found)
 
-    def test_nothing_found(self, run):
+    def test_no_method_found(self, run):
         arguments = ("search", "--order", "4", "--stages", "4", "--starts", "1", "--force")
         assert run(*arguments)[:2] == (1, "no method found\n")
 
@@ -256,7 +256,7 @@ class TestPlot:
         (["certify", "CG3", "-o", "/"], "--output"),
     ],
 )
-def test_bad_input_is_a_line_that_names_the_argument(run, arguments, named):
+def test_bad_input_names_the_argument(run, arguments, named):
     code, shown, error = run(*arguments)
     assert (code, shown) == (2, "")
     assert error.startswith("crouch-grossman: error: ")
@@ -282,7 +282,7 @@ def test_broken_files_are_named(run, tmp_path):
         ("construct", "--order", "2", "--stages", "2", "-o", "{}/deep/x.toml"),
     ],
 )
-def test_outputs_are_tried_before_any_work(run, arguments, tmp_path, monkeypatch):
+def test_output_is_checked_first(run, arguments, tmp_path, monkeypatch):
     """A folder of the kernel's can't be written by anyone."""
 
     def never(*arguments, **options):
@@ -300,7 +300,7 @@ def test_outputs_are_tried_before_any_work(run, arguments, tmp_path, monkeypatch
     assert list((tmp_path / "new").rglob("*.toml"))
 
 
-def test_a_promotion_is_tried_too(run, tmp_path):
+def test_promote_checks_the_folder_first(run, tmp_path):
     store = tmp_path / "runs.db"
     run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
     code, _, err = run("runs", "promote", str(store), "1", "Mine", "--folder", "/proc")
@@ -308,7 +308,7 @@ def test_a_promotion_is_tried_too(run, tmp_path):
     assert "--folder: /proc/Mine can't be written" in err
 
 
-def test_a_method_that_cannot_be_certified_is_a_wrong_argument(run):
+def test_certify_rejects_munthe_kaas(run):
     code, out, err = run("certify", "RKMK4")
     assert (code, out) == (2, "")
     assert "NAME|FILE: method must be a Tableau or CommutatorFree, got <MuntheKaas RKMK4" in err

@@ -1,4 +1,4 @@
-"""The command that looks into stores."""
+"""The subcommand `runs`."""
 
 import json
 

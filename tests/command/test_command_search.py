@@ -1,4 +1,4 @@
-"""What the functions `search` and `construct` can be told, the commands can be told too."""
+"""Options of the commands `search` and `construct` are the arguments of the functions."""
 
 import inspect
 import sys
@@ -56,7 +56,7 @@ def test_each_argument_has_an_option(name, given):
     assert all(isinstance(o, click.Option) and o.help for o in options.values())
 
 
-def test_values_of_search(given):
+def test_search_arguments(given):
     passed = given(
         "search --order 4 --stages 3 --rows diagonal --algorithm lmdif --width 0.5 --maxfev 70 "
         "--refine-below 1e-12 --refine-maxfev 9 --workers 1 --force --quiet"
@@ -70,7 +70,7 @@ def test_values_of_search(given):
     assert (passed["flows"], passed["embedded"], passed["first_same_as_last"]) == (6, True, True)
 
 
-def test_values_of_construct(given):
+def test_construct_arguments(given):
     passed = given(
         "construct --order 6 --stages 13 --structure stage-order-two --first-stages 14 "
         "--largest 2.5 --restarts 0 --iterations 30 --full-rank"
@@ -82,7 +82,7 @@ def test_values_of_construct(given):
     assert (passed["flows"], passed["first_flows"]) == (9, 10)
 
 
-def test_a_tree_by_name_or_file(given, tmp_path):
+def test_tree_by_name_or_file(given, tmp_path):
     method = cg.methods["CF4"]
     file = tmp_path / "mine.toml"
     cg.catalogue.save(method, file)
@@ -123,7 +123,7 @@ def test_a_search_with_a_tree(capsys):
         ("construct --order 5 --stages 9 --starts 3", "No such option"),
     ],
 )
-def test_what_is_refused_names_the_option(command, message, capsys):
+def test_errors_name_the_option(command, message, capsys):
     assert main(command.split()) == 2
     captured = capsys.readouterr()
     assert message in captured.err

@@ -1,4 +1,4 @@
-"""Steps that are exported are our steps, to the last bits."""
+"""Exported steps are bitwise equal to those of `cg.integrate`."""
 
 import math
 import shutil
@@ -95,7 +95,7 @@ def check_python(names, tmp_path):
     agree(run.stdout, names)
 
 
-def test_python_without_this_package(tmp_path):
+def test_python_module_runs_alone(tmp_path):
     check_python(SOME, tmp_path)
 
 
@@ -193,7 +193,7 @@ GROWTH = sum(Fraction(1, 8**k * math.factorial(k)) for k in range(5))
 """What a step of size 1/8 of a method of order four with four stages multiplies by, y' = y."""
 
 
-def test_numbers_of_another_kind_in_c(tmp_path):
+def test_long_double_in_c(tmp_path):
     (tmp_path / "cf4.h").write_text(cg.export("CF4", "c"), encoding="utf-8")
     program = """
 #define CF4_REAL long double
@@ -221,7 +221,7 @@ int main(void)
     )
 
 
-def test_numbers_of_another_kind_in_fortran(tmp_path):
+def test_quadruple_in_fortran(tmp_path):
     module = cg.export("CF4", "fortran")
     assert module.count("kind(1.0d0)") == 1
     module = module.replace("kind(1.0d0)", "selected_real_kind(30)")
@@ -299,7 +299,7 @@ NO_FLOWS = {
 
 
 @pytest.mark.parametrize("what", NO_FLOWS)
-def test_methods_that_stay_where_they_are(what, tmp_path):
+def test_methods_without_flows(what, tmp_path):
     """Without flows some tables are empty."""
     for format, suffix in (("c", "c"), ("fortran", "f90"), ("python", "py"), ("matlab", "m")):
         text = cg.export(NO_FLOWS[what], format)
@@ -328,7 +328,7 @@ def swapped():
 
 
 @pytest.mark.parametrize("method", list(swapped()), ids=lambda method: type(method).__name__)
-def test_steps_are_those_of_higher_order(method):
+def test_step_has_the_higher_order(method):
     assert method.embedded_order > method.order
     names = {}
     exec(cg.export(method, "python"), names)

@@ -1,4 +1,4 @@
-"""Exports as data and documents: digits, LaTeX, Julia's syntax, and what is refused."""
+"""Exports as data and LaTeX, digits, Julia's syntax, rejected arguments."""
 
 import json
 import re
@@ -24,7 +24,7 @@ CODE = ["python", "jax", "c", "fortran", "julia", "matlab"]
 
 
 @pytest.mark.parametrize("format", ["json", "toml"])
-def test_data_are_read_back_equal(format):
+def test_data_round_trip(format):
     for name in ALL:
         method = resolve_method(name)
         text = cg.export(name, format)
@@ -36,7 +36,7 @@ def test_data_are_read_back_equal(format):
 
 
 class TestDigits:
-    def test_those_that_are_stored(self):
+    def test_stored_digits(self):
         method = cg.methods["CG5d"]
         assert known_digits(method) == 34
         assert known_digits(cg.methods["CG3"]) is None
@@ -45,7 +45,7 @@ class TestDigits:
         texts = [row for row in json.loads(method.export("json", digits=20))["a"] if row]
         assert max(len(x.lstrip("-0.").replace(".", "")) for row in texts for x in row) == 20
 
-    def test_many_come_from_the_certificate(self):
+    def test_digits_from_the_certificate(self):
         method = cg.methods["CG3(2)"]
         a, b = method.digits(60)
         table = json.loads(method.export("json", digits=60))
@@ -56,7 +56,7 @@ class TestDigits:
         assert max(map(abs, residuals)) < Fraction(1, 10**198)
         assert found.order == 3
 
-    def test_sums_of_coefficients_have_all_digits_too(self):
+    def test_abscissae_have_all_digits(self):
         method = cg.methods["CG3(2)"]
         a, _ = method.digits(90)
         c3 = sum(map(Fraction, a[2]))
@@ -67,7 +67,7 @@ class TestDigits:
         assert len(found[2]) == 82
         assert abs(Fraction(found[2]) - c3) < Fraction(1, 10**80)
 
-    def test_a_certificate_of_the_user(self):
+    def test_users_certificate(self):
         method = cg.Tableau(cg.methods["CG3(2)"].entries, cg.methods["CG3(2)"].weights, name="mine")
         with pytest.raises(
             ValueError,
@@ -84,29 +84,29 @@ class TestDigits:
         with pytest.raises(cg.CertificationError):
             cg.methods["CG5d"].export("json", digits=50, certificate=certificate)
 
-    def test_more_than_are_known(self):
+    def test_rejects_more_than_known(self):
         with pytest.raises(ValueError, match=r"at most \d+, which are stored, since CG6a has no c"):
             cg.export("CG6a", "c", digits=50)
         assert loads(cg.export("CG3", "json", digits=3000)) == cg.methods["CG3"]
 
-    def test_rational_methods_have_any_number_in_code(self):
+    def test_rational_methods_have_any_number_of_digits(self):
         text = cg.export("CG3", "python", digits=1000)
         assert "0.75" in text
         assert re.search(r"0\.550(925){300}", text)
 
-    def test_too_few(self):
+    def test_rejects_too_few(self):
         with pytest.raises(ValueError, match="digits: 1 are too few for CG6a: nominal_order 6 is"):
             cg.export("CG6a", "toml", digits=1)
 
     @pytest.mark.parametrize("digits", [0, -1, 4001])
-    def test_numbers_of_digits_out_of_range(self, digits):
+    def test_rejects_digits_out_of_range(self, digits):
         with pytest.raises(ValueError, match=r"digits must be at (least 1|most 4000), got"):
             cg.export("CG3", "c", digits=digits)
         with pytest.raises(TypeError, match=r"digits must be an integer, got 3.5"):
             cg.export("CG3", "c", digits=3.5)
 
 
-def test_what_is_refused():
+def test_rejects():
     with pytest.raises(ValueError, match=r"format must be one of json, toml, .*, got 'excel'"):
         cg.export("CG3", "excel")
     with pytest.raises(TypeError, match="format must be a str, got None"):
@@ -149,7 +149,7 @@ class TestLatex:
         assert [row[3].strip() for row in rows[2:4]] == [r"$\frac{1}{2}$"] * 2
         assert "result" in rows[10][4]
 
-    def test_entries_that_are_too_long_for_a_tableau(self):
+    def test_long_entries_become_a_list(self):
         text = cg.export("CG5d", "latex")
         assert r"$a_{8,7}$ & $" in text
         assert r"$b_{8}$ & $" in text
@@ -160,7 +160,7 @@ class TestLatex:
         assert "longtable" in cg.export("CG6a", "latex")
 
     @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="TeX isn't installed")
-    def test_it_is_typeset(self, tmp_path):
+    def test_latex_compiles(self, tmp_path):
         parts = [cg.export(name, "latex") for name in SOME]
         parts += [cg.export(name, "latex", digits=5) for name in ("CG5d", "RKMK8(5,3)", "DICG6")]
         parts += [f"{resolve_method(name)._repr_latex_()}\n" for name in ("CF3", "CG6a", "DICG4")]
@@ -175,7 +175,7 @@ class TestLatex:
         assert "pages" in run.stdout
 
 
-def test_julia_is_julia():
+def test_julia_parses():
     """Parsed by a grammar; nothing runs it here."""
     tree_sitter = pytest.importorskip("tree_sitter")
     language = pytest.importorskip("tree_sitter_julia")
@@ -190,7 +190,7 @@ def test_julia_is_julia():
 
 
 class TestRounded:
-    def test_abscissae_are_sums_that_are_rounded(self):
+    def test_abscissae_are_rounded_sums(self):
         method = cg.methods["CG4a"]
         for digits in (4, 6, 9, 15):
             rows = [
@@ -203,14 +203,14 @@ class TestRounded:
                 assert abs(Fraction(found[0]) - exact) <= Fraction(1, 2 * 10**digits), digits
         assert "$0.876890$ & " in method.export("latex", digits=6)
 
-    def test_zeros_that_are_digits_stay(self):
+    def test_trailing_zeros(self):
         rows = [[], ["-1.09699999999"]], ["0.99999999", "12.3000000000004"]
         text = cg.Tableau(*rows).export("latex", digits=6)
         assert "-1.09700" in text
         assert "12.3000" in text
         assert re.search(r"\b1\.00000\b", text)
 
-    def test_sums_of_more_digits_than_python_writes_are_decimals(self):
+    def test_very_long_sums_are_decimals(self):
         row = [f"{10**399}/{10**400 + k}" for k in range(1, 31)]
         tableau = cg.Tableau([[0] * 30] * 29 + [row], row, name="long")
         assert tableau.export("latex").count("frac") == 60

@@ -1,4 +1,4 @@
-"""Methods in JAX, diffrax and nodepy; these tests run where those are installed."""
+"""Methods in JAX, diffrax and nodepy, where these are installed."""
 
 import importlib
 import warnings
@@ -57,7 +57,7 @@ def field(xp):
 @pytest.mark.slow  # compiling, where JAX is
 class TestJax:
     @pytest.mark.parametrize("name", ["CG3", "CG5d", "CF4", "CF6c", "CG2(3)"])
-    def test_steps_are_ours(self, jax, name):
+    def test_steps_equal_integrate(self, jax, name):
         step, flow = exported(name)["step"], rotation(jax)
 
         def trajectory(y):
@@ -150,7 +150,7 @@ def test_nodepy(name):
             assert found.embedded_method.order() == min(method.order, method.embedded_order)
 
 
-def test_what_is_refused():
+def test_rejects():
     for convert in (to_diffrax, to_nodepy):
         with pytest.raises(ValueError, match=r"method must be explicit, got <Tableau DICG4: .*"):
             convert("DICG4")

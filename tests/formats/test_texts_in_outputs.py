@@ -1,4 +1,4 @@
-"""Names and sources that files hold stay texts: in code, in documents and on a terminal."""
+"""Names and sources from files are escaped in code, documents and terminals."""
 
 import ast
 import json
@@ -44,7 +44,7 @@ def test_python_reads_code_and_comments(what: str, format: str) -> None:
 
 @pytest.mark.parametrize("format", CODE)
 @pytest.mark.parametrize("what", TEXTS)
-def test_texts_are_in_comments_alone(what: str, format: str) -> None:
+def test_texts_stay_in_comments(what: str, format: str) -> None:
     method = method_of(what)
     plain = cg.Tableau(method.entries, method.weights, name=method.name)
     text = cg.export(method, format)
@@ -68,7 +68,7 @@ def test_c_has_no_warnings(what: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_a_table_begins_with_a_comment_that_says_nothing_to_tex(what: str) -> None:
+def test_latex_comment_has_no_directives(what: str) -> None:
     first, rest = cg.export(method_of(what), "latex").split("\n", 1)
     assert first.startswith("% Method ")
     assert visible(TEXTS[what][0]) in first
@@ -76,7 +76,7 @@ def test_a_table_begins_with_a_comment_that_says_nothing_to_tex(what: str) -> No
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_data_keep_texts_as_escapes(what: str) -> None:
+def test_data_escape_texts(what: str) -> None:
     method = method_of(what)
     for text in (dumps(method), dumps_json(method)):
         assert text.replace("\n", "").isprintable()
@@ -86,7 +86,7 @@ def test_data_keep_texts_as_escapes(what: str) -> None:
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_notebooks_show_texts(what: str) -> None:
+def test_notebooks_escape_texts(what: str) -> None:
     method = method_of(what)
     text = method._repr_html_()
     assert text.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
@@ -95,7 +95,7 @@ def test_notebooks_show_texts(what: str) -> None:
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_a_terminal_gets_lines_of_text(
+def test_terminal_output_is_escaped(
     what: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -119,7 +119,7 @@ def test_a_terminal_gets_lines_of_text(
     assert told.replace("\n", "").replace("\u00a0", "").replace("\u3000", "").isprintable()
 
 
-def test_text_that_no_file_can_hold_is_refused() -> None:
+def test_rejects_surrogates() -> None:
     with pytest.raises(cg.TableauError, match=r"source must be text, got 'x\\ud800'"):
         cg.Tableau([[]], [1], source="x\ud800")
     with pytest.raises(cg.TableauError, match="name must be text"):
@@ -127,7 +127,7 @@ def test_text_that_no_file_can_hold_is_refused() -> None:
 
 
 @pytest.mark.parametrize("draw", ["tableau", "points", "stability_region"])
-def test_pictures_show_names_as_they_are(draw: str, tmp_path: Path) -> None:
+def test_plots_show_names_verbatim(draw: str, tmp_path: Path) -> None:
     from matplotlib import pyplot as plt
 
     other = cg.Tableau([[]], [1], name="LieEuler")

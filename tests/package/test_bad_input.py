@@ -1,4 +1,4 @@
-"""Bad input to what searches, proves and makes methods: refused by its name, before any work."""
+"""Functions that search, prove and make methods reject bad input before they compute."""
 
 import numpy as np
 import pytest
@@ -54,12 +54,12 @@ MASKED = np.ma.masked_array([[0.0, 0.0], [1.0, 0.0]], mask=[[0, 0], [1, 0]])
         ({"stages": 10**9}, ValueError, "stages must be at most 1000, got 1000000000"),
     ],
 )
-def test_search(changes, error, message):
+def test_search_rejects(changes, error, message):
     with pytest.raises(error, match=message):
         cg.search(**{"order": 2, "stages": 2, "starts": 1, "seed": 0} | changes)
 
 
-def test_a_search_takes_numbers_of_numpy():
+def test_search_accepts_numpy_numbers():
     found = cg.search(2, np.int64(2), 1, 0, width=np.float32(0.5), rows=np.int64(0))
     assert found.settings == cg.search(2, 2, 1, 0, width=0.5).settings
 
@@ -78,13 +78,13 @@ def test_a_search_takes_numbers_of_numpy():
         ({"first_stages": 10**6}, ValueError, "first_stages must be at most 1000, got 1000000"),
     ],
 )
-def test_construct(changes, error, message):
+def test_construct_rejects(changes, error, message):
     with pytest.raises(error, match=message):
         cg.construct(**{"order": 3, "stages": 3, "seed": 0, "tries": 1} | changes)
 
 
 @pytest.mark.parametrize("name", [[1], {}, np.array([1]), slice(1)])
-def test_names_of_methods(name):
+def test_method_names_must_be_strings(name):
     with pytest.raises(TypeError, match="the name of a method must be a str, got"):
         cg.methods[name]
     assert name not in cg.methods
@@ -92,7 +92,7 @@ def test_names_of_methods(name):
     assert cg.methods.get(1) is None
 
 
-def test_names_of_methods_to_certify():
+def test_certify_rejects_unknown_names():
     with pytest.raises(ValueError, match=r"method must be one of .*CG4a, .*, got 'CG9z'"):
         cg.certify("CG9z")
 
@@ -110,8 +110,8 @@ def test_names_of_methods_to_certify():
         cg.methods["CG3"].principal_error,
     ],
 )
-def test_orders(function):
-    function(1)  # results are kept, and True equals 1
+def test_orders_must_be_integers(function):
+    function(1)  # the cached result for 1 must not serve True
     with pytest.raises(TypeError, match="order must be an integer, got True"):
         function(True)
     with pytest.raises(TypeError, match=r"order must be an integer, got 2\.5"):
@@ -126,17 +126,17 @@ def test_orders(function):
         cg.methods["CG3"].largest_residual,
     ],
 )
-def test_orders_with_more_trees_than_memory(function):
+def test_rejects_orders_beyond_the_tables(function):
     with pytest.raises(ValueError, match="order must be at most 13, got 99"):
         function(99)
 
 
-def test_orders_of_classical_conditions():
+def test_count_classical_rejects_high_orders():
     with pytest.raises(ValueError, match="order must be at most 2000, got 2001"):
         count_classical(2001)
 
 
-def test_numbers_of_stages():
+def test_stages_must_be_integers():
     assert unknowns(10**9, "full") == 10**18 + 10**9
     for rows in Rows:
         assert unknowns(7, rows) == sum(Layout.tableau(7, rows).lengths)
@@ -156,7 +156,7 @@ def test_numbers_of_stages():
         ([[0]], [HUGE], "b must be an array of real numbers"),
     ],
 )
-def test_residuals(a, b, message):
+def test_residuals_reject(a, b, message):
     for function in (residuals, conditions.jacobian, conditions.weights):
         with pytest.raises(ValueError, match=message):
             function(a, b, 2)
@@ -177,18 +177,18 @@ def test_residuals(a, b, message):
         ("ab", [1, 2], "a must be a sequence of rows, got 'ab'"),
     ],
 )
-def test_exact_residuals(a, b, message):
+def test_exact_residuals_reject(a, b, message):
     with pytest.raises(ValueError, match=message):
         residuals_exact(a, b, 2)
 
 
-def test_exact_residuals_take_single_precision():
+def test_exact_residuals_accept_single_precision():
     exact = residuals_exact(np.float32([[0, 0], [0.5, 0]]), np.float32([0, 1]), 2)
     assert exact == (0, 0, 0)
 
 
 @pytest.mark.parametrize("b", [{0, 1}, {0: 1, 1: 2}, frozenset([0, 1])])
-def test_weights_without_an_order(b):
+def test_rejects_unordered_weights(b):
     with pytest.raises(cg.TableauError, match="b must be a sequence of numbers, got"):
         cg.Tableau([[0, 0], [1, 0]], b)
 
@@ -200,20 +200,20 @@ def test_weights_without_an_order(b):
         ({"nominal_order": True, "nominal_residual": 1}, "order must be an integer, got True"),
     ],
 )
-def test_tableaux(changes, message):
+def test_tableau_rejects(changes, message):
     with pytest.raises(cg.TableauError, match=message):
         cg.Tableau([[], ["1/2"]], [0, 1], **changes)
 
 
 @pytest.mark.parametrize("x", ["1", 5, None, {1: 2}])
-def test_packed_coefficients(x):
+def test_from_packed_rejects(x):
     with pytest.raises(cg.TableauError, match="x must be a sequence of numbers, got"):
         cg.Tableau.from_packed(x, 1)
     with pytest.raises(TypeError, match=r"digits must be an integer, got 1\.5"):
         cg.Tableau.from_packed([1], 1, digits=1.5)
 
 
-def test_rows_of_packed_coefficients():
+def test_rows_of_from_packed():
     assert (
         cg.Tableau.from_packed(["1/2", 1], 1, "diagonal").exact
         == cg.methods["ImplicitMidpoint"].exact
@@ -222,23 +222,23 @@ def test_rows_of_packed_coefficients():
         cg.Tableau.from_packed([1], 1, True)
 
 
-def test_methods_without_a_name():
+def test_certify_of_a_nameless_method():
     with pytest.raises(cg.CertificationError, match=r"^the method: the coefficients satisfy no"):
         cg.certify(cg.Tableau([[0]], [2]))
 
 
-def test_digits_want_the_certificate_of_the_method():
+def test_digits_reject_other_certificates():
     method = cg.methods["CG5a"]
     with pytest.raises(TypeError, match="certificate must be a Certificate, got 'x'"):
         method.digits(20, certificate="x")
     with pytest.raises(TypeError, match="embedded must be True or False, got 'no'"):
         method.digits(20, embedded="no")
-    # a method with rational coefficients, about which nothing is left to compute
+    # also for rational coefficients, which need no certificate for their digits
     with pytest.raises(cg.CertificationError, match="it is for 'CG3', not for 'CG5a'"):
         method.digits(20, certificate=cg.certify("CG3"))
 
 
-def test_digits_of_a_rational_method_are_proved():
+def test_digits_prove_rational_methods():
     method = cg.methods["CG3"]
     certificate = certificate_of(method)
     a, b = method.exact
@@ -249,7 +249,7 @@ def test_digits_of_a_rational_method_are_proved():
 
 
 @pytest.mark.parametrize("value", [1, None, b"x"])
-def test_catalogue_files(value, tmp_path):
+def test_catalogue_functions_reject(value, tmp_path):
     with pytest.raises(TypeError, match="text must be a str, got"):
         loads(value)
     with pytest.raises(TypeError, match="path must be a path, got"):
@@ -276,7 +276,7 @@ def test_catalogue_files(value, tmp_path):
         ),
     ],
 )
-def test_lmdif(changes, error, message):
+def test_lmdif_rejects(changes, error, message):
     arguments = {"f": lambda x: x - 1, "x0": [0.0]} | changes
     with pytest.raises(error, match=message):
         cg.lmdif(arguments.pop("f"), arguments.pop("x0"), **arguments)
@@ -318,7 +318,7 @@ POINT = pack_method(CG3)
         (lambda: eliminate_stage(POINT, 3), ValueError, "stage must be at most 2, got 3"),
     ],
 )
-def test_tools_on_the_set_of_methods(call, error, message):
+def test_construction_tools_reject(call, error, message):
     with pytest.raises(error, match=message):
         call()
 
@@ -333,12 +333,12 @@ def test_tools_on_the_set_of_methods(call, error, message):
         ({"frozen": ["a"]}, ValueError, r"frozen must be .*, got \['a'\]"),
     ],
 )
-def test_optimise(changes, error, message):
+def test_optimise_rejects(changes, error, message):
     with pytest.raises(error, match=message):
         optimise(POINT, Goals(), **changes)
 
 
-def test_systems_hold_plain_numbers():
+def test_condition_system_converts_numpy_integers():
     system = ConditionSystem.tableau(np.int64(3), np.int64(3), 0)
     assert system == ConditionSystem.tableau(3, 3)
     assert repr(system) == repr(ConditionSystem.tableau(3, 3))
@@ -381,6 +381,6 @@ def test_systems_hold_plain_numbers():
         ),
     ],
 )
-def test_numbers_trees_and_proofs(call, error, message):
+def test_quads_trees_and_proofs_reject(call, error, message):
     with pytest.raises(error, match=message):
         call()

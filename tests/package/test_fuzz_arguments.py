@@ -1,7 +1,7 @@
-"""Arguments of everything public, exchanged for hostile ones: a result, or errors that name them.
+"""Public functions with hostile arguments return a result or raise an error that names them.
 
-The environment's ``CG_FUZZ`` multiplies how many are tried. What is slow tries every value for
-every argument.
+The environment variable ``CG_FUZZ`` multiplies the number of calls. The slow test tries every value
+for every argument.
 """
 
 import contextlib
@@ -93,7 +93,7 @@ def is_array(value):
 
 
 def spaced(array):
-    """The same numbers, not contiguous."""
+    """Return the same array, not contiguous."""
     other = np.nan if array.dtype.kind in "fc" else -1
     wide = np.full((*array.shape, 2), other, array.dtype)
     wide[..., 0] = array
@@ -117,7 +117,7 @@ def masked(array):
     return np.ma.masked_array(array, mask)
 
 
-# Arrays that say the same, for which the result is the same, or an error
+# Changes that keep the numbers: the result is the same, or an error
 SAME = {
     "lists": lambda array: array.tolist(),
     "spaced": spaced,
@@ -127,7 +127,7 @@ SAME = {
     "unmasked": np.ma.masked_array,
     "read-only": lambda array: np.frombuffer(array.tobytes(), array.dtype).reshape(array.shape),
 }
-# Arrays that say something else, which must not be lost
+# Changes of the numbers or the shape, which must not be ignored
 OTHER = {
     "first nan": same_start(lambda x: np.nan),
     "first inf": same_start(lambda x: np.inf),
@@ -143,12 +143,12 @@ OTHER = {
     "reversed": lambda array: array[::-1],
     "texts": lambda array: array.astype(str),
 }
-# Numbers of tries and steps, of which many take long
+# Arguments whose large values take long
 COUNTS = {"starts", "tries", "hits", "save_every", "max_steps", "maxfev", "refine_maxfev"}
 
 
 def values(key, right):
-    """Return names of what may be put in place of a right argument."""
+    """Return the names of the values to try in place of a valid argument."""
     names = [name for name in SCALARS if not (key in COUNTS and name.startswith("2**"))]
     if is_array(right):
         names += [f"array, {name}" for name in (*SAME, *OTHER)]
@@ -156,7 +156,7 @@ def values(key, right):
 
 
 def made(name, right):
-    """Return a value by its name."""
+    """Return the value of a name."""
     kind, comma, rest = name.partition(", ")
     if comma:
         return (SAME.get(rest) or OTHER[rest])(np.array(right))
@@ -164,12 +164,12 @@ def made(name, right):
 
 
 class TooLong(BaseException):
-    """A call that takes too long."""
+    """Raised in a call that takes too long."""
 
 
 @contextlib.contextmanager
 def limited(what):
-    """Stop what takes too long, unless it is in compiled code, and then end the process."""
+    """Raise TooLong in a block that takes more than `SECONDS`; compiled code isn't interrupted."""
 
     def stop(number, frame):
         raise TooLong(what)
@@ -190,18 +190,17 @@ def limited(what):
 
 
 def finite(result):
-    """Return whether a result is made of numbers, all of them finite."""
+    """Return whether a result consists of finite numbers."""
     try:
         return bool(np.isfinite(np.asarray(result, dtype=complex)).all())
     except (TypeError, ValueError):
         return False
 
 
-def outcome(name, changes):
-    """Call with some arguments changed; return the error, or nothing.
+def error_of(name, changes):
+    """Call a function with some arguments changed; return its error or None.
 
-    A warning of NumPy's about overflow or what is invalid is an error where numbers that look
-    right come out.
+    A RuntimeWarning of NumPy counts as an error if the result is finite.
     """
     call = EXAMPLES[name]
     changed = {key: made(value, call.arguments[key]) for key, value in changes.items()}
@@ -219,9 +218,9 @@ def outcome(name, changes):
 
 
 def is_named(call, message, called):
-    """Return whether a message has the name of an argument, or says what is wrong in one.
+    """Return whether a message names an argument or a part of one.
 
-    It may have been told to call one by another name.
+    `called` is the name that the call was told to use in messages.
     """
     if "broadcast" in message:  # leading axes that don't fit each other
         return True
@@ -234,7 +233,7 @@ def is_named(call, message, called):
     )
 
 
-# What calls return, and errors
+# Public classes that aren't called: results and errors
 RETURNED = {
     *("Certificate", "CompiledFunction", "DenseOutput", "Diagnosis", "Lifted", "Reference"),
     *("VariationalOutput", "VariationalSolution", "EnsembleVariationalSolution"),
@@ -247,12 +246,19 @@ RETURNED = {
         "CertificationError",
         "ConvergenceError",
     ),
-    *("FlowOverflowError", "LiftError", "StepTooLongError", "Product", "exact_weights"),
+    *(
+        "MissingQuadsError",
+        "FlowOverflowError",
+        "LiftError",
+        "StepTooLongError",
+        "Product",
+        "exact_weights",
+    ),
 }
-# Arguments whose own errors come out as they are
+# Functions of the user, whose own errors are raised unchanged
 FUNCTIONS = {"f", "jac", "df_dp", "events", "progress", "args"}
 
-# What messages name of an argument that has parts
+# Parts of arguments that messages name
 PARTS = {
     "points": ("point",),
     "stage_points": ("stage", "point"),
@@ -266,9 +272,9 @@ PARTS = {
 
 
 def check(name, changes):
-    """Check that a call with some arguments changed ends as it should."""
+    """Check that a call with some arguments changed returns, or raises an error that names one."""
     call = EXAMPLES[name]
-    error = outcome(name, changes)
+    error = error_of(name, changes)
     if error is None or isinstance(error, (MemoryError, *call.own)):
         return
     assert isinstance(error, TypeError | ValueError), repr(error)
@@ -305,12 +311,12 @@ def test_every_value_of_every_argument(name):
 
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
-def test_the_calls_are_right(name):
+def test_examples_run(name):
     EXAMPLES[name].function(**EXAMPLES[name].arguments)
 
 
-def test_everything_public_is_called():
-    """But what calls return: records, and errors."""
+def test_every_public_function_has_an_example():
+    """Except results and errors, which other calls return or raise."""
     modules = [cg, cg.conditions, cg.frames, cg.plot, cg.problems]
     public = {
         (module, name): getattr(module, name) for module in modules for name in module.__all__

@@ -1,6 +1,6 @@
-"""Functions of the user's that fail at any call: their own exception, or a clear error.
+"""Callbacks that fail at any call: the caller gets their own exception or a clear error.
 
-The environment's ``CG_FUZZ`` multiplies how many are tried.
+The environment variable ``CG_FUZZ`` multiplies the number of examples.
 """
 
 import os
@@ -26,11 +26,11 @@ RAISED = [ValueError, StopIteration, KeyboardInterrupt, SystemExit, MemoryError,
 
 
 class MineError(Exception):
-    """What no other code raises."""
+    """An exception that no other code raises."""
 
 
 def returned(size):
-    """Return what a wrong function may return."""
+    """Return values, most of them wrong for a function that returns vectors of `size` entries."""
     right = np.full(size, 0.1)
     return [
         *(None, "x", b"", 0.1, True, [], {}, object(), [None] * size, ["a"] * size),
@@ -42,7 +42,7 @@ def returned(size):
 
 
 class Wrong:
-    """A function that is right until its n-th call."""
+    """A function that raises or returns a wrong value after `at` calls."""
 
     def __init__(self, right, at, how):
         self.right, self.at, self.how, self.calls = right, at, how, 0
@@ -59,7 +59,7 @@ class Wrong:
 
 
 def ends_well(call, wrong, allowed):
-    """Check that a call either works or ends as it should."""
+    """Check that a call succeeds, or raises the error of the callback or an allowed one."""
     caught = None
     try:
         call()
@@ -85,7 +85,7 @@ HOW = st.sampled_from([MineError, *RAISED]) | st.integers(0, 24)
         ["auto", "CG4(3)", "CF4(3)", "RKMK5(4)", "fixed", "implicit", "events", "dense"]
     ),
 )
-def test_fields(name, at, how, way):
+def test_right_hand_sides_and_events(name, at, how, way):
     frame, start, size = FRAMES[name]
     rates = np.linspace(0.1, 0.4, size)
     given_back = returned(size)
@@ -121,7 +121,7 @@ def test_fields(name, at, how, way):
 
 @settings(max_examples=80 * MANY)
 @given(st.integers(0, 25), HOW)
-def test_residuals_of_lmdif(at, how):
+def test_lmdif(at, how):
     given_back = returned(3)
     how = given_back[how % len(given_back)] if isinstance(how, int) else how
     wrong = Wrong(lambda x: np.array([10 * (x[1] - x[0] ** 2), 1 - x[0], x[0]]), at, how)
@@ -130,7 +130,7 @@ def test_residuals_of_lmdif(at, how):
 
 @settings(max_examples=30 * MANY)
 @given(st.integers(0, 6), HOW)
-def test_progress_of_searches(at, how):
+def test_progress(at, how):
     how = returned(3)[how % 25] if isinstance(how, int) else how
     wrong = Wrong(lambda *arguments: None, at, how)
     ends_well(lambda: cg.search(3, 3, 5, 0, workers=1, progress=wrong), wrong, ())
@@ -141,7 +141,7 @@ def test_progress_of_searches(at, how):
     [0.1j, np.array(0.1 + 1j), np.ma.masked, "0.1", np.datetime64(1, "s"), 10**400],
     ids=lambda value: type(value).__name__,
 )
-def test_events_lose_no_part_of_what_they_return(value):
+def test_events_must_return_real_numbers(value):
     frame, start, _ = FRAMES["Euclidean"]
     with pytest.raises(ValueError, match=r"events\[0\] must return a real number"):
         cg.solve_ivp(lambda t, y: [0.1, 0.2], (0, 1), start, frame=frame, events=lambda t, y: value)

@@ -1,4 +1,4 @@
-"""Files and numbers that nobody means well with: clear errors, soon, and no other files."""
+"""Malicious files and numbers raise clear errors soon, and no file is written elsewhere."""
 
 import time
 from collections.abc import Iterator
@@ -53,7 +53,7 @@ NAMES = [
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_names_that_are_no_file_names_are_refused(name: str, tmp_path: Path) -> None:
+def test_rejects_unfit_file_names(name: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="name must be fit for a file's name"):
         file_in(tmp_path, name)
     with pytest.raises(ValueError, match="name must be fit"):
@@ -62,7 +62,7 @@ def test_names_that_are_no_file_names_are_refused(name: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("name", ["CG3", "CF4(3)", "König 5", "a.b", "order 4, 5 stages, start 3"])
-def test_other_names_are_file_names(name: str, tmp_path: Path) -> None:
+def test_accepts_file_names(name: str, tmp_path: Path) -> None:
     method = cg.Tableau([[], ["1/2"]], [0, 1], name=name)
     save(method, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [f"{name}.toml"]
@@ -70,7 +70,7 @@ def test_other_names_are_file_names(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["../outside", "{folder}/outside", "a/../../outside"])
-def test_certificates_are_written_into_the_folder_only(
+def test_certificates_stay_in_the_folder(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "output"
@@ -94,7 +94,7 @@ HUGE = ["1e999999999", "1e-999999999", "-1E+99999999999999999999", "1e1_000_000"
 
 
 @pytest.mark.parametrize("text", [*HUGE, Decimal("1e999999999"), Decimal("1e-999999")])
-def test_numbers_beyond_reason_are_refused(text: str | Decimal) -> None:
+def test_rejects_huge_exponents(text: str | Decimal) -> None:
     with pytest.raises(ValueError, match=r"exponents must be at most|Exceeds the limit"):
         read_fraction(text)
     with pytest.raises(ValueError, match="values must be finite real numbers"):
@@ -112,13 +112,13 @@ def test_numbers_beyond_reason_are_refused(text: str | Decimal) -> None:
 
 
 @pytest.mark.parametrize("text", ["1e9999", "-1e-9999", "0.25", "1/3", "1e0000000000000000000001"])
-def test_other_numbers_are_read(text: str) -> None:
+def test_reads_numbers(text: str) -> None:
     assert read_fraction(text) * 3 == 3 * read_fraction(text)
     assert read_fraction(text) != 0
 
 
 @pytest.mark.parametrize("text", [*HUGE, "nan", "-1", "1/0", "1e5000", "1e-4001"])
-def test_certificates_have_sane_numbers(text: str) -> None:
+def test_certificates_reject_numbers(text: str) -> None:
     with pytest.raises(CertificationError, match="expected a decimal number"):
         replace(CERTIFICATE, radius=text)
     with pytest.raises(CertificationError, match="expected a decimal number"):
@@ -156,12 +156,12 @@ FORGED = {
 
 
 @pytest.mark.parametrize("what", FORGED)
-def test_forged_certificates_are_refused(what: str) -> None:
+def test_rejects_forged_certificates(what: str) -> None:
     with pytest.raises(CertificationError):
         check(FORGED[what], METHOD)
 
 
-def test_a_check_goes_on_after_a_file_that_is_none(
+def test_check_continues_after_invalid_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     texts = {
@@ -196,26 +196,26 @@ def test_a_check_goes_on_after_a_file_that_is_none(
         ("b = [", "b = [1e999999999, "),
     ],
 )
-def test_method_files_that_are_none_are_method_errors(change: tuple[str, str]) -> None:
+def test_invalid_method_files_raise_method_error(change: tuple[str, str]) -> None:
     with pytest.raises(MethodError):
         loads(dumps(METHOD).replace(*change))
 
 
 @pytest.mark.parametrize("stage", ["9" * 5000, "٣", "-1", "1e3"])
-def test_stages_of_points_are_small_numbers(stage: str) -> None:
+def test_stage_keys_must_be_small_integers(stage: str) -> None:
     text = dumps(cg.methods["CF3"]).replace("{0 =", f'{{"{stage}" =', 1)
     with pytest.raises(MethodError, match="weights of point 0 must be on stages"):
         loads(text)
 
 
-def test_long_files_are_refused() -> None:
+def test_rejects_long_files() -> None:
     with pytest.raises(MethodError, match="at most 10000000 characters"):
         loads("#" * 10_000_001)
     with pytest.raises(CertificationError, match="at most 10000000 characters"):
         Certificate.loads("#" * 10_000_001)
 
 
-def test_words_are_those_of_trees_of_tables() -> None:
+def test_words_have_at_most_14_nodes() -> None:
     assert parse("[[][[]]]") == ((), ((),))
     with pytest.raises(ValueError, match="at most 14 nodes"):
         parse("[" * 15 + "]" * 15)

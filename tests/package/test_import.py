@@ -1,4 +1,4 @@
-"""What is loaded when: counted in modules, since seconds depend on the machine."""
+"""Modules imported by the package and its functions."""
 
 import ast
 import json
@@ -24,7 +24,7 @@ def loaded_after(code):
     return set(json.loads(process.stdout.splitlines()[-1]))
 
 
-def test_the_package_loads_nothing_until_it_is_used():
+def test_submodules_are_imported_lazily():
     modules = loaded_after("import cg; dir(cg)")
     assert not HEAVY & modules
     loaded = {name for name in modules if name.startswith("cg.")}
@@ -38,7 +38,7 @@ def test_methods_need_neither_scipy_nor_flint():
     assert "cg.proofs" not in modules
 
 
-def test_integration_loads_no_more_than_it_uses():
+def test_integration_imports_no_unused_modules():
     modules = loaded_after(
         "import cg\n"
         "f = lambda t, y: [0.1, 0.2, 0.3]\n"
@@ -59,7 +59,7 @@ def test_integration_loads_no_more_than_it_uses():
     assert not unused & modules
 
 
-def test_public_names_are_those_of_the_stub():
+def test_public_names_equal_the_stub():
     stub = ast.parse(Path(cg.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     (listed,) = (
         [element.value for element in node.value.elts]
@@ -72,14 +72,14 @@ def test_public_names_are_those_of_the_stub():
         assert getattr(cg, name) is not None
 
 
-def test_modules_are_attributes_and_other_names_are_refused():
+def test_attributes_of_the_package():
     assert cg.catalogue.methods is cg.methods
     with pytest.raises(AttributeError, match="module 'cg' has no attribute 'method_s'"):
         cg.method_s  # noqa: B018
     assert not hasattr(cg, "__wrapped__")
 
 
-def test_without_jax_a_sentence_says_what_to_install():
+def test_missing_jax_error_names_the_package():
     code = (
         "import sys; sys.modules['diffrax'] = None; import cg\n"
         "try:\n    cg.jax\nexcept ImportError as error:\n    print(error)"

@@ -1,4 +1,4 @@
-"""The two names of the package, and the unrelated distribution that is called `cg` as well."""
+"""The two names of the package, and the unrelated distribution `cg`."""
 
 import importlib
 import os
@@ -36,7 +36,7 @@ def python(code, folder):
     )
 
 
-def test_the_second_name_is_the_same_module():
+def test_crouch_grossman_is_cg():
     assert crouch_grossman is cg
     assert crouch_grossman.frames is cg.frames
     assert sys.modules["crouch_grossman.frames.so3"] is sys.modules["cg.frames.so3"]
@@ -45,7 +45,7 @@ def test_the_second_name_is_the_same_module():
         importlib.import_module("crouch_grossman.nothing")
 
 
-def test_a_module_runs_by_the_second_name():
+def test_python_m_crouch_grossman():
     run = subprocess.run(
         [sys.executable, "-m", "crouch_grossman.proofs", "--help"],
         capture_output=True,
@@ -59,7 +59,7 @@ def test_a_module_runs_by_the_second_name():
 @pytest.mark.parametrize(
     ("left", "version"), [("cg-88.24.0.dist-info", "88.24.0"), ("CG-1.0-py3.11.egg-info", "1.0")]
 )
-def test_the_other_distribution_in_the_folder_is_told(tmp_path, left, version):
+def test_other_distribution_is_reported(tmp_path, left, version):
     (tmp_path / "cg").mkdir()
     for harmless in ("cg_tools-1.0.dist-info", "cgx-2.dist-info", "cg-notes.txt"):
         (tmp_path / harmless).mkdir()
@@ -71,7 +71,7 @@ def test_the_other_distribution_in_the_folder_is_told(tmp_path, left, version):
 
 
 @pytest.mark.parametrize("files", [{"__init__.py": "__title__ = 'cg'"}, {"py.typed": ""}])
-def test_a_replaced_or_removed_module_is_told(tmp_path, files):
+def test_replaced_modules_are_reported(tmp_path, files):
     (tmp_path / "cg").mkdir()
     for name, text in files.items():
         (tmp_path / "cg" / name).write_text(text)
@@ -83,14 +83,14 @@ def test_a_replaced_or_removed_module_is_told(tmp_path, files):
 
 
 @of_the_source_tree
-def test_the_version_is_one():
+def test_versions_agree():
     (built,) = re.findall(r"^  version: '(.*)'", (ROOT / "meson.build").read_text(), re.MULTILINE)
     (cited,) = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert built == cited == cg.__version__
 
 
 @of_the_source_tree
-def test_caches_of_all_folders_are_left_out():
+def test_caches_are_not_installed():
     text = (ROOT / "meson.build").read_text("utf-8")
     named = re.search(r"foreach folder : \[(.*?)\]", text, re.DOTALL).group(1)
     folders = {file.parent.relative_to(ROOT / "cg") for file in (ROOT / "cg").rglob("*.py")}

@@ -1,4 +1,4 @@
-"""Limits of what is asked for: large orders, deep trees, other numbers, full disks, long texts."""
+"""Limits: large orders, deep trees, complex numbers, full disks, long texts."""
 
 import re
 import subprocess
@@ -20,14 +20,14 @@ from cg.proofs.dependent.relations import kept_words
 from cg.trees.ordered import OrderedTree
 
 
-def test_a_construction_of_the_highest_order_begins() -> None:
+def test_construct_starts_at_the_highest_order() -> None:
     made = cg.construct(8, 60, seed=0, tries=1, iterations=1, first_stages=60)
     assert not made.exact
     assert made.tries == 1
 
 
 @pytest.mark.parametrize("structure", Structure)
-def test_starts_are_known_up_to_the_highest_order(structure: Structure) -> None:
+def test_default_starts_of_all_orders(structure: Structure) -> None:
     most = conditions.MAX_ORDER if structure is Structure.GENERAL else 8
     for order in range(4, most + 1):
         start = default_start(order, structure)
@@ -37,7 +37,7 @@ def test_starts_are_known_up_to_the_highest_order(structure: Structure) -> None:
 
 @pytest.mark.parametrize("order", [4, 5, 6, pytest.param(8, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("structure", [Structure.STAGE_ORDER_TWO, Structure.MIDDLE])
-def test_equations_are_those_that_no_identity_leaves_out(structure: Structure, order: int) -> None:
+def test_number_of_equations(structure: Structure, order: int) -> None:
     identities: list[Any] = [StageOrderTwo(1)]
     held = {1}
     if structure is Structure.MIDDLE:
@@ -57,7 +57,7 @@ COMPLEX: dict[str, Callable[[Any, Any], Any]] = {
 
 
 @pytest.mark.parametrize("name", COMPLEX)
-def test_complex_numbers_are_refused(name: str) -> None:
+def test_rejects_complex_numbers(name: str) -> None:
     a, b = np.array([[0.0, 0.0], [0.5, 0.0]]), np.array([0.0, 1.0])
     call = COMPLEX[name]
     call(a, b)
@@ -81,7 +81,7 @@ def _stops(t: float, y: Any) -> Any:
     "options",
     [{"h": 0.1}, {"rtol": 1e-3}, {"h": 0.1, "dense_output": True}, {"rtol": 1e-3, "t_eval": [0.5]}],
 )
-def test_a_stop_iteration_of_f_ends_the_call(frame: Any, options: dict[str, Any]) -> None:
+def test_stop_iteration_of_f_is_raised(frame: Any, options: dict[str, Any]) -> None:
     y0 = np.eye(frame.size)
     with pytest.raises(StopIteration, match="from f"):
         cg.solve_ivp(_stops, (0, 1), y0, frame=frame, **options)
@@ -90,7 +90,7 @@ def test_a_stop_iteration_of_f_ends_the_call(frame: Any, options: dict[str, Any]
             cg.integrate(_stops, (0, 1), y0, frame=frame, method=method, h=0.1)
 
 
-def test_what_a_generator_of_the_user_made_of_it_stays() -> None:
+def test_stop_iteration_in_a_generator() -> None:
     def generator() -> Iterator[float]:
         raise StopIteration("inside")
         yield 0.0
@@ -106,7 +106,7 @@ def test_what_a_generator_of_the_user_made_of_it_stays() -> None:
         )
 
 
-def test_classical_conditions_are_counted_soon_or_refused() -> None:
+def test_count_classical() -> None:
     # rooted trees with 1, 2, ... nodes: A000081 in the On-Line Encyclopedia of Integer Sequences
     trees = [1, 1, 2, 4, 9, 20, 48, 115, 286, 719]
     for order in range(1, 11):
@@ -133,7 +133,7 @@ def test_deep_trees() -> None:
     assert {tree: 1}[same] == 1
 
 
-def test_a_search_from_wide_guesses_ends() -> None:
+def test_search_with_wide_guesses() -> None:
     found = cg.search(3, 3, 2, 0, width=1e300, maxfev=5)
     assert not found.methods
     assert found.best.largest_residual > 0
@@ -143,7 +143,7 @@ def test_a_search_from_wide_guesses_ends() -> None:
     assert not made.exact
 
 
-def test_results_of_searches_have_short_texts() -> None:
+def test_search_results_have_short_reprs() -> None:
     found = cg.search(3, 3, 40, 0)
     assert re.fullmatch(
         r"<SearchResult: order 3, 3 stages, seed 0: \d+ of 40 starts exact>", repr(found)
@@ -160,7 +160,7 @@ sys.exit(main(["--out", sys.argv[1], "--only", sys.argv[2]]))
 """
 
 
-def test_a_full_disk_is_told(tmp_path: Path) -> None:
+def test_full_disk_is_reported(tmp_path: Path) -> None:
     from cg.reproduce.items import ITEMS
 
     assert "fig4.1" in ITEMS
@@ -171,14 +171,14 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
     assert "Traceback" not in run.stderr
 
 
-def test_floors_of_versions_are_those_that_the_code_needs() -> None:
+def test_minimum_versions_of_dependencies() -> None:
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8"))
     floors = dict(entry.split(">=") for entry in project["project"]["dependencies"])
     assert floors["python-flint"] >= "0.7"  # polynomials of several variables
     assert floors["matplotlib"] >= "3.9"
 
 
-def test_warnings_of_integrations_are_about_the_caller() -> None:
+def test_warnings_point_to_the_caller() -> None:
     method = cg.Tableau([[]], ["1/2"], name="half")
     for call in (cg.integrate, cg.solve_ivp):
         with pytest.warns(UserWarning, match="has order 0") as caught:
@@ -193,6 +193,6 @@ def test_warnings_of_integrations_are_about_the_caller() -> None:
         assert caught[0].filename == __file__
 
 
-def test_structures_are_known_to_order_eight() -> None:
+def test_structures_have_orders_up_to_eight() -> None:
     with pytest.raises(ValueError, match="order must be at most 8 with a structure, got 9"):
         ConditionSystem.tableau(9, 100, structure=Structure.MIDDLE)

@@ -1,4 +1,4 @@
-"""Trees, orders of flat methods and steps, beside kauri, NodePy and Lielab."""
+"""Trees, orders of classical methods and steps equal those of kauri, NodePy and Lielab."""
 
 from collections import defaultdict
 from fractions import Fraction
@@ -40,7 +40,7 @@ def nested(tree):
 
 class TestTrees:
     @pytest.mark.parametrize("nodes", range(1, NODES + 1))
-    def test_planar_trees_are_the_same(self, kauri, nodes):
+    def test_planar_trees_equal_kauri(self, kauri, nodes):
         trees = forest(nodes)
         ours = [kauri.PlanarTree(nested(trees.tree(t))) for t in trees.with_nodes(nodes)]
         theirs = list(kauri.planar_trees_of_order(nodes))
@@ -48,7 +48,7 @@ class TestTrees:
         assert set(ours) == set(theirs)
 
     @pytest.mark.parametrize("nodes", range(1, NODES + 1))
-    def test_densities_add_up_to_tree_factorials(self, kauri, nodes):
+    def test_densities_sum_to_tree_factorials(self, kauri, nodes):
         # over all orders of children, 1 / γ adds up to |t| / (t! σ(t)) of the tree without order
         trees = forest(nodes)
         sums = defaultdict(Fraction)
@@ -60,7 +60,7 @@ class TestTrees:
         for tree in theirs:
             assert sums[tree] == Fraction(nodes, tree.factorial() * tree.sigma())
 
-    def test_classical_conditions_are_counted_alike(self, kauri):
+    def test_count_classical_equals_kauri(self, kauri):
         for order in range(1, 10):
             found = sum(1 for tree in kauri.trees_up_to_order(order) if tree.nodes())
             assert conditions.count_classical(order) == found
@@ -71,7 +71,7 @@ FEW_STAGES = [name for name, method in cg.methods.items() if method.stages <= 9]
 
 class TestFlatOrders:
     @pytest.mark.parametrize("name", FEW_STAGES)
-    def test_of_the_catalogue(self, nodepy, kauri, capsys, name):
+    def test_orders_of_the_catalogue(self, nodepy, kauri, capsys, name):
         method = cg.methods[name]
         # as doubles; what fails does so by more than 1e-6
         orders = range(1, 10)
@@ -89,7 +89,7 @@ class TestLielab:
 
     @pytest.mark.parametrize("name", ["CG4a", "CG5a"])
     @pytest.mark.parametrize("h", [0.1, 0.01])
-    def test_steps_are_the_same(self, coefficients, name, h):
+    def test_steps_equal_lielab(self, coefficients, name, h):
         from benchmarks.lielab_top import LielabTop
 
         top = HeavyTop()

@@ -1,4 +1,4 @@
-"""The suite draws the same examples each time, unless it is asked for others."""
+"""Hypothesis draws the same examples on every run, except in the nightly profile."""
 
 import os
 import subprocess
@@ -35,13 +35,13 @@ def drawn(folder: Path, *options: str) -> tuple[str, str]:
     return (folder / "drawn").read_text(), done.stdout
 
 
-def test_examples_are_the_same_on_every_run(tmp_path):
+def test_hypothesis_is_deterministic(tmp_path):
     first, _ = drawn(tmp_path / "a")
     assert drawn(tmp_path / "b")[0] == first
     assert not (tmp_path / "a" / ".hypothesis" / "examples").exists()
 
 
-def test_the_nightly_profile_draws_others_and_says_how_to_repeat_them(tmp_path):
+def test_nightly_profile_prints_a_blob(tmp_path):
     first, printed = drawn(tmp_path / "a", "--hypothesis-profile=nightly")
     assert drawn(tmp_path / "b", "--hypothesis-profile=nightly")[0] != first
     assert "@reproduce_failure" in printed

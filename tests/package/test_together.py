@@ -1,4 +1,4 @@
-"""Eight threads and eight processes at once give what one thread alone does."""
+"""Eight threads or processes at once give the results of one thread."""
 
 import pickle
 import subprocess
@@ -52,5 +52,5 @@ def test_eight_processes(alone, way):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes can't fork")
-def test_two_forks_of_a_process_that_has_worked(alone):
+def test_two_forks_of_a_used_process(alone):
     assert worked("fork", 2, 4, True) == alone[:4]

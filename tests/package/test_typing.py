@@ -1,4 +1,4 @@
-"""Types of what is offered: a strict checker passes a good file, and finds what is wrong in one."""
+"""Type hints of the public interface, checked by mypy on user code."""
 
 import os
 import subprocess
@@ -62,7 +62,7 @@ def check(folder, text):
     )
 
 
-def test_a_strict_checker_passes_a_users_file(tmp_path):
+def test_strict_mypy_accepts_user_code(tmp_path):
     run = check(tmp_path, RIGHT)
     assert [line for line in run.stdout.splitlines() if line.startswith("user.py")] == []
     assert "user.py" not in run.stderr
@@ -70,7 +70,7 @@ def test_a_strict_checker_passes_a_users_file(tmp_path):
         assert run.returncode == 0, run.stdout
 
 
-def test_a_strict_checker_finds_what_is_wrong(tmp_path):
+def test_strict_mypy_finds_errors(tmp_path):
     told = check(tmp_path, WRONG).stdout
     assert 'has type "int", variable has type "str"' in told
     assert 'Unexpected keyword argument "methid"' in told

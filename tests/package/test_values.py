@@ -1,4 +1,4 @@
-"""What the package gives are values: nobody changes them, so that they can be shared and hashed."""
+"""Records of the package are immutable, so that they can be shared and hashed."""
 
 import dataclasses
 import importlib
@@ -46,7 +46,7 @@ def test_dataclasses_are_frozen():
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_attributes_stay(value):
+def test_attributes_are_read_only(value):
     name = next(iter(vars(value)))
     with pytest.raises(AttributeError):
         setattr(value, name, None)

@@ -1,4 +1,4 @@
-"""A build without quadruple precision: everything in double works, quads are refused by name."""
+"""A build without quadruple precision: doubles work, quadruple precision raises an error."""
 
 import numpy as np
 import pytest
@@ -35,12 +35,12 @@ def without(monkeypatch):
         ),
     ],
 )
-def test_quads_are_refused_by_name(call, name):
+def test_missing_quads_error_names_the_function(call, name):
     with pytest.raises(MissingQuadsError, match=rf"^{name} needs quadruple precision.*-Dquad"):
         call()
 
 
-def test_doubles_work():
+def test_doubles_work_without_quads():
     top = cg.problems.HeavyTop()
     compiled = integrate_heavy_top(top, method="CG4a", h="1/100", steps=20)
     run = cg.integrate(top.f, (0, 0.2), top.y0, frame=top.frame, method="CG4a", h=0.01)

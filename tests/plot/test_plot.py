@@ -1,4 +1,4 @@
-"""What pictures show, read back from their axes."""
+"""Contents of plots, read from their axes."""
 
 import subprocess
 import sys
@@ -35,13 +35,13 @@ def texts(ax):
     return [text.get_text() for text in ax.texts]
 
 
-def test_matplotlib_is_loaded_only_to_draw():
+def test_matplotlib_is_imported_lazily():
     code = "import cg; cg.plot.tree; import sys; print('matplotlib' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "False\n"
 
 
-def test_new_axes_are_made_and_given_ones_returned(ax):
+def test_returns_given_or_new_axes(ax):
     assert cg.plot.tree("[]", ax) is ax
     other = cg.plot.tree("[]")
     assert other is not ax
@@ -60,7 +60,7 @@ class TestTrees:
         assert cg.plot.tree(OrderedTree.parse("[[]]"), title=False).get_xlabel() == ""
 
     @pytest.mark.parametrize("text", ["[]", "[[][][]]", "[[[]][[][]][]]", "[[[[[]]]]]"])
-    def test_nodes_stay_apart(self, text):
+    def test_nodes_do_not_overlap(self, text):
         tree = OrderedTree.parse(text)
         nodes, edges = layout(tree)
         assert len(set(nodes)) == len(nodes) == tree.nodes
@@ -71,7 +71,7 @@ class TestTrees:
             level = sorted(x for x, y in nodes if y == height)
             assert all(np.diff(level) >= 1.0)
 
-    def test_what_is_refused(self, ax):
+    def test_rejects(self, ax):
         with pytest.raises(ValueError, match="expected exactly one tree"):
             cg.plot.tree("[[]", ax)
         with pytest.raises(TypeError, match="tree must be an OrderedTree or its text, got 3"):
@@ -120,8 +120,8 @@ class TestMethods:
         dotted = [line for line in ax.lines if line.get_linestyle() == ":"]
         assert len(dotted) == (name == "CF6(5)")
 
-    def test_what_is_refused(self, ax):
-        with pytest.raises(ValueError, match="method must be explicit for its points to be drawn"):
+    def test_rejects(self, ax):
+        with pytest.raises(ValueError, match="method must be explicit, got"):
             cg.plot.points("DICG4", ax)
         with pytest.raises(ValueError, match="method must be one of"):
             cg.plot.tableau("XX", ax)
@@ -131,7 +131,7 @@ class TestMethods:
 
 class TestStability:
     @pytest.mark.parametrize("name", ["CG3", "CF4", "DP5(4)", "DICG4", "ImplicitMidpoint"])
-    def test_growth_is_that_of_a_step(self, name):
+    def test_growth_equals_a_step(self, name):
         method = cg.methods[name]
         z = np.array([-0.3, 0.2])
         for value in z:
@@ -161,7 +161,7 @@ class TestStability:
         assert ax.get_ylim() == (-3.5, 3.5)
         cg.plot.stability_region("ImplicitMidpoint")  # whose region has no end
 
-    def test_what_is_refused(self, ax):
+    def test_rejects(self, ax):
         with pytest.raises(ValueError, match=r"x must be a pair of increasing finite numbers, got"):
             cg.plot.stability_region("CG3", ax, x=(1, 0))
         with pytest.raises(ValueError, match="method must be one or more methods, got none"):
@@ -200,11 +200,11 @@ class TestErrors:
             ([0.1, 0.2], [1e-3], r"vectors of one length, got shapes \(2,\), \(1,\)"),
             ([0.1, -0.2], [1e-3, 1e-3], "h must be finite and positive"),
             ([0.1, 0.2], [1e-3, np.nan], "errors must be finite and not negative"),
-            ([0.1, 0.2], [0.0, 0.0], "errors must have one that isn't zero"),
-            ("ab", [1.0], "h must be a vector of numbers, got 'ab'"),
+            ([0.1, 0.2], [0.0, 0.0], "errors must not all be zero"),
+            ("ab", [1.0], "h must be an array of real numbers, got 'ab'"),
         ],
     )
-    def test_what_is_refused(self, ax, h, errors, message):
+    def test_rejects(self, ax, h, errors, message):
         with pytest.raises(ValueError, match=message):
             cg.plot.convergence(h, errors, ax)
         with pytest.raises(ValueError, match="order must be"):
@@ -250,7 +250,7 @@ class TestTrajectories:
         legend = [text.get_text() for text in spatial.get_legend().get_texts()]
         assert legend == ["x axis", "y axis", "z axis"]
 
-    def test_what_is_refused(self, ax, spatial):
+    def test_rejects(self, ax, spatial):
         with pytest.raises(ValueError, match="ax must be three-dimensional, made with projection="):
             cg.plot.trajectory_on_sphere(np.eye(3), ax)
         with pytest.raises(ValueError, match=r"y must have shape \(n, 3\), got \(3, 4\)"):

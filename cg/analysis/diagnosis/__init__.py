@@ -1,4 +1,4 @@
-"""What a method really is, and which known mistake made it so."""
+"""Diagnosis of methods: true order, first violated condition, known mistakes."""
 
 from .diagnosis import Diagnosis, diagnose
 from .drawing import draw_points, draw_tree

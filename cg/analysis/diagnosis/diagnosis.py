@@ -1,4 +1,4 @@
-"""What a method is, in one record."""
+"""The result of diagnosing a method, and the function that diagnoses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...structure.points import MethodError
 from ...support.parsing import visible
 from .failing import FailingCondition, first_failing
 from .findings import Finding
-from .mistakes import find_all
+from .mistakes import recognise_all
 from .variants import order_on_vector_spaces
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -22,30 +22,30 @@ __all__ = ["Diagnosis", "diagnose"]
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a method really is.
+    """Order, first violated order condition and known mistakes of a method.
 
     Attributes
     ----------
     method : Method
     order : int
-        That the coefficients have on manifolds, as far as their places tell
-        (`Method.exact_order`); of methods of Munthe-Kaas that of the tableau.
+        Order on manifolds to the precision of the coefficients (`Method.exact_order`); for a method
+        of Munthe-Kaas, the order of its tableau.
     flat_order : int
-        The order where flows commute, as in vector spaces.
+        Order on vector spaces, where flows commute.
     embedded_order : int or None
-        Of the second result of a pair.
+        Order of the second result of a pair.
     failing : FailingCondition or None
-        The first order condition that doesn't hold; None if all that can be told hold.
+        The first violated order condition; None if all conditions of the tabulated orders hold.
     findings : tuple of Finding
-        Known mistakes that were recognised, and the method of the catalogue that it is.
+        Recognised mistakes, and the method of the catalogue with the same coefficients.
 
     Examples
     --------
     The midpoint rule, with the wrong weights:
 
     >>> import cg
-    >>> found = cg.diagnose(cg.Tableau([[], ["1/2"]], ["1/2", "1/2"], name="mine"))
-    >>> found.order, str(found.failing.tree)
+    >>> diagnosis = cg.diagnose(cg.Tableau([[], ["1/2"]], ["1/2", "1/2"], name="mine"))
+    >>> diagnosis.order, str(diagnosis.failing.tree)
     (1, '[[[]]]')
     """
 
@@ -97,7 +97,7 @@ class Diagnosis:
         return f"{self.order} on manifolds{same}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what JSON can hold."""
+        """Return the diagnosis as a dict for JSON."""
         method = self.method
         return {
             "name": method.name,
@@ -117,28 +117,28 @@ class Diagnosis:
 
 
 def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnosis:
-    """Find out what a method really is, and which known mistake made it so.
+    """Determine the order of a method and recognise known mistakes in its coefficients.
 
     Parameters
     ----------
     method : str or Method
         A method, or the name of one in the catalogue.
     c : sequence of s numbers, optional
-        Abscissae that the method came with: rows of a must sum to them.
+        Abscissae to compare the row sums of a with.
 
     Returns
     -------
     Diagnosis
-        As text it says the order, the first order condition that fails with its tree, and these
-        mistakes if they are recognised: flows of stages in reverse, a transposed, one or two
-        coefficients of a method of the catalogue changed (CG4a's a_54 among them), coefficients
-        cut short, second weights equal to the first, rows that don't sum to c, and a flat
-        tableau used as it stands.
+        Its text has the order, the first violated order condition with its tree, and the mistakes
+        recognised: reversed flows of stages, a transposed, one or two coefficients changed in a
+        method of the catalogue (among them CG4a's a_54), truncated coefficients, second weights
+        equal to the first, rows that don't sum to c, and a classical tableau used on manifolds
+        without lifting.
 
     Raises
     ------
     ValueError
-        If no method has that name, or `c` isn't a sequence of as many numbers as there are stages.
+        If no method has that name, or `c` isn't a sequence of s numbers.
     TypeError
         If `method` is neither a name nor a method.
 
@@ -146,10 +146,10 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     --------
     >>> import cg
     >>> heun = cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"], name="Heun's third")
-    >>> found = cg.diagnose(heun)
-    >>> found.order, found.flat_order, [finding.kind for finding in found.mistakes]
+    >>> diagnosis = cg.diagnose(heun)
+    >>> diagnosis.order, diagnosis.flat_order, [mistake.kind for mistake in diagnosis.mistakes]
     (2, 3, ['flat'])
-    >>> print(found.failing)
+    >>> print(diagnosis.failing)
     ●
     ├── ●
     └── ●
@@ -164,7 +164,7 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
         method.exact_order if isinstance(method, MuntheKaas) else order_on_vector_spaces(method),
         method.embedded_order,
         first_failing(method),
-        tuple(find_all(method, abscissae)),
+        tuple(recognise_all(method, abscissae)),
     )
 
 

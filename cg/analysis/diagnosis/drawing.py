@@ -1,4 +1,4 @@
-"""Trees drawn as text."""
+"""Trees and points of steps as text."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _NODE = "●"
 
 
 def draw_tree(tree: OrderedTree) -> str:
-    """Return an ordered tree as lines of text: the root on top, children from top to bottom.
+    """Return an ordered tree as lines of text, each node above its children.
 
-    The child on top is the leftmost, whose flow comes first.
+    The first child is the leftmost, whose flow comes first.
 
     Examples
     --------
@@ -33,10 +33,10 @@ def draw_tree(tree: OrderedTree) -> str:
 
 
 def draw_points(method: Any, *, digits: int = 6) -> str:
-    """Return the points of a step of an explicit method as lines of text, children below.
+    """Return the points of a step of an explicit method as lines of text, each above its children.
 
-    Each line is one flow: the number of the point, the combination of frozen fields, and what is
-    at the point.
+    Each line is one flow: the number of the point, the combination of frozen fields, and the role
+    of the point.
 
     Parameters
     ----------
@@ -57,19 +57,14 @@ def draw_points(method: Any, *, digits: int = 6) -> str:
     below: dict[int, list[int]] = {m: [] for m in range(START, len(tree.points))}
     for m, point in enumerate(tree.points):
         below[point.parent].append(m)
-    there: dict[int, list[str]] = {m: [] for m in below}
-    for stage, at in enumerate(tree.stage_points, 1):
-        there[at].append(f"stage {stage}")
-    there[tree.result].append("result")
-    if tree.embedded_result is not None:
-        there[tree.embedded_result].append("second result")
+    roles = tree.roles()
 
     def label(m: int) -> str:
         if m == START:
-            return f"start: {', '.join(there[m])}" if there[m] else "start"
+            return f"start: {', '.join(roles[m])}" if m in roles else "start"
         terms = [(f"{float(w):.{digits}g}", k + 1) for k, w in tree.points[m].weights.items()]
         flow = " + ".join(f"{weight} F{stage}" for weight, stage in terms).replace("+ -", "- ")
-        return "; ".join([f"point {m + 1}: {flow or 'no flow'}", *there[m]])
+        return "; ".join([f"point {m + 1}: {flow or 'no flow'}", *roles.get(m, [])])
 
     return _draw(START, below.__getitem__, label)
 

@@ -1,4 +1,4 @@
-"""The first order condition that a method doesn't satisfy."""
+"""The first order condition that a method violates."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ __all__ = ["FailingCondition", "first_failing"]
 
 @dataclass(frozen=True)
 class FailingCondition:
-    """A condition ``Φ(t) = 1/γ(t)`` that doesn't hold.
+    """A violated order condition ``Φ(t) = 1/γ(t)``.
 
     Attributes
     ----------
     order : int
-        Of the condition.
+        Order of the condition.
     tree : OrderedTree
-        t. For methods of Munthe-Kaas it is a rooted tree, whose children have no order.
+        t; for a method of Munthe-Kaas it stands for a rooted tree, whose children have no order.
     residual : float
         ``Φ(t) - 1/γ(t)``, correctly rounded.
     right_side : Fraction
         1/γ(t).
     failing, of : int
-        How many of the independent conditions of that order fail, and how many there are.
+        Number of violated independent conditions of that order, and of all of them.
     """
 
     order: int
@@ -59,7 +59,7 @@ class FailingCondition:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what JSON can hold."""
+        """Return the condition as a dict for JSON."""
         return {
             "order": self.order,
             "tree": str(self.tree),
@@ -73,9 +73,9 @@ class FailingCondition:
 
 
 def first_failing(method: Method) -> FailingCondition | None:
-    """Return the first condition of the first order that fails; None beyond the highest order.
+    """Return the first violated condition of lowest order; None beyond the highest tabulated order.
 
-    What coefficients may be off by is allowed for, as in `Method.exact_order`.
+    Residuals within the uncertainty of the coefficients count as zero, as in `Method.exact_order`.
     """
     order = method.exact_order + 1
     if order > conditions.MAX_ORDER:
@@ -94,7 +94,7 @@ def _first(method: Method, order: int) -> FailingCondition:
     ]
     if failing:
         residual = float(residuals[failing[0]].mid())
-    else:  # by less than balls can tell
+    else:  # the balls contain zero: decide in exact arithmetic
         exact = conditions.exact_residuals_of(method.tree, order, independent=True)[lower:]
         pairs = enumerate(zip(exact, allowed, strict=True))
         failing = [k for k, (r, t) in pairs if abs(r) > Fraction(t)]
@@ -105,7 +105,7 @@ def _first(method: Method, order: int) -> FailingCondition:
 
 
 def _within(residual: arb, tolerance: float) -> bool:
-    # infinite ones of huge coefficients decide nothing, as in `Method.satisfies`
+    # an infinite tolerance of huge coefficients decides nothing, as in `Method.satisfies`
     if not math.isfinite(tolerance):
         return False
     return bool(residual.contains(0) or abs(residual) <= tolerance)

@@ -1,4 +1,4 @@
-"""Diagnoses of files, which may hold what no method can."""
+"""Diagnosis of files, also of tableaux that `cg.Tableau` rejects."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from .findings import Finding
 __all__ = ["diagnose_file", "diagnose_tableau"]
 
 _KEYS = {"name", "source", "kind", "a", "b", "b_embedded", "c"}
-"""Of a file that is more generous than one of the catalogue."""
+"""Keys of a file of a tableau; more than in the catalogue are optional."""
 
 _KEYS_OF_OTHERS = {"points", "stage_points", "result", "nominal", "b_third"}
-"""Of files that must be like those of the catalogue."""
+"""Keys of files in the format of the catalogue."""
 
 
 def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
-    """Find out what the method in a file really is.
+    """Diagnose the method in a file.
 
     Parameters
     ----------
     path : path
-        A file as `cg.catalogue.load` reads it. That of a tableau may also have ``c``, abscissae
-        that rows of a must sum to, may lack ``name`` and ``source``, and may have second weights
-        that equal the first, which no method can.
+        A file as `cg.catalogue.load` reads it. A file of a tableau may also have abscissae ``c``,
+        may lack ``name`` and ``source``, and may have second weights equal to the first, which
+        `cg.Tableau` rejects.
 
     Raises
     ------
     TypeError
-        If `path` isn't one.
+        If `path` isn't a path.
     MethodError
-        If it isn't a file of a method; the message names it.
+        If the file doesn't define a method; the message names the file.
     OSError
         If the file can't be read.
     """
@@ -64,19 +64,18 @@ def diagnose_file(path: str | PathLike[str]) -> Diagnosis:
 
 
 def _read(text: str) -> dict[str, Any]:
-    if text.lstrip().startswith("{"):  # which no line of TOML begins with
+    if text.lstrip().startswith("{"):  # no TOML file begins so
         return read_json(text, TableauError)
     return read_toml(text, TableauError, parse_float=str)
 
 
 def diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
-    """Diagnose the tableau that an entry of a file is; see `diagnose_file`.
+    """Diagnose the tableau in an entry of a file; see `diagnose_file`.
 
     Parameters
     ----------
     entry : dict
-        With the keys ``a`` and ``b``, and if there are ``name``, ``source``, ``kind``,
-        ``b_embedded``, ``c``.
+        Keys ``a``, ``b`` and ``name``; ``source``, ``kind``, ``b_embedded`` and ``c`` are optional.
     """
     entry = dict(entry)
     c = entry.pop("c", None)
@@ -89,14 +88,14 @@ def diagnose_tableau(entry: dict[str, Any]) -> Diagnosis:
         equal = True
         entry.pop("b_embedded")
         method = _method(**entry)
-    found = diagnose(method, c=c)
+    diagnosis = diagnose(method, c=c)
     if not equal:
-        return found
+        return diagnosis
     finding = Finding(
         "equal weights",
-        "b_embedded is b: the difference of both results is zero, and estimates no error",
+        "b_embedded equals b: the difference of the results is zero and estimates no error",
     )
-    return replace(found, findings=(finding, *found.findings))
+    return replace(diagnosis, findings=(finding, *diagnosis.findings))
 
 
 def _method(
@@ -111,7 +110,7 @@ def _method(
 
 
 def _same(b: Any, second: Any) -> bool:
-    # read as the weights of methods of no stages but these, so that texts may differ
+    # compare values, since texts such as 1/2 and 0.5 differ
     stages = len(b) if isinstance(b, list) else 0
     zeros = [[0] * stages] * stages
     return Tableau(zeros, b).exact[1] == Tableau(zeros, second).exact[1]

@@ -1,4 +1,4 @@
-"""What a diagnosis finds."""
+"""Findings of a diagnosis."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ __all__ = ["Finding"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is known of a method.
+    """A recognised mistake, or a known property of a method.
 
     Attributes
     ----------
     kind : str
-        One word for it: ``"reversed"``, ``"transposed"``, ``"slip"``, ``"changed"``, ``"digits"``,
+        Its kind: ``"reversed"``, ``"transposed"``, ``"slip"``, ``"changed"``, ``"digits"``,
         ``"equal weights"``, ``"flat"``, ``"abscissae"``; ``"known"`` isn't a mistake.
     message : str
         A sentence.
@@ -25,7 +25,7 @@ class Finding:
 
     @property
     def mistake(self) -> bool:
-        """Whether it is a mistake, and not only a fact."""
+        """Whether the finding is a mistake."""
         return self.kind != "known"
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Known mistakes, each recognised by the method that it was made of."""
+"""Known mistakes, recognised by the method that results when they are undone."""
 
 from __future__ import annotations
 
@@ -12,48 +12,52 @@ from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...structure.points import MethodError
 from .findings import Finding
-from .likeness import Likeness, likeness
+from .matching import CatalogueMatch, closest_match
 from .variants import order_on_vector_spaces, reversals, transposed, with_coefficients
 
-__all__ = ["find_all"]
+__all__ = ["recognise_all"]
 
 _MIN_PLACES, _MAX_PLACES = 5, 12
-"""Of coefficients that were cut short: fewer are meant as they are, and more are harmless."""
+"""Decimal places of truncated coefficients; fewer are taken as exact, more are harmless."""
 
-_FULL_DOUBLE = 15  # significant digits of the shortest text of a double that wasn't cut short
+_FULL_DOUBLE = 15  # significant digits of the shortest text of a double that wasn't truncated
 _SINGLE = Fraction(1, 2**24)
 _HARMLESS = 1e-13
-_SLIP = ("CG4a", "a_5,4", Fraction("-1.1092979392113565"))
+_MISPRINT = ("CG4a", "a_5,4", Fraction("-1.1092979392113565"))
 
 
-def find_all(method: Method, c: Sequence[Coefficient] | None = None) -> Iterator[Finding]:
-    """Return what is known of a method; `c` are abscissae that it came with."""
-    yield from _abscissae(method, c)
+def recognise_all(method: Method, c: Sequence[Coefficient] | None = None) -> Iterator[Finding]:
+    """Yield the findings about a method; `c` are abscissae to compare its row sums with."""
+    yield from _wrong_abscissae(method, c)
     yield from _equal_weights(method)
-    place = _short_unit(method.coefficients)
-    like = likeness(method, within=Fraction(0) if place is None else place)
+    place = _truncation_unit(method.coefficients)
+    match = closest_match(method, within=Fraction(0) if place is None else place)
     order = method.exact_order
-    turned = [*_transposed(method, order), *_reversed(method, order)]
-    # the other way round it is a method as it was meant: nothing else is to blame
-    known = [] if turned else [*_known(method, like), *_digits(method, order, place)]
-    yield from turned
+    undone = [*_transposed(method, order), *_reversed(method, order)]
+    # a reversed or transposed method has no other mistake
+    known = (
+        []
+        if undone
+        else [*_match_findings(method, match), *_truncated_digits(method, order, place)]
+    )
+    yield from undone
     yield from known
-    if not turned and not any(finding.mistake for finding in known):
-        yield from _flat(method, order)
+    if not undone and not any(finding.mistake for finding in known):
+        yield from _unlifted(method, order)
 
 
-def _abscissae(method: Method, c: Sequence[Coefficient] | None) -> Iterator[Finding]:
+def _wrong_abscissae(method: Method, c: Sequence[Coefficient] | None) -> Iterator[Finding]:
     if c is None:
         return
-    for i, (given, row) in enumerate(zip(c, method.exact[0], strict=True), 1):
+    for i, (expected, row) in enumerate(zip(c, method.exact[0], strict=True), 1):
         total = sum(row, Fraction(0))
-        # rounded entries leave their sum off by as much as each
-        allowed = given.unit + sum((k.unit for k in method.coefficients), Fraction(0))
-        if abs(given.value - total) > allowed:
+        # the uncertainties of the entries add up
+        allowed = expected.unit + sum((k.unit for k in method.coefficients), Fraction(0))
+        if abs(expected.value - total) > allowed:
             yield Finding(
                 "abscissae",
-                f"row {i} of a sums to {_short(total)}, not to c_{i} = {given.text}: "
-                f"off by {float(total - given.value):.3g}",
+                f"row {i} of a sums to {_short(total)}, not to c_{i} = {expected.text}: "
+                f"off by {float(total - expected.value):.3g}",
             )
 
 
@@ -66,51 +70,50 @@ def _equal_weights(method: Method) -> Iterator[Finding]:
         yield Finding(
             "equal weights",
             f"the second weights equal the first up to {float(apart):.1g}: the difference of both "
-            "results estimates no error",
+            "results is zero up to rounding",
         )
 
 
-def _known(method: Method, like: Likeness | None) -> Iterator[Finding]:
-    if like is None:
+def _match_findings(method: Method, match: CatalogueMatch | None) -> Iterator[Finding]:
+    if match is None:
         return
-    name = like.method.name
-    flat = isinstance(like.method, MuntheKaas) and not isinstance(method, MuntheKaas)
+    name = match.method.name
+    flat = isinstance(match.method, MuntheKaas) and not isinstance(method, MuntheKaas)
     aside = ", a method of Munthe-Kaas for coordinates" if flat else ""
-    if not like.changed:
-        if method is not like.method:
+    if not match.changed:
+        if method is not match.method:
             yield Finding("known", f"its coefficients are those of {name}{aside}")
         return
-    if [(name, *change[:1]) for change in like.changed] == [_SLIP[:2]]:
-        here = like.changed[0][1]
-        if abs(here.value - _SLIP[2]) <= here.unit:
+    if [(name, *change[:1]) for change in match.changed] == [_MISPRINT[:2]]:
+        here = match.changed[0][1]
+        if abs(here.value - _MISPRINT[2]) <= here.unit:
             yield Finding(
                 "slip",
-                "it is CG4a with a misprint that went from code to code: a_5,4 = "
-                f"{_text(here)} has one digit wrong, where the paper has "
-                "-1.1092979392113465; its own c_5 tells which is right",
+                f"it is CG4a with a misprint known from several codes: a_5,4 = {_text(here)} has "
+                "one wrong digit; -1.1092979392113465 in the paper agrees with c_5",
             )
             return
-    labels = " and ".join(change[0] for change in like.changed)
-    values = "; ".join(f"{_text(x)} here, {_text(y)} there" for _, x, y in like.changed)
+    labels = " and ".join(change[0] for change in match.changed)
+    values = "; ".join(f"{_text(x)} here, {_text(y)} there" for _, x, y in match.changed)
     yield Finding("changed", f"it differs from {name}{aside} in {labels} only: {values}")
 
 
-def _digits(method: Method, order: int, place: Fraction | None) -> list[Finding]:
+def _truncated_digits(method: Method, order: int, place: Fraction | None) -> list[Finding]:
     if place is not None:
         rounded = [
             Coefficient(k.value, k.text, max(k.unit, _unit(k, place))) for k in method.coefficients
         ]
         try:
-            meant = with_coefficients(method, rounded).exact_order
+            full = with_coefficients(method, rounded).exact_order
         except MethodError:
             return []
-        if meant > order:
+        if full > order:
             return [
                 Finding(
                     "digits",
-                    f"its coefficients are cut short, to {_precision(place)}: with all digits it "
-                    f"would have order {meant}, as it is conditions are off by "
-                    f"{method.largest_residual(meant):.1g}, and errors don't fall below that",
+                    f"its coefficients are truncated to {_precision(place)}: with all digits the "
+                    f"order would be {full}; now conditions are off by "
+                    f"{method.largest_residual(full):.1g}, and errors can't fall below that",
                 )
             ]
     if order and not method.approximate:
@@ -120,16 +123,16 @@ def _digits(method: Method, order: int, place: Fraction | None) -> list[Finding]
                 Finding(
                     "digits",
                     f"its coefficients have too few digits for double precision: conditions are "
-                    f"off by {residual:.1g}, and errors don't fall below that",
+                    f"off by {residual:.1g}, and errors can't fall below that",
                 )
             ]
     return []
 
 
-def _short_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
-    """Return the last place of coefficients that were cut short; negative for single precision.
+def _truncation_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
+    """Return the unit in the last decimal place of truncated coefficients.
 
-    None if they weren't.
+    It is negative, and relative, for single precision; None if coefficients aren't truncated.
     """
     places = [p for p in map(_places, coefficients) if p is not None]
     if not places:
@@ -143,7 +146,7 @@ def _short_unit(coefficients: Sequence[Coefficient]) -> Fraction | None:
 
 
 def _unit(coefficient: Coefficient, place: Fraction) -> Fraction:
-    """Return what a coefficient that isn't an integer or a quotient is off by."""
+    """Return the uncertainty of a truncated coefficient; zero if it is rational."""
     if _places(coefficient) is None:
         return Fraction(0)
     return place if place > 0 else -place * abs(coefficient.value)
@@ -154,7 +157,7 @@ def _precision(place: Fraction) -> str:
 
 
 def _places(coefficient: Coefficient) -> int | None:
-    """Return the decimal places of a coefficient's shortest text; None of a quotient."""
+    """Return the decimal places of a coefficient's shortest text; None if it is rational."""
     text = coefficient.text
     if "x" in text:
         text = repr(float(coefficient.value))
@@ -172,7 +175,7 @@ def _transposed(method: Method, order: int) -> Iterator[Finding]:
     if turned is not None and turned.exact_order > order:
         yield Finding(
             "transposed",
-            f"a is transposed: with rows for columns it is{_name(turned)} explicit, of order "
+            f"a is transposed: the transpose is{_name(turned)} explicit, of order "
             f"{turned.exact_order}",
         )
 
@@ -183,30 +186,31 @@ def _reversed(method: Method, order: int) -> Iterator[Finding]:
         if turned.exact_order > max(order, best[0] if best else 1):
             best = turned.exact_order, what, turned
     if best is not None:
-        found, what, turned = best
-        are = "is" if what == "b" else "are"
+        highest, what, turned = best
+        are, they = ("is", "it gives") if what == "b" else ("are", "they give")
         yield Finding(
             "reversed",
-            f"{what} {are} in reverse: the other way round it is{_name(turned)} of order {found}",
+            f"{what} {are} reversed: in the right order {they}{_name(turned) or ' a method'} of "
+            f"order {highest}",
         )
 
 
-def _flat(method: Method, order: int) -> Iterator[Finding]:
+def _unlifted(method: Method, order: int) -> Iterator[Finding]:
     if isinstance(method, MuntheKaas) or method.approximate:
         return
     flat = order_on_vector_spaces(method)
     if flat > order:
         yield Finding(
             "flat",
-            f"it is a method for vector spaces as it stands: of order {flat} where flows commute, "
-            f"of order {order} on manifolds; cg.lift brings a flat tableau to manifolds, "
-            "cg.MuntheKaas uses one where brackets are at hand",
+            f"it is a classical method: of order {flat} where flows commute, of order {order} on "
+            "manifolds; cg.lift makes a method for manifolds of it, and cg.MuntheKaas uses its "
+            "tableau on frames with brackets",
         )
 
 
 def _name(method: Method) -> str:
-    like = likeness(method)
-    return f" {like.method.name}," if like is not None and not like.changed else ""
+    match = closest_match(method)
+    return f" {match.method.name}," if match is not None and not match.changed else ""
 
 
 def _text(coefficient: Coefficient) -> str:
@@ -215,6 +219,6 @@ def _text(coefficient: Coefficient) -> str:
 
 
 def _short(value: Fraction) -> str:
-    # Python may refuse to write a longer one
+    # Python may be unable to write a longer one
     text = str(value) if value.denominator.bit_length() <= 64 else ""
     return text if 0 < len(text) <= 12 else f"{float(value):.16g}"

@@ -1,4 +1,4 @@
-"""Methods made of a method: with other coefficients, transposed, flows the other way round."""
+"""Variants of a method: other coefficients, transposed tableau, reversed flows."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def with_coefficients(method: Method, coefficients: Sequence[Coefficient]) -> Me
 
 
 def transposed(method: Method) -> Tableau | None:
-    """Return the tableau whose a is transposed, if that is explicit and this one isn't."""
+    """Return the tableau with a transposed if that is explicit and this one isn't, else None."""
     if not isinstance(method, Tableau) or method.explicit:
         return None
     columns = list(zip(*method.entries, strict=True))
@@ -48,7 +48,7 @@ def transposed(method: Method) -> Tableau | None:
 
 
 def reversals(method: Method) -> Iterator[tuple[str, Method]]:
-    """Return methods whose flows are those of this one in reverse, and what is reversed."""
+    """Yield methods with reversed flows, each with a description of the reversed part."""
     if isinstance(method, CommutatorFree):
         if (backwards := _reversed_paths(method)) is not None:
             yield "the flows to each stage and to the result", backwards
@@ -64,11 +64,11 @@ def reversals(method: Method) -> Iterator[tuple[str, Method]]:
 
 
 def _reversed_paths(method: CommutatorFree) -> CommutatorFree | None:
-    """Return the method with the flows along each path in reverse; each path becomes a chain."""
+    """Return the method with the flows of each path reversed; each path becomes a chain."""
     tree, weights = method.tree, method.point_coefficients
     points: list[tuple[int, dict[int, Coefficient]]] = []
     ends: dict[int, int] = {START: START}
-    # of two stages the later one is at the later point, which needs the earlier one's field
+    # in order of points, so that a path comes after those of the stages that it needs
     for end in sorted({*tree.stage_points, tree.result}):
         last = START
         for m in reversed(tree.path(end)):
@@ -82,9 +82,9 @@ def _reversed_paths(method: CommutatorFree) -> CommutatorFree | None:
 
 
 def flat_tableau(method: Method) -> Tableau:
-    """Return the tableau that a method is where flows commute.
+    """Return the classical tableau to which a method reduces where flows commute.
 
-    Sums of weights are off by what all of them are.
+    The uncertainty of a sum of weights is the sum of theirs.
     """
     if isinstance(method, Tableau):
         return method
@@ -107,5 +107,5 @@ def flat_tableau(method: Method) -> Tableau:
 
 
 def order_on_vector_spaces(method: Method) -> int:
-    """Return the order of a method where flows commute."""
+    """Return the order of a method on vector spaces, where flows commute."""
     return flat_order(flat_tableau(method))

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
-from flint import arb, fmpq
 from numpy.typing import NDArray
 from scipy import linalg
 
 from ...conditions import condition_trees, exact_weights, right_sides
-from ...support.balls import working_precision
+from ...support.balls import to_arb, working_precision
 from ...support.quads import DECIMAL_DIGITS, to_decimal
 from .splitting import Splitting
 
@@ -107,16 +106,12 @@ def _residuals(splitting: Splitting, free: Sequence[Fraction]) -> list[Fraction]
             trees = condition_trees(order, independent=True)
             ended = replace(tree, result=end, embedded_result=None)
             for phi, side, index in zip(
-                exact_weights(ended, order, trees, _ball),
+                exact_weights(ended, order, trees, to_arb),
                 right_sides(order, independent=True),
                 trees,
                 strict=True,
             ):
-                value = phi - _ball(side * c ** splitting.nodes(index))
+                value = phi - to_arb(side * c ** splitting.nodes(index))
                 mantissa, exponent = value.mid().man_exp()
                 found.append(int(mantissa) * Fraction(2) ** int(exponent))
         return found
-
-
-def _ball(value: Fraction) -> arb:
-    return arb(fmpq(value.numerator, value.denominator))

@@ -23,10 +23,11 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from flint import arb, arb_mat, fmpq
+from flint import arb, arb_mat
 from numpy.typing import NDArray
 
 from ...structure.layout import Layout
+from ...support.balls import to_arb
 from ..weights import Quantity, Weights
 from .pairings import Pairing, pairings
 from .reduction import Reduction
@@ -279,7 +280,7 @@ class _Relations:
             if isinstance(one, _Choice):
                 by_frame.setdefault(id(one.frame), []).append(one)
             else:
-                found.append(self._reduced({key: _ball(value) for key, value in one.items()}))
+                found.append(self._reduced({key: to_arb(value) for key, value in one.items()}))
         for group in by_frame.values():
             frame = group[0].frame
             us = sorted({one.surrounding for one in group})
@@ -311,7 +312,7 @@ class _Relations:
             quantities = [Quantity(self._layout.stages + row, word) for word in words]
             values = Weights(self._layout, quantities).evaluate(self._y[: self._layout.size])
             known = dict(zip(words, values, strict=True))
-            found.append(Reduction(_ball, known.__getitem__))
+            found.append(Reduction(to_arb, known.__getitem__))
         return found
 
     def _combined(
@@ -333,10 +334,6 @@ class _Relations:
             for word, value in reduction.total(terms).items():
                 found[row, word] = value
         return found
-
-
-def _ball(value: Any) -> arb:
-    return value if isinstance(value, arb) else arb(fmpq(value.numerator, value.denominator))
 
 
 def _projections(

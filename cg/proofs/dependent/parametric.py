@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from flint import arb, fmpq
+from flint import arb
 
 from ...structure.layout import Layout
+from ...support.balls import to_arb
 from ..systems import Equation, Term
 from ..weights import Quantity
 from .relations import Relation, fill, places, without
@@ -34,12 +35,8 @@ def _add(relation: Relation, word: Word, coefficient: Any) -> None:
     relation[word] = relation.get(word, 0) + coefficient
 
 
-def _exact(value: Fraction) -> arb:
-    return arb(fmpq(value.numerator, value.denominator))
-
-
 def _ball(value: Fraction) -> arb:
-    return _exact(value) + arb(0, RELATION_RADIUS)
+    return to_arb(value) + arb(0, RELATION_RADIUS)
 
 
 @dataclass(frozen=True)
@@ -174,7 +171,7 @@ class Letters:
         for factor, other in ((arb(1), self.pivot), *zip(self._factors, self.others, strict=True)):
             if nodes(other) == nodes(self.pivot):
                 for f, w in self._parts(other):
-                    combination[w] = combination.get(w, arb(0)) + factor * _exact(f)
+                    combination[w] = combination.get(w, arb(0)) + factor * to_arb(f)
         for context, letter in places(word):
             for y in set[Word]().union(*(without(letter, piece) for piece in combination)):
                 relation: Relation = {}

@@ -11,6 +11,7 @@ import numpy as np
 from flint import arb, fmpq, fmpq_mat
 from numpy.typing import NDArray
 
+from ...support.balls import to_fmpq
 from .pairings import Pairing
 from .words import Word, reciprocal_density
 
@@ -92,7 +93,7 @@ class Spanned:
 def _exact(words: dict[tuple[int, Word], int]) -> fmpq:
     terms = (reciprocal_density(word) * m for (_, word), m in words.items())
     total = sum(terms, start=Fraction(0))
-    return fmpq(total.numerator, total.denominator)
+    return to_fmpq(total)
 
 
 def _independent(vectors: dict[int, list[arb]]) -> list[int]:

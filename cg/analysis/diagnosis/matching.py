@@ -1,4 +1,4 @@
-"""Which method of the catalogue a method is, or is all but a coefficient or two."""
+"""The method of the catalogue that has the same coefficients, but for one or two."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...method.tableau import Tableau
 
-__all__ = ["Likeness", "likeness"]
+__all__ = ["CatalogueMatch", "closest_match"]
 
 _MAX_CHANGED = 2
 _MIN_ALIKE = 3
@@ -21,39 +21,41 @@ _ROUNDING = Fraction(1, 2**51)
 
 
 @dataclass(frozen=True)
-class Likeness:
-    """A method of the catalogue that has the same coefficients, or nearly so.
+class CatalogueMatch:
+    """A method of the catalogue with the same coefficients, but for at most two.
 
     Attributes
     ----------
     method : Method
-        Of the catalogue.
+        Method of the catalogue.
     changed : tuple of (str, Coefficient, Coefficient)
-        Names of coefficients that differ, what they are here and there.
+        Names of the coefficients that differ, their values in the diagnosed method and in the
+        catalogue.
     """
 
     method: Method
     changed: tuple[tuple[str, Coefficient, Coefficient], ...]
 
 
-def likeness(method: Method, *, within: Fraction = Fraction(0)) -> Likeness | None:
-    """Return the method of the catalogue that is most like this one; None if none is.
+def closest_match(method: Method, *, within: Fraction = Fraction(0)) -> CatalogueMatch | None:
+    """Return the method of the catalogue with the fewest different coefficients; None if none fits.
 
-    Coefficients are the same if they differ by no more than they may both be off, or by `within`.
-    Up to two may differ, as long as at least three others that aren't zero agree.
+    Coefficients agree if they differ by at most the sum of their uncertainties, or by `within`. At
+    most two may differ, and then at least three nonzero others must agree.
 
     Parameters
     ----------
     method : Method
     within : Fraction, optional
+        Tolerance of differences.
     """
     compared = (_compare(method, known, within) for known in _comparable(method))
-    found = [like for like in compared if like is not None]
+    matches = [match for match in compared if match is not None]
 
-    def distance(like: Likeness) -> tuple[int, bool]:
-        return len(like.changed), like.method.layout.pair != method.layout.pair
+    def distance(match: CatalogueMatch) -> tuple[int, bool]:
+        return len(match.changed), match.method.layout.pair != method.layout.pair
 
-    return min(found, key=distance, default=None)
+    return min(matches, key=distance, default=None)
 
 
 def _comparable(method: Method) -> Iterator[Method]:
@@ -66,14 +68,14 @@ def _comparable(method: Method) -> Iterator[Method]:
                 yield known
 
 
-def _compare(method: Method, known: Method, within: Fraction) -> Likeness | None:
+def _compare(method: Method, known: Method, within: Fraction) -> CatalogueMatch | None:
     one, other = _packed(method), _packed(known)
     if one is None or other is None or one[0] != other[0]:
         return None
     names, alike, changed = method.layout.names, 0, []
-    # pairs have second weights at the end, which the other may lack
+    # the second weights of a pair come last; the other method may lack them
     for name, x, y in zip(names, one[1], other[1], strict=False):
-        # what went through a double or two is the same
+        # allow for coefficients that were rounded to doubles
         allowed = max(x.unit + y.unit, abs(y.value) * _ROUNDING, within)
         if abs(x.value - y.value) <= allowed:
             alike += y.value != 0
@@ -83,11 +85,11 @@ def _compare(method: Method, known: Method, within: Fraction) -> Likeness | None
             return None
     if changed and alike < max(_MIN_ALIKE, 2 * len(changed)):
         return None
-    return Likeness(known, tuple(changed)) if alike else None
+    return CatalogueMatch(known, tuple(changed)) if alike else None
 
 
 def _packed(method: Method) -> tuple[object, Sequence[Coefficient]] | None:
-    """Return a shape, which only methods of one kind have in common, and the coefficients."""
+    """Return a key that is equal for methods of the same shape, and the coefficients."""
     if isinstance(method, Tableau | MuntheKaas):
         return method.layout.rows, method.coefficients
     if isinstance(method, CommutatorFree):

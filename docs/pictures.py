@@ -1,0 +1,251 @@
+"""Pictures of the pages on `cg.plot` and `cg.problems`, drawn when the site is built."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import numpy as np
+from cycler import cycler
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import cg
+from cg.analysis.convergence import final_errors
+from cg.plot.style import COLOURS
+from cg.problems import (
+    BodyWithPendulum,
+    ForcedRigidBody,
+    FreeRigidBody,
+    GradientFlow,
+    ReactionWheels,
+    StateDependentRotation,
+)
+
+FOLDER = Path(__file__).parent / "pictures"
+STYLE: dict[Any, Any] = {
+    "axes.prop_cycle": cycler(color=COLOURS[:4]) + cycler(linestyle=["-", "--", "-.", ":"]),
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+}
+
+
+def new_axes(width: float = 4.5, height: float = 3.2, **options: Any) -> Axes:
+    """Return axes of a new figure, whose size is in inches."""
+    return plt.figure(figsize=(width, height), layout="constrained").add_subplot(**options)
+
+
+def new_panels() -> tuple[Axes, Axes]:
+    """Return two axes side by side."""
+    _, axes = plt.subplots(1, 2, figsize=(9.0, 4.2), layout="constrained")
+    left, right = axes
+    return left, right
+
+
+def integrate(problem: Any, stop: float, h: float, method: str = "CG4a") -> cg.Solution:
+    """Integrate a problem from time zero with constant steps."""
+    return cg.integrate(problem.f, (0, stop), problem.y0, frame=problem.frame, method=method, h=h)
+
+
+def trees() -> Figure:
+    """Draw the five ordered trees with four nodes."""
+    figure, axes = plt.subplots(1, 5, figsize=(7.5, 2.2), layout="constrained")
+    texts = ("[[][][]]", "[[][[]]]", "[[[]][]]", "[[[][]]]", "[[[[]]]]")
+    for text, ax in zip(texts, axes, strict=True):
+        cg.plot.tree(text, ax)
+    return figure
+
+
+def convergence() -> Figure:
+    """Draw the error of three methods against the step size."""
+    problem = StateDependentRotation()
+    ax = new_axes()
+    draw_errors(ax, problem, integrate(problem, 1.0, 0.0025, "CF6c").y[-1], ("CG3", "CF4", "CF5a"))
+    return ax.figure
+
+
+def draw_errors(
+    ax: Axes, problem: Any, exact: Any, names: tuple[str, ...] = ("CG3", "CG4a", "CG5a")
+) -> None:
+    """Draw the error at time 1 of several methods against the step size."""
+    h = 0.125 / 2.0 ** np.arange(5)
+    for name in names:
+        errors = final_errors(
+            problem.f, (0, 1), problem.y0, exact, frame=problem.frame, method=name, h=h
+        )
+        cg.plot.convergence(h, errors, ax, label=name, order=cg.methods[name].order)
+
+
+def work_precision() -> Figure:
+    """Draw the evaluations that three pairs need for an error."""
+    problem = StateDependentRotation()
+    exact = integrate(problem, 5.0, 0.0025, "CF6c").y[-1]
+    ax = new_axes()
+    for name in ("CG3(2)", "DP5(4)", "RKMK8(5,3)"):
+        runs = [
+            cg.solve_ivp(
+                problem.f, (0, 5), problem.y0, frame=problem.frame, method=name, rtol=tol, atol=tol
+            )
+            for tol in 10.0 ** -np.arange(3, 11)
+        ]
+        errors = [problem.frame.distance(run.y[-1], exact) for run in runs]
+        cg.plot.work_precision([run.nfev for run in runs], errors, ax, label=name)
+    return ax.figure
+
+
+def sphere() -> Figure:
+    """Draw two trajectories on the sphere."""
+    ax = new_axes(4.2, 4.0, projection="3d")
+    frame = cg.frames.Sphere(2)
+    for start, label in (([1.0, 0.0, 0.0], "from the equator"), ([0.6, 0.0, 0.8], "from 53° N")):
+        run = cg.solve_ivp(
+            lambda t, y: [0.4 * y[1], 0.3 * np.cos(t), 1.0], (0, 12), start, frame=frame,
+            max_step=0.1,
+        )  # fmt: skip
+        cg.plot.trajectory_on_sphere(run, ax, label=label)
+    return ax.figure
+
+
+def axes_of_a_body() -> Figure:
+    """Draw the axes of a tumbling body."""
+    problem = FreeRigidBody()
+    run = cg.solve_ivp(
+        problem.f, (0, 8), problem.y0, frame=problem.frame, max_step=0.05, rtol=1e-8, atol=1e-8
+    )
+    attitude, _ = problem.frame.split(run.y)
+    return cg.plot.trajectory_of_axes(attitude, new_axes(4.2, 4.0, projection="3d")).figure
+
+
+def draw_drift(ax: Axes, problem: Any, solution: cg.Solution) -> None:
+    """Draw the largest change of each invariant so far, and of the distance from the manifold."""
+    start = problem.invariants(problem.y0)
+    curves = {"distance from the manifold": problem.frame.membership_error(solution.y)}
+    for name, values in problem.invariants(solution.y).items():
+        change = np.abs(values - start[name])
+        curves[name] = change if change.ndim == 1 else change.max(axis=-1)
+    for name, curve in curves.items():
+        largest = np.maximum.accumulate(curve[1:])
+        label = name if largest[-1] > 0.0 else f"{name} (zero)"
+        ax.plot(solution.t[1:], np.where(largest > 0.0, largest, np.nan), label=label)
+    ax.set(yscale="log", xlabel="time (s)", ylabel="largest change so far")
+    ax.set_title(f"invariants, {solution.method.name}, h = {solution.h:g} s")
+    put_legend_below(ax)
+
+
+def put_legend_below(ax: Axes) -> None:
+    """Put the legend under the axes, where it covers no line."""
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
+
+
+def reaction_wheels() -> Figure:
+    """Draw how the wheels take up the momentum of the satellite."""
+    ax, other = new_panels()
+    satellite = ReactionWheels()
+    solution = integrate(satellite, 12.0, 0.02)
+    norm = np.linalg.norm
+    momentum = norm(np.array(satellite.inertia) * solution.y[:, 4:7], axis=1)
+    angle = 2.0 * np.arcsin(np.minimum(norm(solution.y[:, :3], axis=1), 1.0))
+    ax.plot(solution.t, momentum, label="momentum of the satellite (N m s)")
+    ax.plot(solution.t, norm(solution.y[:, 7:], axis=1), label="momentum of the wheels (N m s)")
+    ax.plot(solution.t, angle, label="angle to the commanded attitude (rad)")
+    ax.set(xlabel="time (s)", title="the wheels take up the momentum")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16))
+    draw_drift(other, satellite, solution)
+    return ax.figure
+
+
+def forced_rigid_body() -> Figure:
+    """Draw the angular velocity under a periodic torque, and errors."""
+    ax, other = new_panels()
+    body = ForcedRigidBody()
+    solution = integrate(body, 20.0, 0.02)
+    ax.plot(solution.t, solution.y[:, 9:], label=[rf"$\omega_{k}$" for k in (1, 2, 3)])
+    ax.set(xlabel="time (s)", ylabel="angular velocity in body axes (rad/s)")
+    ax.set_title("a torque with a period of 6.3 s")
+    ax.legend(loc="upper center", ncols=3)
+    ax.set_ylim(top=1.35 * solution.y[:, 9:].max())
+    draw_errors(other, body, body.reference([1], bits=128).y[0, :12])
+    return ax.figure
+
+
+def body_with_pendulum() -> Figure:
+    """Draw the paths of joint and mass, and the invariants."""
+    chain = BodyWithPendulum()
+    solution = integrate(chain, 5.0, 0.005)
+    figure = plt.figure(figsize=(9.0, 4.2), layout="constrained")
+    ax = figure.add_subplot(1, 2, 1, projection="3d")
+    names = ("joint of the body", "mass of the pendulum")
+    for place, label in zip(chain.places(solution.y), names, strict=True):
+        ax.plot(*place.T, label=label, linewidth=0.9)
+    ax.plot(*np.stack([np.zeros(3), *chain.places(chain.y0)]).T, "ko-", label="at time 0")
+    ax.set(xlabel="$x$ (m)", ylabel="$y$ (m)", zlabel="$z$ (m)", title="5 s in space")
+    ax.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1), zticks=(-1.5, -1, -0.5, 0))
+    ax.zaxis.labelpad = 8.0
+    ax.set_aspect("equal")
+    put_legend_below(ax)
+    draw_drift(figure.add_subplot(1, 2, 2), chain, solution)
+    return figure
+
+
+def gradient_flow() -> Figure:
+    """Draw how the action decreases, and errors."""
+    ax, other = new_panels()
+    for roughness in (0.25, 0.5, 1.0):
+        problem = GradientFlow(roughness=roughness)
+        solution = integrate(problem, 1.0, 0.02, "CF4")
+        action = problem.action(solution.y) / (6 * problem.lattice.sites)
+        ax.semilogy(solution.t, action, label=f"roughness {roughness:g}")
+    ax.set(xlabel="flow time", ylabel="action per plaquette")
+    ax.set_title("the flow smooths a field, $2^4$ sites")
+    put_legend_below(ax)
+    small = GradientFlow((2, 2))
+    exact = small.reference([1]).y.view(complex).reshape(small.y0.shape)
+    draw_errors(other, small, exact)
+    other.set_title("error at flow time 1, $2^2$ sites")
+    return ax.figure
+
+
+PICTURES: dict[str, Callable[[], Figure]] = {
+    "trees": trees,
+    "tableau": lambda: cg.plot.tableau("CG4a", new_axes(4.2, 2.6)).figure,
+    "points": lambda: cg.plot.points("CF4", new_axes(5.0, 3.0)).figure,
+    "points_of_a_pair": lambda: cg.plot.points("DP5(4)", new_axes(6.0, 3.6)).figure,
+    "stability": lambda: (
+        cg.plot.stability_region(["CG2", "CG3", "CF4", "DP5(4)"], new_axes(4, 4)).figure
+    ),
+    "convergence": convergence,
+    "work_precision": work_precision,
+    "sphere": sphere,
+    "axes": axes_of_a_body,
+    "reaction_wheels": reaction_wheels,
+    "forced_rigid_body": forced_rigid_body,
+    "body_with_pendulum": body_with_pendulum,
+    "gradient_flow": gradient_flow,
+}
+
+
+def draw_pictures(app: Any = None) -> None:
+    """Draw the pictures that are missing or older than the code that draws them."""
+    FOLDER.mkdir(exist_ok=True)
+    sources = [Path(__file__), *Path(cg.plot.__file__).parent.glob("*.py")]
+    changed = max(source.stat().st_mtime for source in sources)
+    for name, draw in PICTURES.items():
+        path = FOLDER / f"{name}.png"
+        if not path.exists() or path.stat().st_mtime < changed:
+            with mpl.rc_context(STYLE):
+                figure = draw()
+                figure.savefig(path, dpi=110)
+            plt.close(figure)
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Register with Sphinx."""
+    app.connect("builder-inited", draw_pictures)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
