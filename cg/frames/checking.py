@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
 
-__all__ = ["CheckedFrame", "problems_of"]
+if TYPE_CHECKING:
+    from cg.frames.base import Frame
+
+__all__ = ["problems_of"]
 
 # Of the points' sizes: what rounding may add up to, and what differences of order four leave
 _ROUNDING = 1e-10
@@ -22,34 +24,7 @@ _STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
 _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
 
 
-class CheckedFrame(Protocol):
-    """What is checked of a frame; see `cg.frames.Frame`."""
-
-    @property
-    def dim(self) -> int: ...  # noqa: D102
-
-    def field(self, v: ArrayLike, y: ArrayLike) -> Points: ...  # noqa: D102
-
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Points: ...  # noqa: D102
-
-    def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None: ...  # noqa: D102
-
-    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array: ...  # noqa: D102
-
-    def membership_error(self, y: ArrayLike) -> Array: ...  # noqa: D102
-
-    def relative_error(self, y: ArrayLike) -> Array: ...  # noqa: D102
-
-    def project(self, y: ArrayLike) -> Points: ...  # noqa: D102
-
-    def distance(self, x: ArrayLike, y: ArrayLike) -> Array: ...  # noqa: D102
-
-    def bracket(self, u: ArrayLike, v: ArrayLike) -> Array: ...  # noqa: D102
-
-    def dexpinv(self, u: ArrayLike, v: ArrayLike, *, order: int = 8) -> Array: ...  # noqa: D102
-
-
-def problems_of(frame: CheckedFrame, points: Points, rng: np.random.Generator) -> list[str]:
+def problems_of(frame: Frame, points: Points, rng: np.random.Generator) -> list[str]:
     """Return in words what members of a frame contradict each other at some points.
 
     Parameters
@@ -96,7 +71,7 @@ def _derivative(function: Callable[[float], Any]) -> Any:
     return np.tensordot(_WEIGHTS, values, 1) / _STEP
 
 
-def _check_flow(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+def _check_flow(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     moved = frame.flow(v, y)
     yield from _unlike("flow(0, y) isn't y", frame.flow(0.0 * v, y), y, _ROUNDING)
     yield from _unlike(
@@ -107,7 +82,7 @@ def _check_flow(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) ->
     yield from _unlike("flow of a batch isn't that of its members", batch[0], moved, _ROUNDING)
 
 
-def _check_field(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+def _check_field(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     tangent = frame.field(v, y)
     total = frame.field(u, y) + 2.0 * tangent
     yield from _unlike("field isn't linear in v", frame.field(u + 2.0 * v, y), total, _ROUNDING)
@@ -120,7 +95,7 @@ def _check_field(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -
         yield from _unlike(problem, slope, tangent, _DIFFERENCES, size)
 
 
-def _check_membership(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+def _check_membership(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     yield from _unlike("points aren't on the manifold", frame.relative_error(y), 0.0, _ROUNDING)
     moved = frame.flow(v, y)
     yield from _unlike("flow leaves the manifold", frame.relative_error(moved), 0.0, _ROUNDING)
@@ -132,7 +107,7 @@ def _check_membership(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Arr
     yield from _unlike("project moves points of the manifold", nearest, y, _ROUNDING)
 
 
-def _check_coordinates(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+def _check_coordinates(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     moved = frame.flow(v, y)
     known = frame.exp_coordinates(y, moved)
     if known is not None and np.isfinite(known).all():
@@ -147,7 +122,7 @@ def _check_coordinates(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Ar
         )
 
 
-def _check_brackets(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+def _check_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     try:
         bracket = frame.bracket(u, v)
     except NotImplementedError:

@@ -8,15 +8,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
-from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.arrays import Array, Points, Size, check_random
+from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
-class Grassmann(HomogeneousSpace):
+class Grassmann(ConjugationSpace):
     r"""Subspaces of dimension k of :math:`R^n`, moved by SO(n).
 
     A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
@@ -32,8 +33,10 @@ class Grassmann(HomogeneousSpace):
 
     Raises
     ------
+    TypeError
+        If ``n`` or ``k`` isn't an integer.
     ValueError
-        If ``n`` or ``k`` is impossible.
+        If ``n`` or ``k`` is out of range.
 
     Notes
     -----
@@ -62,10 +65,8 @@ class Grassmann(HomogeneousSpace):
     k: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n, 2))
-        object.__setattr__(self, "k", check_size(self.k, name="k"))
-        if self.k >= self.n:
-            raise ValueError(f"k must be less than n = {self.n}, got {self.k!r}")
+        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+        object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n - 1))
 
     @cached_property
     def group(self) -> MatrixGroup:
@@ -76,12 +77,6 @@ class Grassmann(HomogeneousSpace):
     def point_shape(self) -> tuple[int, ...]:
         """The shape ``(n, n)``."""
         return (self.n, self.n)
-
-    def _act(self, x: Points, y: Points) -> Points:
-        return np.asarray(x @ y @ x.mT)
-
-    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
-        return np.asarray(omega @ y - y @ omega)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a step towards the projectors."""

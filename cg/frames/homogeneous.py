@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
@@ -116,3 +117,13 @@ class HomogeneousSpace(Frame):
         """
         vector, point = self._arguments(v, y)
         return self.restore(self._act(self.group.exponential(vector), point))
+
+
+class ConjugationSpace(HomogeneousSpace):
+    r"""Matrices on which orthogonal or unitary matrices act by :math:`y \mapsto x\,y\,x^*`."""
+
+    def _act(self, x: Points, y: Points) -> Points:
+        return np.asarray(x @ y @ x.mT.conj())
+
+    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
+        return np.asarray(omega @ y - y @ omega)

@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Points, Size, complex_array, is_complex_array, real_array
 from cg.frames.base import MEMBERSHIP_TOLERANCE
 from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks
-from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 from cg.frames.su import SU
 
 
 @dataclass(frozen=True, repr=False)
-class IsospectralOrbit(HomogeneousSpace):
+class IsospectralOrbit(ConjugationSpace):
     r"""Matrices with given eigenvalues, moved by :math:`y \mapsto e^{\Omega} y e^{-\Omega}`.
 
     The fields are :math:`y' = [\Omega(v), y]`: real symmetric matrices with the skew
@@ -119,12 +119,6 @@ class IsospectralOrbit(HomogeneousSpace):
         if self.hermitian or n > MAX_MATRIX:
             return None
         return ((BlockKind.ISOSPECTRAL, n, 0, *self.spectrum),)
-
-    def _act(self, x: Points, y: Points) -> Points:
-        return np.asarray(x @ y @ x.mT.conj())
-
-    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
-        return np.asarray(omega @ y - y @ omega)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` with the eigenvalues replaced by ``spectrum``."""

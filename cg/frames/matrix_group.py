@@ -19,7 +19,6 @@ from cg.frames.arrays import (
     Size,
     check_convention,
     check_random,
-    check_size,
 )
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.frames.dexpinv import frobenius, series_dexpinv
@@ -27,13 +26,16 @@ from cg.frames.logarithms import real_log1p
 from cg.frames.matrix_functions import (
     MAX_EXPONENT,
     combine,
+    corrected,
     distance_from_unitary,
     expm,
     nearest_unitary,
     newton_schulz,
     random_unitary,
+    relative_length,
+    shortest_step,
 )
-from cg.support.checks import memory
+from cg.support.checks import check_integer, memory
 
 # Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,
 # and is large relative to it. It turns a point by no more than this in a unit of time.
@@ -336,8 +338,10 @@ class SizedMatrixGroup(MatrixGroup):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` is no integer or too small, or ``convention`` is neither of the two.
+        If ``n`` is too small, or ``convention`` is neither of the two.
     """
 
     n: int
@@ -346,10 +350,33 @@ class SizedMatrixGroup(MatrixGroup):
     smallest: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n, self.smallest))
+        object.__setattr__(self, "n", check_integer("n", self.n, self.smallest))
         check_convention(self.convention)
 
     @property
     def size(self) -> int:
         """Number of rows, ``n``."""
         return self.n
+
+
+class NoncompactMatrixGroup(SizedMatrixGroup):
+    """A group whose elements may be large, restored by the shortest Newton step."""
+
+    @abstractmethod
+    def _correction(self, y: Points) -> Points:
+        """Return the shortest change of matrices that leads to the group, to first order."""
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after the shortest Newton step towards the group."""
+        return shortest_step(y, self._correction)
+
+    def _project(self, y: Points) -> Points:
+        # Nearest in the Frobenius norm, up to the square of the distance.
+        return corrected(y, self._correction)
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the length of the shortest step to the group, relative to that of ``y``.
+
+        The membership error of a large matrix is dominated by rounding.
+        """
+        return relative_length(self._points(y), self._correction)

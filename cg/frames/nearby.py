@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
+
+if TYPE_CHECKING:
+    from cg.frames.base import Frame
 
 # Singular values of a matrix of fields below this fraction of the largest are rounding.
 _RANK_TOLERANCE = 1e-12
@@ -27,29 +29,7 @@ _DIFFERENCE_RANK_TOLERANCE = 1e-5
 _MISSED = 1e-8
 
 
-class MovingFrame(Protocol):
-    """What is needed of a frame."""
-
-    @property
-    def dim(self) -> int:
-        """Number of vector fields."""
-        ...
-
-    @property
-    def point_shape(self) -> tuple[int, ...]:
-        """Shape of the array that holds one point."""
-        ...
-
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return the time-1 flow."""
-        ...
-
-    def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
-        """Return the change of coefficients that leads nearer."""
-        ...
-
-
-def nearby_coordinates(frame: MovingFrame, guess: Array, start: Points, end: Points) -> Array:
+def nearby_coordinates(frame: Frame, guess: Array, start: Points, end: Points) -> Array:
     """Return coefficients whose flow leads from one point to another, near it.
 
     Parameters
@@ -102,7 +82,7 @@ def nearby_coordinates(frame: MovingFrame, guess: Array, start: Points, end: Poi
     return v
 
 
-def newton_correction(frame: MovingFrame, v: Array, start: Points, y: Points, end: Points) -> Array:
+def newton_correction(frame: Frame, v: Array, start: Points, y: Points, end: Points) -> Array:
     """Return coefficients corrected by the derivative of the flow, from differences.
 
     Parameters

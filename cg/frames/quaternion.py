@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Points, Size, check_convention, check_random
-from cg.frames.base import Frame
+from cg.frames.arrays import Array, Convention, Points, check_convention
 from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, axes_option
 from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.matrix_functions import combine, unit_step
 from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm
+from cg.frames.unit_vectors import UnitVectors
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True, repr=False)
-class UnitQuaternion(Frame):
+class UnitQuaternion(UnitVectors):
     r"""Unit quaternions moved by an angular velocity in body or in space axes.
 
     A quaternion stands for the rotation that ``scipy.spatial.transform.Rotation`` makes of it,
@@ -110,13 +110,6 @@ class UnitQuaternion(Frame):
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
         return rotation_dexpinv(u, v, self._side)
 
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return how far the length is from one, shape ``(...)``."""
-        return np.asarray(np.abs(np.linalg.norm(self._points(y), axis=-1) - 1.0))
-
-    def _project(self, y: Points) -> Points:
-        return np.asarray(y / np.linalg.norm(y, axis=-1, keepdims=True))
-
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians that turns ``x`` into ``y``, at most :math:`2\pi`."""
         return np.asarray(4.0 * np.arcsin(np.minimum(super().distance(x, y) / 2.0, 1.0)))
@@ -160,12 +153,6 @@ class UnitQuaternion(Frame):
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self._points(y), scalar_first=self.scalar_first)
-
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
-        """Return points uniform on the unit sphere, shape ``(*size, 4)``."""
-        size = check_random(rng, size)
-        q = rng.standard_normal((*size, 4))
-        return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
 @lru_cache

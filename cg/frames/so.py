@@ -38,8 +38,10 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` or ``convention`` is impossible.
+        If ``n`` is too small, or ``convention`` is neither of the two.
 
     Notes
     -----

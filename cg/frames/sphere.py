@@ -8,19 +8,21 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import BlockKind, Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
+from cg.frames.unit_vectors import UnitVectors
+from cg.support.checks import check_integer
 
 # Of the distance from the opposite point, the least part that must be along the sphere
 _OPPOSITE = 1e-4
 
 
 @dataclass(frozen=True, repr=False)
-class Sphere(HomogeneousSpace):
+class Sphere(UnitVectors, HomogeneousSpace):
     r"""Unit vectors of :math:`R^{n+1}`, moved by SO(n+1): :math:`y' = \Omega(v)\,y`.
 
     The coefficients are those of `SO`; on :math:`S^2` they are the rotation vector,
@@ -33,8 +35,10 @@ class Sphere(HomogeneousSpace):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` is not a positive integer.
+        If ``n`` is less than 1.
 
     Notes
     -----
@@ -52,7 +56,7 @@ class Sphere(HomogeneousSpace):
     n: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n))
+        object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
     @cached_property
     def group(self) -> MatrixGroup:
@@ -74,15 +78,8 @@ class Sphere(HomogeneousSpace):
         """Return ``y`` after a step towards length one."""
         return unit_step(y)
 
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return how far the length is from one, shape ``(...)``."""
-        return np.asarray(np.abs(np.linalg.norm(self._points(y), axis=-1) - 1.0))
-
     def _blocks(self) -> Blocks | None:
         return ((BlockKind.SPHERE, 3, 0),) if self.n == 2 else None
-
-    def _project(self, y: Points) -> Points:
-        return np.asarray(y / np.linalg.norm(y, axis=-1, keepdims=True))
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the angle in radians between two points, shape ``(...)``."""
@@ -111,9 +108,3 @@ class Sphere(HomogeneousSpace):
         vector, point = self._arguments(v, y)
         wedge = self.field(vector, point)[..., :, None] * point[..., None, :]
         return self.group._algebra_projection(wedge - wedge.mT)
-
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
-        """Return points uniform on the sphere, shape ``(*size, n + 1)``."""
-        size = check_random(rng, size)
-        y = rng.standard_normal((*size, self.n + 1))
-        return np.asarray(y / np.linalg.norm(y, axis=-1, keepdims=True))

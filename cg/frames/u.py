@@ -33,8 +33,10 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` or ``convention`` is impossible.
+        If ``n`` is too small, or ``convention`` is neither of the two.
 
     Notes
     -----

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from flint import arb, fmpq
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, real_array
-from cg.problems.taylor import Term
 
 
 def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
@@ -48,20 +45,3 @@ def times_array(t: ArrayLike) -> Array:
     if not np.isfinite(times).all():
         raise ValueError(f"t must be finite, got {t!r}")
     return times
-
-
-def ball(x: float) -> arb:
-    """Return a float as an exact ball."""
-    numerator, denominator = float(x).as_integer_ratio()
-    return arb(fmpq(numerator, denominator))
-
-
-def cross_terms(
-    x: Sequence[int], y: Sequence[int], scale: Sequence[arb], sign: int = 1
-) -> list[tuple[Term, ...]]:
-    """Return the terms of ``sign * x cross (scale * y)``, for unknowns given by their indices."""
-    rows: list[tuple[Term, ...]] = []
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        rows.append(((sign * scale[k], (x[j], y[k])), (-sign * scale[j], (x[k], y[j]))))
-    return rows

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from flint import arb
@@ -13,9 +14,10 @@ from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Product, Sphere
 from cg.frames.arrays import Array
-from cg.problems.checks import ball, cross_terms, moments, times_array, vector
+from cg.problems.checks import moments, times_array, vector
 from cg.problems.elliptic import argument_of, jacobi_functions
-from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
+from cg.problems.quadratic import QuadraticProblem, balls, identity
+from cg.problems.taylor import ball
 
 _FRAME = Product(SO3(), Sphere(2))
 
@@ -24,7 +26,7 @@ _SMALLEST = 1e-150
 
 
 @dataclass(frozen=True)
-class FreeRigidBody:
+class FreeRigidBody(QuadraticProblem):
     r"""A rigid body that no torque acts on, in body coordinates.
 
     .. math:: B' = B\,\hat\omega, \qquad m' = m \times \omega, \qquad \omega = I^{-1} m,
@@ -137,26 +139,16 @@ class FreeRigidBody:
         m[..., j], m[..., i], m[..., k] = jacobi_functions(rate * times + shift, complement)
         return m * amplitudes
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution, attitude included, at given times in extended precision.
+    def _initial(self) -> list[arb]:
+        return [*identity(), *(balls(self.momentum) / self._exact_size())]
 
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
+    def _derivatives(self, y: Any) -> Any:
+        # The rows of B and u change alike: x' = x cross omega.
+        omega = self._exact_size() / balls(self.inertia) * y[9:]
+        return np.cross(y.reshape(4, 3), omega).ravel()
 
-    def _system(self) -> QuadraticSystem:
-        size = sum((ball(x) ** 2 for x in self.momentum), arb(0)).sqrt()
-        scale = [size / ball(moment) for moment in self.inertia]
-        u = (9, 10, 11)
-        rows = ((0, 1, 2), (3, 4, 5), (6, 7, 8), u)
-        # Rows of B and u itself turn alike: x' = x cross omega.
-        equations = [terms for row in rows for terms in cross_terms(row, u, scale)]
-        start = [arb(int(i == j)) for i in range(3) for j in range(3)]
-        start += [ball(x) / size for x in self.momentum]
-        return QuadraticSystem(tuple(equations), tuple(start))
+    def _exact_size(self) -> arb:
+        return sum((ball(x) ** 2 for x in self.momentum), arb(0)).sqrt()
 
 
 def _motion(

@@ -12,11 +12,12 @@ from flint import acb, acb_mat, arb
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames import SU, Power
-from cg.frames.arrays import Array, check_size, complex_array
-from cg.problems.checks import ball, number
+from cg.frames.arrays import Array, complex_array
+from cg.problems.checks import number
 from cg.problems.extrapolation import State, extrapolated
 from cg.problems.lattice import Lattice
-from cg.problems.taylor import Reference, Time, exact_midpoint, exact_times
+from cg.problems.taylor import Reference, Time, ball, exact_midpoint, exact_times
+from cg.support.checks import check_integer
 
 from ..support.balls import working_precision
 
@@ -54,9 +55,11 @@ class GradientFlow:
 
     Raises
     ------
+    TypeError
+        If an entry of ``sides``, or ``seed``, isn't an integer.
     ValueError
-        If ``sides`` aren't two or more positive integers, ``roughness`` isn't a finite number, or
-        ``seed`` isn't an integer that is zero or more.
+        If ``sides`` has fewer than two entries or one that isn't positive, ``roughness`` isn't a
+        finite number, or ``seed`` is negative.
 
     References
     ----------
@@ -78,7 +81,7 @@ class GradientFlow:
     def __post_init__(self) -> None:
         object.__setattr__(self, "sides", Lattice(self.sides).sides)
         object.__setattr__(self, "roughness", number(self.roughness, "roughness"))
-        object.__setattr__(self, "seed", check_size(self.seed, 0, "seed"))
+        object.__setattr__(self, "seed", check_integer("seed", self.seed, 0))
 
     @cached_property
     def lattice(self) -> Lattice:

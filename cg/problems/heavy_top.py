@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from flint import arb, fmpq
@@ -13,14 +12,8 @@ from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
 from cg.frames.arrays import Array
-from cg.problems.taylor import (
-    QuadraticSystem,
-    Reference,
-    Term,
-    Time,
-    exact_midpoint,
-    reference_solution,
-)
+from cg.problems.quadratic import QuadraticProblem
+from cg.problems.taylor import ball, exact_midpoint
 
 from ..support.balls import working_precision
 from ..support.parsing import read_fraction
@@ -32,7 +25,7 @@ _BITS = 240
 
 
 @dataclass(frozen=True)
-class HeavyTop:
+class HeavyTop(QuadraticProblem):
     r"""The spinning top in body coordinates.
 
     .. math::
@@ -145,66 +138,34 @@ class HeavyTop:
             m1 * w2 - m2 * w1,
         ]
 
-    def energy(self, y: ArrayLike) -> Array:
-        r"""Return :math:`\frac12 m^T I^{-1} m + MgL\,(B^T e_3)_3`, shape ``(...)``."""
+    def invariants(self, y: ArrayLike) -> dict[str, Array]:
+        r"""Return the three conserved quantities, each of shape ``(...)``.
+
+        They are the energy :math:`\frac12 m^T I^{-1} m + MgL\,(B^T e_3)_3`, the vertical component
+        of the momentum in space axes, and its component along the axis of symmetry.
+        """
         rotation, m = self.frame.split(y)
         inverse, mgl = np.array(self._floats[:3]), self._floats[3]
-        return np.asarray(0.5 * (m * m * inverse).sum(axis=-1) + mgl * rotation[..., 2, 2])
-
-    def vertical_momentum(self, y: ArrayLike) -> Array:
-        """Return the vertical component of the momentum in space axes, shape ``(...)``."""
-        rotation, m = self.frame.split(y)
-        return np.asarray((rotation[..., 2, :] * m).sum(axis=-1))
-
-    def axial_momentum(self, y: ArrayLike) -> Array:
-        """Return the component of ``m`` along the axis of symmetry, shape ``(...)``."""
-        return self.frame.split(y)[1][..., 2]
-
-    def invariants(self, y: ArrayLike) -> dict[str, Array]:
-        """Return the three quantities that a solution conserves, each of shape ``(...)``."""
         return {
-            "energy": self.energy(y),
-            "vertical momentum": self.vertical_momentum(y),
-            "axial momentum": self.axial_momentum(y),
+            "energy": np.asarray(0.5 * (m * m * inverse).sum(axis=-1) + mgl * rotation[..., 2, 2]),
+            "vertical momentum": np.asarray((rotation[..., 2, :] * m).sum(axis=-1)),
+            "axial momentum": m[..., 2],
         }
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution at given times in extended precision, with its error estimate.
-
-        The equations are quadratic, so Taylor series solve them without any Crouch-Grossman
-        method; see `cg.problems.taylor.reference_solution`.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
     def _mgl(self) -> arb:
-        return _ball(self.mass * self.gravity) * arb(3).sqrt() / 2
+        return ball(self.mass * self.gravity) * arb(3).sqrt() / 2
 
     def _initial(self) -> tuple[arb, ...]:
         angle = fmpq(self.phi_over_pi.numerator, self.phi_over_pi.denominator)
         sine, cosine = arb.sin_cos_pi_fmpq(angle)
         zero, one = arb(0), arb(1)
-        spin = one if self.reading == "momentum" else _ball(self.inertia[2])
+        spin = one if self.reading == "momentum" else ball(self.inertia[2])
         return (one, zero, zero, zero, cosine, sine, zero, -sine, cosine, zero, zero, spin)
 
-    def _system(self) -> QuadraticSystem:
-        inverse = [_ball(1 / moment) for moment in self.inertia]
-        m = (9, 10, 11)
-        equations: list[tuple[Term, ...]] = []
-        # Rows of B and m itself turn alike: x' = x cross (I^-1 m).
-        for x in ((0, 1, 2), (3, 4, 5), (6, 7, 8), m):
-            for i in range(3):
-                j, k = (i + 1) % 3, (i + 2) % 3
-                equations.append(((inverse[k], (x[j], m[k])), (-inverse[j], (x[k], m[j]))))
-        torque = self._mgl()
-        equations[9] += ((torque, (7,)),)
-        equations[10] += ((-torque, (6,)),)
-        return QuadraticSystem(tuple(equations), self._initial())
-
-
-def _ball(x: Fraction) -> arb:
-    return arb(fmpq(x.numerator, x.denominator))
+    def _derivatives(self, y: Any) -> Any:
+        # The rows of B and m turn alike: x' = x cross (I^-1 m).
+        velocity = np.array([ball(1 / moment) for moment in self.inertia]) * y[9:]
+        derivatives = np.cross(y.reshape(4, 3), velocity).ravel()
+        derivatives[9] += self._mgl() * y[7]
+        derivatives[10] -= self._mgl() * y[6]
+        return derivatives

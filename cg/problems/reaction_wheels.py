@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from flint import arb
@@ -11,14 +11,15 @@ from numpy.typing import ArrayLike
 
 from cg.frames import Euclidean, Product, UnitQuaternion
 from cg.frames.arrays import Array
-from cg.problems.checks import ball, cross_terms, moments, number, vector
-from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+from cg.problems.checks import moments, number, vector
+from cg.problems.quadratic import QuadraticProblem, balls, quaternion_rate, unit_vector
+from cg.problems.taylor import ball
 
 _FRAME = Product(UnitQuaternion(), Euclidean(6))
 
 
 @dataclass(frozen=True)
-class ReactionWheels:
+class ReactionWheels(QuadraticProblem):
     r"""A satellite without outer torques, turned by wheels along its principal axes.
 
     With the unit quaternion :math:`q` (scalar last) from body axes to inertial ones, the angular
@@ -135,39 +136,12 @@ class ReactionWheels:
         turned = 2.0 * np.cross(axis, np.cross(axis, body) + scalar * body)
         return {"angular momentum": body + turned}
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution at given times in extended precision.
+    def _initial(self) -> list[arb]:
+        return [*unit_vector(self.attitude), *map(ball, (*self.velocity, *self.wheels))]
 
-        The unknowns are the entries of the point.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
-    def _system(self) -> QuadraticSystem:
-        half, inertia = arb(1) / 2, [ball(x) for x in self.inertia]
-        omega, h = (4, 5, 6), (7, 8, 9)
-        equations: list[tuple[Term, ...]] = []
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            pairs = ((half, 3, i), (half, j, k), (-half, k, j))
-            equations.append(tuple((c, (a, omega[b])) for c, a, b in pairs))
-        equations.append(tuple((-half, (i, omega[i])) for i in range(3)))
-
-        control = [
-            ((ball(self.stiffness), (i,)), (ball(self.damping), (omega[i],))) for i in range(3)
-        ]
-        spin = cross_terms(omega, omega, inertia, -1)
-        wheels = cross_terms(h, omega, [arb(1)] * 3)
-        for i in range(3):
-            terms = (*spin[i], *wheels[i], *((-c, at) for c, at in control[i]))
-            equations.append(tuple((c / inertia[i], at) for c, at in terms))
-        equations += control
-
-        q = [ball(x) for x in self.attitude]
-        length = sum((x * x for x in q), arb(0)).sqrt()
-        rest = [ball(x) for x in (*self.velocity, *self.wheels)]
-        return QuadraticSystem(tuple(equations), (*(x / length for x in q), *rest))
+    def _derivatives(self, y: Any) -> Any:
+        q, omega, h = y[:4], y[4:7], y[7:]
+        inertia = balls(self.inertia)
+        control = ball(self.stiffness) * q[:3] + ball(self.damping) * omega
+        torque = np.cross(inertia * omega + h, omega) - control
+        return [*quaternion_rate(q, omega), *(torque * (1 / inertia)), *control]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from flint import arb
 
 from cg.frames import SO3
 from cg.frames.arrays import Array
-from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+from cg.problems.quadratic import QuadraticProblem, identity
 
 # Quarters of the coefficients: no symmetry relates any two of them.
 _CONSTANT = (2, -3, 1)
@@ -25,7 +24,7 @@ _UNIT = 4.0
 
 
 @dataclass(frozen=True)
-class StateDependentRotation:
+class StateDependentRotation(QuadraticProblem):
     r"""A rotation with angular velocity :math:`v(t, y) = v_0 + C\,\mathrm{vec}(y) + t w`.
 
     The coefficients are affine in the matrix, yet no derivative of them along products of the
@@ -79,38 +78,13 @@ class StateDependentRotation:
         linear = np.array(_LINEAR) @ y.reshape(9)
         return np.asarray((np.array(_CONSTANT) + linear + t * np.array(_TIME)) / _UNIT)
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution at given times in extended precision.
+    def _initial(self) -> list[arb]:
+        return [*identity(), arb(0)]
 
-        The ten unknowns are the entries of the matrix, row by row, and time itself.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
-    def _system(self) -> QuadraticSystem:
-        unit = 1 / arb(_UNIT)
-        velocity: list[list[Term]] = []
-        for constant, linear, slope in zip(_CONSTANT, _LINEAR, _TIME, strict=True):
-            terms: list[Term] = [(unit * constant, ()), (unit * slope, (9,))]
-            terms += [(unit * c, (j,)) for j, c in enumerate(linear)]
-            velocity.append(terms)
-        equations: list[tuple[Term, ...]] = [()] * 9
-        for row in range(3):
-            for i in range(3):
-                j, k = (i + 1) % 3, (i + 2) % 3
-                # Rows of y turn as x cross v in body axes, columns as v cross x in space axes.
-                if self.convention == "body":
-                    x, sign = [3 * row + n for n in range(3)], 1
-                else:
-                    x, sign = [3 * n + row for n in range(3)], -1
-                equations[x[i]] = tuple(
-                    [(sign * c, (x[j], *rest)) for c, rest in velocity[k]]
-                    + [(-sign * c, (x[k], *rest)) for c, rest in velocity[j]]
-                )
-        clock: tuple[Term, ...] = ((arb(1), ()),)
-        initial = tuple(arb(int(i == j)) for i in range(3) for j in range(3))
-        return QuadraticSystem((*equations, clock), (*initial, arb(0)))
+    def _derivatives(self, y: Any) -> Any:
+        # Unknowns: the matrix, and time
+        matrix, t = y[:9].reshape(3, 3), y[9]
+        v = (np.array(_CONSTANT) + np.array(_LINEAR) @ y[:9] + t * np.array(_TIME)) * (1 / _UNIT)
+        body = self.convention == "body"
+        change = np.cross(matrix, v) if body else np.cross(v, matrix.T).T
+        return [*change.ravel(), 1.0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,14 +11,15 @@ from numpy.typing import ArrayLike
 
 from cg.frames import Euclidean, Product, UnitQuaternion
 from cg.frames.arrays import Array
-from cg.problems.checks import ball, cross_terms, moments, number, vector
-from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+from cg.problems.checks import moments, number, vector
+from cg.problems.quadratic import QuadraticProblem, balls, quaternion_rate, unit_vector
+from cg.problems.taylor import ball
 
 _FRAME = Product(UnitQuaternion(), Euclidean(3))
 
 
 @dataclass(frozen=True)
-class Spacecraft:
+class Spacecraft(QuadraticProblem):
     r"""A rigid spacecraft under the torque of gravity's gradient, and under control.
 
     The unit quaternion :math:`q` (scalar last) turns body axes to those of the orbit: the first
@@ -136,65 +136,20 @@ class Spacecraft:
         control = 2.0 * self.stiffness * (1.0 - q[..., 3])
         return {"energy": np.asarray((inertia * terms).sum(axis=-1) + control)}
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution at given times in extended precision.
+    def _initial(self) -> list[arb]:
+        q = unit_vector(self.attitude)
+        r, h = _orbit_axes_of(*q)
+        return [*q, *map(ball, self.velocity), *r, *h]
 
-        The unknowns are the entries of the point, then those of ``r`` and ``h``.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
-    def _system(self) -> QuadraticSystem:
-        n, half = ball(self.orbit_rate), arb(1) / 2
-        inertia = [ball(x) for x in self.inertia]
-        one = [arb(1)] * 3
-        omega, r, h = (4, 5, 6), (7, 8, 9), (10, 11, 12)
-        equations: list[tuple[Term, ...]] = []
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            pairs = ((half, 3, i), (half, j, k), (-half, k, j))
-            equations.append(_relative(pairs, omega, h, n))
-        equations.append(_relative([(-half, i, i) for i in range(3)], omega, h, n))
-
-        spin = cross_terms(omega, omega, inertia, -1)
-        gravity = cross_terms(r, r, [3 * n * n * x for x in inertia])
-        for i in range(3):
-            control = (
-                (-ball(self.stiffness), (i,)),
-                (-ball(self.damping), (omega[i],)),
-                (ball(self.damping) * n, (h[i],)),
-            )
-            terms = (*spin[i], *gravity[i], *control)
-            equations.append(tuple((c / inertia[i], indices) for c, indices in terms))
-        # Directions that the orbit's axes fix turn as x' = x cross (omega - n h).
-        equations += [
-            (*first, *second)
-            for first, second in zip(
-                cross_terms(r, omega, one), cross_terms(r, h, [-n] * 3), strict=True
-            )
-        ]
-        equations += cross_terms(h, omega, one)
-
-        q = [ball(x) for x in self.attitude]
-        length = sum((x * x for x in q), arb(0)).sqrt()
-        q = [x / length for x in q]
-        axes = [x for axis in _orbit_axes_of(*q) for x in axis]
-        start = (*q, *(ball(x) for x in self.velocity), *axes)
-        return QuadraticSystem(tuple(equations), start)
-
-
-def _relative(
-    pairs: Sequence[tuple[arb, int, int]], omega: Sequence[int], h: Sequence[int], n: arb
-) -> tuple[Term, ...]:
-    """Return the terms of a sum of ``c * q[i] * (omega - n h)[j]``."""
-    terms: list[Term] = []
-    for c, i, j in pairs:
-        terms += [(c, (i, omega[j])), (-c * n, (i, h[j]))]
-    return tuple(terms)
+    def _derivatives(self, y: Any) -> Any:
+        # Unknowns: q, omega, r, h; the axes of the orbit turn as x' = x cross (omega - n h).
+        q, omega, r, h = y[:4], y[4:7], y[7:10], y[10:]
+        n, inertia = ball(self.orbit_rate), balls(self.inertia)
+        relative = omega - n * h
+        control = ball(self.stiffness) * q[:3] + ball(self.damping) * relative
+        torque = np.cross(inertia * omega, omega) + 3 * n * n * np.cross(r, inertia * r) - control
+        rates = [quaternion_rate(q, relative), torque * (1 / inertia)]
+        return np.concatenate([*rates, np.cross(r, relative), np.cross(h, omega)])
 
 
 def _orbit_axes(q: Array) -> tuple[Array, Array]:

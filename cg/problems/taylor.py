@@ -16,6 +16,7 @@ from flint import arb, fmpq
 from cg.frames.arrays import Array
 
 from ..support.balls import working_precision
+from ..support.checks import check_integer
 from ..support.parsing import read_fraction
 
 Time = Fraction | float | int | str
@@ -116,14 +117,10 @@ def reference_solution(
     Raises
     ------
     ValueError
-        If a time isn't a finite number, or ``step``, ``order`` or ``bits`` isn't positive.
+        If a time isn't a finite number, or ``bits`` is less than 2.
     """
     exact = exact_times(times)
-    for name, value in (("bits", bits), ("order", order)):
-        if isinstance(value, bool) or not isinstance(value, int) or value <= 0:
-            raise ValueError(f"{name} must be a positive integer, got {value!r}")
-    if step <= 0:
-        raise ValueError(f"step must be positive, got {step}")
+    bits = check_integer("bits", bits, 2)
     with working_precision(bits):
         system = build()
         coarse = _solve(system, exact, step, order)
@@ -144,10 +141,16 @@ def exact_times(times: Sequence[Time]) -> tuple[Fraction, ...]:
         raise ValueError(f"times must be finite numbers, got {times!r}") from error
 
 
-def exact_midpoint(ball: arb) -> Fraction:
+def exact_midpoint(x: arb) -> Fraction:
     """Return the midpoint of a ball, exactly."""
-    mantissa, exponent = ball.mid().man_exp()
+    mantissa, exponent = x.mid().man_exp()
     return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
+def ball(x: Fraction | float) -> arb:
+    """Return a finite number as a ball."""
+    numerator, denominator = x.as_integer_ratio()
+    return arb(fmpq(numerator, denominator))
 
 
 def decimal_string(x: Fraction, digits: int) -> str:
@@ -209,8 +212,7 @@ def _taylor(system: QuadraticSystem, point: list[arb], order: int) -> list[list[
 
 
 def _horner(coefficients: list[arb], t: Fraction) -> arb:
-    time = arb(fmpq(t.numerator, t.denominator))
-    total = arb()
+    time, total = ball(t), arb()
     for coefficient in reversed(coefficients):
         total = total * time + coefficient
     return total

@@ -1,4 +1,4 @@
-"""Draw every problem of `cg.problems`: its motion, and what the integrator makes of it.
+"""Draw the problems of `cg.problems` and of this folder: their motion, invariants and errors.
 
 Run ``python docs/gallery/make_gallery.py [NAME ...]``; the figures go beside this file.
 """
@@ -10,8 +10,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import body_with_pendulum as chain
+import double_pendulum as pendulum
 import matplotlib as mpl
 import numpy as np
+import rolling_ball as ball
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -20,15 +23,12 @@ from cg import integrate, methods
 from cg.analysis.convergence import final_errors
 from cg.problems import (
     AffineField,
-    BodyWithPendulum,
     ConingMotion,
-    DoubleSphericalPendulum,
     ForcedRigidBody,
     FreeRigidBody,
     GradientFlow,
     HeavyTop,
     ReactionWheels,
-    RollingBall,
     Spacecraft,
     StateDependentRotation,
     TodaFlow,
@@ -153,14 +153,13 @@ def free_rigid_body(figure: Figure) -> None:
 
 
 def rolling_ball(figure: Figure) -> None:
-    """Draw the way of the ball over its turntable, and its invariants."""
-    ball = RollingBall()
+    """Draw the path of the ball over its turntable, and its invariants."""
     solution = solve(ball, 12.0, 0.02)
     ax, other = figure.subplots(1, 2)
-    exact = ball.exact_place(np.linspace(0, 12, 400))
+    exact = ball.exact_position(np.linspace(0, 12, 400))
     ax.plot(*exact.T, color=COLOURS[1], linewidth=4.0, alpha=0.4, label="exact circle")
     ax.plot(*solution.y[:, 12:].T, color=COLOURS[0], label="CG4a", linestyle="--")
-    ax.plot(*ball.place, "o", color="black", label="start")
+    ax.plot(*ball.y0[12:], "o", color="black", label="start")
     ax.set(xlabel="$x$ (m)", ylabel="$y$ (m)", aspect="equal")
     ax.set_title("place of the ball, seen from above")
     ax.legend(loc="center")
@@ -239,15 +238,14 @@ def two_levels(figure: Figure) -> None:
 
 
 def double_pendulum(figure: Figure) -> None:
-    """Draw the ways of both masses, and the invariants."""
-    pendulum = DoubleSphericalPendulum()
+    """Draw the paths of both masses, and the invariants."""
     solution = solve(pendulum, 8.0, 0.005)
     ax = figure.add_subplot(1, 2, 1, projection="3d")
     for place, label, colour in zip(
-        pendulum.places(solution.y), ("first mass", "second mass"), COLOURS, strict=False
+        pendulum.positions(solution.y), ("first mass", "second mass"), COLOURS, strict=False
     ):
         ax.plot(*place.T, color=colour, label=label, linewidth=0.9)
-    first, second = pendulum.places(pendulum.y0)
+    first, second = pendulum.positions(pendulum.y0)
     ax.plot(*np.stack([np.zeros(3), first, second]).T, "o-", color="black", label="at time 0")
     ax.set(xlabel="$x$ (m)", ylabel="$y$ (m)", zlabel="$z$ (m)")
     ax.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1), zticks=(-1.5, -1, -0.5, 0))
@@ -258,14 +256,13 @@ def double_pendulum(figure: Figure) -> None:
 
 
 def body_with_pendulum(figure: Figure) -> None:
-    """Draw the ways of joint and mass, and the invariants."""
-    chain = BodyWithPendulum()
+    """Draw the paths of the joint and the mass, and the invariants."""
     solution = solve(chain, 5.0, 0.005)
     ax = figure.add_subplot(1, 2, 1, projection="3d")
     names = ("joint of the body", "mass of the pendulum")
-    for place, label, colour in zip(chain.places(solution.y), names, COLOURS, strict=False):
+    for place, label, colour in zip(chain.positions(solution.y), names, COLOURS, strict=False):
         ax.plot(*place.T, color=colour, label=label, linewidth=0.9)
-    joint, mass = chain.places(chain.y0)
+    joint, mass = chain.positions(chain.y0)
     ax.plot(*np.stack([np.zeros(3), joint, mass]).T, "o-", color="black", label="at time 0")
     ax.set(xlabel="$x$ (m)", ylabel="$y$ (m)", zlabel="$z$ (m)")
     ax.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1), zticks=(-1.5, -1, -0.5, 0))

@@ -130,14 +130,10 @@ def of_problem(problem):
     points = {"y": problem.y0} if hasattr(problem, "y0") else {}
     arguments = {
         "invariants": points,
-        "places": points,
         "body_momentum": points,
-        "centre_velocity": points,
-        "energy": points,
         "action": points,
         "exact": {"t": [0.0, 0.25]},
         "exact_momentum": {"t": [0.0, 0.25]},
-        "exact_place": {"t": [0.0, 0.25]},
         "transition_probability": {"t": [0.0, 0.25]},
         "rate": {"t": [0.0, 0.25]},
         "attitude": {"t": [0.0, 0.25]},
@@ -151,16 +147,13 @@ def of_problem(problem):
 GYRO = {"times": [0.0, 0.25, 0.5, 0.75], "rates": np.ones((4, 3))}
 PROBLEMS = [
     problems.AffineField(SO3, np.eye(3)),
-    problems.BodyWithPendulum(),
     problems.ConingMotion(),
-    problems.DoubleSphericalPendulum(),
     problems.ForcedRigidBody(),
     problems.FreeRigidBody(),
     problems.GradientFlow((2, 2)),
     problems.GyroAttitude(**GYRO),
     problems.HeavyTop(),
     problems.ReactionWheels(),
-    problems.RollingBall(),
     problems.Spacecraft(),
     problems.StateDependentRotation(),
     problems.TodaFlow(),
