@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, is_array, real_array
-from cg.frames.dexpinv import frobenius, series_dexpinv
+from cg.frames.dexpinv import frobenius, rotation_dexpinv, series_dexpinv
 from cg.support.checks import check_integer
 
 # Up to this dimension products of coefficients with structure constants take less time than those
@@ -63,9 +63,16 @@ class FieldAlgebra(ABC):
         """
         return self._bracket(self._vectors(u, "u"), self._vectors(v))
 
+    @property
+    def _rotation_sign(self) -> float:
+        """The sign s of a bracket that is s times the cross product, 0 for other brackets."""
+        return 0.0
+
     def _bracket(self, u: Array, v: Array) -> Array:
-        """Return brackets of coefficients that are checked."""
-        raise NotImplementedError(f"{self!r} knows no bracket of its fields")
+        """Return the brackets of checked coefficients."""
+        if sign := self._rotation_sign:
+            return np.asarray(sign * np.cross(u, v))
+        raise NotImplementedError(f"{self!r} has no bracket of its fields")
 
     def dexpinv(self, u: ArrayLike, v: ArrayLike, *, order: int = 8) -> Array:
         r"""Return the derivative of the coordinates u of a point that moves with coefficients v.
@@ -99,6 +106,9 @@ class FieldAlgebra(ABC):
         return self._dexpinv(self._vectors(u, "u"), self._vectors(v), order)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        """Return dexpinv of checked coefficients, in closed form or as a series."""
+        if sign := self._rotation_sign:
+            return rotation_dexpinv(u, v, sign)
         if self.dim <= MAX_CONSTANTS:
             flat = u @ self._adjoint_basis.reshape(self.dim, -1)
             matrix = flat.reshape(*u.shape, self.dim)

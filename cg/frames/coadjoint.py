@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Size, check_convention, check_finite, real_array
 from cg.frames.base import Frame
-from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.matrix_functions import combine, corrected, expm
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import rotate
@@ -104,8 +103,8 @@ class CoadjointOrbit(Frame):
         return constants if self.convention == "body" else -constants
 
     @cached_property
-    def _turn(self) -> float:
-        """Sign s such that the fields are s times v cross y, zero if they aren't."""
+    def _rotation_sign(self) -> float:
+        """The sign s of fields that are s times v cross y, 0 for other fields."""
         if self.dim == 3:
             for sign in (-1.0, 1.0):
                 cross = np.cross(np.eye(3)[:, None], np.eye(3)[None, :]).swapaxes(1, 2)
@@ -128,23 +127,17 @@ class CoadjointOrbit(Frame):
         """
         vector, point = self._arguments(v, y)
         column = point[..., None]
-        if self._turn:
-            moved = rotate(self._turn * vector, column)
+        if self._rotation_sign:
+            moved = rotate(self._rotation_sign * vector, column)
         else:
             moved = expm(combine(vector, self._fields), vector) @ column
         return self.restore(moved[..., 0])
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        # The matrices of the fields are those of ad, transposed or negative: brackets of the
-        # algebra with the other sign, or with the same.
-        if self._turn:
-            return np.asarray(self._turn * np.cross(u, v))
+        if self._rotation_sign:
+            return super()._bracket(u, v)
+        # The matrices of the fields are those of ad, transposed and perhaps with the other sign.
         return -np.asarray((v[..., None, :] @ combine(u, self._fields))[..., 0, :])
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self._turn:
-            return rotation_dexpinv(u, v, self._turn)
-        return super()._dexpinv(u, v, order)
 
     @cached_property
     def linear_casimirs(self) -> Array:

@@ -174,6 +174,8 @@ class MatrixGroup(Frame):
         return 1.0 if self.convention == "space" else -1.0
 
     def _bracket(self, u: Array, v: Array) -> Array:
+        if self._rotation_sign:
+            return super()._bracket(u, v)
         first, second = self.algebra(u), self.algebra(v)
         return self._side * self._algebra_projection(first @ second - second @ first)
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points, check_convention
 from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, axes_option
-from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.matrix_functions import combine, unit_step
 from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm
 from cg.frames.unit_vectors import UnitVectors
@@ -101,14 +100,8 @@ class UnitQuaternion(UnitVectors):
         return unit_step(moved)
 
     @property
-    def _side(self) -> float:
+    def _rotation_sign(self) -> float:
         return 1.0 if self.convention == "space" else -1.0
-
-    def _bracket(self, u: Array, v: Array) -> Array:
-        return np.asarray(self._side * np.cross(u, v))
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        return rotation_dexpinv(u, v, self._side)
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians that turns ``x`` into ``y``, at most :math:`2\pi`."""

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Convention, Points, Size, check_random
 from cg.frames.dexpinv import motion_bracket, motion_dexpinv
 from cg.frames.matrix_group import MatrixGroup
-from cg.frames.so import SO
 from cg.support.checks import check_integer
 
 
@@ -108,19 +107,14 @@ class Semidirect(MatrixGroup):
         return self._assemble(*self.group.affine_exponential(vector[..., :split], stacked.mT))
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        if self._turns:
+        if self.group._rotation_sign:
             return self._side * motion_bracket(u, v)
         return super()._bracket(u, v)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self._turns:
+        if self.group._rotation_sign:
             return motion_dexpinv(u, v, self._side)
         return super()._dexpinv(u, v, order)
-
-    @property
-    def _turns(self) -> bool:
-        """Whether the group is that of rotations of space."""
-        return isinstance(self.group, SO) and self.group.n == 3
 
     def _log1p(self, away: Points) -> Array:
         n = self.group.size

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
 from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
-from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
@@ -102,15 +101,9 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
             return rotation_logarithm(away)
         return self._algebra_projection(rotation_log1p(away))
 
-    def _bracket(self, u: Array, v: Array) -> Array:
-        if self.n == 3:
-            return np.asarray(self._side * np.cross(u, v))
-        return super()._bracket(u, v)
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self.n == 3:
-            return rotation_dexpinv(u, v, self._side)
-        return super()._dexpinv(u, v, order)
+    @property
+    def _rotation_sign(self) -> float:
+        return self._side if self.n == 3 else 0.0
 
     def _blocks(self) -> Blocks | None:
         if self.n > MAX_MATRIX:

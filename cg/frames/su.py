@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
 from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
-from cg.frames.dexpinv import rotation_dexpinv
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
 from cg.frames.u import U, gell_mann
@@ -77,15 +76,9 @@ class SU(U):
         identity = np.cos(half)[..., None, None] * np.eye(2)
         return np.asarray(identity + sinc[..., None, None] * self.algebra(v))
 
-    def _bracket(self, u: Array, v: Array) -> Array:
-        if self.n == 2:
-            return np.asarray(self._side * np.cross(u, v))
-        return super()._bracket(u, v)
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self.n == 2:
-            return rotation_dexpinv(u, v, self._side)
-        return super()._dexpinv(u, v, order)
+    @property
+    def _rotation_sign(self) -> float:
+        return self._side if self.n == 2 else 0.0
 
     def _blocks(self) -> Blocks | None:
         if self.n > MAX_MATRIX:

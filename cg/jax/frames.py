@@ -200,7 +200,7 @@ def _rotation_rules(frame: UnitQuaternion) -> Rules:
         flow,
         _unit_step,
         log,
-        _turning(frame._side),
+        _turning(frame._rotation_sign),
         lambda y, tangent: 2.0 * sines(y, tangent),
         _ones(frame),
     )
