@@ -74,7 +74,7 @@ TESTS = {  # module: files of tests in the order in which they are run
     "cg.proofs.digits": "krawczyk certify tableau points",
     "cg.proofs.dependent.words": CERTIFICATION,
     "cg.frames.power": "frame_product compiled gradient_flow problems frames",
-    "cg.frames.nearby": "frame_coordinates frame_digits frame_growth",
+    "cg.frames.local_coordinates": "frame_coordinates frame_digits frame_growth",
     "cg.frames.matrix_functions": "frame_digits frame_growth frame_coordinates frames",
     "cg.problems.lattice": "gradient_flow problems",
     "cg.problems.gradient_flow": "gradient_flow problems",

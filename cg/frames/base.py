@@ -23,7 +23,7 @@ from cg.frames.arrays import (
 )
 from cg.frames.block_kinds import Blocks
 from cg.frames.checking import problems_of
-from cg.frames.nearby import nearby_coordinates, newton_correction, shortest_coefficients
+from cg.frames.local_coordinates import local_coordinates, newton_correction, shortest_coefficients
 from cg.support.checks import check_generator
 
 MEMBERSHIP_TOLERANCE = 1e-8
@@ -134,7 +134,7 @@ class Frame(FieldAlgebra):
             groups there is no such limit.
         """
 
-    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
+    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the shortest coefficients with the tangent at ``y`` that ``v`` have.
 
         Here, and wherever `exp_coordinates` are known, but for spheres, they are ``v``.
@@ -240,7 +240,7 @@ class Frame(FieldAlgebra):
         self._points(y1, "y1")
         return None
 
-    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+    def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return coefficients whose flow takes ``y0`` to a nearby ``y1``.
 
         Other than `exp_coordinates`, every frame has them.  They are those where they are known
@@ -269,7 +269,7 @@ class Frame(FieldAlgebra):
         known = self.exp_coordinates(start, end)
         start, end = (y.reshape(-1, *self.point_shape) for y in (start, end))
         v = np.zeros((len(start), self.dim)) if known is None else known.reshape(-1, self.dim)
-        return nearby_coordinates(self, v, start, end).reshape(*lead, self.dim)
+        return local_coordinates(self, v, start, end).reshape(*lead, self.dim)
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
         """Return coefficients whose flow leads from ``start`` nearer to ``end`` than to ``y``.
@@ -416,7 +416,7 @@ class Frame(FieldAlgebra):
 
         At random points, and with random coefficients, it compares the flow at zero with the
         point, flows one after the other along one field with a single one, the flow's derivative
-        with `field` (and so its sense), `exp_coordinates` and `nearby_coordinates` with flows,
+        with `field` (and so its sense), `exp_coordinates` and `local_coordinates` with flows,
         `bracket` with the commutator of the fields, `dexpinv` with derivatives of flows, and
         looks whether flows stay on the manifold.  It takes some hundred flows.
 

@@ -115,10 +115,10 @@ def _check_coordinates(frame: Frame, y: Points, u: Array, v: Array, w: Array) ->
             "flow(exp_coordinates(y0, y1), y0) isn't y1", frame.flow(known, y), moved, _ROUNDING
         )
     near = frame.flow(0.01 * v, y)
-    nearby = frame.nearby_coordinates(y, near)
+    nearby = frame.local_coordinates(y, near)
     if np.isfinite(nearby).all():
         yield from _unlike(
-            "flow(nearby_coordinates(y0, y1), y0) isn't y1", frame.flow(nearby, y), near, _ROUNDING
+            "flow(local_coordinates(y0, y1), y0) isn't y1", frame.flow(nearby, y), near, _ROUNDING
         )
 
 

@@ -93,10 +93,10 @@ class Power(Frame):
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
         return self._joined(self.factor._dexpinv(self._each(u), self._each(v), order))
 
-    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
+    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the shortest coefficients of all, joined: shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
-        return self._joined(self.factor.shortest(self._each(vector), point))
+        return self._joined(self.factor.without_isotropy(self._each(vector), point))
 
     def _project(self, y: Points) -> Points:
         return self.factor.project(y)
@@ -119,10 +119,10 @@ class Power(Frame):
         found = self.factor.exp_coordinates(self._points(y0, "y0"), self._points(y1, "y1"))
         return None if found is None else self._joined(found)
 
-    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+    def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return the nearby coordinates of all, joined: shape ``(..., dim)``."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        return self._joined(self.factor.nearby_coordinates(start, end))
+        return self._joined(self.factor.local_coordinates(start, end))
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         """Return the sizes of all coordinates, joined: shape ``(..., dim)``."""

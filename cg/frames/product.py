@@ -134,11 +134,11 @@ class Product(Frame):
             found.append(coordinates)
         return np.concatenate(found, axis=-1)
 
-    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+    def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return the factors' nearby coordinates, joined: shape ``(..., dim)``."""
         start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         parts = zip(self.factors, self._split(start), self._split(end), strict=True)
-        return np.concatenate([f.nearby_coordinates(p, q) for f, p, q in parts], axis=-1)
+        return np.concatenate([f.local_coordinates(p, q) for f, p, q in parts], axis=-1)
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         """Return the sizes of the factors' coordinates, joined: shape ``(..., dim)``."""
@@ -178,14 +178,14 @@ class Product(Frame):
         parts = zip(self.factors, self._split_vector(u), self._split_vector(v), strict=True)
         return np.concatenate([factor._dexpinv(a, b, order) for factor, a, b in parts], axis=-1)
 
-    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
+    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the factors' shortest coefficients, joined: shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
         lead = np.broadcast_shapes(vector.shape[:-1], point.shape[:-1])
         vector = np.broadcast_to(vector, (*lead, self.dim))
         point = np.broadcast_to(point, (*lead, *self.point_shape))
         parts = zip(self.factors, self._split_vector(vector), self._split(point), strict=True)
-        return np.concatenate([factor.shortest(u, x) for factor, u, x in parts], axis=-1)
+        return np.concatenate([factor.without_isotropy(u, x) for factor, u, x in parts], axis=-1)
 
     def _project(self, y: Array) -> Array:
         parts = zip(self.factors, self._split(y), strict=True)

@@ -103,7 +103,7 @@ class Sphere(UnitVectors, HomogeneousSpace):
         quotient = np.where(opposite, np.nan, quotient)
         return np.asarray(quotient[..., None] * turn)
 
-    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
+    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return ``v`` without the rotations that leave ``y`` where it is."""
         vector, point = self._arguments(v, y)
         wedge = self.field(vector, point)[..., :, None] * point[..., None, :]

@@ -103,7 +103,7 @@ def test_nearly_opposite_points_of_spheres(n):
     for distance in (0.0, 1e-16, 1e-15, 1e-12, -1e-9, 1e-6, -1e-3):
         for _ in range(40):
             y0, v = frame.random_point(rng), frame.random_vector(rng)
-            v = frame.shortest(v, y0)
+            v = frame.without_isotropy(v, y0)
             y1 = frame.flow((np.pi + distance) / np.linalg.norm(v) * v, y0)
             for found in (frame.exp_coordinates(y0, y1), difference(y0, y1)):
                 if np.isfinite(found).all():

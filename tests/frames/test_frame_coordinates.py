@@ -43,7 +43,7 @@ def test_nearby_points_are_reached(frame, batch, size):
     y0 = frame.random_point(rng, batch)
     v = min(size, size * MAX_SCALE.get(frame, 1.0)) * frame.random_vector(rng, batch)
     y1 = frame.flow(v, y0)
-    found = frame.nearby_coordinates(y0, y1)
+    found = frame.local_coordinates(y0, y1)
     assert found.shape == v.shape
     assert found.dtype == np.float64
     error = largest(frame.flow(found, y0) - y1, frame)
@@ -58,9 +58,9 @@ def test_nearby_points_are_reached(frame, batch, size):
 def test_a_point_is_at_no_distance_from_itself(frame):
     y = frame.random_point(np.random.default_rng(72), (4,))
     rounding = 4e-15 * max(1.0, np.abs(y).max()) ** 2
-    np.testing.assert_allclose(frame.nearby_coordinates(y, y), 0.0, rtol=0, atol=rounding)
+    np.testing.assert_allclose(frame.local_coordinates(y, y), 0.0, rtol=0, atol=rounding)
     y0 = frame.flow(np.zeros(frame.dim), y[0])
-    np.testing.assert_allclose(frame.nearby_coordinates(y0, y0), 0.0, rtol=0, atol=rounding)
+    np.testing.assert_allclose(frame.local_coordinates(y0, y0), 0.0, rtol=0, atol=rounding)
 
 
 @every_frame
@@ -69,16 +69,16 @@ def test_nearby_points_broadcast_and_are_checked(frame):
     y0 = frame.random_point(rng)
     v = 1e-3 * frame.random_vector(rng, (3,))
     y1 = frame.flow(v, y0)
-    together = frame.nearby_coordinates(y0, y1)
-    back = frame.nearby_coordinates(y1, y0)
+    together = frame.local_coordinates(y0, y1)
+    back = frame.local_coordinates(y1, y0)
     assert together.shape == back.shape == (3, frame.dim)
     for k in range(3):
-        alone = frame.nearby_coordinates(y0, y1[k])
+        alone = frame.local_coordinates(y0, y1[k])
         np.testing.assert_allclose(together[k], alone, rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match="y0 must have shape"):
-        frame.nearby_coordinates(np.append(y0, 1.0), y0)
+        frame.local_coordinates(np.append(y0, 1.0), y0)
     with pytest.raises(ValueError, match="y1 must have shape"):
-        frame.nearby_coordinates(y0, np.append(y0, 1.0))
+        frame.local_coordinates(y0, np.append(y0, 1.0))
 
 
 @every_frame
@@ -86,9 +86,9 @@ def test_what_is_not_finite_spoils_no_neighbour(frame):
     rng = np.random.default_rng(74)
     y0 = frame.random_point(rng, (2,))
     y1 = frame.flow(1e-3 * frame.random_vector(rng, (2,)), y0)
-    alone = frame.nearby_coordinates(y0[1], y1[1])
+    alone = frame.local_coordinates(y0[1], y1[1])
     y1[0].flat[0] = np.nan
-    found = frame.nearby_coordinates(y0, y1)
+    found = frame.local_coordinates(y0, y1)
     assert np.isnan(found[0]).any()
     np.testing.assert_allclose(found[1], alone, rtol=0, atol=1e-12)
 
@@ -96,7 +96,7 @@ def test_what_is_not_finite_spoils_no_neighbour(frame):
 def test_points_that_no_flow_connects_have_no_coordinates():
     """The field vanishes at zero and leads away from there nowhere."""
     frame = FieldFrame([lambda y: y], lambda v, y: np.exp(v[0]) * y, point_shape=1)
-    found = frame.nearby_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
+    found = frame.local_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
     assert np.isnan(found[0]).all()
     np.testing.assert_allclose(found[1], np.log(1.5), rtol=1e-14)
 
@@ -108,7 +108,7 @@ def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
     y0 = frame.random_point(rng, (4,))
     y1 = frame.flow(1e-3 * frame.random_vector(rng, (4,)), y0)
     monkeypatch.delattr(np.linalg, "pinv")
-    found = frame.nearby_coordinates(y0, y1)
+    found = frame.local_coordinates(y0, y1)
     np.testing.assert_allclose(frame.flow(found, y0), y1, rtol=0, atol=4e-15 * np.abs(y0).max())
 
 
@@ -146,7 +146,7 @@ def test_homogeneous_spaces_may_leave_the_tangents_to_the_matrix_of_fields():
     y1 = Stiefel(4, 2).flow(0.1 * rng.standard_normal((3, 6)), y0)
     plain, closed = Plain(4, 2), Stiefel(4, 2)
     np.testing.assert_allclose(
-        plain.nearby_coordinates(y0, y1), closed.nearby_coordinates(y0, y1), rtol=0, atol=1e-13
+        plain.local_coordinates(y0, y1), closed.local_coordinates(y0, y1), rtol=0, atol=1e-13
     )
 
 
@@ -230,7 +230,7 @@ def test_logarithms_are_kept_however_far_they_lead(frame):
     known = frame.exp_coordinates(y0, y1)
     if known is None:
         return
-    found = frame.nearby_coordinates(y0, y1)
+    found = frame.local_coordinates(y0, y1)
     has = np.isfinite(known).all(axis=-1)
     assert np.isfinite(found[has]).all()
     off, before = (largest(frame.flow(v[has], y0[has]) - y1[has], frame) for v in (found, known))

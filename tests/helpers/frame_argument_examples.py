@@ -46,7 +46,7 @@ def of_frame(name, frame):
     arguments = {
         "field": {"v": v, "y": y},
         "flow": {"v": v, "y": y},
-        "shortest": {"v": v, "y": y},
+        "without_isotropy": {"v": v, "y": y},
         "membership_error": {"y": y},
         "relative_error": {"y": y},
         "project": {"y": y},
@@ -54,7 +54,7 @@ def of_frame(name, frame):
         "random_vector": {"rng": RNG, "size": (2,)},
         "distance": {"x": y, "y": near},
         "exp_coordinates": {"y0": y, "y1": near},
-        "nearby_coordinates": {"y0": y, "y1": near},
+        "local_coordinates": {"y0": y, "y1": near},
         "coordinate_sizes": {"y": y},
         "check_point": {"y": y, "tolerance": 1e-8, "name": "y"},
         "bracket": {"u": v, "v": 2 * v},

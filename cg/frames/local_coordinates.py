@@ -29,7 +29,7 @@ _DIFFERENCE_RANK_TOLERANCE = 1e-5
 _MISSED = 1e-8
 
 
-def nearby_coordinates(frame: Frame, guess: Array, start: Points, end: Points) -> Array:
+def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) -> Array:
     """Return coefficients whose flow leads from one point to another, near it.
 
     Parameters
