@@ -1,4 +1,4 @@
-"""Euclidean space, where every flow is a translation."""
+"""Euclidean space, whose flows are translations."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from cg.support.checks import check_integer
 class Euclidean(Frame):
     r"""The space :math:`R^n` with the frame :math:`E_i = \partial / \partial x_i`.
 
-    All flows commute, so a Crouch-Grossman method is here the classical Runge-Kutta method of
-    the same tableau.
+    All flows commute, so a Crouch-Grossman method is the classical Runge-Kutta method with the
+    same tableau.
 
     Parameters
     ----------

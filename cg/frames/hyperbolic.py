@@ -16,10 +16,10 @@ from cg.support.checks import check_integer
 class Hyperbolic(Frame):
     r"""Hyperbolic space as the half-space :math:`y_n > 0`, moved by dilations and translations.
 
-    The first field is that of dilations, :math:`E_1 = y`, the others are translations along the
-    boundary, :math:`E_{i+1} = \partial / \partial y_i`.  All of them are isometries, there are as
-    many as dimensions, and their flow is :math:`x \mapsto e^{a} x + \tfrac{e^a - 1}{a} b`,
-    :math:`y_n \mapsto e^{a} y_n` for the coefficients :math:`(a, b)`.
+    The first field generates dilations, :math:`E_1 = y`, the others translations along the
+    boundary, :math:`E_{i+1} = \partial / \partial y_i`.  Their flows are isometries; the flow of
+    :math:`(a, b)` is :math:`x \mapsto e^{a} x + \tfrac{e^a - 1}{a} b`,
+    :math:`y_n \mapsto e^{a} y_n`.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Hyperbolic(Frame):
         return tangent
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the points after a dilation and a translation at once, shape ``(..., n)``."""
+        """Return the points after a simultaneous dilation and translation, shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         dilation = vector[..., :1]
         moved = np.exp(dilation) * point
@@ -86,13 +86,13 @@ class Hyperbolic(Frame):
         return np.concatenate([np.zeros((*translations.shape[:-1], 1)), translations], axis=-1)
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return the one dilation and translation from a point to another, shape ``(..., n)``."""
+        """Return the unique dilation and translation from a point to another, ``(..., n)``."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         with np.errstate(divide="ignore", invalid="ignore"):
             dilation = np.log(end[..., -1:] / start[..., -1:])
-            left = end[..., :-1] - start[..., :-1] * (end[..., -1:] / start[..., -1:])
-            found = np.concatenate([dilation, left / _average(dilation)], axis=-1)
-        return np.where(np.isfinite(found).all(axis=-1, keepdims=True), found, np.nan)
+            shift = end[..., :-1] - start[..., :-1] * (end[..., -1:] / start[..., -1:])
+            v = np.concatenate([dilation, shift / _average(dilation)], axis=-1)
+        return np.where(np.isfinite(v).all(axis=-1, keepdims=True), v, np.nan)
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         """Return one for dilations, and the length of the point for translations."""

@@ -1,4 +1,4 @@
-"""Many copies of one frame."""
+"""Powers of a frame: the product of equal factors."""
 
 from __future__ import annotations
 
@@ -16,17 +16,16 @@ from cg.support.checks import check_integer
 
 @dataclass(frozen=True, repr=False)
 class Power(Frame):
-    """Many points of one manifold, each moved by the same frame: spins, links of a lattice, bodies.
+    """The product of n equal frames, for n spins, links of a lattice or bodies.
 
-    It is the `Product` of ``n`` equal factors, with points that keep their shape and flows that
-    are computed all at once.
+    Unlike those of `Product`, points keep their shape, and all flows are computed in one batch.
 
     Parameters
     ----------
     factor
-        The frame of each.
+        The frame of each point.
     n
-        How many there are, at least 1.
+        Number of factors, at least 1.
 
     Raises
     ------
@@ -60,7 +59,7 @@ class Power(Frame):
 
     @property
     def dim(self) -> int:
-        """``n`` times that of the factor."""
+        """``n`` times the dimension of the factor."""
         return self.n * self.factor.dim
 
     @property
@@ -70,7 +69,7 @@ class Power(Frame):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """That of the factor."""
+        """The type of the factor."""
         return self.factor.dtype
 
     def read_points(self, value: Any, name: str = "y") -> Points:
@@ -94,7 +93,7 @@ class Power(Frame):
         return self._joined(self.factor._dexpinv(self._each(u), self._each(v), order))
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the shortest coefficients of all, joined: shape ``(..., dim)``."""
+        """Return the coefficients of all points without isotropy, shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
         return self._joined(self.factor.without_isotropy(self._each(vector), point))
 
@@ -115,17 +114,17 @@ class Power(Frame):
         return np.asarray(np.linalg.norm(each, axis=-1))
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
-        """Return the coordinates of all, joined, shape ``(..., dim)``; None if there are none."""
-        found = self.factor.exp_coordinates(self._points(y0, "y0"), self._points(y1, "y1"))
-        return None if found is None else self._joined(found)
+        """Return the coordinates of all points, ``(..., dim)``; None if the factor has none."""
+        v = self.factor.exp_coordinates(self._points(y0, "y0"), self._points(y1, "y1"))
+        return None if v is None else self._joined(v)
 
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return the nearby coordinates of all, joined: shape ``(..., dim)``."""
+        """Return the local coordinates of all points, shape ``(..., dim)``."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         return self._joined(self.factor.local_coordinates(start, end))
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
-        """Return the sizes of all coordinates, joined: shape ``(..., dim)``."""
+        """Return the scales of the coordinates of all points, shape ``(..., dim)``."""
         return self._joined(self.factor.coordinate_sizes(self._points(y)))
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:

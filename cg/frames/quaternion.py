@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class UnitQuaternion(UnitVectors):
-    r"""Unit quaternions moved by an angular velocity in body or in space axes.
+    r"""Unit quaternions, with angular velocities in body or space axes as coefficients.
 
-    A quaternion stands for the rotation that ``scipy.spatial.transform.Rotation`` makes of it,
-    and the coefficients are those of `SO3` with the same convention.  ``q`` and ``-q`` are the
-    same rotation, but two points.
+    A quaternion represents the same rotation as in ``scipy.spatial.transform.Rotation``, and the
+    coefficients are those of `SO3` with the same convention.  ``q`` and ``-q`` are the same
+    rotation, but different points.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class UnitQuaternion(UnitVectors):
         ``"body"``: :math:`q' = \tfrac12\, q \otimes v` (default), ``"space"``:
         :math:`q' = \tfrac12\, v \otimes q`.
     scalar_first
-        Whether a point is ``(w, x, y, z)`` and not ``(x, y, z, w)``.
+        Whether a point is ``(w, x, y, z)`` instead of ``(x, y, z, w)``.
 
     Raises
     ------
@@ -110,12 +110,13 @@ class UnitQuaternion(UnitVectors):
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return the rotation vector from ``y0`` to ``y1``, of length at most :math:`2\pi`.
 
-        It is the one that leads to ``y1``, not to ``-y1``, even where that is nearer.
+        Its flow ends at ``y1``, even where ``-y1`` is nearer.
         """
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         generators = 2.0 * _generators(self.convention, self.scalar_first)
         directions = (generators @ start[..., None, :, None])[..., 0]
-        # The directions are normal to the start, so that its part of the end can be left out.
+        # The directions are normal to the start, so the difference gives the same products without
+        # cancellation.
         difference = (end - start)[..., None, :]
         return quaternion_logarithm(np.vecdot(directions, difference), np.vecdot(start, end))
 

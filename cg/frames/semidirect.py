@@ -17,15 +17,15 @@ from cg.support.checks import check_integer
 class Semidirect(MatrixGroup):
     r"""Affine maps :math:`x \mapsto g x + p`, with :math:`g` in a real matrix group.
 
-    A point is the matrix :math:`\binom{g\;\;p}{0\;\;I}`, where :math:`p` has one column or
-    several.  Thus ``Semidirect(SO3())`` is the group of rigid motions, and
-    ``Semidirect(SO3(), 2)`` carries attitude, velocity and position.  The coefficients are those
-    of the group, then the columns of :math:`\Omega`'s upper right block one after the other.
+    A point is the matrix :math:`\binom{g\;\;p}{0\;\;I}`, where :math:`p` has ``copies`` columns.
+    ``Semidirect(SO3())`` is the group of rigid motions, and a point of ``Semidirect(SO3(), 2)``
+    holds attitude, velocity and position.  The coefficients are those of the group, then the
+    columns of the upper right block of :math:`\Omega`.
 
     Parameters
     ----------
     group
-        A real matrix group.  Its convention is that of the product.
+        A real matrix group, whose convention the product adopts.
     copies
         Number of columns of :math:`p`.
 
@@ -38,9 +38,9 @@ class Semidirect(MatrixGroup):
 
     Notes
     -----
-    With :math:`\Omega` bordered by :math:`U`, the blocks of the exponential are
-    :math:`e^{\Omega}` and :math:`\int_0^1 e^{s\Omega} ds\,U`: closed forms where the group is
-    SO(3) [1]_, ``scipy.linalg.expm`` elsewhere.
+    The blocks of the exponential of :math:`\binom{\Omega\;\;U}{0\;\;0}` are :math:`e^{\Omega}` and
+    :math:`\int_0^1 e^{s\Omega} ds\,U`: closed forms if the group is SO(3) [1]_,
+    ``scipy.linalg.expm`` otherwise.
 
     References
     ----------
@@ -116,13 +116,13 @@ class Semidirect(MatrixGroup):
             return motion_dexpinv(u, v, self._side)
         return super()._dexpinv(u, v, order)
 
-    def _log1p(self, away: Points) -> Array:
+    def _log1p(self, difference: Points) -> Array:
         n = self.group.size
-        vector = self.group._log1p(away[..., :n, :n])
+        vector = self.group._log1p(difference[..., :n, :n])
         finite = np.isfinite(vector).all(axis=-1, keepdims=True)
         _, average = self.group.affine_exponential(np.where(finite, vector, 0.0), np.eye(n))
-        columns = np.linalg.solve(average, away[..., :n, n:])
-        flat = columns.mT.reshape(*away.shape[:-2], -1)
+        columns = np.linalg.solve(average, difference[..., :n, n:])
+        flat = columns.mT.reshape(*difference.shape[:-2], -1)
         return np.concatenate([vector, np.where(finite, flat, np.nan)], axis=-1)
 
     def inverse(self, x: ArrayLike) -> Points:
@@ -159,7 +159,7 @@ class Semidirect(MatrixGroup):
         return point[..., :n, :n], np.abs(rows).max(axis=(-2, -1))
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the root of the group's distance and the columns', squared and added."""
+        """Return the root of the sum of the squared distances of group and columns."""
         first, second = self._points(x, "x"), self._points(y)
         n = self.group.size
         linear = self.group.distance(first[..., :n, :n], second[..., :n, :n])

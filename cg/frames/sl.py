@@ -17,8 +17,8 @@ from cg.frames.matrix_group import NoncompactMatrixGroup
 class SL(NoncompactMatrixGroup):
     r"""Real matrices of determinant 1.
 
-    The coefficients are the entries of :math:`\Omega`, row by row, without the last one, which
-    makes the trace zero.
+    The coefficients are the entries of :math:`\Omega`, row by row, except the last one, which
+    follows from the zero trace.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ class SL(NoncompactMatrixGroup):
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  Each flow ends with the shortest step towards
-    determinant 1, which is no longer than rounding of the matrix, however large that is.
+    The exponential is ``scipy.linalg.expm``.  Each flow ends with the step of least norm towards
+    determinant 1, which is no larger than the rounding errors of the matrix.
 
     Examples
     --------

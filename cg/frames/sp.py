@@ -18,9 +18,9 @@ from cg.frames.matrix_group import NoncompactMatrixGroup
 class Sp(NoncompactMatrixGroup):
     r"""Real symplectic matrices: :math:`y^T J y = J`, :math:`J = \binom{\;0\;\;I}{-I\;0}`.
 
-    Their Lie algebra holds the matrices :math:`\Omega = J S` with symmetric :math:`S`, linear
-    Hamiltonian systems of energy :math:`\tfrac12 x^T S x`.  The coefficients are the entries of
-    :math:`S` on and above the diagonal, row by row.
+    The Lie algebra consists of the matrices :math:`\Omega = J S` with symmetric :math:`S`, those of
+    linear Hamiltonian systems with energy :math:`\tfrac12 x^T S x`.  The coefficients are the
+    entries of :math:`S` on and above the diagonal, row by row.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ class Sp(NoncompactMatrixGroup):
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  Each flow ends with the shortest step towards the
-    group, which is no longer than rounding of the matrix, however large that is.
+    The exponential is ``scipy.linalg.expm``.  Each flow ends with the step of least norm towards
+    the group, which is no larger than the rounding errors of the matrix.
 
     Examples
     --------

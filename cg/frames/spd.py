@@ -38,8 +38,8 @@ class SPD(HomogeneousSpace):
 
     Notes
     -----
-    `distance` is that of the metric which all congruences keep, the root of the sum of
-    :math:`\ln^2 \lambda_i` over the eigenvalues of :math:`x^{-1} y` [1]_.
+    `distance` is the affine-invariant one, the root of the sum of :math:`\ln^2 \lambda_i` over the
+    eigenvalues of :math:`x^{-1} y` [1]_.
 
     References
     ----------
@@ -63,7 +63,7 @@ class SPD(HomogeneousSpace):
 
     @cached_property
     def group(self) -> MatrixGroup:
-        """All regular matrices."""
+        """The invertible matrices."""
         return GL(self.n, "space")
 
     @property
@@ -83,7 +83,7 @@ class SPD(HomogeneousSpace):
         return np.asarray(0.5 * (y + y.mT))
 
     def membership_error(self, y: ArrayLike) -> Array:
-        """Return the largest asymmetry or, if it is larger, how far an eigenvalue is below zero."""
+        """Return the larger of the asymmetry and the negative of the least eigenvalue."""
         point = self._points(y)
         with np.errstate(invalid="ignore"):
             lowest = eigh_where_finite(self.restore(point))[0][..., 0]
@@ -99,12 +99,12 @@ class SPD(HomogeneousSpace):
         return self.restore(y)
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the distance that congruences keep, shape ``(...)``; NaN for other matrices."""
+        """Return the affine-invariant distance, shape ``(...)``; NaN off the manifold."""
         start, end = np.broadcast_arrays(self._points(x, "x"), self._points(y))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             values, vectors = eigh_where_finite(start)
             scaled = vectors / np.sqrt(values)[..., None, :]
-            # of the difference, so that nearby points lose no digits
+            # Eigenvalues of x^-1 y - I, from the difference to avoid cancellation
             change = scaled.mT @ (end - start) @ scaled
             ratios, _ = eigh_where_finite(0.5 * (change + change.mT))
             return np.asarray(np.linalg.norm(np.log1p(ratios), axis=-1))

@@ -17,8 +17,8 @@ from cg.frames.so import SO
 from cg.frames.unit_vectors import UnitVectors
 from cg.support.checks import check_integer
 
-# Of the distance from the opposite point, the least part that must be along the sphere
-_OPPOSITE = 1e-4
+# Points are antipodal if the tangential part of their sum is less than this fraction of it.
+_ANTIPODAL = 1e-4
 
 
 @dataclass(frozen=True, repr=False)
@@ -42,9 +42,9 @@ class Sphere(UnitVectors, HomogeneousSpace):
 
     Notes
     -----
-    The flow is that of `SO`, a closed form on the circle and on :math:`S^2`, and a last step
-    towards length one.  The `exp_coordinates` turn the plane of the two points and nothing else;
-    opposite points have none, since every plane would do.
+    The flow is that of `SO`, a closed form on the circle and on :math:`S^2`, followed by a step
+    towards length one.  The `exp_coordinates` are a rotation in the plane of the two points;
+    antipodal points have none, since the plane is not unique.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Sphere(UnitVectors, HomogeneousSpace):
 
     @cached_property
     def group(self) -> MatrixGroup:
-        """The rotations of the space around."""
+        """The rotations of the ambient space."""
         return SO(self.n + 1, "space")
 
     @property
@@ -86,10 +86,11 @@ class Sphere(UnitVectors, HomogeneousSpace):
         return np.asarray(2.0 * np.arcsin(np.minimum(super().distance(x, y) / 2.0, 1.0)))
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return the shortest rotation that takes ``y0`` to ``y1``, NaN if they are opposite."""
+        """Return the shortest rotation that takes ``y0`` to ``y1``, NaN if they are antipodal."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         start, end = np.broadcast_arrays(start, end)
-        # A multiple of the start added to the end changes nothing, and leaves what is short.
+        # Subtracting a multiple of the start from the end leaves the wedge product unchanged and
+        # avoids cancellation.
         cosine = np.vecdot(start, end)
         short = end - np.copysign(1.0, cosine)[..., None] * start
         wedge = short[..., :, None] * start[..., None, :]
@@ -98,13 +99,13 @@ class Sphere(UnitVectors, HomogeneousSpace):
         sine = np.linalg.norm(turn, axis=-1)
         angle = np.arctan2(sine, cosine)
         quotient = np.divide(angle, sine, out=np.where(cosine > 0.0, 1.0, np.nan), where=sine > 0.0)
-        # Opposite but for the rounding of their lengths
-        opposite = (cosine < 0.0) & (sine <= _OPPOSITE * np.linalg.norm(short, axis=-1))
-        quotient = np.where(opposite, np.nan, quotient)
+        # Antipodal up to the rounding of the lengths
+        antipodal = (cosine < 0.0) & (sine <= _ANTIPODAL * np.linalg.norm(short, axis=-1))
+        quotient = np.where(antipodal, np.nan, quotient)
         return np.asarray(quotient[..., None] * turn)
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return ``v`` without the rotations that leave ``y`` where it is."""
+        """Return ``v`` without the rotations that fix ``y``."""
         vector, point = self._arguments(v, y)
         wedge = self.field(vector, point)[..., :, None] * point[..., None, :]
         return self.group._algebra_projection(wedge - wedge.mT)

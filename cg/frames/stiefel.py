@@ -43,9 +43,9 @@ class Stiefel(HomogeneousSpace):
 
     Notes
     -----
-    The flow is that of `SO`, and a last Newton-Schulz step towards the polar factor [1]_.
-    There are no `exp_coordinates`: the rotations between two points are many, and the smallest
-    has no closed form.
+    The flow is that of `SO`, followed by a Newton-Schulz step towards the polar factor [1]_.
+    There are no `exp_coordinates`: the rotation between two points is not unique, and that of
+    least norm has no closed form.
 
     References
     ----------
@@ -69,7 +69,7 @@ class Stiefel(HomogeneousSpace):
 
     @cached_property
     def group(self) -> MatrixGroup:
-        """The rotations of the space around."""
+        """The rotations of the ambient space."""
         return SO(self.n, "space")
 
     @property
@@ -88,8 +88,8 @@ class Stiefel(HomogeneousSpace):
         return newton_schulz(y, y.mT)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        # Of the skew matrices with the product `tangent` this is the smallest, y^T times the
-        # tangent being skew: X y^T - y X^T - y (y^T X) y^T.
+        # The skew matrix of least norm whose product with y is X = tangent, since y^T X is skew:
+        # X y^T - y X^T - y (y^T X) y^T.
         mixed = y.mT @ tangent
         along = 0.5 * (mixed - mixed.mT)
         across = tangent - y @ mixed

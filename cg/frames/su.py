@@ -40,7 +40,7 @@ class SU(U):
     Notes
     -----
     For n = 2, :math:`\Omega^2 = -\tfrac14 |v|^2 I`, so that the exponential is
-    :math:`\cos x\, I + \Omega \sin(x) / x` with :math:`x = |v| / 2`; beyond it is
+    :math:`\cos x\, I + \Omega \sin(x) / x` with :math:`x = |v| / 2`; for larger n it is computed
     as for `U`.  Every pair of points has `exp_coordinates`.
 
     Examples
@@ -86,9 +86,9 @@ class SU(U):
         kind, size = (BlockKind.SU2, 3) if self.n == 2 else (BlockKind.SU, self.n)
         return ((kind, size, axes_option(self.convention)),)
 
-    def _log1p(self, away: Points) -> Array:
+    def _log1p(self, difference: Points) -> Array:
         if self.n > 2:
-            return super()._log1p(away)
-        scalar = 1.0 + 0.5 * np.trace(away, axis1=-2, axis2=-1).real
-        # The basis is half the quaternion units.
-        return quaternion_logarithm(0.5 * self._algebra_projection(away), np.asarray(scalar))
+            return super()._log1p(difference)
+        scalar = 1.0 + 0.5 * np.trace(difference, axis1=-2, axis2=-1).real
+        # The basis matrices are half the quaternion units.
+        return quaternion_logarithm(0.5 * self._algebra_projection(difference), np.asarray(scalar))

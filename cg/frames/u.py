@@ -40,9 +40,9 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Notes
     -----
-    The exponential is Taylor's polynomial, ``scipy.linalg.expm`` for more than 16 rows, and for
-    large angles a sum over eigenvalues.  Every pair of points has `exp_coordinates`.  Each flow
-    ends with a step towards the group that removes rounding errors.
+    The exponential is a Taylor polynomial with scaling and squaring, ``scipy.linalg.expm`` for more
+    than 16 rows, and computed from eigenvalues for large angles.  Every pair of points has
+    `exp_coordinates`.  Each flow ends with a step towards the group that removes rounding errors.
 
     Examples
     --------
@@ -74,9 +74,9 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
             return None
         return ((BlockKind.U, self.n, axes_option(self.convention)),)
 
-    def _log1p(self, away: Points) -> Array:
+    def _log1p(self, difference: Points) -> Array:
         # Angles of the eigenvalues are in (-pi, pi], and in SU add up to zero.
-        return self._algebra_projection(unitary_log1p(away, special=self._special))
+        return self._algebra_projection(unitary_log1p(difference, special=self._special))
 
 
 def gell_mann(n: int) -> Points:

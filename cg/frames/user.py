@@ -1,4 +1,4 @@
-"""What a user's own frames share: functions of points that the user may supply."""
+"""User-defined frames: members of `Frame` that are functions of the user."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Function = Callable[..., Any]
 
 
 class UserFrame(Frame):
-    """A frame some of whose members are functions that the user supplies.
+    """A frame with members that are functions of the user.
 
-    They are given single points, whatever the batch, and their results are checked.
+    The functions are called with single points, also for batches, and their results are checked.
     """
 
     _functions: dict[str, Function]
@@ -26,11 +26,11 @@ class UserFrame(Frame):
         for name, function in functions.items():
             if function is not None and not callable(function):
                 raise TypeError(f"{name} must be a function or None, got {function!r}")
-        given = {name: function for name, function in functions.items() if function is not None}
-        object.__setattr__(self, "_functions", given)
+        present = {name: function for name, function in functions.items() if function is not None}
+        object.__setattr__(self, "_functions", present)
 
     def _key(self) -> tuple[Any, ...]:
-        """Return what two equal frames agree in."""
+        """Return the values that equal frames share."""
         return (self.point_shape, self.dtype, tuple(sorted(self._functions.items())))
 
     def __eq__(self, other: object) -> bool:
@@ -50,18 +50,18 @@ class UserFrame(Frame):
         shape: tuple[int, ...],
         dtype: Any = np.float64,
     ) -> Points:
-        """Call ``function`` for every entry of a batch, and stack what it returns.
+        """Call ``function`` for every entry of a batch, and stack the results.
 
         Parameters
         ----------
         name
-            What to call the function in an error message.
+            Name of the function in error messages.
         function
             Called with one array for each of ``arguments``.
         arguments
-            Arrays, each with the number of its trailing axes that form one argument.
+            Arrays, each with the number of trailing axes of one argument.
         shape, dtype
-            What ``function`` must return.
+            Shape and type of the results of ``function``.
         """
         leads = [a.shape[: a.ndim - axes] for a, axes in arguments]
         lead = np.broadcast_shapes(*leads)
@@ -76,7 +76,7 @@ class UserFrame(Frame):
         return result
 
     def _on_points(self, name: str, shape: tuple[int, ...], *points: Points) -> Points | None:
-        """Return what the user's function of that name says of the points, None without one."""
+        """Return the results of the user's function of that name, None if there is none."""
         function = self._functions.get(name)
         if function is None:
             return None
@@ -98,7 +98,7 @@ class UserFrame(Frame):
         return y
 
     def membership_error(self, y: ArrayLike) -> Array:
-        """Return what the user's function says, else zeros: every array is a point then."""
+        """Return the user's errors; by default zeros, since every array is a point."""
         point = self._points(y)
         error = self._on_points("membership_error", (), point)
         return (
@@ -106,12 +106,12 @@ class UserFrame(Frame):
         )
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return what the user's function says, else the distance in the ambient space."""
+        """Return the user's distances, by default the Euclidean ones."""
         distance = self._on_points("distance", (), self._points(x, "x"), self._points(y))
         return super().distance(x, y) if distance is None else distance
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
-        """Return what the user's function says, else None."""
+        """Return the user's coordinates, by default None."""
         points = self._points(y0, "y0"), self._points(y1, "y1")
         return self._on_points("exp_coordinates", (self.dim,), *points)
 

@@ -1,4 +1,4 @@
-"""Fields whose coefficients are affine in the point: tests of order on any frame."""
+"""Equations with coefficients affine in the point, for tests of the order on any frame."""
 
 from __future__ import annotations
 
@@ -22,22 +22,24 @@ _UNIT = 8
 
 @dataclass(frozen=True, eq=False)
 class AffineField(QuadraticProblem):
-    r"""A field with coefficients :math:`f(t, y) = c + L\,\mathrm{vec}(y) + t\,w`.
+    r"""An equation with coefficients :math:`f(t, y) = c + L\,\mathrm{vec}(y) + t\,w`.
 
     On frames whose fields are affine in the entries of the point, the equation is quadratic, so
-    that its solution is known to any precision without a Crouch-Grossman method.  The numbers in
-    :math:`c, L, w` are random eighths: no symmetry hides the error of a tree, and misplaced
-    coefficients of a method show in its order.
+    that Taylor series give its solution to any precision.  The entries of :math:`c, L, w` are
+    random multiples of 1/8, so that every tree contributes to the error of a method and a wrong
+    coefficient reduces the observed order.
+
+    The unknowns of `reference` are the entries of the point and time.
 
     Parameters
     ----------
     frame
-        A frame with real points whose fields are affine: matrix groups, homogeneous spaces with a
-        linear action, Euclidean space, products.
+        A frame with real points and affine fields: matrix groups, homogeneous spaces with a linear
+        action, Euclidean space, products.
     initial
-        The initial point, shape ``frame.point_shape``; its entries are taken as exact.
+        The initial point, shape ``frame.point_shape``; the reference takes its entries as exact.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from cg.frames.arrays import Array, real_array
 
 
 def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
-    """Return ``n`` finite numbers; ValueError if ``value`` is anything else."""
+    """Return ``n`` finite numbers as floats; ValueError for any other value."""
     array = real_array(value, name)
     if array.shape != (n,) or not np.isfinite(array).all():
         raise ValueError(f"{name} must be {n} finite numbers, got {value!r}")
@@ -20,7 +20,7 @@ def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
 
 
 def number(value: Any, name: str, *, positive: bool = False) -> float:
-    """Return a finite number; ValueError if ``value`` is anything else, or not positive."""
+    """Return a finite number as a float; ValueError for any other value."""
     array = real_array(value, name)
     if array.shape != () or not math.isfinite(array.item()):
         raise ValueError(f"{name} must be a finite number, got {value!r}")
@@ -30,7 +30,7 @@ def number(value: Any, name: str, *, positive: bool = False) -> float:
 
 
 def moments(value: ArrayLike, name: str = "inertia") -> tuple[float, ...]:
-    """Return three principal moments of inertia; ValueError if no body has these."""
+    """Return three principal moments of inertia; ValueError if they violate the inequalities."""
     three = vector(value, name, 3)
     if min(three) <= 0.0 or 2.0 * max(three) > sum(three) * (1.0 + 1e-12):
         raise ValueError(
@@ -40,7 +40,7 @@ def moments(value: ArrayLike, name: str = "inertia") -> tuple[float, ...]:
 
 
 def times_array(t: ArrayLike) -> Array:
-    """Return finite times as an array; ValueError if ``t`` is anything else."""
+    """Return finite times as an array; ValueError for any other value."""
     times = real_array(t, "t")
     if not np.isfinite(times).all():
         raise ValueError(f"t must be finite, got {t!r}")

@@ -1,6 +1,7 @@
-"""Reference solutions of any differential equation, by extrapolation in extended precision.
+"""Reference solutions of matrix differential equations, by extrapolation in extended precision.
 
-Nothing here knows of methods on manifolds, so that they can be tested against it.
+They serve equations that are not quadratic, for which `cg.problems.taylor` is used.  They are
+independent of the methods on manifolds that are tested against them.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ def extrapolated(
     start
         The state at time zero.
     times
-        Where the solution is wanted, of any sign and in any order.
+        Output times, of any sign and in any order.
     step
-        Length of the steps that are extrapolated.
+        Length of the basic steps.
     columns
-        How many numbers of midpoint steps in each: 2, 4, 6 and so on.
+        Number of columns of the extrapolation table, with 2, 4, 6, ... midpoint steps.
 
     References
     ----------

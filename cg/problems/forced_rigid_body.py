@@ -20,7 +20,7 @@ _FRAME = Product(SO3(), Euclidean(3))
 
 @dataclass(frozen=True)
 class ForcedRigidBody(QuadraticProblem):
-    r"""A rigid body, turned by a torque that goes round with a given frequency.
+    r"""A rigid body under a torque that rotates with a given frequency.
 
     .. math::
 
@@ -28,7 +28,8 @@ class ForcedRigidBody(QuadraticProblem):
         \tau(t) = a \cos \nu t + b \sin \nu t ,
 
     in body axes; with :math:`a = b = 0` the body is free.  A point is the flat vector of the
-    rotation matrix :math:`R`, row by row, and :math:`\omega`.
+    rotation matrix :math:`R`, row by row, and :math:`\omega`; `reference` adds the unknowns
+    :math:`\cos \nu t` and :math:`\sin \nu t`.
 
     Parameters
     ----------
@@ -44,7 +45,8 @@ class ForcedRigidBody(QuadraticProblem):
     Raises
     ------
     ValueError
-        If a parameter isn't as many finite numbers, or no body has these moments.
+        If a parameter has the wrong shape or isn't finite, or the moments of inertia violate the
+        triangle inequalities.
 
     Examples
     --------
@@ -107,7 +109,7 @@ class ForcedRigidBody(QuadraticProblem):
         )
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
-        """Return what never changes, shape ``(...)``: the determinant of the rotation."""
+        """Return the determinant of the rotation, shape ``(...)``, which is one."""
         return {"determinant": np.asarray(np.linalg.det(self.frame.split(y)[0]))}
 
     def _initial(self) -> list[arb]:
@@ -119,5 +121,5 @@ class ForcedRigidBody(QuadraticProblem):
         inertia, nu = balls(self.inertia), ball(self.frequency)
         torque = cosine * balls(self.cosine) + sine * balls(self.sine)
         change = (np.cross(inertia * omega, omega) + torque) * (1 / inertia)
-        turned = np.cross(rotation, omega)
-        return [*turned.ravel(), *change, -nu * sine, nu * cosine]
+        attitude_rate = np.cross(rotation, omega).ravel()
+        return [*attitude_rate, *change, -nu * sine, nu * cosine]

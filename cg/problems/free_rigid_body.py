@@ -21,19 +21,19 @@ from cg.problems.taylor import ball
 
 _FRAME = Product(SO3(), Sphere(2))
 
-# Squares of smaller complementary moduli are no normal numbers.
+# Smallest complementary modulus whose square is a normal number
 _SMALLEST = 1e-150
 
 
 @dataclass(frozen=True)
 class FreeRigidBody(QuadraticProblem):
-    r"""A rigid body that no torque acts on, in body coordinates.
+    r"""A rigid body without external torques, in body coordinates.
 
     .. math:: B' = B\,\hat\omega, \qquad m' = m \times \omega, \qquad \omega = I^{-1} m,
 
     with the rotation :math:`B` from body to space axes and the angular momentum :math:`m` in
-    body axes.  The length of :math:`m` is constant, so that its direction :math:`u = m/|m|` on
-    the sphere is what moves: :math:`u' = -\omega \times u`.
+    body axes.  The length of :math:`m` is constant, so the unknown is the direction
+    :math:`u = m/|m|` on the sphere: :math:`u' = -\omega \times u`.
 
     A point is the flat vector of the nine entries of :math:`B`, row by row, and of :math:`u`.
 
@@ -47,7 +47,8 @@ class FreeRigidBody(QuadraticProblem):
     Raises
     ------
     ValueError
-        If no body has these moments, or the momentum isn't three numbers or vanishes.
+        If the moments of inertia violate the triangle inequalities, or the momentum isn't three
+        finite numbers or vanishes.
 
     References
     ----------
@@ -110,8 +111,8 @@ class FreeRigidBody(QuadraticProblem):
     def exact_momentum(self, t: ArrayLike) -> Array:
         r"""Return the angular momentum in body axes at given times, shape ``(..., 3)``.
 
-        With :math:`a = 1/I`, about the axis :math:`k` that the motion encircles, the axis
-        :math:`j` of the middle moment, and the third one :math:`i`,
+        With :math:`a = 1/I`, the axis :math:`k` that the momentum encircles, the axis :math:`j` of
+        the intermediate moment, and the remaining axis :math:`i`,
 
         .. math::
 
@@ -119,13 +120,13 @@ class FreeRigidBody(QuadraticProblem):
             m_k = \gamma\,\mathrm{dn}(\lambda t + \delta \mid \kappa), \qquad
             \lambda^2 = (a_k - a_j)(2E - a_i |m|^2) .
 
-        It errs by the rounding of :math:`\lambda t`, on the separatrix and next to it as well.
+        The error is the rounding of :math:`\lambda t`, also on and near the separatrix.
 
         Raises
         ------
         ValueError
-            If a time isn't a finite number, or the motion so near the separatrix that its
-            complementary modulus isn't zero, but below 1e-150.
+            If a time isn't a finite number, or the complementary modulus is positive but less than
+            1e-150, near the separatrix.
         """
         times = times_array(t)
         start = np.array(self.momentum)
@@ -156,24 +157,24 @@ def _motion(
 ) -> tuple[tuple[int, int, int], Array, float, float] | None:
     """Return the axes i, j, k, the amplitudes of m, the rate and the complementary modulus.
 
-    It is None of a momentum in a principal axis, which is constant.  Near the separatrix, where
-    :math:`2E = a_j |m|^2`, the motion depends on how near, and doubles don't tell: what this is
-    made of are fractions.
+    It is None if the momentum is along a principal axis and constant.  Near the separatrix, where
+    :math:`2E = a_j |m|^2`, the complementary modulus is a small difference, which fractions give
+    without cancellation.
 
     Raises
     ------
     ValueError
-        If the modulus isn't zero, but too small for a double.
+        If the complementary modulus isn't zero, but too small for a double.
     """
     scale = 2.0 ** math.frexp(max(map(abs, momentum)))[1]
     a = [1 / Fraction(moment) for moment in inertia]
     squares = [(Fraction(x) / Fraction(scale)) ** 2 for x in momentum]
     i, j, k = sorted(range(3), key=a.__getitem__)
-    # 2E - a_j |m|^2, whose sign tells which axis is encircled
+    # The sign of 2E - a_j |m|^2 determines the encircled axis.
     excess = _weighted(squares, [x - a[j] for x in a])
     if excess < 0:
         i, k = k, i
-    # Twice the energy lies between a_i |m|^2 and a_k |m|^2, so far away from these:
+    # Distances of 2E from its bounds a_k |m|^2 and a_i |m|^2
     wide, high = (_weighted(squares, [abs(x - a[n]) for x in a]) for n in (k, i))
     outer, inner = abs(a[k] - a[i]), abs(a[k] - a[j])
     if sum(map(bool, momentum)) == 1 or not wide or not high or not inner:
@@ -197,6 +198,6 @@ def _weighted(squares: Sequence[Fraction], weights: Sequence[Fraction]) -> Fract
 
 
 def _root(x: Fraction) -> float:
-    """Return the square root, where x itself may be beyond the range of doubles too."""
+    """Return the square root of a fraction, which may be outside the range of doubles."""
     half = (x.numerator.bit_length() - x.denominator.bit_length()) // 2
     return math.ldexp(math.sqrt(x / Fraction(4) ** half), half)

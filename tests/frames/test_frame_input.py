@@ -160,7 +160,7 @@ def test_conventions_are_text():
         (lambda: ConingMotion(spin=True), "spin must be an array of real numbers, got True"),
         (
             lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))),
-            r"parts must have leading axes that fit together, got \[\(2,\), \(3,\)\]",
+            r"parts must have leading axes that broadcast, got \[\(2,\), \(3,\)\]",
         ),
     ],
 )

@@ -346,7 +346,7 @@ def test_stacks_of_rotations_are_points_of_powers(factor):
 @pytest.mark.parametrize("name", [None, 3, "", b"y"])
 def test_names_that_can_be_told(name):
     for call in (SO3().check_point, Sphere(2).check_point, Euclidean(1).read_points):
-        with pytest.raises(TypeError, match="name must be a string that isn't empty, got"):
+        with pytest.raises(TypeError, match="name must be a non-empty string, got"):
             call([1.0], name=name)
 
 
