@@ -40,7 +40,7 @@ def extrapolated(
     .. [1] E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary Differential Equations I*, 2nd
        ed., Springer, 1993, section II.9.
     """
-    found: dict[Fraction, State] = {Fraction(0): start}
+    states: dict[Fraction, State] = {Fraction(0): start}
     for sign in (1, -1):
         now, state = Fraction(0), start
         for t in sorted({t for t in times if t * sign > 0}, key=abs):
@@ -48,8 +48,8 @@ def extrapolated(
                 length = min(step, abs(t - now)) * sign
                 state = _step(field, state, length, columns)
                 now += length
-            found[t] = state
-    return [found[t] for t in times]
+            states[t] = state
+    return [states[t] for t in times]
 
 
 def _step(field: Field, state: State, length: Fraction, columns: int) -> State:

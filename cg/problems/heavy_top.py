@@ -1,4 +1,4 @@
-"""The spinning top: a rigid body that turns about a fixed point under gravity."""
+"""The heavy top: a rigid body with a fixed point under gravity."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from ..support.parsing import read_fraction
 
 _FRAME = Product(SO3(), Euclidean(3))
 
-# Twice what binary128 holds, so that rounding to it is the only error of a constant.
+# More than twice the precision of binary128, so that constants are correctly rounded to it
 _BITS = 240
 
 
 @dataclass(frozen=True)
 class HeavyTop(QuadraticProblem):
-    r"""The spinning top in body coordinates.
+    r"""The heavy top in body coordinates.
 
     .. math::
 
@@ -43,11 +43,10 @@ class HeavyTop(QuadraticProblem):
     Parameters
     ----------
     reading
-        What the initial vector is: ``"momentum"`` takes :math:`m(0) = \omega_0`, as section 4 of
-        [1]_ has it; ``"velocity"`` takes :math:`m(0) = I \omega_0`.
+        Meaning of the initial vector: ``"momentum"`` for :math:`m(0) = \omega_0`, as in section 4
+        of [1]_; ``"velocity"`` for :math:`m(0) = I \omega_0`.
     phi_over_pi
-        The initial angle in units of :math:`\pi`, a rational number so that its cosine is known
-        to any precision.
+        The initial angle in units of :math:`\pi`, a rational number.
 
     Raises
     ------
@@ -61,7 +60,7 @@ class HeavyTop(QuadraticProblem):
 
     Examples
     --------
-    The problem of the paper, and its example of order five:
+    The problem of [1]_, with a method of order five:
 
     >>> import cg
     >>> problem = HeavyTop()
@@ -82,15 +81,14 @@ class HeavyTop(QuadraticProblem):
     gravity = Fraction(981, 100)
 
     def __post_init__(self) -> None:
-        known = isinstance(self.reading, str) and self.reading in ("momentum", "velocity")
-        if not known:
+        if not isinstance(self.reading, str) or self.reading not in ("momentum", "velocity"):
             raise ValueError(f'reading must be "momentum" or "velocity", got {self.reading!r}')
         try:
             angle = read_fraction(self.phi_over_pi)
         except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
             raise ValueError(f"phi_over_pi must be rational, got {self.phi_over_pi!r}") from error
         object.__setattr__(self, "phi_over_pi", angle)
-        # The right side runs once a stage, so its constants are converted once.
+        # Converted once, since f is called at each stage
         constants = (*(1 / moment for moment in self.inertia), self.mgl)
         object.__setattr__(self, "_floats", tuple(map(float, constants)))
 
@@ -101,13 +99,13 @@ class HeavyTop(QuadraticProblem):
 
     @property
     def mgl(self) -> Fraction:
-        """Mass times gravity times length, right to more than 200 bits."""
+        """Mass times gravity times length, with more than 200 bits."""
         with working_precision(_BITS):
             return exact_midpoint(self._mgl())
 
     @property
     def y0_exact(self) -> tuple[Fraction, ...]:
-        """The initial point, right to more than 200 bits, 12 numbers."""
+        """The initial point, 12 numbers with more than 200 bits."""
         with working_precision(_BITS):
             return tuple(exact_midpoint(x) for x in self._initial())
 

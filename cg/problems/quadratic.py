@@ -16,7 +16,7 @@ from cg.problems.taylor import QuadraticSystem, Reference, Time, ball, reference
 class Polynomial:
     """A polynomial in the unknowns, with balls as coefficients.
 
-    NumPy computes with arrays of them, so that the right side of a `QuadraticSystem` is a formula.
+    NumPy computes with arrays of them, so that equations can be written as formulas.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A satellite that turns to a commanded attitude by three reaction wheels."""
+"""Attitude control of a satellite by three reaction wheels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FRAME = Product(UnitQuaternion(), Euclidean(6))
 
 @dataclass(frozen=True)
 class ReactionWheels(QuadraticProblem):
-    r"""A satellite without outer torques, turned by wheels along its principal axes.
+    r"""A satellite without external torques, controlled by wheels along its principal axes.
 
     With the unit quaternion :math:`q` (scalar last) from body axes to inertial ones, the angular
     velocity :math:`\omega` and the momentum of the wheels :math:`h` in body axes,
@@ -31,19 +31,19 @@ class ReactionWheels(QuadraticProblem):
         I \omega' = (I\omega + h) \times \omega - u, \qquad h' = u, \qquad
         u = k_p \vec q + k_d\, \omega ,
 
-    where :math:`\vec q` is the vector part of :math:`q`: the feedback leads to rest at the
-    identity, and what momentum there is goes to the wheels.
+    where :math:`\vec q` is the vector part of :math:`q`: the feedback stabilises the identity at
+    rest, and transfers the angular momentum to the wheels.
 
     A point is the flat vector of :math:`q, \omega, h`.
 
     Parameters
     ----------
     inertia
-        Principal moments of inertia, the wheels' share along their axes left out (kg m²).
+        Principal moments of inertia, without those of the wheels about their axes (kg m²).
     stiffness, damping
         :math:`k_p` (N m) and :math:`k_d` (N m s) of the feedback.
     attitude
-        The quaternion at time zero, of any length but zero.
+        The quaternion at time zero, of any nonzero length.
     velocity
         Angular velocity at time zero (rad/s).
     wheels
@@ -52,8 +52,8 @@ class ReactionWheels(QuadraticProblem):
     Raises
     ------
     ValueError
-        If a parameter isn't as many finite numbers, no body has these moments, or the quaternion
-        vanishes.
+        If a parameter has the wrong shape or isn't finite, the moments of inertia violate the
+        triangle inequalities, or the quaternion vanishes.
 
     References
     ----------
@@ -124,17 +124,17 @@ class ReactionWheels(QuadraticProblem):
         return np.concatenate([omega, change / inertia, torque], axis=-1)
 
     def torque(self, y: Array) -> Array:
-        """Return the torque of the motors on the wheels, :math:`u`, shape ``(..., 3)``."""
+        """Return the torque :math:`u` of the motors on the wheels, shape ``(..., 3)``."""
         return np.asarray(self.stiffness * y[..., :3] + self.damping * y[..., 4:7])
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
-        """Return the whole angular momentum in inertial axes, shape ``(..., 3)``."""
+        """Return the total angular momentum in inertial axes, shape ``(..., 3)``."""
         q, rest = self.frame.split(y)
         body = np.array(self.inertia) * rest[..., :3] + rest[..., 3:]
         # q v q* of a unit quaternion q = (a, w) is v + 2 a x (a x v + w v)
         axis, scalar = q[..., :3], q[..., 3:]
-        turned = 2.0 * np.cross(axis, np.cross(axis, body) + scalar * body)
-        return {"angular momentum": body + turned}
+        change = 2.0 * np.cross(axis, np.cross(axis, body) + scalar * body)
+        return {"angular momentum": body + change}
 
     def _initial(self) -> list[arb]:
         return [*unit_vector(self.attitude), *map(ball, (*self.velocity, *self.wheels))]

@@ -1,4 +1,4 @@
-"""A rotation whose angular velocity depends on where it is: a test of order that sees all trees."""
+"""A rotation with state-dependent angular velocity, a test of all order conditions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cg.frames import SO3
 from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem, identity
 
-# Quarters of the coefficients: no symmetry relates any two of them.
+# Four times the coefficients, which have no symmetry
 _CONSTANT = (2, -3, 1)
 _LINEAR = (
     (3, -1, 2, -2, 1, 4, 1, -3, 2),
@@ -27,20 +27,22 @@ _UNIT = 4.0
 class StateDependentRotation(QuadraticProblem):
     r"""A rotation with angular velocity :math:`v(t, y) = v_0 + C\,\mathrm{vec}(y) + t w`.
 
-    The coefficients are affine in the matrix, yet no derivative of them along products of the
+    The coefficients are affine in the matrix, but none of their derivatives along products of the
     frame's fields vanishes identically, so that every ordered tree contributes to the error of a
-    method: misplaced coefficients, reversed rows of stages among them, show in the order.
-    A right side that depends on time alone would see the abscissae and weights only.
+    method, and any wrong coefficient reduces the observed order.  A right-hand side that depends on
+    time alone would test only the abscissae and weights.
+
+    The unknowns of `reference` are the entries of the matrix, row by row, and time.
 
     Parameters
     ----------
     convention
-        That of `cg.frames.SO3`.
+        The convention of `cg.frames.SO3`.
 
     Raises
     ------
     ValueError
-        If there is no such convention.
+        If the convention is neither "body" nor "space".
 
     Examples
     --------
@@ -65,7 +67,7 @@ class StateDependentRotation(QuadraticProblem):
 
     @property
     def frame(self) -> SO3:
-        """The frame of the convention."""
+        """``SO3(convention)``."""
         return SO3(self.convention)
 
     @property

@@ -1,4 +1,4 @@
-"""The attitude of a spacecraft on a circular orbit: a quaternion beside an angular velocity."""
+"""The attitude of a spacecraft on a circular orbit, as a quaternion and an angular velocity."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _FRAME = Product(UnitQuaternion(), Euclidean(3))
 
 @dataclass(frozen=True)
 class Spacecraft(QuadraticProblem):
-    r"""A rigid spacecraft under the torque of gravity's gradient, and under control.
+    r"""A rigid spacecraft with gravity-gradient torque and attitude control.
 
-    The unit quaternion :math:`q` (scalar last) turns body axes to those of the orbit: the first
-    points away from the planet, the third along the normal of the orbit, which is traversed at
-    the rate :math:`n`.  With their directions in body axes, :math:`r` and :math:`h`,
+    The unit quaternion :math:`q` (scalar last) maps body axes to orbit axes: the first orbit axis
+    points away from the planet, the third along the orbit normal; the orbit rate is :math:`n`.
+    With the directions :math:`r` and :math:`h` of these two in body axes,
 
     .. math::
 
@@ -34,7 +34,7 @@ class Spacecraft(QuadraticProblem):
     where :math:`\vec q` is the vector part of :math:`q`: the control aligns the two triads.
 
     A point is the flat vector of :math:`q` and of the angular velocity :math:`\omega` in body
-    axes.
+    axes; `reference` adds the unknowns :math:`r` and :math:`h`.
 
     Parameters
     ----------
@@ -45,15 +45,15 @@ class Spacecraft(QuadraticProblem):
     stiffness, damping
         :math:`k_p` (N m) and :math:`k_d` (N m s) of the control, zero for none.
     attitude
-        The quaternion at time zero, of any length but zero.
+        The quaternion at time zero, of any nonzero length.
     velocity
         Angular velocity at time zero (rad/s).
 
     Raises
     ------
     ValueError
-        If a parameter isn't as many finite numbers, no body has these moments, or the quaternion
-        vanishes.
+        If a parameter has the wrong shape or isn't finite, the moments of inertia violate the
+        triangle inequalities, or the quaternion vanishes.
 
     References
     ----------
@@ -124,7 +124,7 @@ class Spacecraft(QuadraticProblem):
         return np.concatenate([relative, torque / inertia], axis=-1)
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
-        r"""Return the energy in the axes of the orbit, shape ``(...)``; damping alone changes it.
+        r"""Return the energy in orbit axes, shape ``(...)``, which is constant without damping.
 
         It is :math:`\frac12 \omega^T I \omega - n h^T I \omega + \frac32 n^2 r^T I r +
         2 k_p (1 - q_4)`, Jacobi's integral with the potential of the control.
@@ -158,7 +158,7 @@ def _orbit_axes(q: Array) -> tuple[Array, Array]:
 
 
 def _orbit_axes_of(x: Any, y: Any, z: Any, w: Any) -> tuple[list[Any], list[Any]]:
-    """Return first and third row of the rotation matrix of a unit quaternion."""
+    """Return the first and third rows of the rotation matrix of a unit quaternion."""
     first = [w * w + x * x - y * y - z * z, 2 * (x * y - z * w), 2 * (x * z + y * w)]
     third = [2 * (x * z - y * w), 2 * (y * z + x * w), w * w - x * x - y * y + z * z]
     return first, third
