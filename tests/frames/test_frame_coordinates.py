@@ -38,7 +38,7 @@ def largest(points, frame):
 @every_frame
 @pytest.mark.parametrize("batch", BATCHES, ids=repr)
 @pytest.mark.parametrize("size", [1e-3, 1e-9, 1e-13, 0.1])
-def test_nearby_points_are_reached(frame, batch, size):
+def test_local_coordinates_reach_the_point(frame, batch, size):
     rng = np.random.default_rng(71)
     y0 = frame.random_point(rng, batch)
     v = min(size, size * MAX_SCALE.get(frame, 1.0)) * frame.random_vector(rng, batch)
@@ -55,7 +55,7 @@ def test_nearby_points_are_reached(frame, batch, size):
 
 
 @every_frame
-def test_a_point_is_at_no_distance_from_itself(frame):
+def test_local_coordinates_of_equal_points_are_zero(frame):
     y = frame.random_point(np.random.default_rng(72), (4,))
     rounding = 4e-15 * max(1.0, np.abs(y).max()) ** 2
     np.testing.assert_allclose(frame.local_coordinates(y, y), 0.0, rtol=0, atol=rounding)
@@ -64,7 +64,7 @@ def test_a_point_is_at_no_distance_from_itself(frame):
 
 
 @every_frame
-def test_nearby_points_broadcast_and_are_checked(frame):
+def test_local_coordinates_broadcast_and_check_shapes(frame):
     rng = np.random.default_rng(73)
     y0 = frame.random_point(rng)
     v = 1e-3 * frame.random_vector(rng, (3,))
@@ -82,7 +82,7 @@ def test_nearby_points_broadcast_and_are_checked(frame):
 
 
 @every_frame
-def test_what_is_not_finite_spoils_no_neighbour(frame):
+def test_nonfinite_points_do_not_affect_the_batch(frame):
     rng = np.random.default_rng(74)
     y0 = frame.random_point(rng, (2,))
     y1 = frame.flow(1e-3 * frame.random_vector(rng, (2,)), y0)
@@ -93,7 +93,7 @@ def test_what_is_not_finite_spoils_no_neighbour(frame):
     np.testing.assert_allclose(found[1], alone, rtol=0, atol=1e-12)
 
 
-def test_points_that_no_flow_connects_have_no_coordinates():
+def test_local_coordinates_of_unreachable_points_are_nan():
     """The field vanishes at zero and leads away from there nowhere."""
     frame = FieldFrame([lambda y: y], lambda v, y: np.exp(v[0]) * y, point_shape=1)
     found = frame.local_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
@@ -123,7 +123,7 @@ def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
     ],
     ids=name,
 )
-def test_coefficients_of_tangents_are_the_shortest(frame):
+def test_coefficients_of_tangents_have_minimum_norm(frame):
     rng = np.random.default_rng(76)
     y = frame.random_point(rng, (3,))
     tangent = frame.field(frame.random_vector(rng, (3,)), y)
@@ -137,7 +137,7 @@ def test_coefficients_of_tangents_are_the_shortest(frame):
         np.testing.assert_allclose(found[k], wanted, rtol=0, atol=2e-14)
 
 
-def test_homogeneous_spaces_may_leave_the_tangents_to_the_matrix_of_fields():
+def test_closed_form_and_general_local_coordinates_agree():
     class Plain(Stiefel):
         _coefficients_at = HomogeneousSpace._coefficients_at
 
@@ -152,14 +152,14 @@ def test_homogeneous_spaces_may_leave_the_tangents_to_the_matrix_of_fields():
 
 @every_frame
 @pytest.mark.parametrize("batch", BATCHES, ids=repr)
-def test_sizes_of_coordinates_have_their_shape(frame, batch):
+def test_coordinate_sizes_have_their_shape(frame, batch):
     y = frame.random_point(np.random.default_rng(78), batch)
     sizes = frame.coordinate_sizes(y)
     assert sizes.shape == (*batch, frame.dim)
     assert (sizes >= 0.0).all()
 
 
-def test_sizes_of_coordinates():
+def test_coordinate_sizes():
     frame = Product(SO3(), Euclidean(2), Semidirect(SO3(), 2), SU(2))
     point = np.eye(5)
     point[:3, 3], point[:3, 4] = [3.0, 0.0, 4.0], [0.0, -7.0, 0.0]
@@ -224,7 +224,7 @@ def test_subclasses_of_products_are_not_compiled():
 
 
 @every_frame
-def test_logarithms_are_kept_however_far_they_lead(frame):
+def test_local_coordinates_keep_large_logarithms(frame):
     rng = np.random.default_rng(79)
     y0, y1 = frame.random_point(rng, (20,)), frame.random_point(rng, (20,))
     known = frame.exp_coordinates(y0, y1)
@@ -238,7 +238,7 @@ def test_logarithms_are_kept_however_far_they_lead(frame):
 
 
 @pytest.mark.parametrize("n", [2, 3, 5])
-def test_coordinates_on_su_are_the_shortest(n):
+def test_coordinates_on_su_have_minimum_norm(n):
     """Of all choices of the angles whose sum is zero: where principal ones add up to a turn too."""
     frame, rng = SU(n), np.random.default_rng(80)
     angles = rng.uniform(-np.pi, np.pi, (40, n))

@@ -81,7 +81,7 @@ def ambient(problem, times, start=0.0):
 
 
 @pytest.mark.parametrize("name", list(PROBLEMS))
-def test_orders_against_the_oracles(name):
+def test_observed_orders_against_references(name):
     problem = PROBLEMS[name]
     exact = ENDS[name](problem)
     for method in ("CG3", "CG4a"):
@@ -179,7 +179,7 @@ def test_elliptic_functions_agree_with_the_taylor_series():
     np.testing.assert_allclose(exact, body.body_momentum(reference), rtol=0, atol=2e-15)
 
 
-def test_spacecraft_by_vectors():
+def test_spacecraft_equation_in_vector_form():
     craft = Spacecraft(stiffness=0.5, damping=0.25, orbit_rate=0.75)
     rng = np.random.default_rng(4)
     for y in craft.frame.random_point(rng, (4,)):
@@ -215,7 +215,7 @@ def test_coning_is_a_solution():
     np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, rtol=0, atol=1e-15)
 
 
-def test_interpolation_errs_by_the_fourth_power_of_the_interval_at_most():
+def test_gyro_interpolation_is_of_order_four():
     errors = []
     for n in (20, 40, 80):
         gyro = CONING.sampled(np.linspace(0, 2, n + 1))
@@ -248,7 +248,7 @@ def test_toda_keeps_the_spectrum_and_sorts_it():
     np.testing.assert_allclose(full.exact(0.5), ambient(full, [0.5])[0], rtol=0, atol=1e-11)
 
 
-def test_two_levels_by_rabis_formula():
+def test_two_level_system_matches_rabis_formula():
     for system in (TwoLevelSystem(), TwoLevelSystem(2.0, 1.0, 2.0), TwoLevelSystem(1.0, 0.0, 1.0)):
         times = np.array([0.0, 0.5, 4.0])
         population = np.abs(system.exact(times)[:, 1, 0]) ** 2
@@ -263,7 +263,7 @@ def test_two_levels_by_rabis_formula():
 
 
 @pytest.mark.parametrize("name", ["rigid body", "spacecraft", "Toda"])
-def test_right_sides_take_ensembles(name):
+def test_f_accepts_batches(name):
     problem = PROBLEMS[name]
     points = problem.frame.random_point(np.random.default_rng(2), (2, 3))
     together = problem.f(0.0, points)
@@ -303,6 +303,6 @@ def test_right_sides_take_ensembles(name):
         ),
     ],
 )
-def test_bad_parameters_are_refused(make, message):
+def test_problems_reject_bad_parameters(make, message):
     with pytest.raises(ValueError, match=message):
         make()
