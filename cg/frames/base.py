@@ -22,7 +22,7 @@ from cg.frames.arrays import (
     real_array,
 )
 from cg.frames.block_kinds import Blocks
-from cg.frames.checking import problems_of
+from cg.frames.checking import find_inconsistencies
 from cg.frames.local_coordinates import (
     local_coordinates,
     minimum_norm_coefficients,
@@ -396,11 +396,11 @@ class Frame(FieldAlgebra):
             relative = "" if error == self.membership_error(point) else "relative "
             raise ValueError(
                 f"{name} must be a point of {self}: its {relative}distance from the manifold is "
-                f"{error:.3g}, more than {tolerance:.3g}{self._remedy(point, name)}"
+                f"{error:.3g}, more than {tolerance:.3g}{self._projection_hint(point, name)}"
             )
         return point
 
-    def _remedy(self, point: Points, name: str) -> str:
+    def _projection_hint(self, point: Points, name: str) -> str:
         """Return a hint to use `project`, for the message about a point off the manifold."""
         try:
             nearest = self.project(point)
@@ -465,7 +465,7 @@ class Frame(FieldAlgebra):
             if chosen.shape[1:] != self.point_shape or len(chosen) == 0:
                 wanted = ", ".join(map(str, ("count", *self.point_shape)))
                 raise ValueError(f"points must have shape ({wanted}), got {chosen.shape}")
-        problems = problems_of(self, chosen, rng)
+        problems = find_inconsistencies(self, chosen, rng)
         if problems:
             raise ValueError(f"frame doesn't fit together: {'; '.join(problems)}")
 

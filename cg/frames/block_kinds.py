@@ -21,7 +21,7 @@ MAX_MATRIX = 12
 """Largest number of rows of compiled matrix groups; LAPACK is faster for larger ones."""
 
 
-def axes_option(convention: str) -> int:
+def convention_option(convention: str) -> int:
     """Return the block option of a convention."""
     return SPACE_AXES if convention == "space" else 0
 

@@ -12,7 +12,7 @@ from cg.frames.arrays import Array, Points
 if TYPE_CHECKING:
     from cg.frames.base import Frame
 
-__all__ = ["problems_of"]
+__all__ = ["find_inconsistencies"]
 
 # Relative tolerances for rounding errors and for finite differences of order four
 _ROUNDING = 1e-10
@@ -24,7 +24,7 @@ _STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
 _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
 
 
-def problems_of(frame: Frame, points: Points, rng: np.random.Generator) -> list[str]:
+def find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator) -> list[str]:
     """Return a description of each inconsistency of a frame at given points.
 
     Parameters

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Size, check_convention, check_finite, real_array
 from cg.frames.base import Frame
-from cg.frames.matrix_functions import combine, corrected, expm
+from cg.frames.matrix_functions import combine, expm, newton_corrected
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import rotate
 
@@ -190,7 +190,7 @@ class CoadjointOrbit(Frame):
 
     def _project(self, y: Array) -> Array:
         # Nearest up to the square of the distance; cubic Casimirs are not corrected.
-        return corrected(y, lambda x: -self._correction(x)[1])
+        return newton_corrected(y, lambda x: -self._correction(x)[1])
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the length of the step back to the orbit's Casimirs, shape ``(...)``.

@@ -145,7 +145,7 @@ def rotation_dexpinv(u: Array, v: Array, sign: float) -> Array:
     """
     half, sinc = half_angle(u)
     once = np.cross(u, v)
-    factor = _second(half, sinc)[..., None]
+    factor = _second_coefficient(half, sinc)[..., None]
     result = np.asarray(v - (0.5 * sign) * once + factor * np.cross(u, once))
     return _check_radius(result, half, u, v, once)
 
@@ -168,7 +168,7 @@ def motion_dexpinv(u: Array, v: Array, sign: float) -> Array:
     at the eigenvalues :math:`\pm i\theta`.
     """
     half, _ = half_angle(u[..., :3])
-    second, fourth = _motion_factors(2.0 * half)
+    second, fourth = _motion_coefficients(2.0 * half)
     powers = [v]
     for _ in range(4):
         powers.append(sign * motion_bracket(u, powers[-1]))
@@ -199,13 +199,13 @@ def motion_bracket(u: Array, v: Array) -> Array:
     return np.concatenate(parts, axis=-1)
 
 
-def _second(half: Array, sinc: Array) -> Array:
+def _second_coefficient(half: Array, sinc: Array) -> Array:
     """Return (1 - x cot x) / (2 x)^2; it loses digits for small x, where its term is small."""
     twice = np.maximum(2.0 * half, _SMALLEST)
     return np.asarray((1.0 - np.cos(half) / sinc) / (twice * twice))
 
 
-def _motion_factors(angle: Array) -> tuple[Array, Array]:
+def _motion_coefficients(angle: Array) -> tuple[Array, Array]:
     """Return the coefficients a and b of `motion_dexpinv`."""
     square = angle * angle
     terms = [float(term) for term in bernoulli_terms(2 * _SERIES_TERMS + 2)[2::2]]

@@ -94,7 +94,7 @@ class FieldFrame(UserFrame):
         random_point: Function | None = None,
         bracket: Function | None = None,
     ) -> None:
-        if callable(fields) or not _has_many(fields):
+        if callable(fields) or not _is_iterable(fields):
             raise TypeError(f"fields must be a sequence of functions, got {fields!r}")
         functions = tuple(fields)
         if not functions:
@@ -105,7 +105,7 @@ class FieldFrame(UserFrame):
         ]:
             if not callable(value):
                 raise TypeError(f"{name} must be a function, got {value!r}")
-        lengths = point_shape if _has_many(point_shape) else (point_shape,)
+        lengths = point_shape if _is_iterable(point_shape) else (point_shape,)
         shape = tuple(check_integer("point_shape", length, 1) for length in lengths)
         kinds = (float, complex, np.float64, np.complex128)
         if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
@@ -114,7 +114,7 @@ class FieldFrame(UserFrame):
         object.__setattr__(self, "_flow", flow)
         object.__setattr__(self, "_point_shape", shape)
         object.__setattr__(self, "_dtype", np.dtype(dtype))
-        self._set_functions(
+        self._store_functions(
             membership_error=membership_error,
             restore=restore,
             project=project,
@@ -209,6 +209,6 @@ class FieldFrame(UserFrame):
         return self.restore(moved)
 
 
-def _has_many(value: Any) -> TypeGuard[Iterable[Any]]:
+def _is_iterable(value: Any) -> TypeGuard[Iterable[Any]]:
     """Return whether a value can be iterated over; zero-dimensional arrays cannot."""
     return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)

@@ -78,7 +78,7 @@ class Hyperbolic(Frame):
         vector, point = self._arguments(v, y)
         dilation = vector[..., :1]
         moved = np.exp(dilation) * point
-        moved[..., :-1] += _average(dilation) * vector[..., 1:]
+        moved[..., :-1] += _expm1_quotient(dilation) * vector[..., 1:]
         return moved
 
     def _bracket(self, u: Array, v: Array) -> Array:
@@ -91,7 +91,7 @@ class Hyperbolic(Frame):
         with np.errstate(divide="ignore", invalid="ignore"):
             dilation = np.log(end[..., -1:] / start[..., -1:])
             shift = end[..., :-1] - start[..., :-1] * (end[..., -1:] / start[..., -1:])
-            v = np.concatenate([dilation, shift / _average(dilation)], axis=-1)
+            v = np.concatenate([dilation, shift / _expm1_quotient(dilation)], axis=-1)
         return np.where(np.isfinite(v).all(axis=-1, keepdims=True), v, np.nan)
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
@@ -123,7 +123,7 @@ class Hyperbolic(Frame):
         return point
 
 
-def _average(a: Array) -> Array:
+def _expm1_quotient(a: Array) -> Array:
     """Return ``(exp(a) - 1) / a``."""
     safe = np.where(a == 0.0, 1.0, a)
     return np.where(a == 0.0, 1.0, np.expm1(safe) / safe)

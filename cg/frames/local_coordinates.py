@@ -51,11 +51,11 @@ def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) ->
     if v.any():
         y = frame.flow(v, start)
         # The logarithm of points that are large and close may have no correct digits.
-        lost = ~(_lengths(end - y) <= _lengths(end - start))
+        lost = ~(_norms(end - y) <= _norms(end - start))
         if lost.any():
             v[lost] = 0.0
             y = np.where(lost.reshape(-1, *(1,) * (y.ndim - 1)), start, y)
-    length, distance = _lengths(end), _lengths(end - y)
+    length, distance = _norms(end), _norms(end - y)
     v[~np.isfinite(distance)] = np.nan
     guessed = (v != 0.0).any(axis=-1)
     active = np.flatnonzero(distance > np.where(guessed, _REACHED * length, 0.0))
@@ -69,7 +69,7 @@ def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) ->
         far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
         tried[far] = v[active[far]]
         moved = frame.flow(tried, start[active])
-        size = _lengths(end[active] - moved)
+        size = _norms(end[active] - moved)
         better = size < 0.5 * residual
         v[active[better]], reached[better] = tried[better], moved[better]
         # Switch to the derivative of the flow where the fields at the end converge slowly.
@@ -102,7 +102,7 @@ def newton_correction(frame: Frame, v: Array, start: Points, y: Points, end: Poi
     )
 
 
-def _lengths(points: Points) -> Array:
+def _norms(points: Points) -> Array:
     """Return the Euclidean norms of points, shape ``(count,)``."""
     return np.asarray(
         np.linalg.norm(points.reshape(len(points), math.prod(points.shape[1:])), axis=-1)

@@ -86,7 +86,7 @@ class MatrixFrame(UserFrame):
         array.flags.writeable = False
         object.__setattr__(self, "_matrices", array)
         object.__setattr__(self, "_columns", columns)
-        self._set_functions(
+        self._store_functions(
             membership_error=membership_error,
             restore=restore,
             project=project,

@@ -229,7 +229,7 @@ def symplectic_correction(y: Points, form: Array) -> Points:
     return np.asarray(form.T @ left @ (-rows / length * (defect / length)) @ right)
 
 
-def shortest_step(y: Points, correction: Callable[[Points], Points]) -> Points:
+def minimum_norm_step(y: Points, correction: Callable[[Points], Points]) -> Points:
     r"""Return matrices after one Newton step of least norm towards a non-compact group.
 
     Solutions on such a group may grow.  A matrix of norm :math:`g` has rounding errors of
@@ -252,7 +252,7 @@ def shortest_step(y: Points, correction: Callable[[Points], Points]) -> Points:
     return np.where(finite & known, restored, y)
 
 
-def relative_length(y: Points, correction: Callable[[Points], Points]) -> Array:
+def relative_correction(y: Points, correction: Callable[[Points], Points]) -> Array:
     """Return the 2-norms of corrections relative to those of the points, shape ``(...)``."""
     finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
@@ -275,7 +275,7 @@ def two_norm(y: Points) -> Array:
     return singular_values(y)[..., 0]
 
 
-def corrected(y: Points, correction: Callable[[Points], Points]) -> Points:
+def newton_corrected(y: Points, correction: Callable[[Points], Points]) -> Points:
     """Return points after Newton's method, iterated until the correction is rounding."""
     for _ in range(_MAX_CORRECTIONS):
         change = correction(y)

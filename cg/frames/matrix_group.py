@@ -26,14 +26,14 @@ from cg.frames.logarithms import real_log1p
 from cg.frames.matrix_functions import (
     MAX_EXPONENT,
     combine,
-    corrected,
     distance_from_unitary,
     expm,
+    minimum_norm_step,
     nearest_unitary,
+    newton_corrected,
     newton_schulz,
     random_unitary,
-    relative_length,
-    shortest_step,
+    relative_correction,
 )
 from cg.support.checks import check_integer, memory
 
@@ -278,9 +278,9 @@ class MatrixGroup(Frame):
             difference = inverse @ change if body else change @ inverse
         finite = (regular & np.isfinite(difference)).all(axis=(-2, -1))[..., None]
         coordinates = self._log1p(np.where(finite[..., None], difference, 0.0))
-        return self._reaching(np.where(finite, coordinates, np.nan), start, end)
+        return self._checked_coordinates(np.where(finite, coordinates, np.nan), start, end)
 
-    def _reaching(self, v: Array, start: Points, end: Points) -> Array:
+    def _checked_coordinates(self, v: Array, start: Points, end: Points) -> Array:
         """Return coefficients, NaN where their flow from ``start`` does not end at ``end``."""
         known = np.asarray(np.linalg.matrix_norm(self.algebra(v)) <= MAX_EXPONENT)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -300,7 +300,7 @@ class UnitaryMatrixGroup(MatrixGroup):
 
     _special: ClassVar[bool] = False
 
-    def _reaching(self, v: Array, start: Points, end: Points) -> Array:
+    def _checked_coordinates(self, v: Array, start: Points, end: Points) -> Array:
         return v  # logarithms from eigenvalues are accurate
 
     def inverse(self, x: ArrayLike) -> Points:
@@ -372,15 +372,15 @@ class NoncompactMatrixGroup(SizedMatrixGroup):
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after the shortest Newton step towards the group."""
-        return shortest_step(y, self._correction)
+        return minimum_norm_step(y, self._correction)
 
     def _project(self, y: Points) -> Points:
         # Nearest in the Frobenius norm, up to the square of the distance.
-        return corrected(y, self._correction)
+        return newton_corrected(y, self._correction)
 
     def relative_error(self, y: ArrayLike) -> Array:
         """Return the length of the shortest step to the group, relative to that of ``y``.
 
         The membership error of a large matrix is dominated by rounding.
         """
-        return relative_length(self._points(y), self._correction)
+        return relative_correction(self._points(y), self._correction)

@@ -79,23 +79,27 @@ class Power(Frame):
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         """Return the tangents at all points, shape ``(..., n, *factor.point_shape)``."""
         vector, point = self._arguments(v, y)
-        return self.factor.field(self._each(vector), point)
+        return self.factor.field(self._split_vector(vector), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
         """Return where all flows lead, shape ``(..., n, *factor.point_shape)``."""
         vector, point = self._arguments(v, y)
-        return self.factor.flow(self._each(vector), point)
+        return self.factor.flow(self._split_vector(vector), point)
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        return self._joined(self.factor._bracket(self._each(u), self._each(v)))
+        return self._join_vectors(
+            self.factor._bracket(self._split_vector(u), self._split_vector(v))
+        )
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        return self._joined(self.factor._dexpinv(self._each(u), self._each(v), order))
+        return self._join_vectors(
+            self.factor._dexpinv(self._split_vector(u), self._split_vector(v), order)
+        )
 
     def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
         """Return the coefficients of all points without isotropy, shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
-        return self._joined(self.factor.without_isotropy(self._each(vector), point))
+        return self._join_vectors(self.factor.without_isotropy(self._split_vector(vector), point))
 
     def _project(self, y: Points) -> Points:
         return self.factor.project(y)
@@ -116,16 +120,16 @@ class Power(Frame):
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the coordinates of all points, ``(..., dim)``; None if the factor has none."""
         v = self.factor.exp_coordinates(self._points(y0, "y0"), self._points(y1, "y1"))
-        return None if v is None else self._joined(v)
+        return None if v is None else self._join_vectors(v)
 
     def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return the local coordinates of all points, shape ``(..., dim)``."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        return self._joined(self.factor.local_coordinates(start, end))
+        return self._join_vectors(self.factor.local_coordinates(start, end))
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         """Return the scales of the coordinates of all points, shape ``(..., dim)``."""
-        return self._joined(self.factor.coordinate_sizes(self._points(y)))
+        return self._join_vectors(self.factor.coordinate_sizes(self._points(y)))
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return random points, shape ``(*size, n, *factor.point_shape)``."""
@@ -135,9 +139,9 @@ class Power(Frame):
         blocks = self.factor.compiled_blocks()
         return None if blocks is None else blocks * self.n
 
-    def _each(self, vector: Array) -> Array:
+    def _split_vector(self, vector: Array) -> Array:
         """Return coefficients with an axis that counts the points, shape ``(..., n, m)``."""
         return vector.reshape(*vector.shape[:-1], self.n, self.factor.dim)
 
-    def _joined(self, vectors: Array) -> Array:
+    def _join_vectors(self, vectors: Array) -> Array:
         return np.asarray(vectors.reshape(*vectors.shape[:-2], self.dim))

@@ -60,7 +60,7 @@ class Product(Frame):
         for index, factor in enumerate(factors):
             if not isinstance(factor, Frame):
                 raise TypeError(f"factors[{index}] must be a Frame, got {factor!r}")
-        places = _slices([_length(f) for f in factors])
+        places = _slices([_real_size(f) for f in factors])
         object.__setattr__(self, "factors", factors)
         object.__setattr__(self, "_vector_slices", _slices([f.dim for f in factors]))
         object.__setattr__(self, "_point_slices", places)
@@ -270,7 +270,7 @@ def _real_parts(factors: Sequence[Frame], places: Sequence[slice]) -> tuple[_Rea
     )
 
 
-def _length(factor: Frame) -> int:
+def _real_size(factor: Frame) -> int:
     """Return the number of real numbers in a point."""
     return prod(factor.point_shape) * (2 if factor.dtype.kind == "c" else 1)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points, check_convention
-from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, convention_option
 from cg.frames.matrix_functions import combine, unit_step
 from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm
 from cg.frames.unit_vectors import UnitVectors
@@ -121,7 +121,7 @@ class UnitQuaternion(UnitVectors):
         return quaternion_logarithm(np.vecdot(directions, difference), np.vecdot(start, end))
 
     def _blocks(self) -> Blocks | None:
-        options = axes_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)
+        options = convention_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)
         return ((BlockKind.QUATERNION, 3, options),)
 
     def read_points(self, value: Any, name: str = "y") -> Points:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Convention, Points
-from cg.frames.block_kinds import BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import BlockKind, Blocks, convention_option
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.semidirect import Semidirect
 from cg.frames.so3 import SO3
@@ -69,7 +69,7 @@ class SE3(Semidirect):
         object.__setattr__(self, "group", SO3(self.convention))
 
     def _blocks(self) -> Blocks | None:
-        return ((BlockKind.SE3, 3, axes_option(self.convention)),)
+        return ((BlockKind.SE3, 3, convention_option(self.convention)),)
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and the matrices of ``RigidTransform`` of SciPy."""

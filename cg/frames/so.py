@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, convention_option
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
@@ -109,7 +109,7 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
         if self.n > MAX_MATRIX:
             return None
         kind = BlockKind.SO3 if self.n == 3 else BlockKind.SO
-        return ((kind, self.n, axes_option(self.convention)),)
+        return ((kind, self.n, convention_option(self.convention)),)
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and for n = 3 the matrices of ``Rotation`` of SciPy."""

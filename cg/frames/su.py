@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, convention_option
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
 from cg.frames.u import U, gell_mann
@@ -84,7 +84,7 @@ class SU(U):
         if self.n > MAX_MATRIX:
             return None
         kind, size = (BlockKind.SU2, 3) if self.n == 2 else (BlockKind.SU, self.n)
-        return ((kind, size, axes_option(self.convention)),)
+        return ((kind, size, convention_option(self.convention)),)
 
     def _log1p(self, difference: Points) -> Array:
         if self.n > 2:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, convention_option
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
@@ -72,7 +72,7 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
     def _blocks(self) -> Blocks | None:
         if self.n > MAX_MATRIX:
             return None
-        return ((BlockKind.U, self.n, axes_option(self.convention)),)
+        return ((BlockKind.U, self.n, convention_option(self.convention)),)
 
     def _log1p(self, difference: Points) -> Array:
         # Angles of the eigenvalues are in (-pi, pi], and in SU add up to zero.

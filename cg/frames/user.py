@@ -22,7 +22,7 @@ class UserFrame(Frame):
 
     _functions: dict[str, Function]
 
-    def _set_functions(self, **functions: Function | None) -> None:
+    def _store_functions(self, **functions: Function | None) -> None:
         for name, function in functions.items():
             if function is not None and not callable(function):
                 raise TypeError(f"{name} must be a function or None, got {function!r}")
@@ -75,7 +75,7 @@ class UserFrame(Frame):
             result[index] = value
         return result
 
-    def _on_points(self, name: str, shape: tuple[int, ...], *points: Points) -> Points | None:
+    def _evaluate(self, name: str, shape: tuple[int, ...], *points: Points) -> Points | None:
         """Return the results of the user's function of that name, None if there is none."""
         function = self._functions.get(name)
         if function is None:
@@ -86,11 +86,11 @@ class UserFrame(Frame):
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after the user's ``restore``, if there is one."""
-        restored = self._on_points("restore", self.point_shape, y)
+        restored = self._evaluate("restore", self.point_shape, y)
         return y if restored is None else restored
 
     def _project(self, y: Points) -> Points:
-        projected = self._on_points("project", self.point_shape, y)
+        projected = self._evaluate("project", self.point_shape, y)
         if projected is not None:
             return projected
         if "membership_error" in self._functions:
@@ -100,20 +100,20 @@ class UserFrame(Frame):
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the user's errors; by default zeros, since every array is a point."""
         point = self._points(y)
-        error = self._on_points("membership_error", (), point)
+        error = self._evaluate("membership_error", (), point)
         return (
             np.zeros(point.shape[: point.ndim - len(self.point_shape)]) if error is None else error
         )
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return the user's distances, by default the Euclidean ones."""
-        distance = self._on_points("distance", (), self._points(x, "x"), self._points(y))
+        distance = self._evaluate("distance", (), self._points(x, "x"), self._points(y))
         return super().distance(x, y) if distance is None else distance
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the user's coordinates, by default None."""
         points = self._points(y0, "y0"), self._points(y1, "y1")
-        return self._on_points("exp_coordinates", (self.dim,), *points)
+        return self._evaluate("exp_coordinates", (self.dim,), *points)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return points from the user's function, or normal ones where all arrays are points.

@@ -130,7 +130,7 @@ class FreeRigidBody(QuadraticProblem):
         """
         times = times_array(t)
         start = np.array(self.momentum)
-        motion = _motion(self.inertia, self.momentum)
+        motion = _elliptic_parameters(self.inertia, self.momentum)
         if motion is None:
             return np.broadcast_to(start, (*times.shape, 3)).copy()
         (i, j, k), amplitudes, rate, complement = motion
@@ -152,7 +152,7 @@ class FreeRigidBody(QuadraticProblem):
         return sum((ball(x) ** 2 for x in self.momentum), arb(0)).sqrt()
 
 
-def _motion(
+def _elliptic_parameters(
     inertia: tuple[float, ...], momentum: tuple[float, ...]
 ) -> tuple[tuple[int, int, int], Array, float, float] | None:
     """Return the axes i, j, k, the amplitudes of m, the rate and the complementary modulus.

@@ -96,10 +96,10 @@ class GradientFlow:
     def y0(self) -> _Links:
         """The links at time zero, shape ``(links, 3, 3)``."""
         group = SU(3)
-        return np.asarray(group.restore(group.exponential(self._logarithms)))
+        return np.asarray(group.restore(group.exponential(self._initial_coefficients)))
 
     @cached_property
-    def _logarithms(self) -> Array:
+    def _initial_coefficients(self) -> Array:
         rng = np.random.default_rng(self.seed)
         return self.roughness * SU(3).random_vector(rng, self.lattice.links)
 
@@ -173,7 +173,7 @@ class GradientFlow:
         """
         exact = exact_times(times)
         with working_precision(bits):
-            start = [_exponential(v) for v in self._logarithms]
+            start = [_exponential(v) for v in self._initial_coefficients]
             rough = extrapolated(self._tangents, start, exact, Fraction(1, 32), 14)
             good = extrapolated(self._tangents, start, exact, Fraction(1, 40), 15)
             values = [[_entries(x) for x in state] for state in good]

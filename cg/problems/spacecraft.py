@@ -138,7 +138,7 @@ class Spacecraft(QuadraticProblem):
 
     def _initial(self) -> list[arb]:
         q = unit_vector(self.attitude)
-        r, h = _orbit_axes_of(*q)
+        r, h = _rotation_rows(*q)
         return [*q, *map(ball, self.velocity), *r, *h]
 
     def _derivatives(self, y: Any) -> Any:
@@ -153,11 +153,11 @@ class Spacecraft(QuadraticProblem):
 
 
 def _orbit_axes(q: Array) -> tuple[Array, Array]:
-    r, h = _orbit_axes_of(q[..., 0], q[..., 1], q[..., 2], q[..., 3])
+    r, h = _rotation_rows(q[..., 0], q[..., 1], q[..., 2], q[..., 3])
     return np.stack(r, axis=-1), np.stack(h, axis=-1)
 
 
-def _orbit_axes_of(x: Any, y: Any, z: Any, w: Any) -> tuple[list[Any], list[Any]]:
+def _rotation_rows(x: Any, y: Any, z: Any, w: Any) -> tuple[list[Any], list[Any]]:
     """Return the first and third rows of the rotation matrix of a unit quaternion."""
     first = [w * w + x * x - y * y - z * z, 2 * (x * y - z * w), 2 * (x * z + y * w)]
     third = [2 * (x * z - y * w), 2 * (y * z + x * w), w * w - x * x - y * y + z * z]
