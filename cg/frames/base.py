@@ -331,7 +331,7 @@ class Frame(FieldAlgebra):
         return self._blocks() if "_blocks" in vars(type(self)) else None
 
     def _blocks(self) -> Blocks | None:
-        """Return the blocks of a frame of this very class: defined by what is compiled."""
+        """Return the blocks of an instance of exactly this class; compiled frames define it."""
         return None
 
     def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
@@ -455,7 +455,7 @@ class Frame(FieldAlgebra):
         ...     frame.check()
         ... except ValueError as error:
         ...     print(str(error).partition(" (")[0])
-        frame doesn't fit together: flow has the wrong sign: its derivative is -field(v, y)
+        frame is inconsistent: flow has the wrong sign: its derivative is -field(v, y)
         """
         rng = np.random.default_rng(0) if rng is None else check_generator("rng", rng)
         if points is None:
@@ -463,11 +463,11 @@ class Frame(FieldAlgebra):
         else:
             chosen = self.read_points(points, "points")
             if chosen.shape[1:] != self.point_shape or len(chosen) == 0:
-                wanted = ", ".join(map(str, ("count", *self.point_shape)))
-                raise ValueError(f"points must have shape ({wanted}), got {chosen.shape}")
+                shape = ", ".join(map(str, ("count", *self.point_shape)))
+                raise ValueError(f"points must have shape ({shape}), got {chosen.shape}")
         problems = find_inconsistencies(self, chosen, rng)
         if problems:
-            raise ValueError(f"frame doesn't fit together: {'; '.join(problems)}")
+            raise ValueError(f"frame is inconsistent: {'; '.join(problems)}")
 
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
@@ -478,6 +478,6 @@ class Frame(FieldAlgebra):
         points: Points = y if is_array(y, self.dtype) else self.read_points(y, name)
         shape = self.point_shape
         if points.shape[max(points.ndim - len(shape), 0) :] != shape:
-            wanted = ", ".join(map(str, shape))
-            raise ValueError(f"{name} must have shape (..., {wanted}), got {points.shape}")
+            axes = ", ".join(map(str, shape))
+            raise ValueError(f"{name} must have shape (..., {axes}), got {points.shape}")
         return points

@@ -79,7 +79,7 @@ def _check_flow(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Probl
         frame.flow(0.3 * v, frame.flow(0.7 * v, y)), flowed, _ROUNDING,
     )  # fmt: skip
     batch = frame.flow(np.stack([v, u]), np.stack([y, y]))
-    yield from _compare("flow of a batch isn't that of its members", batch[0], flowed, _ROUNDING)
+    yield from _compare("flow of a batch isn't the flow of each point", batch[0], flowed, _ROUNDING)
 
 
 def _check_field(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
@@ -109,10 +109,13 @@ def _check_membership(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> 
 
 def _check_coordinates(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     flowed = frame.flow(v, y)
-    known = frame.exp_coordinates(y, flowed)
-    if known is not None and np.isfinite(known).all():
+    logarithm = frame.exp_coordinates(y, flowed)
+    if logarithm is not None and np.isfinite(logarithm).all():
         yield from _compare(
-            "flow(exp_coordinates(y0, y1), y0) isn't y1", frame.flow(known, y), flowed, _ROUNDING
+            "flow(exp_coordinates(y0, y1), y0) isn't y1",
+            frame.flow(logarithm, y),
+            flowed,
+            _ROUNDING,
         )
     near = frame.flow(0.01 * v, y)
     coordinates = frame.local_coordinates(y, near)
@@ -136,7 +139,7 @@ def _check_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _P
     problem = "field(bracket(u, v), y) isn't the commutator DU V - DV U of the fields"
     if any(True for _ in _compare("", commutator, tangent, _DIFFERENCES, _size(y))):
         if not any(True for _ in _compare("", commutator, -tangent, _DIFFERENCES, _size(y))):
-            problem = "bracket has the wrong sign: it is that of the commutator DV U - DU V"
+            problem = "bracket has the wrong sign: it is the commutator DV U - DU V"
         yield from _compare(problem, commutator, tangent, _DIFFERENCES, _size(y))
     yield from _compare(
         "bracket(v, u) isn't -bracket(u, v)", frame.bracket(v, u), -bracket, _ROUNDING

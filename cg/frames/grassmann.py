@@ -18,7 +18,7 @@ from cg.support.checks import check_integer
 
 @dataclass(frozen=True, repr=False)
 class Grassmann(ConjugationSpace):
-    r"""Subspaces of dimension k of :math:`R^n`, moved by SO(n).
+    r"""Subspaces of dimension k of :math:`R^n`, with the action of SO(n).
 
     A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
     k: ``basis @ basis.T`` for any matrix ``basis`` of orthonormal columns that span it.  The

@@ -39,7 +39,7 @@ class HomogeneousSpace(Frame):
 
     Examples
     --------
-    Symmetric matrices, moved by rotations that keep their eigenvalues:
+    Symmetric matrices with the action of rotations by conjugation:
 
     >>> import numpy as np
     >>> from cg.frames import SO
@@ -107,7 +107,7 @@ class HomogeneousSpace(Frame):
         return self._act_infinitesimally(self.group.algebra(vector), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return ``y`` moved by the group element of ``v``, shape ``(..., *point_shape)``.
+        """Return the action on ``y`` of the group element of ``v``, shape ``(..., *point_shape)``.
 
         Raises
         ------

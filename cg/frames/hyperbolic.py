@@ -14,7 +14,7 @@ from cg.support.checks import check_integer
 
 @dataclass(frozen=True, repr=False)
 class Hyperbolic(Frame):
-    r"""Hyperbolic space as the half-space :math:`y_n > 0`, moved by dilations and translations.
+    r"""Hyperbolic space as the half-space :math:`y_n > 0`, with dilations and translations.
 
     The first field generates dilations, :math:`E_1 = y`, the others translations along the
     boundary, :math:`E_{i+1} = \partial / \partial y_i`.  Their flows are isometries; the flow of
@@ -35,7 +35,7 @@ class Hyperbolic(Frame):
 
     Notes
     -----
-    `distance` is that of the metric :math:`|dy|^2 / y_n^2` [1]_.
+    `distance` is the geodesic distance of the metric :math:`|dy|^2 / y_n^2` [1]_.
 
     References
     ----------

@@ -69,8 +69,8 @@ def _scipy_expm(matrix: Points) -> Points:
 def _expm(matrix: Points, small: Callable[[Points], Points] = _scipy_expm) -> Points:
     """Return exponentials, accurate to a few roundings times the norm of the matrices.
 
-    ``small`` computes those of matrices of norm at most one.  SciPy's Padé approximant preserves
-    quadratic groups such as the symplectic one, which matters where points grow.
+    ``small`` computes the exponentials of matrices of norm at most one.  SciPy's Padé approximant
+    preserves quadratic groups such as the symplectic one, which matters where points grow.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         # SciPy's exponential is accurate up to norm 1, but loses two digits at norm 3 and four at
@@ -78,8 +78,8 @@ def _expm(matrix: Points, small: Callable[[Points], Points] = _scipy_expm) -> Po
         if np.vdot(matrix, matrix).real <= 1.0:
             return small(matrix)
         norms = np.linalg.matrix_norm(matrix)
-        known = np.where(np.isfinite(norms) & (norms > 1.0), norms, 1.0)
-        halvings = np.ceil(np.log2(known)).astype(int)
+        factors = np.where(np.isfinite(norms) & (norms > 1.0), norms, 1.0)
+        halvings = np.ceil(np.log2(factors)).astype(int)
         scaled = matrix * np.ldexp(1.0, -halvings)[..., None, None]
         result = small(scaled)
         for squarings in range(int(halvings.max(initial=0))):
@@ -222,10 +222,10 @@ def symplectic_correction(y: Points, form: Array) -> Points:
     """
     left, singular, right = np.linalg.svd(y)
     rows, columns = singular[..., :, None], singular[..., None, :]
-    kept = rows * (left.mT @ form @ left) * columns
-    defect = kept - right @ form @ right.mT
-    known = np.maximum(singular, _rounding(singular))
-    length = np.hypot(known[..., :, None], known[..., None, :])
+    preserved = rows * (left.mT @ form @ left) * columns
+    defect = preserved - right @ form @ right.mT
+    positive = np.maximum(singular, _rounding(singular))
+    length = np.hypot(positive[..., :, None], positive[..., None, :])
     return np.asarray(form.T @ left @ (-rows / length * (defect / length)) @ right)
 
 
@@ -248,8 +248,8 @@ def minimum_norm_step(y: Points, correction: Callable[[Points], Points]) -> Poin
             pass
         finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
         restored = y + correction(np.where(finite, y, np.eye(y.shape[-1])))
-    known = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
-    return np.where(finite & known, restored, y)
+    computed = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
+    return np.where(finite & computed, restored, y)
 
 
 def relative_correction(y: Points, correction: Callable[[Points], Points]) -> Array:

@@ -282,12 +282,12 @@ class MatrixGroup(Frame):
 
     def _checked_coordinates(self, v: Array, start: Points, end: Points) -> Array:
         """Return coefficients, NaN where their flow from ``start`` does not end at ``end``."""
-        known = np.asarray(np.linalg.matrix_norm(self.algebra(v)) <= MAX_EXPONENT)
+        computable = np.asarray(np.linalg.matrix_norm(self.algebra(v)) <= MAX_EXPONENT)
         with np.errstate(over="ignore", invalid="ignore"):
             error = np.linalg.matrix_norm(
-                self.flow(np.where(known[..., None], v, 0.0), start) - end
+                self.flow(np.where(computable[..., None], v, 0.0), start) - end
             )
-            reached = known & (error <= MEMBERSHIP_TOLERANCE * np.linalg.matrix_norm(end))
+            reached = computable & (error <= MEMBERSHIP_TOLERANCE * np.linalg.matrix_norm(end))
         return np.where(reached[..., None], v, np.nan)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
@@ -364,14 +364,14 @@ class SizedMatrixGroup(MatrixGroup):
 
 
 class NoncompactMatrixGroup(SizedMatrixGroup):
-    """A group whose elements may be large, restored by the shortest Newton step."""
+    """A group whose elements may be large, restored by the Newton step of least norm."""
 
     @abstractmethod
     def _correction(self, y: Points) -> Points:
-        """Return the shortest change of matrices that leads to the group, to first order."""
+        """Return the change of least norm that takes matrices to the group, to first order."""
 
     def restore(self, y: Points) -> Points:
-        """Return ``y`` after the shortest Newton step towards the group."""
+        """Return ``y`` after the Newton step of least norm towards the group."""
         return minimum_norm_step(y, self._correction)
 
     def _project(self, y: Points) -> Points:
@@ -379,7 +379,7 @@ class NoncompactMatrixGroup(SizedMatrixGroup):
         return newton_corrected(y, self._correction)
 
     def relative_error(self, y: ArrayLike) -> Array:
-        """Return the length of the shortest step to the group, relative to that of ``y``.
+        """Return the norm of the correction to the group, relative to the norm of ``y``.
 
         The membership error of a large matrix is dominated by rounding.
         """

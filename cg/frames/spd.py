@@ -18,7 +18,7 @@ from cg.support.checks import check_integer
 
 @dataclass(frozen=True, repr=False)
 class SPD(HomogeneousSpace):
-    r"""Symmetric positive definite matrices, such as covariances, moved by congruences.
+    r"""Symmetric positive definite matrices, such as covariances, with the action of GL(n).
 
     GL(n) acts by :math:`y \mapsto g\,y\,g^T`, so that :math:`y' = \Omega(v)\,y + y\,\Omega(v)^T`,
     and the flow is :math:`e^\Omega y\, e^{\Omega^T}`: positive definite whatever the step.  The

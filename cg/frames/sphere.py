@@ -1,4 +1,4 @@
-"""The sphere S^n, moved by rotations."""
+"""The sphere S^n with the action of rotations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ANTIPODAL = 1e-4
 
 @dataclass(frozen=True, repr=False)
 class Sphere(UnitVectors, HomogeneousSpace):
-    r"""Unit vectors of :math:`R^{n+1}`, moved by SO(n+1): :math:`y' = \Omega(v)\,y`.
+    r"""Unit vectors of :math:`R^{n+1}` with the action of SO(n+1): :math:`y' = \Omega(v)\,y`.
 
     The coefficients are those of `SO`; on :math:`S^2` they are the rotation vector,
     :math:`y' = v \times y`.

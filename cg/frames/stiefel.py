@@ -23,7 +23,7 @@ from cg.support.checks import check_integer
 
 @dataclass(frozen=True, repr=False)
 class Stiefel(HomogeneousSpace):
-    r"""Matrices of k orthonormal columns of length n, moved by SO(n): :math:`y' = \Omega(v)\,y`.
+    r"""Matrices of k orthonormal columns, with the action of SO(n): :math:`y' = \Omega(v)\,y`.
 
     The coefficients are those of `SO`.
 
@@ -44,8 +44,8 @@ class Stiefel(HomogeneousSpace):
     Notes
     -----
     The flow is that of `SO`, followed by a Newton-Schulz step towards the polar factor [1]_.
-    There are no `exp_coordinates`: the rotation between two points is not unique, and that of
-    least norm has no closed form.
+    There are no `exp_coordinates`: the rotation between two points is not unique, and the one
+    of least norm has no closed form.
 
     References
     ----------

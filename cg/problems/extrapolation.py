@@ -25,7 +25,7 @@ def extrapolated(
     Parameters
     ----------
     field
-        The right side, for a state of complex matrices.
+        The right-hand side, a function of a list of complex matrices.
     start
         The state at time zero.
     times

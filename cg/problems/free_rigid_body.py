@@ -87,7 +87,7 @@ class FreeRigidBody(QuadraticProblem):
 
     @property
     def y0(self) -> Array:
-        """The initial point, with the body axes along those of space, shape ``(12,)``."""
+        """The initial point, with the identity as the attitude, shape ``(12,)``."""
         return self.frame.join(np.eye(3), np.array(self.momentum) / self.size)
 
     def f(self, t: float, y: Array) -> Array:

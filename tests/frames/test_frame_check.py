@@ -56,7 +56,7 @@ def test_check_passes_for_a_correct_user_frame():
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )  # fmt: skip
 def test_check_reports_inconsistencies(change, message):
-    with pytest.raises(ValueError, match=f"^frame doesn't fit together: .*{message}"):
+    with pytest.raises(ValueError, match=f"^frame is inconsistent: .*{message}"):
         FieldFrame(**(RIGHT | change)).check()
 
 
