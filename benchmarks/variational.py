@@ -79,7 +79,7 @@ def _contest(
         for e in np.eye(frame.dim):
             start = frame.flow(_STEP * e, y0)
             ends.append(cg.solve_ivp(f, (0, 10), start, **options).y[-1])
-        frame.nearby_coordinates(ends[0], np.array(ends[1:]))
+        frame.local_coordinates(ends[0], np.array(ends[1:]))
 
     ways: dict[str, Callable[[], object]] = {
         name: lambda: cg.solve_ivp(f, (0, 10), y0, **options),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import matplotlib as mpl
@@ -20,7 +22,6 @@ import cg
 from cg.analysis.convergence import final_errors
 from cg.plot.style import COLOURS
 from cg.problems import (
-    BodyWithPendulum,
     ForcedRigidBody,
     FreeRigidBody,
     GradientFlow,
@@ -29,6 +30,7 @@ from cg.problems import (
 )
 
 FOLDER = Path(__file__).parent / "pictures"
+GALLERY = Path(__file__).parent / "gallery"
 STYLE: dict[Any, Any] = {
     "axes.prop_cycle": cycler(color=COLOURS[:4]) + cycler(linestyle=["-", "--", "-.", ":"]),
     "axes.spines.top": False,
@@ -177,14 +179,14 @@ def forced_rigid_body() -> Figure:
 
 def body_with_pendulum() -> Figure:
     """Draw the paths of joint and mass, and the invariants."""
-    chain = BodyWithPendulum()
+    chain = SimpleNamespace(**runpy.run_path(str(GALLERY / "body_with_pendulum.py")))
     solution = integrate(chain, 5.0, 0.005)
     figure = plt.figure(figsize=(9.0, 4.2), layout="constrained")
     ax = figure.add_subplot(1, 2, 1, projection="3d")
     names = ("joint of the body", "mass of the pendulum")
-    for place, label in zip(chain.places(solution.y), names, strict=True):
+    for place, label in zip(chain.positions(solution.y), names, strict=True):
         ax.plot(*place.T, label=label, linewidth=0.9)
-    ax.plot(*np.stack([np.zeros(3), *chain.places(chain.y0)]).T, "ko-", label="at time 0")
+    ax.plot(*np.stack([np.zeros(3), *chain.positions(chain.y0)]).T, "ko-", label="at time 0")
     ax.set(xlabel="$x$ (m)", ylabel="$y$ (m)", zlabel="$z$ (m)", title="5 s in space")
     ax.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1), zticks=(-1.5, -1, -0.5, 0))
     ax.zaxis.labelpad = 8.0

@@ -1,4 +1,4 @@
-"""Rigid frames: manifolds with vector fields whose flows are known."""
+"""Frames: manifolds with vector fields whose flows can be computed."""
 
 from cg.frames.base import FlowOverflowError, Frame
 from cg.frames.coadjoint import CoadjointOrbit

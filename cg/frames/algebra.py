@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, is_array, real_array
-from cg.frames.dexpinv import frobenius, series_dexpinv
+from cg.frames.dexpinv import frobenius, rotation_dexpinv, series_dexpinv
 from cg.support.checks import check_integer
 
-# Up to this dimension products of coefficients with structure constants take less time than those
-# of matrices.
+# Largest dimension for which brackets by structure constants are faster than products of matrices.
 MAX_CONSTANTS = 16
-_MAX_ORDER = 200  # of a Runge-Kutta method, which all the terms of the series serve
+_MAX_ORDER = 200  # largest accepted order of a Runge-Kutta method
 
 
 class FieldAlgebra(ABC):
-    """What a frame knows of the commutators of its fields."""
+    """The Lie algebra that the fields of a frame span, with bracket and dexpinv."""
 
     @property
     @abstractmethod
@@ -29,14 +28,15 @@ class FieldAlgebra(ABC):
     def bracket(self, u: ArrayLike, v: ArrayLike) -> Array:
         r"""Return the coefficients of the commutator of two fields.
 
-        With :math:`\Phi_v` the time-1 flow of :math:`\sum_i v_i E_i`, it is the one in
+        The sign is that of the Baker-Campbell-Hausdorff series of the time-1 flows
+        :math:`\Phi_v` of :math:`\sum_i v_i E_i`,
 
         .. math:: \Phi_u \circ \Phi_v = \Phi_w, \qquad w = u + v + \tfrac12 [u, v] + \dots,
 
-        the series of Baker, Campbell, Hausdorff, and for fields U and V it is :math:`DU\,V -
-        DV\,U`.  Where flows act from the left (``convention="space"``, homogeneous spaces) the
-        matrix of :math:`[u, v]` is :math:`\Omega(u) \Omega(v) - \Omega(v) \Omega(u)`; where they
-        act from the right (``"body"``) it is the negative.
+        so that the commutator of fields U and V is :math:`DU\,V - DV\,U`.  Where flows act from
+        the left (``convention="space"``, homogeneous spaces) the matrix of :math:`[u, v]` is
+        :math:`\Omega(u) \Omega(v) - \Omega(v) \Omega(u)`; where they act from the right
+        (``"body"``) it is the negative.
 
         Parameters
         ----------
@@ -51,9 +51,9 @@ class FieldAlgebra(ABC):
         Raises
         ------
         NotImplementedError
-            If the fields of this frame are no Lie algebra, or none that is known.
+            If the frame does not define a bracket, or its fields do not span a Lie algebra.
         ValueError
-            If a last axis hasn't length ``dim``.
+            If the last axis of an argument hasn't length ``dim``.
 
         Examples
         --------
@@ -63,42 +63,55 @@ class FieldAlgebra(ABC):
         """
         return self._bracket(self._vectors(u, "u"), self._vectors(v))
 
+    @property
+    def _rotation_sign(self) -> float:
+        """The sign s of a bracket that is s times the cross product, 0 for other brackets."""
+        return 0.0
+
     def _bracket(self, u: Array, v: Array) -> Array:
-        """Return brackets of coefficients that are checked."""
-        raise NotImplementedError(f"{self!r} knows no bracket of its fields")
+        """Return the brackets of checked coefficients."""
+        if sign := self._rotation_sign:
+            return np.asarray(sign * np.cross(u, v))
+        raise NotImplementedError(f"{self!r} has no bracket of its fields")
 
     def dexpinv(self, u: ArrayLike, v: ArrayLike, *, order: int = 8) -> Array:
-        r"""Return the derivative of the coordinates u of a point that moves with coefficients v.
+        r"""Return the derivative of the exponential coordinates u of a point with velocity v.
 
         If :math:`\Phi_{u(t)}(y_0)` solves :math:`y' = \sum_i v_i E_i(y)`, then :math:`u' =
-        \operatorname{dexp}_u^{-1} v`; see `cg.frames.dexpinv`.  It is exact on rotations,
-        quaternions, SU(2), rigid motions, the sphere in space and Euclidean space.
+        \operatorname{dexp}_u^{-1} v`; see `cg.frames.dexpinv`.  Rotations, quaternions, SU(2),
+        rigid motions, the 2-sphere and Euclidean space use closed forms.
 
         Parameters
         ----------
         u, v
             Coefficients, shape ``(..., dim)``; leading axes broadcast.
         order
-            Elsewhere the series is summed as far as a Runge-Kutta method of this order needs it,
-            up to the power ``order - 2`` of u.
+            Order of the Runge-Kutta method that uses the result.  Other frames sum the series up to
+            the power ``order - 2`` of u.
 
         Returns
         -------
         ndarray
-            Shape ``(..., dim)``, NaN where the series to infinite order diverges: for rotations by
-            a turn or more, unless they commute with v.
+            Shape ``(..., dim)``; NaN where the infinite series diverges, as for rotation angles of
+            :math:`2\pi` or more, unless u and v commute.
 
         Raises
         ------
         NotImplementedError
             If the frame has no `bracket`.
+        TypeError
+            If ``order`` isn't an integer.
         ValueError
-            If a last axis hasn't length ``dim``, or ``order`` is no positive integer.
+            If the last axis of an argument hasn't length ``dim``, or ``order`` is less than 1 or
+            greater than 200.
         """
         order = check_integer("order", order, 1, _MAX_ORDER)
         return self._dexpinv(self._vectors(u, "u"), self._vectors(v), order)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
+        """Return dexpinv of checked coefficients, in closed form or as a series."""
+        if sign := self._rotation_sign:
+            return rotation_dexpinv(u, v, sign)
         if self.dim <= MAX_CONSTANTS:
             flat = u @ self._adjoint_basis.reshape(self.dim, -1)
             matrix = flat.reshape(*u.shape, self.dim)
@@ -109,7 +122,7 @@ class FieldAlgebra(ABC):
 
     @cached_property
     def _adjoint_basis(self) -> Array:
-        """The brackets of basis elements with all others, shape ``(dim, dim, dim)``."""
+        """The brackets of all pairs of basis elements, shape ``(dim, dim, dim)``."""
         basis = np.eye(self.dim)
         return np.ascontiguousarray(self._bracket(basis[:, None], basis))
 

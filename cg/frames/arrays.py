@@ -1,4 +1,4 @@
-"""Arrays of points and coefficients, and checks of what is to become one."""
+"""Array types of points and coefficients, and conversions of arguments to arrays."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ __all__ = [
     "check_finite",
     "check_name",
     "check_random",
-    "check_size",
     "complex_array",
     "is_array",
     "is_complex_array",
@@ -30,18 +29,18 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Points = NDArray[Any]
-"""Points and tangents: float64 or complex128, as `Frame.dtype` says."""
+"""Points and tangents, of type float64 or complex128 as given by `Frame.dtype`."""
 
 Convention = Literal["body", "space"]
 
-_MAX_POINTS = 2**40  # more than fit into any memory
+_MAX_POINTS = 2**40  # exceeds the memory of any machine
 
 Size = int | Sequence[int]
-"""The leading axes of random points, or the length of one such axis."""
+"""Leading axes of random points: their lengths, or the length of a single axis."""
 
 
 def is_array(value: Any, dtype: Any) -> TypeGuard[Points]:
-    """Tell whether a value is an array of a type that needs no further check."""
+    """Return whether a value is an ndarray of the given dtype, which needs no conversion."""
     return type(value) is np.ndarray and value.dtype == dtype
 
 
@@ -51,7 +50,7 @@ def real_array(value: Any, name: str) -> Array:
 
 
 def is_complex_array(value: Any) -> bool:
-    """Return whether what is given for an array has complex numbers."""
+    """Return whether an array-like value has a complex dtype."""
     try:
         return np.iscomplexobj(value)
     except (TypeError, ValueError):
@@ -64,7 +63,7 @@ def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
 
 
 def traced_hint(error: BaseException | None) -> str:
-    """Return what to say of an error that a traced array of JAX raised; else nothing."""
+    """Return a hint at cg.jax if a traced array of JAX raised an error, else an empty string."""
     while error is not None:
         if type(error).__module__.partition(".")[0] == "jax":
             return "; cg.jax has the methods for JAX, with gradients"
@@ -74,7 +73,7 @@ def traced_hint(error: BaseException | None) -> str:
 
 def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str) -> NDArray[Any]:
     try:
-        # what is masked would count as if it weren't
+        # np.asarray would silently drop the mask
         if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
             raise TypeError("masked entries")
         raw = np.asarray(value)
@@ -88,7 +87,7 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
 
 
 def check_finite(array: Points, name: str) -> None:
-    """Raise ValueError, with the first such entry, unless an array is finite."""
+    """Raise ValueError, which names the first non-finite entry, unless an array is finite."""
     finite = np.isfinite(array)
     if not finite.all():
         index = tuple(np.argwhere(~finite)[0].tolist())
@@ -97,27 +96,19 @@ def check_finite(array: Points, name: str) -> None:
 
 
 def check_name(name: Any) -> None:
-    """Raise TypeError unless ``name`` is a string that can be told in a message."""
+    """Raise TypeError unless ``name`` is a non-empty string."""
     if not isinstance(name, str) or not name:
-        raise TypeError(f"name must be a string that isn't empty, got {name!r}")
-
-
-def check_size(n: Any, smallest: int = 1, name: str = "n") -> int:
-    """Return ``n`` as an int; ValueError unless it is an integer that is large enough."""
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < smallest:
-        wanted = "a positive integer" if smallest == 1 else f"an integer of at least {smallest}"
-        raise ValueError(f"{name} must be {wanted}, got {n!r}")
-    return int(n)
+        raise TypeError(f"name must be a non-empty string, got {name!r}")
 
 
 def check_convention(convention: Any) -> None:
-    """Raise ValueError unless ``convention`` is one of the two."""
+    """Raise ValueError unless ``convention`` is "body" or "space"."""
     if not isinstance(convention, str) or convention not in ("body", "space"):
         raise ValueError(f'convention must be "body" or "space", got {convention!r}')
 
 
 def check_random(rng: Any, size: Any) -> tuple[int, ...]:
-    """Return ``size`` as a tuple after checking the arguments of random points and vectors."""
+    """Check the arguments of `random_point` and `random_vector`; return ``size`` as a tuple."""
     check_generator("rng", rng)
     axes = size if isinstance(size, tuple | list) else (size,)
     if any(isinstance(n, bool) or not isinstance(n, int | np.integer) for n in axes):

@@ -1,4 +1,4 @@
-"""The interface of a rigid frame: vector fields whose linear combinations have known flows."""
+"""The interface of a frame: vector fields whose linear combinations have computable flows."""
 
 from __future__ import annotations
 
@@ -22,15 +22,19 @@ from cg.frames.arrays import (
     real_array,
 )
 from cg.frames.block_kinds import Blocks
-from cg.frames.checking import problems_of
-from cg.frames.nearby import nearby_coordinates, newton_correction, shortest_coefficients
+from cg.frames.checking import find_inconsistencies
+from cg.frames.local_coordinates import (
+    local_coordinates,
+    minimum_norm_coefficients,
+    newton_correction,
+)
 from cg.support.checks import check_generator
 
 MEMBERSHIP_TOLERANCE = 1e-8
 
 
 class FlowOverflowError(OverflowError):
-    """Coefficients are so large that double precision has no digits of their flow.
+    """The coefficients are too large for their flow to be computed in double precision.
 
     Examples
     --------
@@ -51,17 +55,17 @@ class Frame(FieldAlgebra):
     :math:`y' = \sum_i f_i(t, y) E_i(y)` (equation (1.1) of [1]_), and a numerical method moves
     along flows of :math:`y' = \sum_i v_i E_i(y)` with constant :math:`v` (equation (1.2)).
 
-    A subclass is immutable, compares by value, and supplies the members marked abstract; that is
-    all an integrator needs.  Every method works on single points and on batches: ``v`` has shape
-    ``(..., dim)``, ``y`` has shape ``(..., *point_shape)``, and leading axes broadcast.  The
-    coefficients ``v`` are always real; points are real unless ``dtype`` says otherwise.
+    A subclass is immutable, compares by value, and defines the abstract members; integrators need
+    no others.  Every method accepts single points and batches: ``v`` has shape ``(..., dim)``,
+    ``y`` has shape ``(..., *point_shape)``, and leading axes broadcast.  The coefficients ``v`` are
+    always real; points are real or complex, see `dtype`.
 
     On matrix groups the fields are invariant under one of the two multiplications, with
     :math:`\Omega(v)` in the Lie algebra: ``convention="body"`` is :math:`y' = y\,\Omega(v)`,
-    ``convention="space"`` is :math:`y' = \Omega(v)\,y`.  Groups of rigid motions (``SO3``,
-    ``SO``, ``UnitQuaternion``, ``SE3``) are of the first kind unless told, since angular
-    velocities come in body axes; the other groups are of the second, since they propagate
-    :math:`x' = \Omega x`.  Homogeneous spaces are moved from the left, :math:`y' = \Omega(v)\,y`.
+    ``convention="space"`` is :math:`y' = \Omega(v)\,y`.  The default is ``"body"`` for rotations
+    and rigid motions (``SO3``, ``SO``, ``UnitQuaternion``, ``SE3``), since gyros measure angular
+    velocities in body axes, and ``"space"`` for the other groups, since they propagate
+    :math:`x' = \Omega x`.  On homogeneous spaces the group acts from the left.
 
     References
     ----------
@@ -70,7 +74,7 @@ class Frame(FieldAlgebra):
 
     Examples
     --------
-    What all frames have in common, here for unit quaternions:
+    The members that all frames have, here of unit quaternions:
 
     >>> import numpy as np
     >>> from cg.frames import UnitQuaternion
@@ -134,10 +138,11 @@ class Frame(FieldAlgebra):
             groups there is no such limit.
         """
 
-    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the shortest coefficients with the tangent at ``y`` that ``v`` have.
+    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return ``v`` without its component in the isotropy algebra of ``y``.
 
-        Here, and wherever `exp_coordinates` are known, but for spheres, they are ``v``.
+        The result has the same tangent at ``y`` as ``v``.  By default it is ``v``; spheres return
+        the coefficients of least norm.
 
         Parameters
         ----------
@@ -155,15 +160,15 @@ class Frame(FieldAlgebra):
     def relative_error(self, y: ArrayLike) -> Array:
         """Return the membership error relative to the size of the points, shape ``(...)``.
 
-        Here it is the membership error itself, as for rotations, whose size is one.
+        By default it is the membership error itself, as for rotations, which have size one.
         """
         return self.membership_error(y)
 
     def project(self, y: ArrayLike) -> Points:
         """Return the points of the manifold that are nearest to arrays near it.
 
-        Among the uses are points that were stored in single precision, which `check_point`
-        refuses.
+        `check_point` rejects points that were stored in single precision; their projections are
+        accepted.
 
         Parameters
         ----------
@@ -173,24 +178,24 @@ class Frame(FieldAlgebra):
         Returns
         -------
         ndarray
-            Of type ``dtype``, shape ``(..., *point_shape)``; all NaN where there is no such point
-            or where many are equally near, as for zero and a sphere.
+            Of type ``dtype``, shape ``(..., *point_shape)``; NaN where the nearest point does not
+            exist or is not unique, as for zero and a sphere.
 
         Raises
         ------
         NotImplementedError
-            If this frame knows no projection.
+            If the frame does not define a projection.
         """
         point = self._points(y)
         rows = point.reshape(-1, *self.point_shape)
         axes = tuple(range(1, rows.ndim))
-        found = np.asarray(np.isfinite(rows).all(axis=axes))
+        valid = np.asarray(np.isfinite(rows).all(axis=axes))
         projected = np.full(rows.shape, np.nan, dtype=self.dtype)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            projected[found] = self._project(rows[found])
-            found = np.asarray(np.isfinite(projected).all(axis=axes))
-            found[found] = self.relative_error(projected[found]) <= MEMBERSHIP_TOLERANCE
-        projected[~found] = np.nan
+            projected[valid] = self._project(rows[valid])
+            valid = np.asarray(np.isfinite(projected).all(axis=axes))
+            valid[valid] = self.relative_error(projected[valid]) <= MEMBERSHIP_TOLERANCE
+        projected[~valid] = np.nan
         return projected.reshape(point.shape)
 
     def _project(self, y: Points) -> Points:
@@ -204,26 +209,26 @@ class Frame(FieldAlgebra):
         Parameters
         ----------
         rng
-            Where the random numbers come from, as ``numpy.random.default_rng(seed)`` makes it.
+            Random generator, such as ``numpy.random.default_rng(seed)``.
         size
             The leading axes; an integer is one axis.
 
         Raises
         ------
         TypeError
-            If ``rng`` is no generator, or ``size`` neither an integer nor a sequence of them.
+            If ``rng`` isn't a generator, or ``size`` is neither an integer nor a sequence of them.
         ValueError
             If ``size`` is negative.
         """
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the distance between points, shape ``(...)``; here that in the ambient space."""
+        """Return the distance of points, shape ``(...)``; by default the Euclidean distance."""
         difference = self._points(x, "x") - self._points(y)
         axes = tuple(range(-len(self.point_shape), 0))
         return np.asarray(np.sqrt((np.abs(difference) ** 2).sum(axis=axes)))
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
-        """Return coefficients whose flow takes ``y0`` to ``y1``, the smallest where many do.
+        """Return the coefficients of least norm whose flow takes ``y0`` to ``y1``.
 
         Parameters
         ----------
@@ -234,24 +239,23 @@ class Frame(FieldAlgebra):
         -------
         ndarray or None
             ``v`` with ``flow(v, y0) == y1``, shape ``(..., dim)``, NaN where there is none.
-            None if this frame knows no such map at all; measure in the ambient space then.
+            None if the frame does not define this map; see `local_coordinates`.
         """
         self._points(y0, "y0")
         self._points(y1, "y1")
         return None
 
-    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        r"""Return coefficients whose flow takes ``y0`` to a nearby ``y1``.
+    def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        r"""Return coefficients whose flow takes ``y0`` to a point ``y1`` near it.
 
-        Other than `exp_coordinates`, every frame has them.  They are those where they are known
-        and right to rounding.  Elsewhere :math:`v` starts from them or from zero and is corrected
-        by the shortest coefficients whose field at the end of the flow is what is left,
+        Every frame has them.  The Gauss-Newton iteration
 
         .. math::
 
             v \leftarrow v + E(y)^+ (y_1 - y), \qquad y = \exp(\textstyle\sum_i v_i E_i) y_0 ,
 
-        until only rounding is left.
+        with the matrix :math:`E(y)` of the fields, starts from `exp_coordinates` where these are
+        defined, from zero elsewhere, and ends when the residual is rounding.
 
         Parameters
         ----------
@@ -262,26 +266,26 @@ class Frame(FieldAlgebra):
         -------
         ndarray
             ``v`` with ``flow(v, y0) == y1`` to rounding, shape ``(..., dim)``; zero where the
-            points are equal, NaN where the points are too far from each other.
+            points are equal, NaN where the iteration fails for points too far apart.
         """
         start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         lead = start.shape[: start.ndim - len(self.point_shape)]
-        known = self.exp_coordinates(start, end)
+        guess = self.exp_coordinates(start, end)
         start, end = (y.reshape(-1, *self.point_shape) for y in (start, end))
-        v = np.zeros((len(start), self.dim)) if known is None else known.reshape(-1, self.dim)
-        return nearby_coordinates(self, v, start, end).reshape(*lead, self.dim)
+        v = np.zeros((len(start), self.dim)) if guess is None else guess.reshape(-1, self.dim)
+        return local_coordinates(self, v, start, end).reshape(*lead, self.dim)
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
-        """Return coefficients whose flow leads from ``start`` nearer to ``end`` than to ``y``.
+        """Return the coefficients after one step of the iteration in `local_coordinates`.
 
         Parameters
         ----------
         v
-            Coefficients whose flow leads to ``y``, shape ``(count, dim)``.
+            Coefficients whose flow takes ``start`` to ``y``, shape ``(count, dim)``.
         start, y, end
             Shape ``(count, *point_shape)``.
         exact
-            Whether to take the derivative of the flow and not the fields at its end, shape
+            Whether to use the derivative of the flow in place of the fields at its end point, shape
             ``(count,)``.
         """
         corrected = v + self._coefficients_at(y, end - y)
@@ -290,22 +294,21 @@ class Frame(FieldAlgebra):
         return corrected
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        """Return the shortest coefficients whose field at ``y`` is nearest to a tangent.
+        """Return the least-squares coefficients of minimum norm of a tangent at ``y``.
 
         Parameters
         ----------
         y, tangent
             Shape ``(count, *point_shape)``.
         """
-        return shortest_coefficients(self.field(np.eye(self.dim), y[:, None]), tangent)
+        return minimum_norm_coefficients(self.field(np.eye(self.dim), y[:, None]), tangent)
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
-        """Return the size that a change of each coordinate is to be compared with.
+        """Return the scale of each coordinate for relative tolerances.
 
-        A translation of Euclidean space is compared with the coordinate that it changes, one in
-        a semidirect product with the length of the vector that it changes.  All other
-        coordinates, such as angles, have no magnitude that depends on the point: their unit
-        moves a point about as far as the manifold is large, and their size is one.
+        The scale of a translation of Euclidean space is the absolute value of the coordinate that
+        it changes; in a semidirect product it is the length of the vector that it changes.  Other
+        coordinates, such as angles, have scale one.
 
         Parameters
         ----------
@@ -321,14 +324,14 @@ class Frame(FieldAlgebra):
         return np.ones((*point.shape[: point.ndim - len(self.point_shape)], self.dim))
 
     def compiled_blocks(self) -> Blocks | None:
-        """Return the blocks by which compiled code knows this frame, None if it doesn't.
+        """Return the description of this frame for compiled code, None if there is none.
 
-        A subclass of a frame that is compiled may have other flows, and is not.
+        A subclass of a compiled frame may override its flow, so it must define ``_blocks`` itself.
         """
         return self._blocks() if "_blocks" in vars(type(self)) else None
 
     def _blocks(self) -> Blocks | None:
-        """Return the blocks of a frame of this very class: defined by what is compiled."""
+        """Return the blocks of an instance of exactly this class; compiled frames define it."""
         return None
 
     def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
@@ -337,17 +340,16 @@ class Frame(FieldAlgebra):
         return rng.standard_normal((*size, self.dim))
 
     def read_points(self, value: Any, name: str = "y") -> Points:
-        """Return what stands for points as a new C-ordered array of type ``dtype``.
+        """Convert points to a new C-ordered array of type ``dtype``.
 
-        Here that is an array of numbers.  Frames that know other representations of their points
-        take these too.
+        Some frames also accept other representations, such as ``Rotation`` of SciPy.
 
         Parameters
         ----------
         value
-            What stands for points; neither its shape nor its membership is checked.
+            Points; neither the shape nor the membership is checked.
         name
-            What to call it in an error message.
+            Name of the argument in error messages.
 
         Raises
         ------
@@ -371,59 +373,60 @@ class Frame(FieldAlgebra):
         tolerance
             Largest accepted `relative_error`.
         name
-            What to call the argument in an error message.
+            Name of the argument in error messages.
 
         Raises
         ------
         ValueError
             If ``y`` isn't numeric (real, unless points are complex), has another shape, is not
-            finite or lies off the manifold, or if ``tolerance`` is no number.
+            finite or lies off the manifold, or if ``tolerance`` is negative or not a number.
         TypeError
             If ``name`` isn't a string.
         """
         check_name(name)
         if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not tolerance >= 0.0:
-            raise ValueError(f"tolerance must be a number, not negative, got {tolerance!r}")
+            raise ValueError(f"tolerance must be a non-negative number, got {tolerance!r}")
         point = self.read_points(y, name)
         if point.shape != self.point_shape:
             raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}")
         if not np.isfinite(point).all():
             raise ValueError(f"{name} must be finite, got {point}")
-        off = float(self.relative_error(point))
-        if not off <= tolerance:
-            relative = "" if off == self.membership_error(point) else "relative "
+        error = float(self.relative_error(point))
+        if not error <= tolerance:
+            relative = "" if error == self.membership_error(point) else "relative "
             raise ValueError(
                 f"{name} must be a point of {self}: its {relative}distance from the manifold is "
-                f"{off:.3g}, more than {tolerance:.3g}{self._remedy(point, name)}"
+                f"{error:.3g}, more than {tolerance:.3g}{self._projection_hint(point, name)}"
             )
         return point
 
-    def _remedy(self, point: Points, name: str) -> str:
-        """Return what to do about a point off the manifold, for an error message."""
+    def _projection_hint(self, point: Points, name: str) -> str:
+        """Return a hint to use `project`, for the message about a point off the manifold."""
         try:
             nearest = self.project(point)
         except NotImplementedError:
             return ""
         if not np.isfinite(nearest).all() or self.relative_error(nearest) > MEMBERSHIP_TOLERANCE:
             return ""
-        whole = name.partition("[")[0]
-        return f"; frame.project({whole}) is the nearest point"
+        argument = name.partition("[")[0]
+        return f"; frame.project({argument}) is the nearest point"
 
     def check(
         self, *, rng: np.random.Generator | None = None, points: ArrayLike | None = None
     ) -> None:
-        r"""Check that the members of this frame fit each other, as those of every frame must.
+        r"""Check that the methods of this frame are consistent with each other.
 
-        At random points, and with random coefficients, it compares the flow at zero with the
-        point, flows one after the other along one field with a single one, the flow's derivative
-        with `field` (and so its sense), `exp_coordinates` and `nearby_coordinates` with flows,
-        `bracket` with the commutator of the fields, `dexpinv` with derivatives of flows, and
-        looks whether flows stay on the manifold.  It takes some hundred flows.
+        At random points and with random coefficients it checks that ``flow(0, y)`` is ``y``, that
+        flows along one field compose, that the derivative of the flow is `field`, that
+        `exp_coordinates` and `local_coordinates` invert the flow, that `bracket` is the commutator
+        of the fields, that `dexpinv` agrees with derivatives of flows, and that flows stay on the
+        manifold.  It computes some hundred flows.
 
         Parameters
         ----------
         rng
-            Draws points and coefficients, by default ``numpy.random.default_rng(0)``.
+            Random generator for points and coefficients, by default
+            ``numpy.random.default_rng(0)``.
         points
             Points to check at, shape ``(count, *point_shape)``, by default three of
             `random_point`.
@@ -431,15 +434,15 @@ class Frame(FieldAlgebra):
         Raises
         ------
         ValueError
-            If something doesn't fit; the message tells all of it.  Or if ``points`` aren't points.
+            If a check fails, or if ``points`` aren't points; the message lists all failed checks.
         TypeError
-            If ``rng`` is no generator.
+            If ``rng`` isn't a generator.
         NotImplementedError
-            If there are no ``points``, and this frame has no `random_point`.
+            If ``points`` is None and the frame has no `random_point`.
 
         Examples
         --------
-        A flow with the wrong sign would go unnoticed in an integration:
+        A flow with the wrong sign, which an integration would not reveal:
 
         >>> import numpy as np
         >>> from cg.frames import FieldFrame
@@ -452,7 +455,7 @@ class Frame(FieldAlgebra):
         ...     frame.check()
         ... except ValueError as error:
         ...     print(str(error).partition(" (")[0])
-        frame doesn't fit together: flow has the wrong sign: its derivative is -field(v, y)
+        frame is inconsistent: flow has the wrong sign: its derivative is -field(v, y)
         """
         rng = np.random.default_rng(0) if rng is None else check_generator("rng", rng)
         if points is None:
@@ -460,11 +463,11 @@ class Frame(FieldAlgebra):
         else:
             chosen = self.read_points(points, "points")
             if chosen.shape[1:] != self.point_shape or len(chosen) == 0:
-                wanted = ", ".join(map(str, ("count", *self.point_shape)))
-                raise ValueError(f"points must have shape ({wanted}), got {chosen.shape}")
-        problems = problems_of(self, chosen, rng)
+                shape = ", ".join(map(str, ("count", *self.point_shape)))
+                raise ValueError(f"points must have shape ({shape}), got {chosen.shape}")
+        problems = find_inconsistencies(self, chosen, rng)
         if problems:
-            raise ValueError(f"frame doesn't fit together: {'; '.join(problems)}")
+            raise ValueError(f"frame is inconsistent: {'; '.join(problems)}")
 
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
@@ -475,6 +478,6 @@ class Frame(FieldAlgebra):
         points: Points = y if is_array(y, self.dtype) else self.read_points(y, name)
         shape = self.point_shape
         if points.shape[max(points.ndim - len(shape), 0) :] != shape:
-            wanted = ", ".join(map(str, shape))
-            raise ValueError(f"{name} must have shape (..., {wanted}), got {points.shape}")
+            axes = ", ".join(map(str, shape))
+            raise ValueError(f"{name} must have shape (..., {axes}), got {points.shape}")
         return points

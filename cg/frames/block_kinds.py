@@ -1,4 +1,4 @@
-"""Frames as compiled code knows them: rows of blocks, each of a kind that has a number."""
+"""Descriptions of frames for compiled code: a frame is a sequence of blocks."""
 
 from __future__ import annotations
 
@@ -7,24 +7,25 @@ from cg.support.shared_numbers import BlockKind, BlockOption
 __all__ = ["SCALAR_FIRST", "SPACE_AXES", "BlockKind", "Blocks", "compared_by_entries"]
 
 SPACE_AXES = int(BlockOption.SPACE_AXES)
-"""Option of a block: its coefficients are in space axes."""
+"""Block option: coefficients are in space axes."""
 
 SCALAR_FIRST = int(BlockOption.SCALAR_FIRST)
-"""Option of a block: its quaternions begin with their scalar part."""
+"""Block option: the scalar part of a quaternion comes first."""
 
 Blocks = tuple[tuple[int, int, int, *tuple[float, ...]], ...]
-"""Of every block its kind, its size n (of R^n, SO(n), SU(n), U(n), rows of isospectral matrices; 3
-elsewhere), the sum of its options, and what constants it has: eigenvalues, increasing."""
+"""For each block: its `BlockKind`; its size n (of R^n, SO(n), SU(n) and U(n), the number of rows of
+isospectral matrices, 3 for other kinds); the sum of its options; and its constants, which are the
+increasing eigenvalues of isospectral matrices."""
 
 MAX_MATRIX = 12
-"""Up to this size the flows of matrix groups are compiled; beyond, libraries are faster."""
+"""Largest number of rows of compiled matrix groups; LAPACK is faster for larger ones."""
 
 
-def axes_option(convention: str) -> int:
-    """Return the option that stands for a convention."""
+def convention_option(convention: str) -> int:
+    """Return the block option of a convention."""
     return SPACE_AXES if convention == "space" else 0
 
 
 def compared_by_entries(blocks: Blocks) -> bool:
-    """Tell whether some points are compared by their entries, for want of coordinates."""
+    """Return whether a block has no coordinates, so that errors are measured in its entries."""
     return any(block[0] == BlockKind.ISOSPECTRAL for block in blocks)

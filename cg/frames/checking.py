@@ -1,56 +1,31 @@
-"""Checks that the members of a frame fit each other, for frames of the user."""
+"""Consistency checks of a frame: flow, fields, coordinates and brackets; see `Frame.check`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
 
-__all__ = ["CheckedFrame", "problems_of"]
+if TYPE_CHECKING:
+    from cg.frames.base import Frame
 
-# Of the points' sizes: what rounding may add up to, and what differences of order four leave
+__all__ = ["find_inconsistencies"]
+
+# Relative tolerances for rounding errors and for finite differences of order four
 _ROUNDING = 1e-10
 _DIFFERENCES = 1e-7
-# Largest length of random coefficients: further than that some flows aren't unique or overflow
+# Largest length of random coefficients; longer ones may have non-unique or overflowing flows
 _LENGTH = 0.7
 _STEP = 1e-3
 _STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
 _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
 
 
-class CheckedFrame(Protocol):
-    """What is checked of a frame; see `cg.frames.Frame`."""
-
-    @property
-    def dim(self) -> int: ...  # noqa: D102
-
-    def field(self, v: ArrayLike, y: ArrayLike) -> Points: ...  # noqa: D102
-
-    def flow(self, v: ArrayLike, y: ArrayLike) -> Points: ...  # noqa: D102
-
-    def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None: ...  # noqa: D102
-
-    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array: ...  # noqa: D102
-
-    def membership_error(self, y: ArrayLike) -> Array: ...  # noqa: D102
-
-    def relative_error(self, y: ArrayLike) -> Array: ...  # noqa: D102
-
-    def project(self, y: ArrayLike) -> Points: ...  # noqa: D102
-
-    def distance(self, x: ArrayLike, y: ArrayLike) -> Array: ...  # noqa: D102
-
-    def bracket(self, u: ArrayLike, v: ArrayLike) -> Array: ...  # noqa: D102
-
-    def dexpinv(self, u: ArrayLike, v: ArrayLike, *, order: int = 8) -> Array: ...  # noqa: D102
-
-
-def problems_of(frame: CheckedFrame, points: Points, rng: np.random.Generator) -> list[str]:
-    """Return in words what members of a frame contradict each other at some points.
+def find_inconsistencies(frame: Frame, points: Points, rng: np.random.Generator) -> list[str]:
+    """Return a description of each inconsistency of a frame at given points.
 
     Parameters
     ----------
@@ -61,13 +36,13 @@ def problems_of(frame: CheckedFrame, points: Points, rng: np.random.Generator) -
     rng
         Draws coefficients.
     """
-    found: dict[str, float] = {}
+    errors: dict[str, float] = {}
     for y in points:
         u, v, w = (_bounded(x) for x in rng.standard_normal((3, frame.dim)))
         for check in _CHECKS:
             for problem, size in check(frame, y, u, v, w):
-                found[problem] = max(size, found.get(problem, 0.0))
-    return [f"{problem} (by {size:.2g})" for problem, size in found.items()]
+                errors[problem] = max(size, errors.get(problem, 0.0))
+    return [f"{problem} (by {size:.2g})" for problem, size in errors.items()]
 
 
 _Problems = Iterator[tuple[str, float]]
@@ -81,12 +56,12 @@ def _size(*points: Any) -> float:
     return max(1.0, *(float(np.abs(point).max()) for point in points))
 
 
-def _unlike(
-    problem: str, found: Any, wanted: Any, tolerance: float, scale: float = 1.0
+def _compare(
+    problem: str, actual: Any, expected: Any, tolerance: float, scale: float = 1.0
 ) -> _Problems:
-    """Tell of a problem unless two arrays agree."""
-    difference = float(np.abs(np.asarray(found) - wanted).max(initial=0.0))
-    if not difference <= tolerance * max(scale, _size(wanted)):
+    """Yield a problem and the size of the error unless two arrays agree."""
+    difference = float(np.abs(np.asarray(actual) - expected).max(initial=0.0))
+    if not difference <= tolerance * max(scale, _size(expected)):
         yield problem, difference
 
 
@@ -96,58 +71,64 @@ def _derivative(function: Callable[[float], Any]) -> Any:
     return np.tensordot(_WEIGHTS, values, 1) / _STEP
 
 
-def _check_flow(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
-    moved = frame.flow(v, y)
-    yield from _unlike("flow(0, y) isn't y", frame.flow(0.0 * v, y), y, _ROUNDING)
-    yield from _unlike(
+def _check_flow(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+    flowed = frame.flow(v, y)
+    yield from _compare("flow(0, y) isn't y", frame.flow(0.0 * v, y), y, _ROUNDING)
+    yield from _compare(
         "flow(a v, flow(b v, y)) isn't flow((a + b) v, y)",
-        frame.flow(0.3 * v, frame.flow(0.7 * v, y)), moved, _ROUNDING,
+        frame.flow(0.3 * v, frame.flow(0.7 * v, y)), flowed, _ROUNDING,
     )  # fmt: skip
     batch = frame.flow(np.stack([v, u]), np.stack([y, y]))
-    yield from _unlike("flow of a batch isn't that of its members", batch[0], moved, _ROUNDING)
+    yield from _compare("flow of a batch isn't the flow of each point", batch[0], flowed, _ROUNDING)
 
 
-def _check_field(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+def _check_field(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     tangent = frame.field(v, y)
     total = frame.field(u, y) + 2.0 * tangent
-    yield from _unlike("field isn't linear in v", frame.field(u + 2.0 * v, y), total, _ROUNDING)
+    yield from _compare("field isn't linear in v", frame.field(u + 2.0 * v, y), total, _ROUNDING)
     slope = _derivative(lambda s: frame.flow(s * v, y))
     problem = "field(v, y) isn't the derivative of flow(s v, y) by s"
     size = _size(y)
-    if any(True for _ in _unlike("", slope, tangent, _DIFFERENCES, size)):
-        if not any(True for _ in _unlike("", slope, -tangent, _DIFFERENCES, size)):
+    if any(True for _ in _compare("", slope, tangent, _DIFFERENCES, size)):
+        if not any(True for _ in _compare("", slope, -tangent, _DIFFERENCES, size)):
             problem = "flow has the wrong sign: its derivative is -field(v, y)"
-        yield from _unlike(problem, slope, tangent, _DIFFERENCES, size)
+        yield from _compare(problem, slope, tangent, _DIFFERENCES, size)
 
 
-def _check_membership(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
-    yield from _unlike("points aren't on the manifold", frame.relative_error(y), 0.0, _ROUNDING)
-    moved = frame.flow(v, y)
-    yield from _unlike("flow leaves the manifold", frame.relative_error(moved), 0.0, _ROUNDING)
-    yield from _unlike("distance(y, y) isn't 0", frame.distance(y, y), 0.0, 1e-6)
+def _check_membership(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+    yield from _compare("points aren't on the manifold", frame.relative_error(y), 0.0, _ROUNDING)
+    flowed = frame.flow(v, y)
+    yield from _compare("flow leaves the manifold", frame.relative_error(flowed), 0.0, _ROUNDING)
+    yield from _compare("distance(y, y) isn't 0", frame.distance(y, y), 0.0, 1e-6)
     try:
         nearest = frame.project(y)
     except NotImplementedError:
         return
-    yield from _unlike("project moves points of the manifold", nearest, y, _ROUNDING)
+    yield from _compare("project moves points of the manifold", nearest, y, _ROUNDING)
 
 
-def _check_coordinates(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
-    moved = frame.flow(v, y)
-    known = frame.exp_coordinates(y, moved)
-    if known is not None and np.isfinite(known).all():
-        yield from _unlike(
-            "flow(exp_coordinates(y0, y1), y0) isn't y1", frame.flow(known, y), moved, _ROUNDING
+def _check_coordinates(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+    flowed = frame.flow(v, y)
+    logarithm = frame.exp_coordinates(y, flowed)
+    if logarithm is not None and np.isfinite(logarithm).all():
+        yield from _compare(
+            "flow(exp_coordinates(y0, y1), y0) isn't y1",
+            frame.flow(logarithm, y),
+            flowed,
+            _ROUNDING,
         )
     near = frame.flow(0.01 * v, y)
-    nearby = frame.nearby_coordinates(y, near)
-    if np.isfinite(nearby).all():
-        yield from _unlike(
-            "flow(nearby_coordinates(y0, y1), y0) isn't y1", frame.flow(nearby, y), near, _ROUNDING
+    coordinates = frame.local_coordinates(y, near)
+    if np.isfinite(coordinates).all():
+        yield from _compare(
+            "flow(local_coordinates(y0, y1), y0) isn't y1",
+            frame.flow(coordinates, y),
+            near,
+            _ROUNDING,
         )
 
 
-def _check_brackets(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
+def _check_brackets(frame: Frame, y: Points, u: Array, v: Array, w: Array) -> _Problems:
     try:
         bracket = frame.bracket(u, v)
     except NotImplementedError:
@@ -156,15 +137,15 @@ def _check_brackets(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array
     commutator = _derivative(lambda s: frame.field(u, frame.flow(s * v, y)))
     commutator = commutator - _derivative(lambda s: frame.field(v, frame.flow(s * u, y)))
     problem = "field(bracket(u, v), y) isn't the commutator DU V - DV U of the fields"
-    if any(True for _ in _unlike("", commutator, tangent, _DIFFERENCES, _size(y))):
-        if not any(True for _ in _unlike("", commutator, -tangent, _DIFFERENCES, _size(y))):
-            problem = "bracket has the wrong sign: it is that of the commutator DV U - DU V"
-        yield from _unlike(problem, commutator, tangent, _DIFFERENCES, _size(y))
-    yield from _unlike(
+    if any(True for _ in _compare("", commutator, tangent, _DIFFERENCES, _size(y))):
+        if not any(True for _ in _compare("", commutator, -tangent, _DIFFERENCES, _size(y))):
+            problem = "bracket has the wrong sign: it is the commutator DV U - DU V"
+        yield from _compare(problem, commutator, tangent, _DIFFERENCES, _size(y))
+    yield from _compare(
         "bracket(v, u) isn't -bracket(u, v)", frame.bracket(v, u), -bracket, _ROUNDING
     )
     terms = [frame.bracket(a, frame.bracket(b, c)) for a, b, c in ((u, v, w), (v, w, u), (w, u, v))]
-    yield from _unlike(
+    yield from _compare(
         "bracket violates Jacobi's identity", sum(terms), 0.0 * bracket, _ROUNDING, _size(*terms)
     )
     small = 0.2 * u
@@ -172,10 +153,10 @@ def _check_brackets(frame: CheckedFrame, y: Points, u: Array, v: Array, w: Array
     if not np.isfinite(change).all():
         return
     slope = _derivative(lambda s: frame.flow(small + s * change, y))
-    moved = frame.flow(small, y)
-    yield from _unlike(
+    flowed = frame.flow(small, y)
+    yield from _compare(
         "dexpinv(u, v) isn't the derivative of coordinates u of a point that moves with v",
-        slope, frame.field(v, moved), _DIFFERENCES, _size(moved),
+        slope, frame.field(v, flowed), _DIFFERENCES, _size(flowed),
     )  # fmt: skip
 
 

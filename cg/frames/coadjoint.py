@@ -1,4 +1,4 @@
-"""Coadjoint orbits, where Lie-Poisson systems evolve."""
+"""Coadjoint orbits, the phase spaces of Lie-Poisson systems."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Size, check_convention, check_finite, real_array
 from cg.frames.base import Frame
-from cg.frames.dexpinv import rotation_dexpinv
-from cg.frames.matrix_functions import combine, corrected, expm
+from cg.frames.matrix_functions import combine, expm, newton_corrected
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.rotations import rotate
 
@@ -22,7 +21,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, repr=False)
 class CoadjointOrbit(Frame):
-    r"""A coadjoint orbit in the dual of a Lie algebra: where a Lie-Poisson system evolves.
+    r"""A coadjoint orbit in the dual of a Lie algebra, the phase space of a Lie-Poisson system.
 
     With structure constants :math:`[e_i, e_j] = \sum_k c_{ijk} e_k` the fields are
     :math:`y' = \operatorname{ad}^*_v y`, :math:`y_j' = \sum_{ik} v_i c_{ijk} y_k`.  On
@@ -32,7 +31,7 @@ class CoadjointOrbit(Frame):
     Parameters
     ----------
     algebra
-        A matrix group, whose algebra is taken in its basis (its convention doesn't matter), or
+        A matrix group, for the structure constants of its basis (its convention is ignored), or
         structure constants, shape ``(m, m, m)``.
     point
         A point of the orbit, shape ``(m,)``.
@@ -43,18 +42,18 @@ class CoadjointOrbit(Frame):
     Raises
     ------
     ValueError
-        If ``algebra`` is not antisymmetric or breaks the Jacobi identity, ``point`` doesn't fit
-        it, or ``convention`` is neither of the two.
+        If ``algebra`` is not antisymmetric or violates the Jacobi identity, ``point`` has the
+        wrong length, or ``convention`` is neither of the two.
 
     Notes
     -----
     The linear and the quadratic Casimir functions (on :math:`so(3)^*` the norm, on
     :math:`se(3)^*` the norm of the linear momentum and its product with the angular one) are
-    found from the structure constants.  Their values at ``point`` define the manifold, each
+    computed from the structure constants.  Their values at ``point`` define the manifold, each
     flow ends with a Gauss-Newton step back to them, and `membership_error` is the length of such
-    a step.  Casimirs of higher degree, that of su(3) for instance, are kept by the flow to
-    rounding, but not restored.  The flow is a rotation on :math:`so(3)^*` and
-    ``scipy.linalg.expm`` beyond.
+    a step.  The flow conserves Casimirs of higher degree, such as that of su(3), to rounding, but
+    they are not restored.  The flow is a rotation on :math:`so(3)^*` and ``scipy.linalg.expm``
+    for other algebras.
 
     References
     ----------
@@ -104,8 +103,8 @@ class CoadjointOrbit(Frame):
         return constants if self.convention == "body" else -constants
 
     @cached_property
-    def _turn(self) -> float:
-        """Sign s such that the fields are s times v cross y, zero if they aren't."""
+    def _rotation_sign(self) -> float:
+        """The sign s of fields that are s times v cross y, 0 for other fields."""
         if self.dim == 3:
             for sign in (-1.0, 1.0):
                 cross = np.cross(np.eye(3)[:, None], np.eye(3)[None, :]).swapaxes(1, 2)
@@ -128,23 +127,17 @@ class CoadjointOrbit(Frame):
         """
         vector, point = self._arguments(v, y)
         column = point[..., None]
-        if self._turn:
-            moved = rotate(self._turn * vector, column)
+        if self._rotation_sign:
+            moved = rotate(self._rotation_sign * vector, column)
         else:
             moved = expm(combine(vector, self._fields), vector) @ column
         return self.restore(moved[..., 0])
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        # The matrices of the fields are those of ad, transposed or negative: brackets of the
-        # algebra with the other sign, or with the same.
-        if self._turn:
-            return np.asarray(self._turn * np.cross(u, v))
+        if self._rotation_sign:
+            return super()._bracket(u, v)
+        # The matrices of the fields are those of ad, transposed and perhaps with the other sign.
         return -np.asarray((v[..., None, :] @ combine(u, self._fields))[..., 0, :])
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self._turn:
-            return rotation_dexpinv(u, v, self._turn)
-        return super()._dexpinv(u, v, order)
 
     @cached_property
     def linear_casimirs(self) -> Array:
@@ -162,15 +155,15 @@ class CoadjointOrbit(Frame):
         for matrix in self._fields:
             product = symmetric @ matrix
             derivatives.append((product + product.mT).reshape(len(rows), -1).T)
-        found = _null_space(np.array(derivatives))
-        return combine(found, symmetric)
+        coefficients = _null_space(np.array(derivatives))
+        return combine(coefficients, symmetric)
 
     def _casimirs(self, y: Array) -> tuple[Array, Array]:
         """Return the Casimirs' excess over their values at ``point``, and their gradients."""
-        given = np.array(self.point)
+        base_point = np.array(self.point)
         linear, quadratic = self.linear_casimirs, self.quadratic_casimirs
-        difference = y - given
-        middle = (quadratic @ (y + given)[..., None, :, None])[..., 0]
+        difference = y - base_point
+        middle = (quadratic @ (y + base_point)[..., None, :, None])[..., 0]
         excess = (middle @ difference[..., None])[..., 0]
         gradients = 2.0 * (quadratic @ y[..., None, :, None])[..., 0]
         if not len(linear):
@@ -196,14 +189,14 @@ class CoadjointOrbit(Frame):
         return np.asarray(y - self._correction(np.where(finite, y, self.point))[1])
 
     def _project(self, y: Array) -> Array:
-        # Nearest to the second order of the distance; cubic Casimirs are left as they are.
-        return corrected(y, lambda x: -self._correction(x)[1])
+        # Nearest up to the square of the distance; cubic Casimirs are not corrected.
+        return newton_corrected(y, lambda x: -self._correction(x)[1])
 
     def membership_error(self, y: ArrayLike) -> Array:
         """Return the length of the step back to the orbit's Casimirs, shape ``(...)``.
 
-        Where their gradients vanish or depend on each other, the largest excess, divided by
-        twice the length of ``point`` if that isn't zero, is a lower bound.
+        It is at least the largest excess of a Casimir, divided by twice the length of ``point`` or
+        by 1, which matters where the gradients are linearly dependent.
         """
         excess, step = self._correction(self._points(y))
         scale = max(2.0 * float(np.linalg.norm(self.point)), _ROUNDING)
@@ -240,7 +233,7 @@ def _checked_constants(value: ArrayLike) -> Constants:
 
 
 def _null_space(matrices: Array) -> Array:
-    """Return an orthonormal basis, one row each, of what all matrices of a stack send to zero."""
+    """Return an orthonormal basis, as rows, of the common null space of a stack of matrices."""
     gram = (matrices.mT @ matrices).sum(axis=0)
     values, vectors = np.linalg.eigh(gram)
     return np.asarray(vectors.T[values <= _ROUNDING * max(float(values[-1]), _ROUNDING)])

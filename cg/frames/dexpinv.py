@@ -7,10 +7,11 @@ If :math:`y(t) = \exp(\sigma(t))\, y_0` solves :math:`y' = \sum_i f_i E_i(y)`, t
     \sigma' = \operatorname{dexp}^{-1}_\sigma f = \sum_k \frac{B_k}{k!} \operatorname{ad}_\sigma^k f
     = f - \tfrac12 [\sigma, f] + \tfrac1{12} [\sigma, [\sigma, f]] - \dots
 
-with the numbers of Bernoulli and the bracket of `Frame.bracket`, whichever side flows act from.
-The series converges for :math:`f` if its powers grow by less than :math:`2\pi` each, the distance
-to the nearest zero of :math:`\operatorname{dexp}`; where they grow faster, results are NaN.
-Rotations reach this radius after a full turn.  What commutes with :math:`\sigma` is left as it is.
+with the Bernoulli numbers and the bracket of `Frame.bracket`, for flows from either side.  The
+series converges if the powers of :math:`\operatorname{ad}_\sigma` applied to :math:`f` grow by a
+factor less than :math:`2\pi`, the distance to the nearest zero of :math:`\operatorname{dexp}`;
+where it diverges the results are NaN.  For rotations the radius is a full turn.  The result is
+:math:`f` if :math:`f` and :math:`\sigma` commute.
 
 References
 ----------
@@ -39,12 +40,12 @@ __all__ = [
     "series_dexpinv",
 ]
 
-_SERIES_BELOW = 1.0  # of the square of an angle; above, nothing cancels that matters
+_SERIES_BELOW = 1.0  # largest squared angle for which series replace formulas that cancel
 _SERIES_TERMS = 12
 _SMALLEST = 1e-150  # its square doesn't underflow
 _RADIUS = 2.0 * math.pi
-_COMMUTE = 16.0 * np.finfo(np.float64).eps  # brackets so small beside their factors are rounding
-_POWERS = 20  # of which the growth of the latter half is that of all further ones
+_COMMUTE = 16.0 * np.finfo(np.float64).eps  # smaller brackets, relative to factors, are rounding
+_POWERS = 20  # powers computed to estimate the growth rate, from the latter half
 
 
 @cache
@@ -57,7 +58,7 @@ def bernoulli_terms(count: int) -> tuple[Fraction, ...]:
 
 
 def frobenius(matrices: Points) -> Array:
-    """Return the root of the sum of squares of entries of matrices, shape ``(...)``."""
+    """Return the Frobenius norms of matrices, shape ``(...)``."""
     return np.asarray(np.sqrt((matrices.real**2 + matrices.imag**2).sum(axis=(-2, -1))))
 
 
@@ -69,27 +70,27 @@ def series_dexpinv(
     *,
     axes: int = 1,
 ) -> Array:
-    """Return the series as far as a Runge-Kutta method of an order needs it.
+    """Return the dexpinv series, truncated for a Runge-Kutta method of a given order.
 
     Parameters
     ----------
     adjoint
-        Brackets of the point of the algebra with coefficients.
+        Function that returns the bracket of u with its argument.
     v
-        Coefficients, shape ``(..., dim)``, or other members of a linear space.
+        Coefficients, shape ``(..., dim)``, or other elements of a linear space.
     order
-        Powers up to ``order - 2`` count: coefficients of stages differ from multiples of the
-        point of the algebra by the square of a step.
+        Order of the method.  Powers up to ``order - 2`` are needed: the coefficients of stages
+        differ from multiples of u by the square of the step.
     bound
-        What no eigenvalue of `adjoint` exceeds, shape ``(...)``; None to sum where the series
-        diverges, too.
+        Upper bound of the eigenvalues of `adjoint`, shape ``(...)``.  If None, divergence is not
+        checked.
     axes
-        How many of the last axes make one member.
+        Number of trailing axes of one element.
 
     Returns
     -------
     ndarray
-        The sum, NaN where it would be of a series that diverges.
+        The truncated sum, NaN where the infinite series diverges.
     """
     total, power = v, v
     terms = _series_terms(order)
@@ -100,7 +101,7 @@ def series_dexpinv(
     if terms and bound is not None and (far := bound >= _RADIUS).any():
         growth, commuting = _growth(adjoint, v, bound, axes)
         far = far.reshape(*far.shape, *[1] * axes)
-        finite = np.isfinite(bound).reshape(far.shape)  # nothing is known of what overflows
+        finite = np.isfinite(bound).reshape(far.shape)  # after overflow, growth is unknown
         sums = ~far | (finite & (growth < _RADIUS))
         total = np.where(far & finite & commuting, v, np.where(sums, total, np.nan))
     return total
@@ -109,7 +110,7 @@ def series_dexpinv(
 def _growth(
     adjoint: Callable[[Array], Array], v: Array, bound: Array, axes: int
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return by how much high powers of `adjoint` grow on ``v``, and whether the first is 0."""
+    """Return the growth factor of high powers of `adjoint` on ``v``, and whether they commute."""
     last = tuple(range(-axes, 0))
 
     def size(x: Array) -> Array:
@@ -129,7 +130,7 @@ def _growth(
 
 @cache
 def _series_terms(order: int) -> tuple[float, ...]:
-    """Return the factors of the powers from the first one to the last one that isn't zero."""
+    """Return the coefficients of the powers 1, 2, ... up to the last nonzero one."""
     terms = [float(term) for term in bernoulli_terms(max(order - 2, 0))[1:]]
     while terms and not terms[-1]:
         terms.pop()
@@ -137,59 +138,59 @@ def _series_terms(order: int) -> tuple[float, ...]:
 
 
 def rotation_dexpinv(u: Array, v: Array, sign: float) -> Array:
-    r"""Return the sum of the series where the bracket is plus or minus the cross product.
+    r"""Return dexpinv where the bracket is plus or minus the cross product.
 
     It is :math:`v \mp \tfrac12 u \times v + (1 - x \cot x)\, n \times (n \times v)`,
     :math:`x = |u| / 2`, :math:`n = u / |u|`.
     """
     half, sinc = half_angle(u)
     once = np.cross(u, v)
-    factor = _second(half, sinc)[..., None]
-    found = np.asarray(v - (0.5 * sign) * once + factor * np.cross(u, once))
-    return _beyond_a_turn(found, half, u, v, once)
+    factor = _second_coefficient(half, sinc)[..., None]
+    result = np.asarray(v - (0.5 * sign) * once + factor * np.cross(u, once))
+    return _check_radius(result, half, u, v, once)
 
 
 def motion_dexpinv(u: Array, v: Array, sign: float) -> Array:
-    r"""Return the sum of the series for a rotation and any number of vectors that it turns.
+    r"""Return dexpinv for a rotation group acting on k vectors, as in SE(3) for k = 1.
 
     Parameters
     ----------
     u, v
-        Shape ``(..., 3 + 3 k)``: the coefficients of the rotation, then the vectors.
+        Shape ``(..., 3 + 3 k)``: the coefficients of the rotation, then of the vectors.
     sign
         1 if flows act from the left, -1 if from the right.
 
     Notes
     -----
     With :math:`\theta` the angle, :math:`\operatorname{ad} (\operatorname{ad}^2 + \theta^2)^2 = 0`.
-    So the series is :math:`1 - \tfrac12 \operatorname{ad} + a \operatorname{ad}^2 + b
-    \operatorname{ad}^4`, with the value and the derivative of the series at the eigenvalues
-    :math:`\pm i\theta`.
+    So the sum is :math:`1 - \tfrac12 \operatorname{ad} + a \operatorname{ad}^2 + b
+    \operatorname{ad}^4`, with a and b such that it has the value and the derivative of the series
+    at the eigenvalues :math:`\pm i\theta`.
     """
     half, _ = half_angle(u[..., :3])
-    second, fourth = _motion_factors(2.0 * half)
+    second, fourth = _motion_coefficients(2.0 * half)
     powers = [v]
     for _ in range(4):
         powers.append(sign * motion_bracket(u, powers[-1]))
-    found = np.asarray(
+    result = np.asarray(
         v - 0.5 * powers[1] + second[..., None] * powers[2] + fourth[..., None] * powers[4]
     )
-    return _beyond_a_turn(found, half, u, v, powers[1])
+    return _check_radius(result, half, u, v, powers[1])
 
 
-def _beyond_a_turn(found: Array, half: Array, u: Array, v: Array, once: Array) -> Array:
-    """Return `found`, and after a turn or more ``v`` where it commutes with ``u``, else NaN."""
+def _check_radius(result: Array, half: Array, u: Array, v: Array, once: Array) -> Array:
+    """Return `result`; for angles of a turn or more ``v`` if it commutes with ``u``, else NaN."""
     beyond = half >= 0.5 * _RADIUS
     if not beyond.any():
-        return found
+        return result
     lengths = [np.linalg.norm(x, axis=-1) for x in (u, v, once)]
     bound = _COMMUTE * lengths[0] * lengths[1]
-    apart = ~(np.isfinite(bound) & (lengths[2] <= bound))  # nothing is known of what overflows
-    return np.where(beyond[..., None], np.where(apart[..., None], np.nan, v), found)
+    commute = np.isfinite(bound) & (lengths[2] <= bound)
+    return np.where(beyond[..., None], np.where(commute[..., None], v, np.nan), result)
 
 
 def motion_bracket(u: Array, v: Array) -> Array:
-    """Return the commutator of a rotation with vectors that it turns; see `motion_dexpinv`."""
+    """Return the bracket of the semidirect product of rotations and k vectors."""
     u, v = np.broadcast_arrays(u, v)
     parts = [np.cross(u[..., :3], v[..., :3])]
     for k in range(3, u.shape[-1], 3):
@@ -198,14 +199,14 @@ def motion_bracket(u: Array, v: Array) -> Array:
     return np.concatenate(parts, axis=-1)
 
 
-def _second(half: Array, sinc: Array) -> Array:
-    """Return (1 - x cot x) / (2 x)^2, whose rounding is small beside what it is multiplied by."""
+def _second_coefficient(half: Array, sinc: Array) -> Array:
+    """Return (1 - x cot x) / (2 x)^2; it loses digits for small x, where its term is small."""
     twice = np.maximum(2.0 * half, _SMALLEST)
     return np.asarray((1.0 - np.cos(half) / sinc) / (twice * twice))
 
 
-def _motion_factors(angle: Array) -> tuple[Array, Array]:
-    """Return the factors a and b of `motion_dexpinv`."""
+def _motion_coefficients(angle: Array) -> tuple[Array, Array]:
+    """Return the coefficients a and b of `motion_dexpinv`."""
     square = angle * angle
     terms = [float(term) for term in bernoulli_terms(2 * _SERIES_TERMS + 2)[2::2]]
     # G(s) = sum of terms[k] s^(k + 1) at s = -angle^2; a and b from G and its derivative there

@@ -1,4 +1,4 @@
-"""Euclidean space, where every flow is a translation."""
+"""Euclidean space, whose flows are translations."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Size, check_random, check_size
+from cg.frames.arrays import Array, Size, check_random
 from cg.frames.base import Frame
 from cg.frames.block_kinds import BlockKind, Blocks
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
 class Euclidean(Frame):
     r"""The space :math:`R^n` with the frame :math:`E_i = \partial / \partial x_i`.
 
-    All flows commute, so a Crouch-Grossman method is here the classical Runge-Kutta method of
-    the same tableau.
+    All flows commute, so a Crouch-Grossman method is the classical Runge-Kutta method with the
+    same tableau.
 
     Parameters
     ----------
@@ -26,8 +27,10 @@ class Euclidean(Frame):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` is not a positive integer.
+        If ``n`` is less than 1.
 
     Examples
     --------
@@ -38,7 +41,7 @@ class Euclidean(Frame):
     n: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n))
+        object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
     @property
     def dim(self) -> int:

@@ -1,4 +1,4 @@
-"""A user's own frame: vector fields given as functions, with their flow."""
+"""User-defined frames: vector fields given as functions, with their flow."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, check_size
+from cg.frames.arrays import Array, Points
 from cg.frames.user import Function, UserFrame
+from cg.support.checks import check_integer
 
-# Of the largest term of an identity
-_BRACKET_ROUNDING = 1e-9
+_BRACKET_ROUNDING = 1e-9  # tolerance of identities, relative to the largest term
 
 
 class FieldFrame(UserFrame):
@@ -33,31 +33,32 @@ class FieldFrame(UserFrame):
         Function of one point that returns its distance from the manifold.  Without it every
         array is a point.
     restore
-        Function that takes a point with rounding errors off the manifold back to it; called
-        after each flow.
+        Function that returns a point without rounding errors normal to the manifold; called after
+        each flow.
     project
         Function of an array near the manifold that returns the nearest point.
     distance
-        Function of two points.  Without it the distance is that in the ambient space.
+        Function of two points.  The default is the Euclidean distance.
     exp_coordinates
         Function of two points that returns ``v`` with ``flow(v, y0) == y1``.
     random_point
         Function of a random generator that returns one point.
     bracket
-        Function ``bracket(u, v)`` of coefficients that returns those of the commutator, as
-        `Frame.bracket` says.  Methods of Munthe-Kaas need it, unless there is only one field.
+        Function ``bracket(u, v)`` that returns the coefficients of the commutator, see
+        `Frame.bracket`.  Munthe-Kaas methods need it unless there is only one field.
 
     Raises
     ------
     TypeError
-        If something isn't callable that should be.
+        If a function isn't callable, or ``point_shape`` isn't an integer or a sequence of integers.
     ValueError
-        If there is no field, or ``point_shape`` or ``dtype`` is impossible.
+        If there is no field, an entry of ``point_shape`` is less than 1, or ``dtype`` is neither
+        ``float`` nor ``complex``.
 
     Notes
     -----
-    Functions are called with one point at a time; batches are loops.  `check` tells whether
-    ``flow`` belongs to ``fields``, and whether the others fit; nothing else does.
+    Functions are called with one point at a time, in a loop over batches.  Use `check` to verify
+    that ``flow`` and the other functions are consistent with ``fields``.
 
     Examples
     --------
@@ -93,7 +94,7 @@ class FieldFrame(UserFrame):
         random_point: Function | None = None,
         bracket: Function | None = None,
     ) -> None:
-        if callable(fields) or not _has_many(fields):
+        if callable(fields) or not _is_iterable(fields):
             raise TypeError(f"fields must be a sequence of functions, got {fields!r}")
         functions = tuple(fields)
         if not functions:
@@ -104,8 +105,8 @@ class FieldFrame(UserFrame):
         ]:
             if not callable(value):
                 raise TypeError(f"{name} must be a function, got {value!r}")
-        lengths = point_shape if _has_many(point_shape) else (point_shape,)
-        shape = tuple(check_size(length, name="point_shape") for length in lengths)
+        lengths = point_shape if _is_iterable(point_shape) else (point_shape,)
+        shape = tuple(check_integer("point_shape", length, 1) for length in lengths)
         kinds = (float, complex, np.float64, np.complex128)
         if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")
@@ -113,7 +114,7 @@ class FieldFrame(UserFrame):
         object.__setattr__(self, "_flow", flow)
         object.__setattr__(self, "_point_shape", shape)
         object.__setattr__(self, "_dtype", np.dtype(dtype))
-        self._set_functions(
+        self._store_functions(
             membership_error=membership_error,
             restore=restore,
             project=project,
@@ -126,7 +127,7 @@ class FieldFrame(UserFrame):
             self._check_bracket()
 
     def _check_bracket(self) -> None:
-        """Raise ValueError if the bracket isn't that of a Lie algebra, as three vectors tell."""
+        """Raise ValueError if the bracket of random vectors violates a Lie algebra's identities."""
         u, v, w = np.random.default_rng(0).standard_normal((3, self.dim))
         b = self.bracket
         one, other = b(u, v), b(v, u)
@@ -171,7 +172,7 @@ class FieldFrame(UserFrame):
         function = self._functions.get("bracket")
         if function is None:
             raise NotImplementedError(
-                f"{self!r} has no bracket: give it one, if its fields are a Lie algebra, as "
+                f"{self!r} has no bracket: if its fields span a Lie algebra, pass "
                 "FieldFrame(..., bracket=...)"
             )
         return self._call("bracket", function, [(u, 1), (v, 1)], (self.dim,))
@@ -195,7 +196,7 @@ class FieldFrame(UserFrame):
         return tangent
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return what the user's flow says, shape ``(..., *point_shape)``.
+        """Return the points that the user's flow returns, shape ``(..., *point_shape)``.
 
         Raises
         ------
@@ -208,6 +209,6 @@ class FieldFrame(UserFrame):
         return self.restore(moved)
 
 
-def _has_many(value: Any) -> TypeGuard[Iterable[Any]]:
-    """Return whether a value can be iterated over, which an array without axes only seems to."""
+def _is_iterable(value: Any) -> TypeGuard[Iterable[Any]]:
+    """Return whether a value can be iterated over; zero-dimensional arrays cannot."""
     return isinstance(value, Iterable) and not (isinstance(value, np.ndarray) and value.ndim == 0)

@@ -27,8 +27,10 @@ class GL(SizedMatrixGroup):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` or ``convention`` is impossible.
+        If ``n`` is too small, or ``convention`` is neither of the two.
 
     Notes
     -----
@@ -52,11 +54,11 @@ class GL(SizedMatrixGroup):
         return np.eye(self.n * self.n).reshape(-1, self.n, self.n)
 
     def _project(self, y: Points) -> Points:
-        # Nearest to a singular matrix there is none.
+        # A singular matrix has no nearest invertible one.
         return y
 
     def membership_error(self, y: ArrayLike) -> Array:
-        """Return zero for invertible matrices, infinity where singular to working precision."""
+        """Return zero for invertible matrices, infinity for numerically singular ones."""
         singular = singular_values(self._points(y))
         smallest = self.n * np.finfo(np.float64).eps * singular[..., 0]
         return np.where(singular[..., -1] > smallest, 0.0, np.inf)

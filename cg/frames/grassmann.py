@@ -8,32 +8,35 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
-from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.arrays import Array, Points, Size, check_random
+from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.matrix_functions import eigh_where_finite, random_unitary
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
-class Grassmann(HomogeneousSpace):
-    r"""Subspaces of dimension k of :math:`R^n`, moved by SO(n).
+class Grassmann(ConjugationSpace):
+    r"""Subspaces of dimension k of :math:`R^n`, with the action of SO(n).
 
     A point is the orthogonal projector on the subspace, a symmetric matrix :math:`P = P^2` of rank
-    k; for a basis of orthonormal columns it is ``basis @ basis.T``, whichever basis it is.  Its
+    k: ``basis @ basis.T`` for any matrix ``basis`` of orthonormal columns that span it.  The
     field is :math:`P' = \Omega(v) P - P\,\Omega(v)`, with the coefficients of `SO`.
 
     Parameters
     ----------
     n
-        Dimension of the space around, at least 2.
+        Dimension of the ambient space, at least 2.
     k
         Dimension of the subspaces, from 1 to ``n - 1``.
 
     Raises
     ------
+    TypeError
+        If ``n`` or ``k`` isn't an integer.
     ValueError
-        If ``n`` or ``k`` is impossible.
+        If ``n`` or ``k`` is out of range.
 
     Notes
     -----
@@ -62,26 +65,18 @@ class Grassmann(HomogeneousSpace):
     k: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n, 2))
-        object.__setattr__(self, "k", check_size(self.k, name="k"))
-        if self.k >= self.n:
-            raise ValueError(f"k must be less than n = {self.n}, got {self.k!r}")
+        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+        object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n - 1))
 
     @cached_property
     def group(self) -> MatrixGroup:
-        """The rotations of the space around."""
+        """The rotations of the ambient space."""
         return SO(self.n, "space")
 
     @property
     def point_shape(self) -> tuple[int, ...]:
         """The shape ``(n, n)``."""
         return (self.n, self.n)
-
-    def _act(self, x: Points, y: Points) -> Points:
-        return np.asarray(x @ y @ x.mT)
-
-    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
-        return np.asarray(omega @ y - y @ omega)
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after a step towards the projectors."""
@@ -90,13 +85,13 @@ class Grassmann(HomogeneousSpace):
         return np.asarray(3.0 * square - 2.0 * square @ symmetric)
 
     def membership_error(self, y: ArrayLike) -> Array:
-        """Return the distance of the eigenvalues from those of a projector, or the asymmetry."""
+        """Return the larger of the eigenvalues' error and the asymmetry, shape ``(...)``."""
         point = self._points(y)
-        wanted = np.repeat([0.0, 1.0], [self.n - self.k, self.k])
+        spectrum = np.repeat([0.0, 1.0], [self.n - self.k, self.k])
         with np.errstate(invalid="ignore"):
-            off = np.abs(eigh_where_finite(0.5 * (point + point.mT))[0] - wanted).max(axis=-1)
+            error = np.abs(eigh_where_finite(0.5 * (point + point.mT))[0] - spectrum).max(axis=-1)
             asymmetry = 0.5 * np.abs(point - point.mT).max(axis=(-2, -1))
-        return np.asarray(np.maximum(off, asymmetry))
+        return np.asarray(np.maximum(error, asymmetry))
 
     def _project(self, y: Points) -> Points:
         values, vectors = np.linalg.eigh(0.5 * (y + y.mT))
@@ -108,7 +103,7 @@ class Grassmann(HomogeneousSpace):
         """Return the root of the sum of the squared principal angles, shape ``(...)``."""
         with np.errstate(invalid="ignore"):
             difference = self._points(x, "x") - self._points(y)
-        # pairs of eigenvalues, plus and minus the sines of the angles
+        # The eigenvalues are plus and minus the sines of the principal angles.
         sines = eigh_where_finite(difference)[0][..., -min(self.k, self.n - self.k) :]
         return np.asarray(np.linalg.norm(np.arcsin(np.clip(sines, 0.0, 1.0)), axis=-1))
 

@@ -1,10 +1,11 @@
-"""What manifolds moved by a matrix group share."""
+"""Homogeneous spaces: manifolds on which a matrix group acts."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
@@ -17,19 +18,19 @@ class HomogeneousSpace(Frame):
 
     The fields are those of the action, :math:`y' = \tfrac{d}{ds} e^{s\Omega(v)} \cdot y` at
     :math:`s = 0`, and their flow is :math:`e^{\Omega(v)} \cdot y`.  The coefficients are those of
-    the group; usually there are more of them than the manifold has dimensions, and different ones
-    may stand for the same tangent.
+    the group; usually there are more of them than the manifold has dimensions, so that different
+    coefficients may have the same tangent.
 
-    A subclass is a space of one's own.  It supplies
+    A subclass defines
 
     - ``group``: the `MatrixGroup` that acts, with ``convention="space"``;
     - ``_act(x, y)``: the point to which the group element ``x`` takes ``y``, for batches;
     - ``_act_infinitesimally(omega, y)``: the derivative of ``_act(exp(s omega), y)`` by s at zero,
       where ``omega`` is a matrix of the Lie algebra;
-    - ``restore(y)``: the point without the rounding errors that lead off the manifold;
+    - ``restore(y)``: the point without rounding errors normal to the manifold;
     - ``point_shape``, ``membership_error`` and ``random_point``, which are abstract in `Frame`.
 
-    Brackets and dexp⁻¹ are those of the group.  `check` tells whether all of it fits together.
+    Brackets and dexp⁻¹ are those of the group.  `check` verifies that the members are consistent.
 
     References
     ----------
@@ -38,7 +39,7 @@ class HomogeneousSpace(Frame):
 
     Examples
     --------
-    Symmetric matrices, moved by rotations that keep their eigenvalues:
+    Symmetric matrices with the action of rotations by conjugation:
 
     >>> import numpy as np
     >>> from cg.frames import SO
@@ -85,13 +86,12 @@ class HomogeneousSpace(Frame):
         """Return the tangent at ``y`` of the element ``omega`` of the Lie algebra."""
 
     def _correct(self, v: Array, start: Points, y: Points, end: Points, exact: Any) -> Array:
-        # The product of the two group elements leads to where one flow after the other does,
-        # however far v is from zero.
+        # The logarithm of the product of group elements composes the two flows exactly.
         further = self.group.exponential(self._coefficients_at(y, end - y))
         return self.group.logarithm(further @ self.group.exponential(v))
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        # The group acts from the left, as its own fields do.
+        # The group acts from the left, like its fields of the convention "space".
         return self.group._bracket(u, v)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
@@ -99,7 +99,7 @@ class HomogeneousSpace(Frame):
 
     @abstractmethod
     def restore(self, y: Points) -> Points:
-        """Return ``y`` with rounding errors off the manifold removed."""
+        """Return ``y`` without the rounding errors normal to the manifold."""
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         """Return the tangent of the group's action, shape ``(..., *point_shape)``."""
@@ -107,7 +107,7 @@ class HomogeneousSpace(Frame):
         return self._act_infinitesimally(self.group.algebra(vector), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
-        """Return ``y`` moved by the group element of ``v``, shape ``(..., *point_shape)``.
+        """Return the action on ``y`` of the group element of ``v``, shape ``(..., *point_shape)``.
 
         Raises
         ------
@@ -116,3 +116,13 @@ class HomogeneousSpace(Frame):
         """
         vector, point = self._arguments(v, y)
         return self.restore(self._act(self.group.exponential(vector), point))
+
+
+class ConjugationSpace(HomogeneousSpace):
+    r"""Matrices on which orthogonal or unitary matrices act by :math:`y \mapsto x\,y\,x^*`."""
+
+    def _act(self, x: Points, y: Points) -> Points:
+        return np.asarray(x @ y @ x.mT.conj())
+
+    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
+        return np.asarray(omega @ y - y @ omega)

@@ -7,18 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.base import Frame
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
 class Hyperbolic(Frame):
-    r"""Hyperbolic space as the half-space :math:`y_n > 0`, moved by dilations and translations.
+    r"""Hyperbolic space as the half-space :math:`y_n > 0`, with dilations and translations.
 
-    The first field is that of dilations, :math:`E_1 = y`, the others are translations along the
-    boundary, :math:`E_{i+1} = \partial / \partial y_i`.  All of them are isometries, there are as
-    many as dimensions, and their flow is :math:`x \mapsto e^{a} x + \tfrac{e^a - 1}{a} b`,
-    :math:`y_n \mapsto e^{a} y_n` for the coefficients :math:`(a, b)`.
+    The first field generates dilations, :math:`E_1 = y`, the others translations along the
+    boundary, :math:`E_{i+1} = \partial / \partial y_i`.  Their flows are isometries; the flow of
+    :math:`(a, b)` is :math:`x \mapsto e^{a} x + \tfrac{e^a - 1}{a} b`,
+    :math:`y_n \mapsto e^{a} y_n`.
 
     Parameters
     ----------
@@ -27,12 +28,14 @@ class Hyperbolic(Frame):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` is no integer of at least 2.
+        If ``n`` is less than 2.
 
     Notes
     -----
-    `distance` is that of the metric :math:`|dy|^2 / y_n^2` [1]_.
+    `distance` is the geodesic distance of the metric :math:`|dy|^2 / y_n^2` [1]_.
 
     References
     ----------
@@ -51,7 +54,7 @@ class Hyperbolic(Frame):
     n: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n, 2))
+        object.__setattr__(self, "n", check_integer("n", self.n, 2))
 
     @property
     def dim(self) -> int:
@@ -71,11 +74,11 @@ class Hyperbolic(Frame):
         return tangent
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the points after a dilation and a translation at once, shape ``(..., n)``."""
+        """Return the points after a simultaneous dilation and translation, shape ``(..., n)``."""
         vector, point = self._arguments(v, y)
         dilation = vector[..., :1]
         moved = np.exp(dilation) * point
-        moved[..., :-1] += _average(dilation) * vector[..., 1:]
+        moved[..., :-1] += _expm1_quotient(dilation) * vector[..., 1:]
         return moved
 
     def _bracket(self, u: Array, v: Array) -> Array:
@@ -83,13 +86,13 @@ class Hyperbolic(Frame):
         return np.concatenate([np.zeros((*translations.shape[:-1], 1)), translations], axis=-1)
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return the one dilation and translation from a point to another, shape ``(..., n)``."""
+        """Return the unique dilation and translation from a point to another, ``(..., n)``."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         with np.errstate(divide="ignore", invalid="ignore"):
             dilation = np.log(end[..., -1:] / start[..., -1:])
-            left = end[..., :-1] - start[..., :-1] * (end[..., -1:] / start[..., -1:])
-            found = np.concatenate([dilation, left / _average(dilation)], axis=-1)
-        return np.where(np.isfinite(found).all(axis=-1, keepdims=True), found, np.nan)
+            shift = end[..., :-1] - start[..., :-1] * (end[..., -1:] / start[..., -1:])
+            v = np.concatenate([dilation, shift / _expm1_quotient(dilation)], axis=-1)
+        return np.where(np.isfinite(v).all(axis=-1, keepdims=True), v, np.nan)
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
         """Return one for dilations, and the length of the point for translations."""
@@ -120,7 +123,7 @@ class Hyperbolic(Frame):
         return point
 
 
-def _average(a: Array) -> Array:
+def _expm1_quotient(a: Array) -> Array:
     """Return ``(exp(a) - 1) / a``."""
     safe = np.where(a == 0.0, 1.0, a)
     return np.where(a == 0.0, 1.0, np.expm1(safe) / safe)

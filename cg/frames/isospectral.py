@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike
 from cg.frames.arrays import Array, Points, Size, complex_array, is_complex_array, real_array
 from cg.frames.base import MEMBERSHIP_TOLERANCE
 from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks
-from cg.frames.homogeneous import HomogeneousSpace
+from cg.frames.homogeneous import ConjugationSpace
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
 from cg.frames.su import SU
 
 
 @dataclass(frozen=True, repr=False)
-class IsospectralOrbit(HomogeneousSpace):
-    r"""Matrices with given eigenvalues, moved by :math:`y \mapsto e^{\Omega} y e^{-\Omega}`.
+class IsospectralOrbit(ConjugationSpace):
+    r"""Matrices with given eigenvalues, with the action :math:`y \mapsto e^{\Omega} y e^{-\Omega}`.
 
     The fields are :math:`y' = [\Omega(v), y]`: real symmetric matrices with the skew
     :math:`\Omega` of `SO`, as in Toda's and Brockett's flows, or Hermitian matrices with the
@@ -29,7 +29,7 @@ class IsospectralOrbit(HomogeneousSpace):
     Parameters
     ----------
     spectrum
-        The real eigenvalues, at least two, in any order; they are kept sorted.
+        The real eigenvalues, at least two, in any order; they are stored in increasing order.
     hermitian
         Whether the points are complex.
 
@@ -41,9 +41,9 @@ class IsospectralOrbit(HomogeneousSpace):
 
     Notes
     -----
-    After each flow the eigenvalues, which rounding has changed, are set to ``spectrum`` in the
-    eigenbasis of the result.  There are no `exp_coordinates`: between points with close
-    eigenvalues they would be large however near the points are.
+    After each flow the eigenvalues of the result are replaced by ``spectrum``, to remove rounding
+    errors.  There are no `exp_coordinates`: for close eigenvalues they would be large even for
+    points nearby.
 
     References
     ----------
@@ -100,7 +100,7 @@ class IsospectralOrbit(HomogeneousSpace):
 
     @cached_property
     def group(self) -> MatrixGroup:
-        """The rotations, or special unitary matrices, that conjugate."""
+        """The rotations, or special unitary matrices, that act by conjugation."""
         n = len(self.spectrum)
         return SU(n, "space") if self.hermitian else SO(n, "space")
 
@@ -120,12 +120,6 @@ class IsospectralOrbit(HomogeneousSpace):
             return None
         return ((BlockKind.ISOSPECTRAL, n, 0, *self.spectrum),)
 
-    def _act(self, x: Points, y: Points) -> Points:
-        return np.asarray(x @ y @ x.mT.conj())
-
-    def _act_infinitesimally(self, omega: Points, y: Points) -> Points:
-        return np.asarray(omega @ y - y @ omega)
-
     def restore(self, y: Points) -> Points:
         """Return ``y`` with the eigenvalues replaced by ``spectrum``."""
         finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
@@ -133,15 +127,15 @@ class IsospectralOrbit(HomogeneousSpace):
         return np.where(finite, self._with_eigenvectors(vectors), y)
 
     def _project(self, y: Points) -> Points:
-        # The symmetric part's eigenvectors give the nearest matrix with these eigenvalues, by
-        # the inequality of Hoffman and Wielandt. Where eigenvalues are equal that shouldn't be,
-        # their vectors are any.
+        # The eigenvectors of the symmetric part give the nearest matrix with these eigenvalues, by
+        # the Hoffman-Wielandt inequality. It is not unique where eigenvalues coincide whose
+        # prescribed values differ.
         symmetric, n = 0.5 * (y + y.mT.conj()), len(self.spectrum)
-        close, wanted = (
+        close, prescribed = (
             np.diff(values) <= n * np.finfo(np.float64).eps * np.abs(values).max(axis=-1)[..., None]
             for values in (np.linalg.eigvalsh(symmetric), np.array(self.spectrum))
         )
-        unique = (~close | wanted).all(axis=-1)
+        unique = (~close | prescribed).all(axis=-1)
         return np.where(unique[..., None, None], self.restore(symmetric), np.nan)
 
     def _with_eigenvectors(self, vectors: Points) -> Points:
@@ -150,12 +144,12 @@ class IsospectralOrbit(HomogeneousSpace):
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
         # In the eigenbasis of y the entries of [X, y] are those of X times differences of the
-        # eigenvalues; where these are equal, the shortest X has zero.
+        # eigenvalues; where these are equal, the X of least norm has zero.
         _, vectors = np.linalg.eigh(y)
         spectrum = np.array(self.spectrum)
         gaps = spectrum - spectrum[:, None]
-        turned = vectors.mT.conj() @ tangent @ vectors
-        rotation = np.divide(turned, gaps, out=np.zeros_like(turned), where=gaps != 0.0)
+        entries = vectors.mT.conj() @ tangent @ vectors
+        rotation = np.divide(entries, gaps, out=np.zeros_like(entries), where=gaps != 0.0)
         omega = vectors @ rotation @ vectors.mT.conj()
         return self.group._algebra_projection(0.5 * (omega - omega.mT.conj()))
 
@@ -167,14 +161,14 @@ class IsospectralOrbit(HomogeneousSpace):
         """
         point = self._points(y)
         finite = np.asarray(np.isfinite(point).all(axis=(-2, -1)))
-        if not finite.all():  # for which there may be no eigenvalues
+        if not finite.all():  # np.linalg.eigvalsh may raise
             error = self.membership_error(np.where(finite[..., None, None], point, 0.0))
             return np.where(finite, error, np.nan)
         adjoint = point.mT.conj()
         skew = np.linalg.matrix_norm(0.5 * (point - adjoint), ord=2)
         eigenvalues = np.linalg.eigvalsh(0.5 * (point + adjoint))
-        off = np.abs(eigenvalues - np.array(self.spectrum)).max(axis=-1)
-        return np.asarray(np.maximum(skew, off))
+        error = np.abs(eigenvalues - np.array(self.spectrum)).max(axis=-1)
+        return np.asarray(np.maximum(skew, error))
 
     def relative_error(self, y: ArrayLike) -> Array:
         """Return the membership error divided by the largest eigenvalue, shape ``(...)``."""

@@ -1,4 +1,4 @@
-"""Logarithms of stacked matrices, with the digits of their difference from the identity."""
+"""Logarithms of stacked matrices, accurate near the identity."""
 
 from __future__ import annotations
 
@@ -9,25 +9,26 @@ import scipy
 
 from cg.frames.arrays import Array, Points
 
-# Within this 1-norm of the identity z below has norm 1/7, and the terms left out are 1e-18.
+# Largest 1-norm of X - I for the series: z below has norm 1/7, the omitted terms are 1e-18.
 _NEAR = 0.25
-# Squares of so many roots of a matrix of doubles have no digits.
+# Largest number of square roots; after more, repeated squaring would lose all digits.
 _MAX_ROOTS = 60
 _ARTANH = [1.0 / (2 * k + 1) for k in range(11)]
 
 
-def _log1p(away: Points, far: Callable[[Points], Points]) -> Points:
-    r"""Return logarithms of :math:`I + d`, near the identity with the relative accuracy of d.
+def _log1p(difference: Points, far: Callable[[Points], Points]) -> Points:
+    r"""Return logarithms of :math:`I + d`; near the identity with the relative accuracy of d.
 
     With :math:`z = d\,(2 I + d)^{-1}` it is :math:`2(z + \tfrac13 z^3 + \tfrac15 z^5 + \dots)`
-    [1]_.  This is summed near the identity.
+    [1]_.  Near the identity this
+    series is summed.
 
     Parameters
     ----------
-    away
+    difference
         The differences d from the identity, shape ``(..., n, n)``.
     far
-        Gives the logarithm of one matrix further away, from the matrix.
+        Function that returns the logarithm of one matrix outside that neighbourhood.
 
     Returns
     -------
@@ -38,14 +39,14 @@ def _log1p(away: Points, far: Callable[[Points], Points]) -> Points:
     ----------
     .. [1] N. J. Higham, *Functions of Matrices*, SIAM, 2008, section 11.3.
     """
-    identity = np.eye(away.shape[-1])
-    near = np.asarray(np.linalg.matrix_norm(away, ord=1) <= _NEAR)
-    result = np.empty_like(away)
+    identity = np.eye(difference.shape[-1])
+    near = np.asarray(np.linalg.matrix_norm(difference, ord=1) <= _NEAR)
+    result = np.empty_like(difference)
     if near.any():
-        result[near] = _series(away[near])
+        result[near] = _series(difference[near])
     for index in map(tuple, np.argwhere(~near)):
-        finite = np.isfinite(away[index]).all()
-        result[index] = far(identity + away[index]) if finite else np.nan
+        finite = np.isfinite(difference[index]).all()
+        result[index] = far(identity + difference[index]) if finite else np.nan
     return result
 
 
@@ -60,31 +61,31 @@ def _series(small: Points) -> Points:
     return np.asarray(2.0 * (z @ series))
 
 
-def real_log1p(away: Points) -> Points:
+def real_log1p(difference: Points) -> Points:
     """Return the principal logarithms of real matrices, NaN where they are not real.
 
     Parameters
     ----------
-    away
+    difference
         The matrices less the identity, shape ``(..., n, n)``.
     """
-    return _log1p(away, _real_logarithm)
+    return _log1p(difference, _real_logarithm)
 
 
 def _real_logarithm(x: Points) -> Points:
     """Return the logarithm of a matrix by inverse scaling and squaring of its Schur form."""
-    nothing = np.full_like(x, np.nan)
+    undefined = np.full_like(x, np.nan)
     if np.linalg.cond(x) * np.finfo(np.float64).eps > 1.0:
-        return nothing
+        return undefined
     root, vectors = scipy.linalg.rsf2csf(*scipy.linalg.schur(x, output="real"))
     eigenvalues, identity = np.diagonal(root), np.eye(len(x))
     if ((eigenvalues.imag == 0.0) & (eigenvalues.real <= 0.0)).any():
-        return nothing
+        return undefined
     logarithms = np.log(eigenvalues)
     roots = 0
     while not np.linalg.matrix_norm(root - identity, ord=1) <= _NEAR:
         if roots == _MAX_ROOTS or not np.isfinite(root).all():
-            return nothing
+            return undefined
         root = scipy.linalg.sqrtm(root)
         roots += 1
     logarithm = np.ldexp(1.0, roots) * _series(root - identity)
@@ -92,27 +93,27 @@ def _real_logarithm(x: Points) -> Points:
     return np.asarray((vectors @ logarithm @ vectors.conj().T).real)
 
 
-def rotation_log1p(away: Points) -> Points:
-    r"""Return logarithms of orthogonal matrices of determinant 1, angles at most :math:`\pi`.
+def rotation_log1p(difference: Points) -> Points:
+    r"""Return logarithms of rotation matrices, with angles of at most :math:`\pi`.
 
-    They are skew up to rounding.
+    The results are skew up to rounding.
 
     Parameters
     ----------
-    away
+    difference
         The matrices less the identity, shape ``(..., n, n)``.
     """
-    return _log1p(away, _rotation_logarithm)
+    return _log1p(difference, _rotation_logarithm)
 
 
 def _rotation_logarithm(x: Points) -> Points:
-    # The real Schur form of such a matrix is block diagonal: rotations of planes, ones, and an
-    # even number of minus ones, taken two by two as planes turned by half a turn.
+    # The real Schur form of a rotation is block diagonal: rotations of planes, ones, and an even
+    # number of minus ones, each pair of which is a rotation of a plane by pi.
     form, axes = scipy.linalg.schur(x, output="real")
     n = len(form)
     logarithm = np.zeros_like(form)
     j = 0
-    halves: list[int] = []
+    negative: list[int] = []
     while j < n:
         if j + 1 < n and form[j + 1, j] != 0.0:
             sine = 0.5 * (form[j + 1, j] - form[j, j + 1])
@@ -122,37 +123,37 @@ def _rotation_logarithm(x: Points) -> Points:
             j += 2
         else:
             if form[j, j] < 0.0:
-                halves.append(j)
+                negative.append(j)
             j += 1
-    for first, second in zip(halves[::2], halves[1::2], strict=False):
+    for first, second in zip(negative[::2], negative[1::2], strict=False):
         logarithm[second, first], logarithm[first, second] = np.pi, -np.pi
     return np.asarray(axes @ logarithm @ axes.T)
 
 
-def unitary_log1p(away: Points, *, special: bool) -> Points:
+def unitary_log1p(difference: Points, *, special: bool) -> Points:
     r"""Return logarithms of unitary matrices, skew-Hermitian up to rounding.
 
     Parameters
     ----------
-    away
+    difference
         The matrices less the identity, shape ``(..., n, n)``.
     special
-        Whether the determinants are 1 and the logarithms are to be traceless.  Else the angles
+        Whether the determinants are 1 and the logarithms must be traceless.  Otherwise the angles
         are in :math:`(-\pi, \pi]`.
     """
     if not special:
-        return _log1p(away, _unitary_logarithm)
-    result = _log1p(away, _special_unitary_logarithm)
-    # Small angles of 26 eigenvalues or more may add up to a turn.
+        return _log1p(difference, _unitary_logarithm)
+    result = _log1p(difference, _special_unitary_logarithm)
+    # With 26 or more eigenvalues, small angles may add up to 2 pi.
     turns = np.trace(result, axis1=-2, axis2=-1).imag
     for index in map(tuple, np.argwhere(np.abs(turns) > np.pi)):
-        result[index] = _special_unitary_logarithm(np.eye(away.shape[-1]) + away[index])
+        result[index] = _special_unitary_logarithm(np.eye(difference.shape[-1]) + difference[index])
     return result
 
 
 def _unitary_angles(x: Points) -> tuple[Array, Points]:
-    """Return the eigenvalues' arguments and the eigenvectors of one unitary matrix."""
-    # The Schur form of a normal matrix is diagonal, and its vectors are orthonormal always.
+    """Return the arguments of the eigenvalues and the eigenvectors of one unitary matrix."""
+    # The Schur form of a normal matrix is diagonal, with exactly orthonormal vectors.
     form, vectors = scipy.linalg.schur(x, output="complex")
     return np.angle(np.diagonal(form)), vectors
 
@@ -164,8 +165,7 @@ def _unitary_logarithm(x: Points) -> Points:
 
 def _special_unitary_logarithm(x: Points) -> Points:
     angles, vectors = _unitary_angles(x)
-    # They add up to a multiple of a turn; that many of the largest (or smallest) are moved by a
-    # turn, so that the sum becomes zero.
+    # The angles sum to 2 pi k; shift the k largest (or smallest) by 2 pi, so that they sum to zero.
     turns = round(float(angles.sum()) / (2.0 * np.pi))
     order = np.argsort(-np.sign(turns) * angles)
     angles[order[: abs(turns)]] -= np.sign(turns) * 2.0 * np.pi

@@ -1,4 +1,4 @@
-"""A user's own frame: linear vector fields given as matrices."""
+"""User-defined frames: linear vector fields given as matrices."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from cg.frames.arrays import (
     Array,
     Points,
     check_finite,
-    check_size,
     complex_array,
     is_complex_array,
     real_array,
@@ -20,6 +19,7 @@ from cg.frames.arrays import (
 from cg.frames.base import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
+from cg.support.checks import check_integer
 
 
 class MatrixFrame(UserFrame):
@@ -32,11 +32,11 @@ class MatrixFrame(UserFrame):
     columns
         Number of columns of a point; None for points that are vectors of length ``n``.
     membership_error
-        Function of one point that returns its distance from the manifold on which the fields
-        act.  Without it every array is a point.
+        Function of one point that returns its distance from the manifold.  Without it every array
+        is a point.
     restore
-        Function that takes a point with rounding errors off the manifold back to it; called
-        after each flow.  Without it rounding errors add up, as a random walk at best.
+        Function that returns a point without rounding errors normal to the manifold; called after
+        each flow.  Without it rounding errors accumulate.
     project
         Function of an array near the manifold that returns the nearest point.
     random_point
@@ -45,9 +45,9 @@ class MatrixFrame(UserFrame):
     Raises
     ------
     TypeError
-        If one of the functions isn't callable.
+        If one of the functions isn't callable, or ``columns`` isn't an integer.
     ValueError
-        If ``matrices`` aren't finite numbers of that shape, or ``columns`` no positive integer.
+        If ``matrices`` aren't finite numbers of that shape, or ``columns`` is less than 1.
 
     Notes
     -----
@@ -55,7 +55,7 @@ class MatrixFrame(UserFrame):
 
     Examples
     --------
-    Rotations of a plane that is stretched along the second axis keep an ellipse.
+    Flows along an ellipse:
 
     >>> import numpy as np
     >>> frame = MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]])
@@ -82,11 +82,11 @@ class MatrixFrame(UserFrame):
             raise ValueError(f"matrices must have shape (m, n, n), got {array.shape}")
         check_finite(array, "matrices")
         if columns is not None:
-            columns = check_size(columns, name="columns")
+            columns = check_integer("columns", columns, 1)
         array.flags.writeable = False
         object.__setattr__(self, "_matrices", array)
         object.__setattr__(self, "_columns", columns)
-        self._set_functions(
+        self._store_functions(
             membership_error=membership_error,
             restore=restore,
             project=project,
@@ -129,15 +129,15 @@ class MatrixFrame(UserFrame):
 
     @cached_property
     def _structure_constants(self) -> Array | None:
-        """Numbers c with ``A_i A_j - A_j A_i = sum_k c_ijk A_k``; None if there are none."""
+        """Numbers c with ``A_i A_j - A_j A_i = sum_k c_ijk A_k``; None if they don't exist."""
         products = self._matrices[:, None] @ self._matrices[None, :]
-        wanted = (products - products.swapaxes(0, 1)).reshape(self.dim**2, -1)
+        commutators = (products - products.swapaxes(0, 1)).reshape(self.dim**2, -1)
         span = self._matrices.reshape(self.dim, -1)
         if self.dtype.kind == "c":
-            span, wanted = span.view(np.float64), wanted.view(np.float64)
-        constants, *_ = np.linalg.lstsq(span.T, wanted.T)
-        off = np.abs(span.T @ constants - wanted.T).max()
-        if not off <= MEMBERSHIP_TOLERANCE * np.abs(products).max():
+            span, commutators = span.view(np.float64), commutators.view(np.float64)
+        constants, *_ = np.linalg.lstsq(span.T, commutators.T)
+        error = np.abs(span.T @ constants - commutators.T).max()
+        if not error <= MEMBERSHIP_TOLERANCE * np.abs(products).max():
             return None
         return np.asarray(constants.T.reshape(self.dim, self.dim, self.dim))
 
@@ -145,8 +145,7 @@ class MatrixFrame(UserFrame):
         constants = self._structure_constants
         if constants is None:
             raise NotImplementedError(
-                f"{self!r} has no bracket: commutators of its matrices are not all combinations "
-                "of them"
+                f"{self!r} has no bracket: its matrices do not span a Lie algebra"
             )
         return np.asarray((v[..., None, :] @ combine(u, constants))[..., 0, :])
 

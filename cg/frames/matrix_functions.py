@@ -1,4 +1,4 @@
-"""Functions of stacked matrices that several frames share."""
+"""Functions of stacked matrices: exponentials, projections and restoring steps."""
 
 from __future__ import annotations
 
@@ -14,41 +14,40 @@ from cg.frames.base import FlowOverflowError
 # Coefficients of x^(4 i + j) / (4 i + j)!, shape (5, 4); the remainder for |x| = 1 is 4e-19.
 _TAYLOR = np.array([1.0 / math.factorial(k) for k in range(20)]).reshape(5, 4)
 
-# Up to this size of a matrix products of stacks are faster than SciPy's exponential.
+# Largest number of rows for which batched products are faster than SciPy's exponential.
 _MAX_TAYLOR = 16
 
 MAX_EXPONENT = 2.0**32
 """The largest norm of a matrix whose exponential is computed.
 
-Whatever the algorithm, an exponential has an error of the matrix's norm times the rounding unit,
-times a factor of up to 60 for those of the tests.  Restoring squares how far that is from the
-manifold: at this norm to 5e-9, beyond it would soon be further than a point may be.
+For any algorithm the error is the norm times the rounding unit, times a factor of up to 60 in the
+tests.  Restoring squares the distance from the manifold, to 5e-9 at this norm; for larger norms it
+would exceed the tolerance for points.
 """
 
-# Of unitary exponentials: repeated squaring loses digits that eigenvalues don't.
+# Largest norm for scaling and squaring of unitary exponentials; larger ones use eigenvalues.
 _MAX_SQUARED = 1e3
 
-# Newton's method from a point nearby doubles the digits each time.
-_MAX_CORRECTIONS = 10
+_MAX_CORRECTIONS = 10  # Newton steps
 _ROUNDING = 1e-15
 
 
 def expm(matrix: Points, v: Array) -> Points:
-    """Return the exponentials of stacked square matrices; what overflows is not finite.
+    """Return the exponentials of stacked square matrices, not finite where they overflow.
 
     Parameters
     ----------
     matrix
         Shape ``(..., n, n)``.
     v
-        The coefficients whose matrices they are, for the message.
+        The coefficients of the matrices, for the error message.
 
     Raises
     ------
     FlowOverflowError
-        If a matrix is too large for its exponential to have any correct digits to speak of.
+        If a matrix has a norm greater than `MAX_EXPONENT`.
     """
-    # One dot product settles it but for what is enormous, or not finite.
+    # A cheap sufficient test
     if not np.vdot(matrix, matrix).real <= MAX_EXPONENT**2:
         norms = np.linalg.matrix_norm(matrix)
         largest = float(np.max(norms, where=np.isfinite(norms), initial=0.0))
@@ -68,34 +67,34 @@ def _scipy_expm(matrix: Points) -> Points:
 
 
 def _expm(matrix: Points, small: Callable[[Points], Points] = _scipy_expm) -> Points:
-    """Return exponentials, right to a few roundings times the norm of the matrices.
+    """Return exponentials, accurate to a few roundings times the norm of the matrices.
 
-    Those of matrices of norm at most one are ``small``'s. SciPy's Padé approximant stays in a
-    group such as the symplectic one, which matters where points grow.
+    ``small`` computes the exponentials of matrices of norm at most one.  SciPy's Padé approximant
+    preserves quadratic groups such as the symplectic one, which matters where points grow.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        # Up to a norm of 1 SciPy's is. At 3 it has lost two digits and at 10 four, so that larger
-        # matrices are halved until they are small, and their exponentials squared as often.
+        # SciPy's exponential is accurate up to norm 1, but loses two digits at norm 3 and four at
+        # norm 10.  Scaling and squaring of larger matrices avoids that.
         if np.vdot(matrix, matrix).real <= 1.0:
             return small(matrix)
         norms = np.linalg.matrix_norm(matrix)
-        known = np.where(np.isfinite(norms) & (norms > 1.0), norms, 1.0)
-        halvings = np.ceil(np.log2(known)).astype(int)
+        factors = np.where(np.isfinite(norms) & (norms > 1.0), norms, 1.0)
+        halvings = np.ceil(np.log2(factors)).astype(int)
         scaled = matrix * np.ldexp(1.0, -halvings)[..., None, None]
         result = small(scaled)
-        for done in range(int(halvings.max(initial=0))):
-            rest = halvings > done
+        for squarings in range(int(halvings.max(initial=0))):
+            rest = halvings > squarings
             result[rest] = result[rest] @ result[rest]
         return result
 
 
 def _taylor_expm(matrix: Points) -> Points:
-    """Return exponentials of matrices of norm at most one, right to rounding."""
+    """Return exponentials of matrices of norm at most one, to rounding."""
     n = matrix.shape[-1]
     if n > _MAX_TAYLOR:
         return _scipy_expm(matrix)
-    # Taylor's polynomial of degree 19, in powers of the fourth power: SciPy goes from one matrix
-    # to the next in Python, and solves equations for each.
+    # Taylor polynomial of degree 19 by the Paterson-Stockmeyer scheme, for all matrices at once;
+    # SciPy loops over matrices in Python.
     powers = np.empty((4, *matrix.shape), dtype=matrix.dtype)
     powers[0] = np.eye(n)
     powers[1] = matrix
@@ -113,9 +112,8 @@ def _taylor_expm(matrix: Points) -> Points:
 def unitary_exponential(matrix: Points, *, special: bool = False) -> Points:
     r"""Return the exponentials of stacked skew-Hermitian matrices of any size.
 
-    Those of large ones are :math:`V e^{\Theta} V^*` with the orthonormal vectors of a Schur form,
-    whose blocks are turned by angles that are reduced one by one: unitary to rounding, and where
-    ``special`` of determinant 1.
+    Exponentials of large matrices are :math:`V e^{\Theta} V^*` with the orthonormal vectors V of a
+    Schur form: unitary to rounding, and of determinant 1 if ``special``.
     """
     if np.vdot(matrix, matrix).real <= _MAX_SQUARED**2:
         return _expm(matrix, _taylor_expm)
@@ -124,21 +122,25 @@ def unitary_exponential(matrix: Points, *, special: bool = False) -> Points:
     result = _expm(np.where(large[..., None, None], 0.0, matrix), _taylor_expm)
     for index in map(tuple, np.argwhere(large)):
         omega = matrix[index]
-        result[index] = _turned(omega, special) if np.iscomplexobj(omega) else _rotated(omega)
+        result[index] = (
+            _complex_exponential(omega, special)
+            if np.iscomplexobj(omega)
+            else _real_exponential(omega)
+        )
     return result
 
 
-def _turned(omega: Points, special: bool) -> Points:
+def _complex_exponential(omega: Points, special: bool) -> Points:
     """Return the exponential of one skew-Hermitian matrix."""
     angles, vectors = np.linalg.eigh(-1j * omega)
     phases = np.exp(1j * angles)
     if special:
-        # The angles add up to zero no better than the largest of them is rounded.
+        # The sum of the angles is zero only up to the rounding of the largest one.
         phases *= np.exp(-1j * np.angle(phases.prod()) / len(phases))
     return np.asarray((vectors * phases) @ vectors.conj().T)
 
 
-def _rotated(omega: Points) -> Points:
+def _real_exponential(omega: Points) -> Points:
     """Return the exponential of one skew matrix."""
     form, axes = scipy.linalg.schur(omega, output="real")
     rotation = np.eye(len(form))
@@ -167,10 +169,10 @@ def newton_schulz(y: Points, adjoint: Points) -> Points:
 
     Products of rounded group elements leave the group: after 10^5 random flows on SO(3) the
     distance is 1e-13, and for 10^5 equal ones 1e-12, since then the rounding errors add up.  The
-    step is the identity on the group and takes a distance :math:`\epsilon` to
-    :math:`\frac32\epsilon^2`, so it removes rounding only and leaves the order of a method
-    alone.  With the conjugate transpose as ``adjoint`` it leads to the polar factor, section 8.3
-    of [1]_.
+    step is the identity on the group and reduces a distance :math:`\epsilon` to
+    :math:`\frac32\epsilon^2`, so it removes rounding errors without changing the order of a method.
+    With the conjugate transpose as ``adjoint`` it converges to the polar factor, section 8.3 of
+    [1]_.
 
     References
     ----------
@@ -180,26 +182,25 @@ def newton_schulz(y: Points, adjoint: Points) -> Points:
 
 
 def determinant_step(y: Points) -> Points:
-    """Return ``y`` after a Newton step, along its multiples, towards determinant 1."""
+    """Return multiples of ``y`` after a Newton step towards determinant 1."""
     with np.errstate(invalid="ignore"):
         excess = np.linalg.det(y) - 1.0
     return np.asarray(y * (1.0 - excess / y.shape[-1])[..., None, None])
 
 
 def determinant_correction(y: Points) -> Points:
-    r"""Return the shortest change that takes the determinants of real matrices to 1.
+    r"""Return the change of least norm that makes the determinants of real matrices 1.
 
-    To first order it is a multiple of the gradient, the matrix of cofactors.  From the singular
-    values :math:`s_i` and vectors it comes without cancellation, and without the products of
-    singular values, which would overflow.
+    To first order it is a multiple of the gradient, the matrix of cofactors, which is computed from
+    the singular value decomposition without cancellation or overflow.
     """
     left, singular, right = np.linalg.svd(y)
-    # Where rounding decides upon the sign the change is no longer than that rounding.
+    # Where the sign depends on rounding, the change is no larger than rounding.
     sign = np.where(np.linalg.det(y) < 0.0, -1.0, 1.0)
     smallest = singular[..., -1:]
-    # What is below rounding is not known, and is not to be divided by.
+    # Singular values below rounding are replaced by the rounding, to avoid division by them.
     others = np.maximum(singular, _rounding(singular))
-    # The cofactors are products of all singular values but one: here in units of the largest.
+    # The cofactors, products of all singular values but one, relative to the largest one
     cofactors = smallest / others
     cofactors[..., -1] = 1.0
     excess = smallest - sign[..., None] / others[..., :-1].prod(axis=-1, keepdims=True)
@@ -208,51 +209,50 @@ def determinant_correction(y: Points) -> Points:
 
 
 def _rounding(singular: Array) -> Array:
-    """Return how far singular values may be off, shape ``(..., 1)``."""
+    """Return the rounding error of singular values, shape ``(..., 1)``."""
     return np.asarray(np.finfo(np.float64).eps * singular[..., :1])
 
 
 def symplectic_correction(y: Points, form: Array) -> Points:
-    r"""Return the shortest change :math:`\delta` that makes matrices preserve a skew form J.
+    r"""Return the change :math:`\delta` of least norm that makes matrices preserve a skew form J.
 
     To first order :math:`\delta = J^T y \Lambda` with a skew :math:`\Lambda` for which
-    :math:`y^T y \Lambda + \Lambda y^T y = J - y^T J y`.  The singular vectors of y turn this
-    into quotients of single entries.
+    :math:`y^T y \Lambda + \Lambda y^T y = J - y^T J y`.  In the basis of the singular vectors of y
+    this equation is diagonal.
     """
     left, singular, right = np.linalg.svd(y)
     rows, columns = singular[..., :, None], singular[..., None, :]
-    kept = rows * (left.mT @ form @ left) * columns
-    defect = kept - right @ form @ right.mT
-    known = np.maximum(singular, _rounding(singular))
-    length = np.hypot(known[..., :, None], known[..., None, :])
+    preserved = rows * (left.mT @ form @ left) * columns
+    defect = preserved - right @ form @ right.mT
+    positive = np.maximum(singular, _rounding(singular))
+    length = np.hypot(positive[..., :, None], positive[..., None, :])
     return np.asarray(form.T @ left @ (-rows / length * (defect / length)) @ right)
 
 
-def shortest_step(y: Points, correction: Callable[[Points], Points]) -> Points:
-    r"""Return matrices after one Newton step, the shortest, towards a group that isn't compact.
+def minimum_norm_step(y: Points, correction: Callable[[Points], Points]) -> Points:
+    r"""Return matrices after one Newton step of least norm towards a non-compact group.
 
-    On such a group the solutions may grow, and how a step is measured matters.  A matrix of size
-    :math:`g` is known up to :math:`\epsilon g`, and what must vanish on the group, such as
-    :math:`\det y - 1`, only up to :math:`\epsilon g` times its derivative.  The shortest step
-    divides by that derivative: it is :math:`\epsilon g` long, rounding like that of the flow
-    itself, and leaves a large solution its digits.  A step within the group's geometry, that to
-    a multiple of y or that of `newton_schulz` with the group's own involution, is y times a
-    matrix of size :math:`\epsilon g^2`: at :math:`g = 10^8` it leaves no digit.
+    Solutions on such a group may grow.  A matrix of norm :math:`g` has rounding errors of
+    :math:`\epsilon g`, and a constraint such as :math:`\det y - 1` has those times its derivative.
+    The step of least norm divides by that derivative, so its length is :math:`\epsilon g`, like the
+    rounding of the flow itself.  A step along the group, such as `newton_schulz` with the group's
+    involution, multiplies y by a matrix of norm :math:`\epsilon g^2`: at :math:`g = 10^8` no digit
+    would be left.
     """
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         try:
             restored = y + correction(y)
             if np.isfinite(restored.sum()):
                 return np.asarray(restored)
-        except np.linalg.LinAlgError:  # some matrix isn't finite
+        except np.linalg.LinAlgError:  # raised for matrices that are not finite
             pass
         finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
         restored = y + correction(np.where(finite, y, np.eye(y.shape[-1])))
-    known = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
-    return np.where(finite & known, restored, y)
+    computed = np.isfinite(restored).all(axis=(-2, -1), keepdims=True)
+    return np.where(finite & computed, restored, y)
 
 
-def relative_length(y: Points, correction: Callable[[Points], Points]) -> Array:
+def relative_correction(y: Points, correction: Callable[[Points], Points]) -> Array:
     """Return the 2-norms of corrections relative to those of the points, shape ``(...)``."""
     finite = np.isfinite(y).all(axis=(-2, -1), keepdims=True)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
@@ -261,22 +261,22 @@ def relative_length(y: Points, correction: Callable[[Points], Points]) -> Array:
 
 
 def singular_values(y: Points) -> Array:
-    """Return singular values, the largest first, of matrices; NaN of those that aren't finite.
+    """Return the decreasing singular values of matrices, NaN for matrices that aren't finite.
 
-    LAPACK may find none of the latter, and then ends in an error, or not, as it was compiled.
+    For the latter LAPACK may raise an error.
     """
     finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))[..., None]
-    found = np.linalg.svd(np.where(finite[..., None], y, 0.0), compute_uv=False)
-    return np.where(finite, found, np.nan)
+    singular = np.linalg.svd(np.where(finite[..., None], y, 0.0), compute_uv=False)
+    return np.where(finite, singular, np.nan)
 
 
 def two_norm(y: Points) -> Array:
-    """Return the 2-norms of matrices, shape ``(...)``, NaN of those that aren't finite."""
+    """Return the 2-norms of matrices, shape ``(...)``, NaN where they aren't finite."""
     return singular_values(y)[..., 0]
 
 
-def corrected(y: Points, correction: Callable[[Points], Points]) -> Points:
-    """Return points after corrections by Newton's method, until nothing but rounding is left."""
+def newton_corrected(y: Points, correction: Callable[[Points], Points]) -> Points:
+    """Return points after Newton's method, iterated until the correction is rounding."""
     for _ in range(_MAX_CORRECTIONS):
         change = correction(y)
         y = y + change
@@ -293,7 +293,7 @@ def unit_step(y: Points) -> Points:
 def distance_from_unitary(y: Points, *, special: bool) -> Array:
     r"""Return the 2-norm distance to the nearest matrix with orthonormal columns.
 
-    It is NaN of matrices that aren't finite.
+    It is NaN for matrices that aren't finite.
 
     Parameters
     ----------
@@ -301,12 +301,12 @@ def distance_from_unitary(y: Points, *, special: bool) -> Array:
         Real or complex matrices, shape ``(..., n, k)`` with ``k <= n``.
     special
         Whether the nearest matrix must also have determinant 1 (``k == n`` only).  Where the
-        polar factor of a real matrix is a reflection, the direction of the smallest singular
-        value is turned round, so that a reflection is at distance 2; the polar factor of a
-        complex matrix, with determinant :math:`e^{i\theta}`, is turned by :math:`-\theta / n`.
+        polar factor of a real matrix is a reflection, the sign of the least singular value is
+        changed, so that a reflection has distance 2; the polar factor of a complex matrix, with
+        determinant :math:`e^{i\theta}`, is multiplied by :math:`e^{-i\theta / n}`.
     """
     finite = np.asarray(np.isfinite(y).all(axis=(-2, -1)))
-    if not finite.all():  # for which there may be no singular values
+    if not finite.all():  # np.linalg.svd may raise
         error = distance_from_unitary(np.where(finite[..., None, None], y, 0.0), special=special)
         return np.where(finite, error, np.nan)
     if not special:
@@ -334,7 +334,7 @@ def nearest_unitary(y: Points, *, special: bool) -> Points:
     Returns
     -------
     ndarray
-        NaN where rounding decides which matrix is the nearest.
+        NaN where the nearest matrix is not unique up to rounding.
     """
     left, singular, right = np.linalg.svd(y, full_matrices=False)
     least = singular[..., -1]
@@ -370,7 +370,9 @@ def random_unitary(
 
 
 def eigh_where_finite(matrices: Points) -> tuple[Array, Points]:
-    """Return eigenvalues, increasing, and eigenvectors of symmetric matrices; NaN if not finite.
+    """Return the increasing eigenvalues and the eigenvectors of symmetric matrices.
+
+    They are NaN for matrices that are not finite.
 
     Parameters
     ----------

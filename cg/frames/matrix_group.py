@@ -1,4 +1,4 @@
-"""What all matrix groups share: a basis of the Lie algebra, the flow, and its inverse."""
+"""Matrix groups: a basis of the Lie algebra, the exponential, the logarithm and flows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from cg.frames.arrays import (
     Size,
     check_convention,
     check_random,
-    check_size,
 )
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.frames.dexpinv import frobenius, series_dexpinv
@@ -29,14 +28,17 @@ from cg.frames.matrix_functions import (
     combine,
     distance_from_unitary,
     expm,
+    minimum_norm_step,
     nearest_unitary,
+    newton_corrected,
     newton_schulz,
     random_unitary,
+    relative_correction,
 )
-from cg.support.checks import memory
+from cg.support.checks import check_integer, memory
 
-# Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,
-# and is large relative to it. It turns a point by no more than this in a unit of time.
+# Absolute tolerance for the distance of a matrix from the algebra: at equilibria the matrix that f
+# computes is rounding error, which is large relative to the matrix itself.
 _ALGEBRA_ROUNDING = 1e-12
 
 
@@ -45,8 +47,8 @@ class MatrixGroup(Frame):
 
     With :math:`\Omega(v) = \sum_i v_i B_i` for a basis :math:`B_i` of the Lie algebra,
     ``convention="body"`` has the fields :math:`y' = y\,\Omega(v)` and ``convention="space"`` has
-    :math:`y' = \Omega(v)\,y`.  A group supplies ``dim``, ``size``, ``convention``,
-    ``_make_basis`` and ``membership_error``, and closed forms where it has them.
+    :math:`y' = \Omega(v)\,y`.  A subclass defines ``dim``, ``size``, ``convention``,
+    ``_make_basis`` and ``membership_error``; it may override methods with closed forms.
 
     Examples
     --------
@@ -63,7 +65,7 @@ class MatrixGroup(Frame):
     @property
     @abstractmethod
     def convention(self) -> Convention:
-        """Which of the two families of fields."""
+        """The convention of the fields, "body" or "space"."""
 
     @property
     @abstractmethod
@@ -72,7 +74,7 @@ class MatrixGroup(Frame):
 
     @abstractmethod
     def _make_basis(self) -> Points:
-        """Return the matrices ``basis``, linearly independent over the reals."""
+        """Return the matrices of `basis`, linearly independent over the reals."""
 
     @cached_property
     def basis(self) -> Points:
@@ -81,7 +83,7 @@ class MatrixGroup(Frame):
         Raises
         ------
         MemoryError
-            If they need more memory than the machine has.
+            If the basis needs more memory than the machine has.
         ValueError
             If ``_make_basis`` of a subclass returns another number or another size of matrices.
         """
@@ -123,7 +125,7 @@ class MatrixGroup(Frame):
         return combine(self._vectors(v), self.basis)
 
     def coefficients(self, matrix: ArrayLike) -> Array:
-        """Return ``v`` of elements ``algebra(v)`` of the Lie algebra, shape ``(..., dim)``.
+        """Return the coefficients ``v`` of matrices ``algebra(v)``, shape ``(..., dim)``.
 
         Parameters
         ----------
@@ -133,21 +135,21 @@ class MatrixGroup(Frame):
         Raises
         ------
         ValueError
-            If a matrix isn't in the algebra: if an entry is off by more than 1e-8 of the largest
-            one, and by more than 1e-12.
+            If a matrix isn't in the algebra: if the error of an entry exceeds both 1e-8 of the
+            largest entry and 1e-12.
         """
         matrices = self._points(matrix, "matrix")
         v = self._algebra_projection(matrices)
-        off = matrices - combine(v, self.basis)
-        # One dot product settles what f returns at nearly every stage.
-        if not np.vdot(off, off).real <= _ALGEBRA_ROUNDING**2:
-            self._check_distance(np.abs(off), np.abs(matrices))
+        error = matrices - combine(v, self.basis)
+        # A cheap sufficient test, since f calls this method at each stage
+        if not np.vdot(error, error).real <= _ALGEBRA_ROUNDING**2:
+            self._check_distance(np.abs(error), np.abs(matrices))
         return v
 
-    def _check_distance(self, off: Array, sizes: Array) -> None:
+    def _check_distance(self, errors: Array, sizes: Array) -> None:
         """Raise ValueError if matrices are too far from the algebra for their size."""
-        distance, size = off.max(axis=(-2, -1)), sizes.max(axis=(-2, -1))
-        # NaN passes, for the caller to judge.
+        distance, size = errors.max(axis=(-2, -1)), sizes.max(axis=(-2, -1))
+        # The comparison accepts NaN, which the caller handles.
         wrong = distance > np.maximum(MEMBERSHIP_TOLERANCE * size, _ALGEBRA_ROUNDING)
         if wrong.any():
             relative = float((distance[wrong] / size[wrong]).max())
@@ -168,10 +170,12 @@ class MatrixGroup(Frame):
 
     @property
     def _side(self) -> float:
-        """1 where flows act from the left, -1 from the right."""
+        """1 if flows act from the left, -1 if from the right."""
         return 1.0 if self.convention == "space" else -1.0
 
     def _bracket(self, u: Array, v: Array) -> Array:
+        if self._rotation_sign:
+            return super()._bracket(u, v)
         first, second = self.algebra(u), self.algebra(v)
         return self._side * self._algebra_projection(first @ second - second @ first)
 
@@ -193,25 +197,25 @@ class MatrixGroup(Frame):
         return expm(self.algebra(vector), vector)
 
     def logarithm(self, x: ArrayLike) -> Array:
-        """Return the smallest ``v`` with ``exponential(v) == x``, NaN where there is none.
+        """Return the ``v`` of least norm with ``exponential(v) == x``, NaN where there is none.
 
-        Near the identity it has the relative accuracy of the difference from it.
+        Near the identity its relative accuracy is that of ``x - I``.
         """
         return self._log1p(self._points(x, "x") - np.eye(self.size))
 
-    def _log1p(self, away: Points) -> Array:
-        """Return the logarithm of the identity plus ``away``, shape ``(..., size, size)``."""
-        return self._algebra_projection(real_log1p(away))
+    def _log1p(self, difference: Points) -> Array:
+        """Return the logarithm of the identity plus ``difference``, shape ``(..., dim)``."""
+        return self._algebra_projection(real_log1p(difference))
 
     def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
-        r"""Return the blocks of the exponential of :math:`\Omega(v)` bordered by columns.
+        r"""Return the upper blocks of the exponential of :math:`\binom{\Omega(v)\;\;U}{0\;\;0}`.
 
         Parameters
         ----------
         v
             Shape ``(..., dim)``.
         columns
-            The border :math:`U`, shape ``(..., size, k)``.
+            The matrix :math:`U`, shape ``(..., size, k)``.
 
         Returns
         -------
@@ -235,7 +239,7 @@ class MatrixGroup(Frame):
         return np.asarray(np.linalg.inv(self._points(x, "x")))
 
     def restore(self, y: Points) -> Points:
-        """Return ``y`` with rounding errors off the group removed."""
+        """Return ``y`` without the rounding errors normal to the group."""
         return y
 
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
@@ -260,32 +264,34 @@ class MatrixGroup(Frame):
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         """Return the logarithm of the quotient of ``y1`` and ``y0``.
 
-        It is NaN where there is none, or where its flow from ``y0`` misses ``y1`` by more than
-        1e-8 of that, since rounding is all there is of the quotient.
+        It is NaN where the logarithm does not exist, or where its flow misses ``y1`` by more than
+        1e-8 of its norm because the quotient has lost its digits.
         """
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        # Rounding may have made points singular, whose inverses would end in an error.
+        # Points may be singular by rounding; np.linalg.inv would raise.
         regular = (np.linalg.slogdet(start)[0] != 0.0)[..., None, None]
         inverse = self.inverse(np.where(regular, start, np.eye(self.size)))
-        # Of the quotient less the identity this keeps the digits that points nearby have.
+        # Quotient minus identity from the difference, without cancellation for points nearby
         with np.errstate(over="ignore", invalid="ignore"):
-            difference = end - start
+            change = end - start
             body = self.convention == "body"
-            away = inverse @ difference if body else difference @ inverse
-        finite = (regular & np.isfinite(away)).all(axis=(-2, -1))[..., None]
-        coordinates = self._log1p(np.where(finite[..., None], away, 0.0))
-        return self._reaching(np.where(finite, coordinates, np.nan), start, end)
+            difference = inverse @ change if body else change @ inverse
+        finite = (regular & np.isfinite(difference)).all(axis=(-2, -1))[..., None]
+        coordinates = self._log1p(np.where(finite[..., None], difference, 0.0))
+        return self._checked_coordinates(np.where(finite, coordinates, np.nan), start, end)
 
-    def _reaching(self, v: Array, start: Points, end: Points) -> Array:
-        """Return coefficients, NaN where their flow doesn't lead to the end."""
-        known = np.asarray(np.linalg.matrix_norm(self.algebra(v)) <= MAX_EXPONENT)
+    def _checked_coordinates(self, v: Array, start: Points, end: Points) -> Array:
+        """Return coefficients, NaN where their flow from ``start`` does not end at ``end``."""
+        computable = np.asarray(np.linalg.matrix_norm(self.algebra(v)) <= MAX_EXPONENT)
         with np.errstate(over="ignore", invalid="ignore"):
-            off = np.linalg.matrix_norm(self.flow(np.where(known[..., None], v, 0.0), start) - end)
-            reached = known & (off <= MEMBERSHIP_TOLERANCE * np.linalg.matrix_norm(end))
+            error = np.linalg.matrix_norm(
+                self.flow(np.where(computable[..., None], v, 0.0), start) - end
+            )
+            reached = computable & (error <= MEMBERSHIP_TOLERANCE * np.linalg.matrix_norm(end))
         return np.where(reached[..., None], v, np.nan)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
-        """Return exponentials of normal coefficients of deviation 1/2."""
+        """Return exponentials of normal coefficients with standard deviation 1/2."""
         return self.restore(self.exponential(0.5 * self.random_vector(rng, size)))
 
 
@@ -294,8 +300,8 @@ class UnitaryMatrixGroup(MatrixGroup):
 
     _special: ClassVar[bool] = False
 
-    def _reaching(self, v: Array, start: Points, end: Points) -> Array:
-        return v  # from eigenvalues, which have all their digits
+    def _checked_coordinates(self, v: Array, start: Points, end: Points) -> Array:
+        return v  # logarithms from eigenvalues are accurate
 
     def inverse(self, x: ArrayLike) -> Points:
         """Return the conjugate transposes, which on the group are the inverses."""
@@ -310,7 +316,6 @@ class UnitaryMatrixGroup(MatrixGroup):
         return distance_from_unitary(self._points(y), special=self._special)
 
     def _project(self, y: Points) -> Points:
-        # The polar factor; where the determinant must be 1, as near to it as that allows.
         return nearest_unitary(y, special=self._special)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
@@ -318,14 +323,15 @@ class UnitaryMatrixGroup(MatrixGroup):
         size = check_random(rng, size)
         point = random_unitary(rng, (*size, *self.point_shape), complex_=self.dtype.kind == "c")
         if self._special:
-            # Multiplying a column commutes with the action of the group from the left.
+            # Scaling a column commutes with the action of the group from the left, so that the
+            # distribution stays uniform.
             point[..., 0] /= np.linalg.det(point)[..., None]
         return self.restore(point)
 
 
 @dataclass(frozen=True, repr=False)
 class SizedMatrixGroup(MatrixGroup):
-    """A matrix group of a family that is numbered by the size of its matrices.
+    """A matrix group with the number of rows as its parameter.
 
     Parameters
     ----------
@@ -336,8 +342,10 @@ class SizedMatrixGroup(MatrixGroup):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` is no integer or too small, or ``convention`` is neither of the two.
+        If ``n`` is too small, or ``convention`` is neither of the two.
     """
 
     n: int
@@ -346,10 +354,33 @@ class SizedMatrixGroup(MatrixGroup):
     smallest: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n, self.smallest))
+        object.__setattr__(self, "n", check_integer("n", self.n, self.smallest))
         check_convention(self.convention)
 
     @property
     def size(self) -> int:
         """Number of rows, ``n``."""
         return self.n
+
+
+class NoncompactMatrixGroup(SizedMatrixGroup):
+    """A group whose elements may be large, restored by the Newton step of least norm."""
+
+    @abstractmethod
+    def _correction(self, y: Points) -> Points:
+        """Return the change of least norm that takes matrices to the group, to first order."""
+
+    def restore(self, y: Points) -> Points:
+        """Return ``y`` after the Newton step of least norm towards the group."""
+        return minimum_norm_step(y, self._correction)
+
+    def _project(self, y: Points) -> Points:
+        # Nearest in the Frobenius norm, up to the square of the distance.
+        return newton_corrected(y, self._correction)
+
+    def relative_error(self, y: ArrayLike) -> Array:
+        """Return the norm of the correction to the group, relative to the norm of ``y``.
+
+        The membership error of a large matrix is dominated by rounding.
+        """
+        return relative_correction(self._points(y), self._correction)

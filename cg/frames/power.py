@@ -1,4 +1,4 @@
-"""Many copies of one frame."""
+"""Powers of a frame: the product of equal factors."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.base import Frame
 from cg.frames.block_kinds import Blocks
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
 class Power(Frame):
-    """Many points of one manifold, each moved by the same frame: spins, links of a lattice, bodies.
+    """The product of n equal frames, for n spins, links of a lattice or bodies.
 
-    It is the `Product` of ``n`` equal factors, with points that keep their shape and flows that
-    are computed all at once.
+    Unlike those of `Product`, points keep their shape, and all flows are computed in one batch.
 
     Parameters
     ----------
     factor
-        The frame of each.
+        The frame of each point.
     n
-        How many there are, at least 1.
+        Number of factors, at least 1.
 
     Raises
     ------
     TypeError
-        If ``factor`` isn't a `Frame`.
+        If ``factor`` isn't a `Frame`, or ``n`` isn't an integer.
     ValueError
-        If ``n`` isn't a positive integer.
+        If ``n`` is less than 1.
 
     Examples
     --------
@@ -52,14 +52,14 @@ class Power(Frame):
     def __post_init__(self) -> None:
         if not isinstance(self.factor, Frame):
             raise TypeError(f"factor must be a Frame, got {self.factor!r}")
-        object.__setattr__(self, "n", check_size(self.n))
+        object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
     def __repr__(self) -> str:
         return f"Power({self.factor!r}, {self.n})"
 
     @property
     def dim(self) -> int:
-        """``n`` times that of the factor."""
+        """``n`` times the dimension of the factor."""
         return self.n * self.factor.dim
 
     @property
@@ -69,7 +69,7 @@ class Power(Frame):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """That of the factor."""
+        """The type of the factor."""
         return self.factor.dtype
 
     def read_points(self, value: Any, name: str = "y") -> Points:
@@ -79,23 +79,27 @@ class Power(Frame):
     def field(self, v: ArrayLike, y: ArrayLike) -> Points:
         """Return the tangents at all points, shape ``(..., n, *factor.point_shape)``."""
         vector, point = self._arguments(v, y)
-        return self.factor.field(self._each(vector), point)
+        return self.factor.field(self._split_vector(vector), point)
 
     def flow(self, v: ArrayLike, y: ArrayLike) -> Points:
         """Return where all flows lead, shape ``(..., n, *factor.point_shape)``."""
         vector, point = self._arguments(v, y)
-        return self.factor.flow(self._each(vector), point)
+        return self.factor.flow(self._split_vector(vector), point)
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        return self._joined(self.factor._bracket(self._each(u), self._each(v)))
+        return self._join_vectors(
+            self.factor._bracket(self._split_vector(u), self._split_vector(v))
+        )
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        return self._joined(self.factor._dexpinv(self._each(u), self._each(v), order))
+        return self._join_vectors(
+            self.factor._dexpinv(self._split_vector(u), self._split_vector(v), order)
+        )
 
-    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the shortest coefficients of all, joined: shape ``(..., dim)``."""
+    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return the coefficients of all points without isotropy, shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
-        return self._joined(self.factor.shortest(self._each(vector), point))
+        return self._join_vectors(self.factor.without_isotropy(self._split_vector(vector), point))
 
     def _project(self, y: Points) -> Points:
         return self.factor.project(y)
@@ -114,18 +118,18 @@ class Power(Frame):
         return np.asarray(np.linalg.norm(each, axis=-1))
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
-        """Return the coordinates of all, joined, shape ``(..., dim)``; None if there are none."""
-        found = self.factor.exp_coordinates(self._points(y0, "y0"), self._points(y1, "y1"))
-        return None if found is None else self._joined(found)
+        """Return the coordinates of all points, ``(..., dim)``; None if the factor has none."""
+        v = self.factor.exp_coordinates(self._points(y0, "y0"), self._points(y1, "y1"))
+        return None if v is None else self._join_vectors(v)
 
-    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return the nearby coordinates of all, joined: shape ``(..., dim)``."""
+    def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        """Return the local coordinates of all points, shape ``(..., dim)``."""
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
-        return self._joined(self.factor.nearby_coordinates(start, end))
+        return self._join_vectors(self.factor.local_coordinates(start, end))
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
-        """Return the sizes of all coordinates, joined: shape ``(..., dim)``."""
-        return self._joined(self.factor.coordinate_sizes(self._points(y)))
+        """Return the scales of the coordinates of all points, shape ``(..., dim)``."""
+        return self._join_vectors(self.factor.coordinate_sizes(self._points(y)))
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return random points, shape ``(*size, n, *factor.point_shape)``."""
@@ -135,9 +139,9 @@ class Power(Frame):
         blocks = self.factor.compiled_blocks()
         return None if blocks is None else blocks * self.n
 
-    def _each(self, vector: Array) -> Array:
+    def _split_vector(self, vector: Array) -> Array:
         """Return coefficients with an axis that counts the points, shape ``(..., n, m)``."""
         return vector.reshape(*vector.shape[:-1], self.n, self.factor.dim)
 
-    def _joined(self, vectors: Array) -> Array:
+    def _join_vectors(self, vectors: Array) -> Array:
         return np.asarray(vectors.reshape(*vectors.shape[:-2], self.dim))

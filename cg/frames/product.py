@@ -16,13 +16,13 @@ from cg.frames.block_kinds import Blocks, compared_by_entries
 
 _DOUBLE = np.dtype(np.float64)
 
-# Where a factor's point is, its shape, and whether it has only one axis
+# Slice of a factor's point, its shape, and whether it has only one axis
 _RealPart = tuple[slice, tuple[int, ...], bool]
 
 
 @dataclass(frozen=True, init=False)
 class Product(Frame):
-    """A product of manifolds, each moved by its own frame.
+    """A product of manifolds, each with its own frame.
 
     A point is one flat real vector: the points of the factors, each raveled in C order, joined
     in the order of the factors; a complex entry becomes its real and its imaginary part.  The
@@ -60,7 +60,7 @@ class Product(Frame):
         for index, factor in enumerate(factors):
             if not isinstance(factor, Frame):
                 raise TypeError(f"factors[{index}] must be a Frame, got {factor!r}")
-        places = _slices([_length(f) for f in factors])
+        places = _slices([_real_size(f) for f in factors])
         object.__setattr__(self, "factors", factors)
         object.__setattr__(self, "_vector_slices", _slices([f.dim for f in factors]))
         object.__setattr__(self, "_point_slices", places)
@@ -92,8 +92,8 @@ class Product(Frame):
             If the last axis of ``y`` hasn't the length of a point.
         """
         parts = self._real_parts
-        # The first thing that f does at each stage, with one point: what the general way checks
-        # and works out anew would take several times as long as the slices themselves.
+        # Fast path for a single real point: f calls this method at each stage, and the general
+        # path takes several times as long.
         if (
             parts is not None
             and type(y) is np.ndarray
@@ -126,33 +126,33 @@ class Product(Frame):
         """Return the factors' coordinates, joined; None if a factor has none."""
         starts = self._split(self._points(y0, "y0"))
         ends = self._split(self._points(y1, "y1"))
-        found = []
+        joined = []
         for factor, start, end in zip(self.factors, starts, ends, strict=True):
             coordinates = factor.exp_coordinates(start, end)
             if coordinates is None:
                 return None
-            found.append(coordinates)
-        return np.concatenate(found, axis=-1)
+            joined.append(coordinates)
+        return np.concatenate(joined, axis=-1)
 
-    def nearby_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
-        """Return the factors' nearby coordinates, joined: shape ``(..., dim)``."""
+    def local_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
+        """Return the factors' local coordinates, joined: shape ``(..., dim)``."""
         start, end = np.broadcast_arrays(self._points(y0, "y0"), self._points(y1, "y1"))
         parts = zip(self.factors, self._split(start), self._split(end), strict=True)
-        return np.concatenate([f.nearby_coordinates(p, q) for f, p, q in parts], axis=-1)
+        return np.concatenate([f.local_coordinates(p, q) for f, p, q in parts], axis=-1)
 
     def coordinate_sizes(self, y: ArrayLike) -> Array:
-        """Return the sizes of the factors' coordinates, joined: shape ``(..., dim)``."""
+        """Return the scales of the factors' coordinates, joined: shape ``(..., dim)``."""
         parts = zip(self.factors, self.split(y), strict=True)
         return np.concatenate([factor.coordinate_sizes(x) for factor, x in parts], axis=-1)
 
     def _blocks(self) -> Blocks | None:
         blocks: Blocks = ()
         for factor in self.factors:
-            found = factor.compiled_blocks()
-            if found is None:
+            added = factor.compiled_blocks()
+            if added is None:
                 return None
-            blocks += found
-        # compiled code measures errors of all blocks in one way
+            blocks += added
+        # Compiled code measures errors either in coordinates or in entries, for all blocks.
         mixed = len({compared_by_entries((block,)) for block in blocks}) > 1
         return None if mixed else blocks
 
@@ -178,14 +178,14 @@ class Product(Frame):
         parts = zip(self.factors, self._split_vector(u), self._split_vector(v), strict=True)
         return np.concatenate([factor._dexpinv(a, b, order) for factor, a, b in parts], axis=-1)
 
-    def shortest(self, v: ArrayLike, y: ArrayLike) -> Array:
-        """Return the factors' shortest coefficients, joined: shape ``(..., dim)``."""
+    def without_isotropy(self, v: ArrayLike, y: ArrayLike) -> Array:
+        """Return the factors' coefficients without isotropy, joined: shape ``(..., dim)``."""
         vector, point = self._arguments(v, y)
         lead = np.broadcast_shapes(vector.shape[:-1], point.shape[:-1])
         vector = np.broadcast_to(vector, (*lead, self.dim))
         point = np.broadcast_to(point, (*lead, *self.point_shape))
         parts = zip(self.factors, self._split_vector(vector), self._split(point), strict=True)
-        return np.concatenate([factor.shortest(u, x) for factor, u, x in parts], axis=-1)
+        return np.concatenate([factor.without_isotropy(u, x) for factor, u, x in parts], axis=-1)
 
     def _project(self, y: Array) -> Array:
         parts = zip(self.factors, self._split(y), strict=True)
@@ -231,7 +231,7 @@ class Product(Frame):
         return tuple(parts)
 
     def _join_single(self, parts: Sequence[ArrayLike]) -> Array | None:
-        """Return the point joined from single real points, None if the parts aren't that."""
+        """Return the point joined from single real points; None if a part is something else."""
         if self._real_parts is None:
             return None
         joined = np.empty(self._point_shape)
@@ -252,7 +252,7 @@ class Product(Frame):
                 lead = np.broadcast_shapes(*leads)
             except ValueError:
                 raise ValueError(
-                    f"parts must have leading axes that fit together, got {sorted(set(leads))}"
+                    f"parts must have leading axes that broadcast, got {sorted(set(leads))}"
                 ) from None
         joined = np.empty(lead + self._point_shape)
         for part, point in zip(self._split(joined), points, strict=True):
@@ -261,7 +261,7 @@ class Product(Frame):
 
 
 def _real_parts(factors: Sequence[Frame], places: Sequence[slice]) -> tuple[_RealPart, ...] | None:
-    """Return where each factor's point is, and its shape; None if one is complex."""
+    """Return the slice and the shape of each factor's point; None if one is complex."""
     if any(factor.dtype != _DOUBLE for factor in factors):
         return None
     return tuple(
@@ -270,8 +270,8 @@ def _real_parts(factors: Sequence[Frame], places: Sequence[slice]) -> tuple[_Rea
     )
 
 
-def _length(factor: Frame) -> int:
-    """Return how many real numbers hold a point."""
+def _real_size(factor: Frame) -> int:
+    """Return the number of real numbers in a point."""
     return prod(factor.point_shape) * (2 if factor.dtype.kind == "c" else 1)
 
 

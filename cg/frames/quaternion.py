@@ -9,24 +9,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Points, Size, check_convention, check_random
-from cg.frames.base import Frame
-from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, axes_option
-from cg.frames.dexpinv import rotation_dexpinv
+from cg.frames.arrays import Array, Convention, Points, check_convention
+from cg.frames.block_kinds import SCALAR_FIRST, BlockKind, Blocks, convention_option
 from cg.frames.matrix_functions import combine, unit_step
 from cg.frames.rotations import half_angle, is_rotation, quaternion_logarithm
+from cg.frames.unit_vectors import UnitVectors
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True, repr=False)
-class UnitQuaternion(Frame):
-    r"""Unit quaternions moved by an angular velocity in body or in space axes.
+class UnitQuaternion(UnitVectors):
+    r"""Unit quaternions, with angular velocities in body or space axes as coefficients.
 
-    A quaternion stands for the rotation that ``scipy.spatial.transform.Rotation`` makes of it,
-    and the coefficients are those of `SO3` with the same convention.  ``q`` and ``-q`` are the
-    same rotation, but two points.
+    A quaternion represents the same rotation as in ``scipy.spatial.transform.Rotation``, and the
+    coefficients are those of `SO3` with the same convention.  ``q`` and ``-q`` are the same
+    rotation, but different points.
 
     Parameters
     ----------
@@ -34,7 +33,7 @@ class UnitQuaternion(Frame):
         ``"body"``: :math:`q' = \tfrac12\, q \otimes v` (default), ``"space"``:
         :math:`q' = \tfrac12\, v \otimes q`.
     scalar_first
-        Whether a point is ``(w, x, y, z)`` and not ``(x, y, z, w)``.
+        Whether a point is ``(w, x, y, z)`` instead of ``(x, y, z, w)``.
 
     Raises
     ------
@@ -101,21 +100,8 @@ class UnitQuaternion(Frame):
         return unit_step(moved)
 
     @property
-    def _side(self) -> float:
+    def _rotation_sign(self) -> float:
         return 1.0 if self.convention == "space" else -1.0
-
-    def _bracket(self, u: Array, v: Array) -> Array:
-        return np.asarray(self._side * np.cross(u, v))
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        return rotation_dexpinv(u, v, self._side)
-
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return how far the length is from one, shape ``(...)``."""
-        return np.asarray(np.abs(np.linalg.norm(self._points(y), axis=-1) - 1.0))
-
-    def _project(self, y: Points) -> Points:
-        return np.asarray(y / np.linalg.norm(y, axis=-1, keepdims=True))
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians that turns ``x`` into ``y``, at most :math:`2\pi`."""
@@ -124,17 +110,18 @@ class UnitQuaternion(Frame):
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array:
         r"""Return the rotation vector from ``y0`` to ``y1``, of length at most :math:`2\pi`.
 
-        It is the one that leads to ``y1``, not to ``-y1``, even where that is nearer.
+        Its flow ends at ``y1``, even where ``-y1`` is nearer.
         """
         start, end = self._points(y0, "y0"), self._points(y1, "y1")
         generators = 2.0 * _generators(self.convention, self.scalar_first)
         directions = (generators @ start[..., None, :, None])[..., 0]
-        # The directions are normal to the start, so that its part of the end can be left out.
+        # The directions are normal to the start, so the difference gives the same products without
+        # cancellation.
         difference = (end - start)[..., None, :]
         return quaternion_logarithm(np.vecdot(directions, difference), np.vecdot(start, end))
 
     def _blocks(self) -> Blocks | None:
-        options = axes_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)
+        options = convention_option(self.convention) + (SCALAR_FIRST if self.scalar_first else 0)
         return ((BlockKind.QUATERNION, 3, options),)
 
     def read_points(self, value: Any, name: str = "y") -> Points:
@@ -160,12 +147,6 @@ class UnitQuaternion(Frame):
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self._points(y), scalar_first=self.scalar_first)
-
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Array:
-        """Return points uniform on the unit sphere, shape ``(*size, 4)``."""
-        size = check_random(rng, size)
-        q = rng.standard_normal((*size, 4))
-        return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
 @lru_cache

@@ -30,8 +30,8 @@ _SERIES = [1.0 / math.factorial(2 * k + 3) for k in range(9)]
 
 
 def is_rotation(value: Any) -> TypeGuard[Rotation]:
-    """Tell whether a value is a rotation, or a stack of them, as SciPy has them."""
-    # Without this the import, which takes a while, would be made for every list of numbers.
+    """Return whether a value is a ``Rotation`` of SciPy."""
+    # Avoids the slow import for plain arrays
     if not hasattr(value, "as_quat"):
         return False
     from scipy.spatial.transform import Rotation
@@ -107,8 +107,8 @@ def vee(matrix: ArrayLike) -> Array:
 def half_angle(v: Array) -> tuple[Array, Array]:
     r"""Return :math:`x = |v| / 2` and :math:`\sin(x) / x`, each of shape ``(...)``.
 
-    In floating point the quotient is right to a rounding or two for every nonzero angle, in any
-    precision, so that neither a series nor a cutoff is needed.
+    The quotient is accurate to a rounding or two for every nonzero angle, in any precision, so that
+    no series is needed.
     """
     # At the smallest number the quotient is exactly 1, its limit at zero.
     half = np.maximum(0.5 * np.sqrt(np.vecdot(v, v)), _SMALLEST)
@@ -166,8 +166,8 @@ def quaternion_logarithm(vector: Array, scalar: Array) -> Array:
     Returns
     -------
     ndarray
-        Shape ``(..., 3)``, of length at most :math:`2\pi`.  At the quaternion -1, where every
-        axis would do, it is the first one.
+        Shape ``(..., 3)``, of length at most :math:`2\pi`.  The axis of the quaternion -1, which is
+        not unique, is the first one.
     """
     sine = np.sqrt(np.vecdot(vector, vector))
     half = np.arctan2(sine, scalar)
@@ -178,15 +178,15 @@ def quaternion_logarithm(vector: Array, scalar: Array) -> Array:
     return logarithm
 
 
-def rotation_logarithm(away: Array) -> Array:
+def rotation_logarithm(difference: Array) -> Array:
     r"""Return the rotation vectors of rotation matrices, of length at most :math:`\pi`.
 
-    It goes through the quaternion, whose component of largest modulus is found first [1]_; thus
-    it is as accurate near half a turn as near the identity.
+    It computes the quaternion, its component of largest modulus first [1]_, and is equally
+    accurate near the identity and near half a turn.
 
     Parameters
     ----------
-    away
+    difference
         The matrices less the identity, shape ``(..., 3, 3)``.
 
     References
@@ -194,12 +194,12 @@ def rotation_logarithm(away: Array) -> Array:
     .. [1] S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance Control 1 (1978),
        223-224.
     """
-    trace = np.trace(away, axis1=-2, axis2=-1)
-    diagonal = np.diagonal(away, axis1=-2, axis2=-1)
-    axial = 2.0 * vee(away)
+    trace = np.trace(difference, axis1=-2, axis2=-1)
+    diagonal = np.diagonal(difference, axis1=-2, axis2=-1)
+    axial = 2.0 * vee(difference)
     # Four times the outer product of the quaternion (vector, scalar) with itself.
-    outer = np.empty((*away.shape[:-2], 4, 4))
-    outer[..., :3, :3] = away + away.mT
+    outer = np.empty((*difference.shape[:-2], 4, 4))
+    outer[..., :3, :3] = difference + difference.mT
     for i in range(3):
         outer[..., i, i] = 2.0 * diagonal[..., i] - trace
     outer[..., :3, 3] = outer[..., 3, :3] = axial

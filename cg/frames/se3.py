@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Convention, Points
-from cg.frames.block_kinds import BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import BlockKind, Blocks, convention_option
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.semidirect import Semidirect
 from cg.frames.so3 import SO3
@@ -20,14 +20,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class SE3(Semidirect):
-    r"""Poses :math:`\binom{R\;\;p}{0\;\;1}` moved by twists.
+    r"""Poses :math:`\binom{R\;\;p}{0\;\;1}`, with twists as coefficients.
 
     The coefficients are the twist :math:`(\omega, v)`: angular velocity first, then linear
-    velocity, :math:`\Omega = \binom{\hat\omega\;\;v}{0\;\;0}`.  That is the order of [1]_ and of
-    ``exp_coords`` of SciPy's ``RigidTransform``; jaxlie has :math:`(v, \omega)`, whose first three
-    components are the last three here.
+    velocity, :math:`\Omega = \binom{\hat\omega\;\;v}{0\;\;0}`.  [1]_ and ``exp_coords`` of SciPy's
+    ``RigidTransform`` use the same order; jaxlie uses :math:`(v, \omega)`.
 
-    Where points are expected, SciPy's ``RigidTransform`` is taken as well.
+    Points may also be given as SciPy's ``RigidTransform``.
 
     Parameters
     ----------
@@ -54,7 +53,7 @@ class SE3(Semidirect):
 
     Examples
     --------
-    A vehicle that goes forward and turns by half a circle ends beside its start.
+    A vehicle that moves forward on a half circle of radius 1:
 
     >>> import numpy as np
     >>> pose = SE3().flow(np.pi * np.array([0, 0, 1.0, 1.0, 0, 0]), np.eye(4))
@@ -70,11 +69,11 @@ class SE3(Semidirect):
         object.__setattr__(self, "group", SO3(self.convention))
 
     def _blocks(self) -> Blocks | None:
-        return ((BlockKind.SE3, 3, axes_option(self.convention)),)
+        return ((BlockKind.SE3, 3, convention_option(self.convention)),)
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and the matrices of ``RigidTransform`` of SciPy."""
-        # Without the first question SciPy would be imported for every list of numbers.
+        # The first condition avoids the import of SciPy for plain arrays.
         if hasattr(value, "as_exp_coords") and isinstance(value, _rigid_transform()):
             return np.array(value.as_matrix(), dtype=np.float64, order="C")
         return super().read_points(value, name)
@@ -92,7 +91,7 @@ class SE3(Semidirect):
         ValueError
             If ``y`` has another shape.
         NotImplementedError
-            If SciPy has no ``RigidTransform``, as before version 1.16.
+            If SciPy is older than version 1.16.
 
         """
         transform: RigidTransform = _rigid_transform().from_matrix(self._points(y))

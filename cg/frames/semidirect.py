@@ -7,40 +7,40 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Convention, Points, Size, check_random
 from cg.frames.dexpinv import motion_bracket, motion_dexpinv
 from cg.frames.matrix_group import MatrixGroup
-from cg.frames.so import SO
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
 class Semidirect(MatrixGroup):
     r"""Affine maps :math:`x \mapsto g x + p`, with :math:`g` in a real matrix group.
 
-    A point is the matrix :math:`\binom{g\;\;p}{0\;\;I}`, where :math:`p` has one column or
-    several.  Thus ``Semidirect(SO3())`` is the group of rigid motions, and
-    ``Semidirect(SO3(), 2)`` carries attitude, velocity and position.  The coefficients are those
-    of the group, then the columns of :math:`\Omega`'s upper right block one after the other.
+    A point is the matrix :math:`\binom{g\;\;p}{0\;\;I}`, where :math:`p` has ``copies`` columns.
+    ``Semidirect(SO3())`` is the group of rigid motions, and a point of ``Semidirect(SO3(), 2)``
+    holds attitude, velocity and position.  The coefficients are those of the group, then the
+    columns of the upper right block of :math:`\Omega`.
 
     Parameters
     ----------
     group
-        A real matrix group.  Its convention is that of the product.
+        A real matrix group, whose convention the product adopts.
     copies
         Number of columns of :math:`p`.
 
     Raises
     ------
     TypeError
-        If ``group`` isn't a `MatrixGroup`.
+        If ``group`` isn't a `MatrixGroup`, or ``copies`` isn't an integer.
     ValueError
-        If ``group`` is complex or ``copies`` not a positive integer.
+        If ``group`` is complex, or ``copies`` is less than 1.
 
     Notes
     -----
-    With :math:`\Omega` bordered by :math:`U`, the blocks of the exponential are
-    :math:`e^{\Omega}` and :math:`\int_0^1 e^{s\Omega} ds\,U`: closed forms where the group is
-    SO(3) [1]_, ``scipy.linalg.expm`` elsewhere.
+    The blocks of the exponential of :math:`\binom{\Omega\;\;U}{0\;\;0}` are :math:`e^{\Omega}` and
+    :math:`\int_0^1 e^{s\Omega} ds\,U`: closed forms if the group is SO(3) [1]_,
+    ``scipy.linalg.expm`` otherwise.
 
     References
     ----------
@@ -64,7 +64,7 @@ class Semidirect(MatrixGroup):
             raise TypeError(f"group must be a MatrixGroup, got {self.group!r}")
         if self.group.dtype.kind == "c":
             raise ValueError(f"group must be real, got {self.group!r}")
-        object.__setattr__(self, "copies", check_size(self.copies, name="copies"))
+        object.__setattr__(self, "copies", check_integer("copies", self.copies, 1))
 
     @property
     def convention(self) -> Convention:
@@ -107,27 +107,22 @@ class Semidirect(MatrixGroup):
         return self._assemble(*self.group.affine_exponential(vector[..., :split], stacked.mT))
 
     def _bracket(self, u: Array, v: Array) -> Array:
-        if self._turns:
+        if self.group._rotation_sign:
             return self._side * motion_bracket(u, v)
         return super()._bracket(u, v)
 
     def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self._turns:
+        if self.group._rotation_sign:
             return motion_dexpinv(u, v, self._side)
         return super()._dexpinv(u, v, order)
 
-    @property
-    def _turns(self) -> bool:
-        """Whether the group is that of rotations of space."""
-        return isinstance(self.group, SO) and self.group.n == 3
-
-    def _log1p(self, away: Points) -> Array:
+    def _log1p(self, difference: Points) -> Array:
         n = self.group.size
-        vector = self.group._log1p(away[..., :n, :n])
+        vector = self.group._log1p(difference[..., :n, :n])
         finite = np.isfinite(vector).all(axis=-1, keepdims=True)
         _, average = self.group.affine_exponential(np.where(finite, vector, 0.0), np.eye(n))
-        columns = np.linalg.solve(average, away[..., :n, n:])
-        flat = columns.mT.reshape(*away.shape[:-2], -1)
+        columns = np.linalg.solve(average, difference[..., :n, n:])
+        flat = columns.mT.reshape(*difference.shape[:-2], -1)
         return np.concatenate([vector, np.where(finite, flat, np.nan)], axis=-1)
 
     def inverse(self, x: ArrayLike) -> Points:
@@ -164,7 +159,7 @@ class Semidirect(MatrixGroup):
         return point[..., :n, :n], np.abs(rows).max(axis=(-2, -1))
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the root of the group's distance and the columns', squared and added."""
+        """Return the root of the sum of the squared distances of group and columns."""
         first, second = self._points(x, "x"), self._points(y)
         n = self.group.size
         linear = self.group.distance(first[..., :n, :n], second[..., :n, :n])

@@ -9,21 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.matrix_functions import (
-    corrected,
-    determinant_correction,
-    relative_length,
-    shortest_step,
-)
-from cg.frames.matrix_group import SizedMatrixGroup
+from cg.frames.matrix_functions import determinant_correction
+from cg.frames.matrix_group import NoncompactMatrixGroup
 
 
 @dataclass(frozen=True, repr=False)
-class SL(SizedMatrixGroup):
+class SL(NoncompactMatrixGroup):
     r"""Real matrices of determinant 1.
 
-    The coefficients are the entries of :math:`\Omega`, row by row, without the last one, which
-    makes the trace zero.
+    The coefficients are the entries of :math:`\Omega`, row by row, except the last one, which
+    follows from the zero trace.
 
     Parameters
     ----------
@@ -34,13 +29,15 @@ class SL(SizedMatrixGroup):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` or ``convention`` is impossible.
+        If ``n`` is too small, or ``convention`` is neither of the two.
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  Each flow ends with the shortest step towards
-    determinant 1, which is no longer than rounding of the matrix, however large that is.
+    The exponential is ``scipy.linalg.expm``.  Each flow ends with the step of least norm towards
+    determinant 1, which is no larger than the rounding errors of the matrix.
 
     Examples
     --------
@@ -63,13 +60,8 @@ class SL(SizedMatrixGroup):
             basis[i * (self.n + 1), -1, -1] = -1.0
         return basis
 
-    def restore(self, y: Points) -> Points:
-        """Return ``y`` after the shortest Newton step towards determinant 1."""
-        return shortest_step(y, determinant_correction)
-
-    def _project(self, y: Points) -> Points:
-        # Nearest in the Frobenius norm, to the second order of the distance.
-        return corrected(y, determinant_correction)
+    def _correction(self, y: Points) -> Points:
+        return determinant_correction(y)
 
     def membership_error(self, y: ArrayLike) -> Array:
         r"""Return :math:`|\det y - 1| / n`, shape ``(...)``.
@@ -78,10 +70,3 @@ class SL(SizedMatrixGroup):
         :math:`y = x (I + \delta)` for a point :math:`x`.
         """
         return np.asarray(np.abs(np.linalg.det(self._points(y)) - 1.0) / self.n)
-
-    def relative_error(self, y: ArrayLike) -> Array:
-        """Return the length of the shortest step to the group, relative to that of ``y``.
-
-        Of large matrices the determinant is rounding, however well they are known.
-        """
-        return relative_length(self._points(y), determinant_correction)

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Convention, Points
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
-from cg.frames.dexpinv import rotation_dexpinv
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, convention_option
 from cg.frames.logarithms import rotation_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
@@ -24,9 +23,9 @@ if TYPE_CHECKING:
 class SO(UnitaryMatrixGroup, SizedMatrixGroup):
     r"""Rotations of :math:`R^n`: orthogonal matrices of determinant 1.
 
-    The coefficients are entries of the skew matrix :math:`\Omega`: one for each pair
-    :math:`i < j`, the last pair first, of value :math:`(-1)^{i+j+1}\,\Omega_{ji}`.  With these
-    signs ``SO(3)`` has the rotation vector as its coefficients, as `SO3` does, and ``SO(2)`` the
+    The coefficients are the entries :math:`(-1)^{i+j+1}\,\Omega_{ji}` of the skew matrix
+    :math:`\Omega` for all pairs :math:`i < j`, the last pair first.  With these signs the
+    coefficients of ``SO(3)`` are the rotation vector, as for `SO3`, and that of ``SO(2)`` is the
     angle.
 
     Parameters
@@ -38,14 +37,16 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` or ``convention`` is impossible.
+        If ``n`` is too small, or ``convention`` is neither of the two.
 
     Notes
     -----
-    The exponential is a closed form for n = 2 and 3, beyond them as for `U`.  Every pair of points
-    has `exp_coordinates`, from the real Schur form.  Each flow ends with a step towards the group
-    that removes rounding errors [1]_.
+    The exponential is a closed form for n = 2 and 3, and computed as for `U` otherwise.  Every pair
+    of points has `exp_coordinates`, from the real Schur form.  Each flow ends with a step towards
+    the group that removes rounding errors [1]_.
 
     References
     ----------
@@ -90,31 +91,25 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
             return rotate(self._vectors(v), np.eye(3))
         return unitary_exponential(self.algebra(v))
 
-    def _log1p(self, away: Points) -> Array:
+    def _log1p(self, difference: Points) -> Array:
         # Angles are at most pi.
         if self.n == 2:
-            sine = away[..., 1, 0] - away[..., 0, 1]
-            cosine = 2.0 + np.trace(away, axis1=-2, axis2=-1)
+            sine = difference[..., 1, 0] - difference[..., 0, 1]
+            cosine = 2.0 + np.trace(difference, axis1=-2, axis2=-1)
             return np.asarray(np.arctan2(sine, cosine)[..., None])
         if self.n == 3:
-            return rotation_logarithm(away)
-        return self._algebra_projection(rotation_log1p(away))
+            return rotation_logarithm(difference)
+        return self._algebra_projection(rotation_log1p(difference))
 
-    def _bracket(self, u: Array, v: Array) -> Array:
-        if self.n == 3:
-            return np.asarray(self._side * np.cross(u, v))
-        return super()._bracket(u, v)
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self.n == 3:
-            return rotation_dexpinv(u, v, self._side)
-        return super()._dexpinv(u, v, order)
+    @property
+    def _rotation_sign(self) -> float:
+        return self._side if self.n == 3 else 0.0
 
     def _blocks(self) -> Blocks | None:
         if self.n > MAX_MATRIX:
             return None
         kind = BlockKind.SO3 if self.n == 3 else BlockKind.SO
-        return ((kind, self.n, axes_option(self.convention)),)
+        return ((kind, self.n, convention_option(self.convention)),)
 
     def read_points(self, value: Any, name: str = "y") -> Points:
         """Return arrays of numbers, and for n = 3 the matrices of ``Rotation`` of SciPy."""
@@ -136,13 +131,13 @@ class SO(UnitaryMatrixGroup, SizedMatrixGroup):
             If ``n`` isn't 3, or ``y`` has another shape.
         """
         if self.n != 3:
-            raise ValueError(f"points must be rotations of space for this, got {self!r}")
+            raise ValueError(f"as_rotation requires n = 3, got {self!r}")
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_matrix(self._points(y))
 
     def affine_exponential(self, v: ArrayLike, columns: Array) -> tuple[Points, Points]:
-        """Return the exponential and the bordering columns' average, closed for n = 3."""
+        """Return the upper blocks of the affine exponential, in closed form for n = 3."""
         if self.n == 3:
             vector = self._vectors(v)
             return rotate(vector, np.eye(3)), averaged_rotation(vector, columns)

@@ -85,8 +85,8 @@ class SO3(SO):
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
         r"""Return the angle in radians between two rotations, shape ``(...)``.
 
-        It is :math:`2\arcsin(\|x - y\|_F / \sqrt 8)`, accurate for nearly equal rotations where
-        the arc cosine of a trace is not.
+        It is :math:`2\arcsin(\|x - y\|_F / \sqrt 8)`, which unlike the arc cosine of a trace is
+        accurate for nearly equal rotations.
         """
         return np.asarray(2.0 * np.arcsin(np.minimum(super().distance(x, y) / np.sqrt(8.0), 1.0)))
 

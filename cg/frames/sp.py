@@ -10,23 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.matrix_functions import (
-    corrected,
-    relative_length,
-    shortest_step,
-    symplectic_correction,
-    two_norm,
-)
-from cg.frames.matrix_group import SizedMatrixGroup
+from cg.frames.matrix_functions import symplectic_correction, two_norm
+from cg.frames.matrix_group import NoncompactMatrixGroup
 
 
 @dataclass(frozen=True, repr=False)
-class Sp(SizedMatrixGroup):
+class Sp(NoncompactMatrixGroup):
     r"""Real symplectic matrices: :math:`y^T J y = J`, :math:`J = \binom{\;0\;\;I}{-I\;0}`.
 
-    Their Lie algebra holds the matrices :math:`\Omega = J S` with symmetric :math:`S`, linear
-    Hamiltonian systems of energy :math:`\tfrac12 x^T S x`.  The coefficients are the entries of
-    :math:`S` on and above the diagonal, row by row.
+    The Lie algebra consists of the matrices :math:`\Omega = J S` with symmetric :math:`S`, those of
+    linear Hamiltonian systems with energy :math:`\tfrac12 x^T S x`.  The coefficients are the
+    entries of :math:`S` on and above the diagonal, row by row.
 
     Parameters
     ----------
@@ -37,13 +31,15 @@ class Sp(SizedMatrixGroup):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` or ``convention`` is impossible.
+        If ``n`` is odd or less than 2, or ``convention`` is neither of the two.
 
     Notes
     -----
-    The exponential is ``scipy.linalg.expm``.  Each flow ends with the shortest step towards the
-    group, which is no longer than rounding of the matrix, however large that is.
+    The exponential is ``scipy.linalg.expm``.  Each flow ends with the step of least norm towards
+    the group, which is no larger than the rounding errors of the matrix.
 
     Examples
     --------
@@ -83,14 +79,6 @@ class Sp(SizedMatrixGroup):
         r"""Return :math:`x^* = -J x^T J`, shape ``(..., n, n)``."""
         return np.asarray(-self._form @ self._points(x, "x").mT @ self._form)
 
-    def _project(self, y: Points) -> Points:
-        # Nearest in the Frobenius norm, to the second order of the distance.
-        return corrected(y, self._correction)
-
-    def restore(self, y: Points) -> Points:
-        """Return ``y`` after the shortest Newton step towards the group."""
-        return shortest_step(y, self._correction)
-
     def _correction(self, y: Points) -> Points:
         return symplectic_correction(y, self._form)
 
@@ -104,10 +92,3 @@ class Sp(SizedMatrixGroup):
         with np.errstate(over="ignore", invalid="ignore"):
             residual = self.inverse(point) @ point - np.eye(self.n)
         return 0.5 * two_norm(residual)
-
-    def relative_error(self, y: ArrayLike) -> Array:
-        """Return the length of the shortest step to the group, relative to that of ``y``.
-
-        Of large matrices the residual is rounding, however well they are known.
-        """
-        return relative_length(self._points(y), self._correction)

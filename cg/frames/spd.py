@@ -8,16 +8,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.gl import GL
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import eigh_where_finite
 from cg.frames.matrix_group import MatrixGroup
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
 class SPD(HomogeneousSpace):
-    r"""Symmetric positive definite matrices, such as covariances, moved by congruences.
+    r"""Symmetric positive definite matrices, such as covariances, with the action of GL(n).
 
     GL(n) acts by :math:`y \mapsto g\,y\,g^T`, so that :math:`y' = \Omega(v)\,y + y\,\Omega(v)^T`,
     and the flow is :math:`e^\Omega y\, e^{\Omega^T}`: positive definite whatever the step.  The
@@ -30,13 +31,15 @@ class SPD(HomogeneousSpace):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` isn't a positive integer.
+        If ``n`` is less than 1.
 
     Notes
     -----
-    `distance` is that of the metric which all congruences keep, the root of the sum of
-    :math:`\ln^2 \lambda_i` over the eigenvalues of :math:`x^{-1} y` [1]_.
+    `distance` is the affine-invariant one, the root of the sum of :math:`\ln^2 \lambda_i` over the
+    eigenvalues of :math:`x^{-1} y` [1]_.
 
     References
     ----------
@@ -56,11 +59,11 @@ class SPD(HomogeneousSpace):
     n: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n))
+        object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
     @cached_property
     def group(self) -> MatrixGroup:
-        """All regular matrices."""
+        """The invertible matrices."""
         return GL(self.n, "space")
 
     @property
@@ -80,7 +83,7 @@ class SPD(HomogeneousSpace):
         return np.asarray(0.5 * (y + y.mT))
 
     def membership_error(self, y: ArrayLike) -> Array:
-        """Return the largest asymmetry or, if it is larger, how far an eigenvalue is below zero."""
+        """Return the larger of the asymmetry and the negative of the least eigenvalue."""
         point = self._points(y)
         with np.errstate(invalid="ignore"):
             lowest = eigh_where_finite(self.restore(point))[0][..., 0]
@@ -96,12 +99,12 @@ class SPD(HomogeneousSpace):
         return self.restore(y)
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the distance that congruences keep, shape ``(...)``; NaN for other matrices."""
+        """Return the affine-invariant distance, shape ``(...)``; NaN off the manifold."""
         start, end = np.broadcast_arrays(self._points(x, "x"), self._points(y))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             values, vectors = eigh_where_finite(start)
             scaled = vectors / np.sqrt(values)[..., None, :]
-            # of the difference, so that nearby points lose no digits
+            # Eigenvalues of x^-1 y - I, from the difference to avoid cancellation
             change = scaled.mT @ (end - start) @ scaled
             ratios, _ = eigh_where_finite(0.5 * (change + change.mT))
             return np.asarray(np.linalg.norm(np.log1p(ratios), axis=-1))

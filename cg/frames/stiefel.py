@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import (
     distance_from_unitary,
@@ -18,11 +18,12 @@ from cg.frames.matrix_functions import (
 )
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
 class Stiefel(HomogeneousSpace):
-    r"""Matrices of k orthonormal columns of length n, moved by SO(n): :math:`y' = \Omega(v)\,y`.
+    r"""Matrices of k orthonormal columns, with the action of SO(n): :math:`y' = \Omega(v)\,y`.
 
     The coefficients are those of `SO`.
 
@@ -35,14 +36,16 @@ class Stiefel(HomogeneousSpace):
 
     Raises
     ------
+    TypeError
+        If ``n`` or ``k`` isn't an integer.
     ValueError
-        If ``n`` or ``k`` is impossible.
+        If ``n`` or ``k`` is out of range.
 
     Notes
     -----
-    The flow is that of `SO`, and a last Newton-Schulz step towards the polar factor [1]_.
-    There are no `exp_coordinates`: the rotations between two points are many, and the smallest
-    has no closed form.
+    The flow is that of `SO`, followed by a Newton-Schulz step towards the polar factor [1]_.
+    There are no `exp_coordinates`: the rotation between two points is not unique, and the one
+    of least norm has no closed form.
 
     References
     ----------
@@ -61,14 +64,12 @@ class Stiefel(HomogeneousSpace):
     k: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n, 2))
-        object.__setattr__(self, "k", check_size(self.k, name="k"))
-        if self.k > self.n:
-            raise ValueError(f"k must be at most n = {self.n}, got {self.k!r}")
+        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+        object.__setattr__(self, "k", check_integer("k", self.k, 1, self.n))
 
     @cached_property
     def group(self) -> MatrixGroup:
-        """The rotations of the space around."""
+        """The rotations of the ambient space."""
         return SO(self.n, "space")
 
     @property
@@ -87,8 +88,8 @@ class Stiefel(HomogeneousSpace):
         return newton_schulz(y, y.mT)
 
     def _coefficients_at(self, y: Points, tangent: Points) -> Array:
-        # Of the skew matrices with the product `tangent` this is the smallest, y^T times the
-        # tangent being skew: X y^T - y X^T - y (y^T X) y^T.
+        # The skew matrix of least norm whose product with y is X = tangent, since y^T X is skew:
+        # X y^T - y X^T - y (y^T X) y^T.
         mixed = y.mT @ tangent
         along = 0.5 * (mixed - mixed.mT)
         across = tangent - y @ mixed

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
-from cg.frames.dexpinv import rotation_dexpinv
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, convention_option
 from cg.frames.matrix_functions import determinant_step
 from cg.frames.rotations import half_angle, quaternion_logarithm
 from cg.frames.u import U, gell_mann
@@ -33,13 +32,15 @@ class SU(U):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` or ``convention`` is impossible.
+        If ``n`` is too small, or ``convention`` is neither of the two.
 
     Notes
     -----
     For n = 2, :math:`\Omega^2 = -\tfrac14 |v|^2 I`, so that the exponential is
-    :math:`\cos x\, I + \Omega \sin(x) / x` with :math:`x = |v| / 2`; beyond it is
+    :math:`\cos x\, I + \Omega \sin(x) / x` with :math:`x = |v| / 2`; for larger n it is computed
     as for `U`.  Every pair of points has `exp_coordinates`.
 
     Examples
@@ -75,25 +76,19 @@ class SU(U):
         identity = np.cos(half)[..., None, None] * np.eye(2)
         return np.asarray(identity + sinc[..., None, None] * self.algebra(v))
 
-    def _bracket(self, u: Array, v: Array) -> Array:
-        if self.n == 2:
-            return np.asarray(self._side * np.cross(u, v))
-        return super()._bracket(u, v)
-
-    def _dexpinv(self, u: Array, v: Array, order: int) -> Array:
-        if self.n == 2:
-            return rotation_dexpinv(u, v, self._side)
-        return super()._dexpinv(u, v, order)
+    @property
+    def _rotation_sign(self) -> float:
+        return self._side if self.n == 2 else 0.0
 
     def _blocks(self) -> Blocks | None:
         if self.n > MAX_MATRIX:
             return None
         kind, size = (BlockKind.SU2, 3) if self.n == 2 else (BlockKind.SU, self.n)
-        return ((kind, size, axes_option(self.convention)),)
+        return ((kind, size, convention_option(self.convention)),)
 
-    def _log1p(self, away: Points) -> Array:
+    def _log1p(self, difference: Points) -> Array:
         if self.n > 2:
-            return super()._log1p(away)
-        scalar = 1.0 + 0.5 * np.trace(away, axis1=-2, axis2=-1).real
-        # The basis is half the quaternion units.
-        return quaternion_logarithm(0.5 * self._algebra_projection(away), np.asarray(scalar))
+            return super()._log1p(difference)
+        scalar = 1.0 + 0.5 * np.trace(difference, axis1=-2, axis2=-1).real
+        # The basis matrices are half the quaternion units.
+        return quaternion_logarithm(0.5 * self._algebra_projection(difference), np.asarray(scalar))

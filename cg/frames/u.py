@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, Points
-from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, axes_option
+from cg.frames.block_kinds import MAX_MATRIX, BlockKind, Blocks, convention_option
 from cg.frames.logarithms import unitary_log1p
 from cg.frames.matrix_functions import unitary_exponential
 from cg.frames.matrix_group import SizedMatrixGroup, UnitaryMatrixGroup
@@ -33,14 +33,16 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` or ``convention`` is impossible.
+        If ``n`` is too small, or ``convention`` is neither of the two.
 
     Notes
     -----
-    The exponential is Taylor's polynomial, ``scipy.linalg.expm`` for more than 16 rows, and for
-    large angles a sum over eigenvalues.  Every pair of points has `exp_coordinates`.  Each flow
-    ends with a step towards the group that removes rounding errors.
+    The exponential is a Taylor polynomial with scaling and squaring, ``scipy.linalg.expm`` for more
+    than 16 rows, and computed from eigenvalues for large angles.  Every pair of points has
+    `exp_coordinates`.  Each flow ends with a step towards the group that removes rounding errors.
 
     Examples
     --------
@@ -70,11 +72,11 @@ class U(UnitaryMatrixGroup, SizedMatrixGroup):
     def _blocks(self) -> Blocks | None:
         if self.n > MAX_MATRIX:
             return None
-        return ((BlockKind.U, self.n, axes_option(self.convention)),)
+        return ((BlockKind.U, self.n, convention_option(self.convention)),)
 
-    def _log1p(self, away: Points) -> Array:
+    def _log1p(self, difference: Points) -> Array:
         # Angles of the eigenvalues are in (-pi, pi], and in SU add up to zero.
-        return self._algebra_projection(unitary_log1p(away, special=self._special))
+        return self._algebra_projection(unitary_log1p(difference, special=self._special))
 
 
 def gell_mann(n: int) -> Points:

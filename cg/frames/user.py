@@ -1,4 +1,4 @@
-"""What a user's own frames share: functions of points that the user may supply."""
+"""User-defined frames: members of `Frame` that are functions of the user."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ Function = Callable[..., Any]
 
 
 class UserFrame(Frame):
-    """A frame some of whose members are functions that the user supplies.
+    """A frame with members that are functions of the user.
 
-    They are given single points, whatever the batch, and their results are checked.
+    The functions are called with single points, also for batches, and their results are checked.
     """
 
     _functions: dict[str, Function]
 
-    def _set_functions(self, **functions: Function | None) -> None:
+    def _store_functions(self, **functions: Function | None) -> None:
         for name, function in functions.items():
             if function is not None and not callable(function):
                 raise TypeError(f"{name} must be a function or None, got {function!r}")
-        given = {name: function for name, function in functions.items() if function is not None}
-        object.__setattr__(self, "_functions", given)
+        present = {name: function for name, function in functions.items() if function is not None}
+        object.__setattr__(self, "_functions", present)
 
     def _key(self) -> tuple[Any, ...]:
-        """Return what two equal frames agree in."""
+        """Return the values that equal frames share."""
         return (self.point_shape, self.dtype, tuple(sorted(self._functions.items())))
 
     def __eq__(self, other: object) -> bool:
@@ -50,18 +50,18 @@ class UserFrame(Frame):
         shape: tuple[int, ...],
         dtype: Any = np.float64,
     ) -> Points:
-        """Call ``function`` for every entry of a batch, and stack what it returns.
+        """Call ``function`` for every entry of a batch, and stack the results.
 
         Parameters
         ----------
         name
-            What to call the function in an error message.
+            Name of the function in error messages.
         function
             Called with one array for each of ``arguments``.
         arguments
-            Arrays, each with the number of its trailing axes that form one argument.
+            Arrays, each with the number of trailing axes of one argument.
         shape, dtype
-            What ``function`` must return.
+            Shape and type of the results of ``function``.
         """
         leads = [a.shape[: a.ndim - axes] for a, axes in arguments]
         lead = np.broadcast_shapes(*leads)
@@ -75,8 +75,8 @@ class UserFrame(Frame):
             result[index] = value
         return result
 
-    def _on_points(self, name: str, shape: tuple[int, ...], *points: Points) -> Points | None:
-        """Return what the user's function of that name says of the points, None without one."""
+    def _evaluate(self, name: str, shape: tuple[int, ...], *points: Points) -> Points | None:
+        """Return the results of the user's function of that name, None if there is none."""
         function = self._functions.get(name)
         if function is None:
             return None
@@ -86,11 +86,11 @@ class UserFrame(Frame):
 
     def restore(self, y: Points) -> Points:
         """Return ``y`` after the user's ``restore``, if there is one."""
-        restored = self._on_points("restore", self.point_shape, y)
+        restored = self._evaluate("restore", self.point_shape, y)
         return y if restored is None else restored
 
     def _project(self, y: Points) -> Points:
-        projected = self._on_points("project", self.point_shape, y)
+        projected = self._evaluate("project", self.point_shape, y)
         if projected is not None:
             return projected
         if "membership_error" in self._functions:
@@ -98,22 +98,22 @@ class UserFrame(Frame):
         return y
 
     def membership_error(self, y: ArrayLike) -> Array:
-        """Return what the user's function says, else zeros: every array is a point then."""
+        """Return the user's errors; by default zeros, since every array is a point."""
         point = self._points(y)
-        error = self._on_points("membership_error", (), point)
+        error = self._evaluate("membership_error", (), point)
         return (
             np.zeros(point.shape[: point.ndim - len(self.point_shape)]) if error is None else error
         )
 
     def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return what the user's function says, else the distance in the ambient space."""
-        distance = self._on_points("distance", (), self._points(x, "x"), self._points(y))
+        """Return the user's distances, by default the Euclidean ones."""
+        distance = self._evaluate("distance", (), self._points(x, "x"), self._points(y))
         return super().distance(x, y) if distance is None else distance
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
-        """Return what the user's function says, else None."""
+        """Return the user's coordinates, by default None."""
         points = self._points(y0, "y0"), self._points(y1, "y1")
-        return self._on_points("exp_coordinates", (self.dim,), *points)
+        return self._evaluate("exp_coordinates", (self.dim,), *points)
 
     def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
         """Return points from the user's function, or normal ones where all arrays are points.

@@ -39,7 +39,7 @@ def quaternion_rules(frame: UnitQuaternion) -> Rules:
         flow,
         unit_step,
         log,
-        turning_dexpinv(frame._side),
+        turning_dexpinv(frame._rotation_sign),
         lambda y, tangent: 2.0 * sines(y, tangent),
         ones(frame),
     )

@@ -1,15 +1,12 @@
 """Test equations with invariants and reference solutions."""
 
 from cg.problems.affine import AffineField
-from cg.problems.body_with_pendulum import BodyWithPendulum
-from cg.problems.double_pendulum import DoubleSphericalPendulum
 from cg.problems.forced_rigid_body import ForcedRigidBody
 from cg.problems.free_rigid_body import FreeRigidBody
 from cg.problems.gradient_flow import GradientFlow
 from cg.problems.gyro import ConingMotion, GyroAttitude
 from cg.problems.heavy_top import HeavyTop
 from cg.problems.reaction_wheels import ReactionWheels
-from cg.problems.rolling_ball import RollingBall
 from cg.problems.rotation import StateDependentRotation
 from cg.problems.spacecraft import Spacecraft
 from cg.problems.taylor import Reference
@@ -18,9 +15,7 @@ from cg.problems.two_level import TwoLevelSystem
 
 __all__ = [
     "AffineField",
-    "BodyWithPendulum",
     "ConingMotion",
-    "DoubleSphericalPendulum",
     "ForcedRigidBody",
     "FreeRigidBody",
     "GradientFlow",
@@ -28,7 +23,6 @@ __all__ = [
     "HeavyTop",
     "ReactionWheels",
     "Reference",
-    "RollingBall",
     "Spacecraft",
     "StateDependentRotation",
     "TodaFlow",

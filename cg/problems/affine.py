@@ -1,13 +1,11 @@
-"""Fields whose coefficients are affine in the point: tests of order on any frame."""
+"""Equations with coefficients affine in the point, for tests of the order on any frame."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from functools import cached_property
-from itertools import product
 from math import prod
+from typing import Any
 
 import numpy as np
 from flint import arb
@@ -15,31 +13,33 @@ from numpy.typing import ArrayLike
 
 from cg.frames import Frame
 from cg.frames.arrays import Array
-from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
-from cg.support.balls import to_arb
+from cg.problems.quadratic import QuadraticProblem
+from cg.problems.taylor import ball
 from cg.support.checks import check_integer
 
 _UNIT = 8
 
 
 @dataclass(frozen=True, eq=False)
-class AffineField:
-    r"""A field with coefficients :math:`f(t, y) = c + L\,\mathrm{vec}(y) + t\,w`.
+class AffineField(QuadraticProblem):
+    r"""An equation with coefficients :math:`f(t, y) = c + L\,\mathrm{vec}(y) + t\,w`.
 
     On frames whose fields are affine in the entries of the point, the equation is quadratic, so
-    that its solution is known to any precision without a Crouch-Grossman method.  The numbers in
-    :math:`c, L, w` are random eighths: no symmetry hides the error of a tree, and misplaced
-    coefficients of a method show in its order.
+    that Taylor series give its solution to any precision.  The entries of :math:`c, L, w` are
+    random multiples of 1/8, so that every tree contributes to the error of a method and a wrong
+    coefficient reduces the observed order.
+
+    The unknowns of `reference` are the entries of the point and time.
 
     Parameters
     ----------
     frame
-        A frame with real points whose fields are affine: matrix groups, homogeneous spaces with a
-        linear action, Euclidean space, products.
+        A frame with real points and affine fields: matrix groups, homogeneous spaces with a linear
+        action, Euclidean space, products.
     initial
-        The initial point, shape ``frame.point_shape``; its entries are taken as exact.
+        The initial point, shape ``frame.point_shape``; the reference takes its entries as exact.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
 
     Raises
     ------
@@ -100,18 +100,6 @@ class AffineField:
         lead = y.shape[: y.ndim - len(self.frame.point_shape)]
         return np.asarray(self.constant + t * self.slope + y.reshape(*lead, -1) @ self.linear.T)
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution at given times in extended precision.
-
-        The unknowns are the entries of the point in C order, and time itself.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
     def _fields(self, y: Array) -> Array:
         """Return all fields at an array ``y`` of shape ``(n,)``, shape ``(dim, n)``."""
         point = y.reshape(self.frame.point_shape)
@@ -129,29 +117,12 @@ class AffineField:
         units = np.eye(self.y0.size)
         return np.stack([self._fields(unit) - self._origin for unit in units], axis=-1)
 
-    def _system(self) -> QuadraticSystem:
-        clock = self.y0.size
-        equations: list[tuple[Term, ...]] = []
-        for row in range(clock):
-            terms: dict[tuple[int, ...], arb] = {}
-            for i in range(self.frame.dim):
-                coefficient: dict[tuple[int, ...], float] = {
-                    (): self.constant[i],
-                    (clock,): self.slope[i],
-                }
-                coefficient |= {(j,): x for j, x in enumerate(self.linear[i])}
-                entry: dict[tuple[int, ...], float] = {(): self._origin[i, row]}
-                entry |= {(k,): x for k, x in enumerate(self._matrices[i, row])}
-                for (p, a), (q, b) in product(coefficient.items(), entry.items()):
-                    if a and b:
-                        indices = tuple(sorted((*p, *q)))
-                        terms[indices] = terms.get(indices, arb(0)) + _ball(a) * _ball(b)
-            equations.append(tuple((value, indices) for indices, value in terms.items()))
-        equations.append(((arb(1), ()),))
-        start = (*(_ball(x) for x in self.y0.ravel()), arb(0))
-        return QuadraticSystem(tuple(equations), start)
+    def _initial(self) -> list[arb]:
+        return [*map(ball, self.y0.ravel()), arb(0)]
 
-
-def _ball(x: float) -> arb:
-    exact = Fraction(float(x))
-    return to_arb(exact)
+    def _derivatives(self, y: Any) -> Any:
+        # Unknowns: the entries of the point, and time
+        point, t = y[:-1], y[-1]
+        fields = self._matrices.astype(object) @ point + self._origin
+        coefficients = self.linear.astype(object) @ point + self.constant + t * self.slope
+        return [*(coefficients @ fields), 1.0]

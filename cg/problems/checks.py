@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from flint import arb, fmpq
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, real_array
-from cg.problems.taylor import Term
 
 
 def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
-    """Return ``n`` finite numbers; ValueError if ``value`` is anything else."""
+    """Return ``n`` finite numbers as floats; ValueError for any other value."""
     array = real_array(value, name)
     if array.shape != (n,) or not np.isfinite(array).all():
         raise ValueError(f"{name} must be {n} finite numbers, got {value!r}")
@@ -23,7 +20,7 @@ def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
 
 
 def number(value: Any, name: str, *, positive: bool = False) -> float:
-    """Return a finite number; ValueError if ``value`` is anything else, or not positive."""
+    """Return a finite number as a float; ValueError for any other value."""
     array = real_array(value, name)
     if array.shape != () or not math.isfinite(array.item()):
         raise ValueError(f"{name} must be a finite number, got {value!r}")
@@ -33,7 +30,7 @@ def number(value: Any, name: str, *, positive: bool = False) -> float:
 
 
 def moments(value: ArrayLike, name: str = "inertia") -> tuple[float, ...]:
-    """Return three principal moments of inertia; ValueError if no body has these."""
+    """Return three principal moments of inertia; ValueError if they violate the inequalities."""
     three = vector(value, name, 3)
     if min(three) <= 0.0 or 2.0 * max(three) > sum(three) * (1.0 + 1e-12):
         raise ValueError(
@@ -43,25 +40,8 @@ def moments(value: ArrayLike, name: str = "inertia") -> tuple[float, ...]:
 
 
 def times_array(t: ArrayLike) -> Array:
-    """Return finite times as an array; ValueError if ``t`` is anything else."""
+    """Return finite times as an array; ValueError for any other value."""
     times = real_array(t, "t")
     if not np.isfinite(times).all():
         raise ValueError(f"t must be finite, got {t!r}")
     return times
-
-
-def ball(x: float) -> arb:
-    """Return a float as an exact ball."""
-    numerator, denominator = float(x).as_integer_ratio()
-    return arb(fmpq(numerator, denominator))
-
-
-def cross_terms(
-    x: Sequence[int], y: Sequence[int], scale: Sequence[arb], sign: int = 1
-) -> list[tuple[Term, ...]]:
-    """Return the terms of ``sign * x cross (scale * y)``, for unknowns given by their indices."""
-    rows: list[tuple[Term, ...]] = []
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        rows.append(((sign * scale[k], (x[j], y[k])), (-sign * scale[j], (x[k], y[j]))))
-    return rows

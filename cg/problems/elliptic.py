@@ -1,7 +1,7 @@
-r"""Jacobi's elliptic functions, accurate for parameters that are 1 or next to it.
+r"""Jacobi elliptic functions, accurate for parameters m near 1.
 
-All functions here take the complementary modulus :math:`k' = \sqrt{1 - m}`: near m = 1 the
-parameter itself has none of its digits.
+Unlike ``scipy.special.ellipj`` they take the complementary modulus :math:`k' = \sqrt{1 - m}`, which
+cancellation in :math:`1 - m` would make inaccurate near m = 1.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from cg.frames.arrays import Array
 
 
 def jacobi_functions(u: Array, complement: float) -> tuple[Array, Array, Array]:
-    r"""Return sn, cn and dn of real arguments, right to a few roundings of ``u``.
+    r"""Return sn, cn and dn of real arguments, to a few roundings of ``u``.
 
-    Landen's descending transformation [1]_ leads to trigonometric functions.  Its common
-    denominators follow from :math:`\mathrm{sn}^2 + \mathrm{cn}^2 = 1`, and nothing cancels.
+    Landen's descending transformation [1]_ reduces them to trigonometric functions.  Its common
+    denominators follow from :math:`\mathrm{sn}^2 + \mathrm{cn}^2 = 1`, without cancellation.
 
     Parameters
     ----------
@@ -48,14 +48,14 @@ def jacobi_functions(u: Array, complement: float) -> tuple[Array, Array, Array]:
 
 
 def argument_of(sn: float, cn: float, complement: float) -> float:
-    """Return the u within a quarter period of zero at which sn and cn have given values.
+    """Return the argument u, within a quarter period of zero, of given values of sn and cn.
 
     Parameters
     ----------
     sn, cn
-        Up to a common factor; ``cn`` isn't negative, and both don't vanish.
+        The values up to a common factor; ``cn`` isn't negative, and not both vanish.
     complement
-        The complementary modulus, from 0 to 1, and not 0 where ``cn`` is.
+        The complementary modulus, from 0 to 1, positive if ``cn`` is 0.
     """
     if complement == 0.0:
         return float(np.arcsinh(sn / cn))

@@ -1,6 +1,7 @@
-"""Reference solutions of any differential equation, by extrapolation in extended precision.
+"""Reference solutions of matrix differential equations, by extrapolation in extended precision.
 
-Nothing here knows of methods on manifolds, so that they can be tested against it.
+They serve equations that are not quadratic, for which `cg.problems.taylor` is used.  They are
+independent of the methods on manifolds that are tested against them.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from fractions import Fraction
 
 from flint import acb_mat
 
-from ..support.balls import to_arb
+from cg.problems.taylor import ball
 
 State = list[acb_mat]
 Field = Callable[[State], State]
@@ -24,22 +25,22 @@ def extrapolated(
     Parameters
     ----------
     field
-        The right side, for a state of complex matrices.
+        The right-hand side, a function of a list of complex matrices.
     start
         The state at time zero.
     times
-        Where the solution is wanted, of any sign and in any order.
+        Output times, of any sign and in any order.
     step
-        Length of the steps that are extrapolated.
+        Length of the basic steps.
     columns
-        How many numbers of midpoint steps in each: 2, 4, 6 and so on.
+        Number of columns of the extrapolation table, with 2, 4, 6, ... midpoint steps.
 
     References
     ----------
     .. [1] E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary Differential Equations I*, 2nd
        ed., Springer, 1993, section II.9.
     """
-    found: dict[Fraction, State] = {Fraction(0): start}
+    states: dict[Fraction, State] = {Fraction(0): start}
     for sign in (1, -1):
         now, state = Fraction(0), start
         for t in sorted({t for t in times if t * sign > 0}, key=abs):
@@ -47,8 +48,8 @@ def extrapolated(
                 length = min(step, abs(t - now)) * sign
                 state = _step(field, state, length, columns)
                 now += length
-            found[t] = state
-    return [found[t] for t in times]
+            states[t] = state
+    return [states[t] for t in times]
 
 
 def _step(field: Field, state: State, length: Fraction, columns: int) -> State:
@@ -59,7 +60,7 @@ def _step(field: Field, state: State, length: Fraction, columns: int) -> State:
         for k, other in enumerate(row):
             # The errors are even in the length of a step.
             ratio = Fraction(j, j - 1 - k) ** 2 - 1
-            factor = to_arb(1 / ratio)
+            factor = ball(1 / ratio)
             last.append([x + (x - y) * factor for x, y in zip(last[k], other, strict=True)])
         row = last
     return [x.mid() for x in row[-1]]
@@ -67,7 +68,7 @@ def _step(field: Field, state: State, length: Fraction, columns: int) -> State:
 
 def _midpoints(field: Field, state: State, slope: State, length: Fraction, n: int) -> State:
     """Return the state after ``n`` steps of the midpoint rule, the first of them Euler's."""
-    h = to_arb(length / n)
+    h = ball(length / n)
     before, now = state, [x + s * h for x, s in zip(state, slope, strict=True)]
     for _ in range(n - 1):
         slopes = field(now)

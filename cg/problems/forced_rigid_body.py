@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from flint import arb
@@ -11,15 +11,16 @@ from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
 from cg.frames.arrays import Array
-from cg.problems.checks import ball, cross_terms, moments, number, vector
-from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+from cg.problems.checks import moments, number, vector
+from cg.problems.quadratic import QuadraticProblem, balls, identity
+from cg.problems.taylor import ball
 
 _FRAME = Product(SO3(), Euclidean(3))
 
 
 @dataclass(frozen=True)
-class ForcedRigidBody:
-    r"""A rigid body, turned by a torque that goes round with a given frequency.
+class ForcedRigidBody(QuadraticProblem):
+    r"""A rigid body under a torque that rotates with a given frequency.
 
     .. math::
 
@@ -27,7 +28,8 @@ class ForcedRigidBody:
         \tau(t) = a \cos \nu t + b \sin \nu t ,
 
     in body axes; with :math:`a = b = 0` the body is free.  A point is the flat vector of the
-    rotation matrix :math:`R`, row by row, and :math:`\omega`.
+    rotation matrix :math:`R`, row by row, and :math:`\omega`; `reference` adds the unknowns
+    :math:`\cos \nu t` and :math:`\sin \nu t`.
 
     Parameters
     ----------
@@ -43,7 +45,8 @@ class ForcedRigidBody:
     Raises
     ------
     ValueError
-        If a parameter isn't as many finite numbers, or no body has these moments.
+        If a parameter has the wrong shape or isn't finite, or the moments of inertia violate the
+        triangle inequalities.
 
     Examples
     --------
@@ -106,34 +109,17 @@ class ForcedRigidBody:
         )
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
-        """Return what never changes, shape ``(...)``: the determinant of the rotation."""
+        """Return the determinant of the rotation, shape ``(...)``, which is one."""
         return {"determinant": np.asarray(np.linalg.det(self.frame.split(y)[0]))}
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        r"""Return the solution at given times in extended precision.
+    def _initial(self) -> list[arb]:
+        return [*identity(), *map(ball, self.velocity), arb(1), arb(0)]
 
-        The unknowns are the entries of the point, then :math:`\cos \nu t` and
-        :math:`\sin \nu t`.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
-    def _system(self) -> QuadraticSystem:
-        inertia, one = [ball(x) for x in self.inertia], [arb(1)] * 3
-        omega, cosine, sine = (9, 10, 11), 12, 13
-        equations: list[tuple[Term, ...]] = []
-        for row in range(3):
-            equations += cross_terms([3 * row + k for k in range(3)], omega, one)
-        spin = cross_terms(omega, omega, inertia, -1)
-        for i in range(3):
-            torque = ((ball(self.cosine[i]), (cosine,)), (ball(self.sine[i]), (sine,)))
-            equations.append(tuple((c / inertia[i], at) for c, at in (*spin[i], *torque)))
-        nu = ball(self.frequency)
-        equations += [((-nu, (sine,)),), ((nu, (cosine,)),)]
-        identity = [arb(int(i == j)) for i in range(3) for j in range(3)]
-        velocity = [ball(x) for x in self.velocity]
-        return QuadraticSystem(tuple(equations), (*identity, *velocity, arb(1), arb(0)))
+    def _derivatives(self, y: Any) -> Any:
+        # Unknowns: R, omega, cos(nu t), sin(nu t)
+        rotation, omega, cosine, sine = y[:9].reshape(3, 3), y[9:12], y[12], y[13]
+        inertia, nu = balls(self.inertia), ball(self.frequency)
+        torque = cosine * balls(self.cosine) + sine * balls(self.sine)
+        change = (np.cross(inertia * omega, omega) + torque) * (1 / inertia)
+        attitude_rate = np.cross(rotation, omega).ravel()
+        return [*attitude_rate, *change, -nu * sine, nu * cosine]

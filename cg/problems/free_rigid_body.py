@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from flint import arb
@@ -13,25 +14,26 @@ from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Product, Sphere
 from cg.frames.arrays import Array
-from cg.problems.checks import ball, cross_terms, moments, times_array, vector
+from cg.problems.checks import moments, times_array, vector
 from cg.problems.elliptic import argument_of, jacobi_functions
-from cg.problems.taylor import QuadraticSystem, Reference, Time, reference_solution
+from cg.problems.quadratic import QuadraticProblem, balls, identity
+from cg.problems.taylor import ball
 
 _FRAME = Product(SO3(), Sphere(2))
 
-# Squares of smaller complementary moduli are no normal numbers.
+# Smallest complementary modulus whose square is a normal number
 _SMALLEST = 1e-150
 
 
 @dataclass(frozen=True)
-class FreeRigidBody:
-    r"""A rigid body that no torque acts on, in body coordinates.
+class FreeRigidBody(QuadraticProblem):
+    r"""A rigid body without external torques, in body coordinates.
 
     .. math:: B' = B\,\hat\omega, \qquad m' = m \times \omega, \qquad \omega = I^{-1} m,
 
     with the rotation :math:`B` from body to space axes and the angular momentum :math:`m` in
-    body axes.  The length of :math:`m` is constant, so that its direction :math:`u = m/|m|` on
-    the sphere is what moves: :math:`u' = -\omega \times u`.
+    body axes.  The length of :math:`m` is constant, so the unknown is the direction
+    :math:`u = m/|m|` on the sphere: :math:`u' = -\omega \times u`.
 
     A point is the flat vector of the nine entries of :math:`B`, row by row, and of :math:`u`.
 
@@ -45,7 +47,8 @@ class FreeRigidBody:
     Raises
     ------
     ValueError
-        If no body has these moments, or the momentum isn't three numbers or vanishes.
+        If the moments of inertia violate the triangle inequalities, or the momentum isn't three
+        finite numbers or vanishes.
 
     References
     ----------
@@ -84,7 +87,7 @@ class FreeRigidBody:
 
     @property
     def y0(self) -> Array:
-        """The initial point, with the body axes along those of space, shape ``(12,)``."""
+        """The initial point, with the identity as the attitude, shape ``(12,)``."""
         return self.frame.join(np.eye(3), np.array(self.momentum) / self.size)
 
     def f(self, t: float, y: Array) -> Array:
@@ -108,8 +111,8 @@ class FreeRigidBody:
     def exact_momentum(self, t: ArrayLike) -> Array:
         r"""Return the angular momentum in body axes at given times, shape ``(..., 3)``.
 
-        With :math:`a = 1/I`, about the axis :math:`k` that the motion encircles, the axis
-        :math:`j` of the middle moment, and the third one :math:`i`,
+        With :math:`a = 1/I`, the axis :math:`k` that the momentum encircles, the axis :math:`j` of
+        the intermediate moment, and the remaining axis :math:`i`,
 
         .. math::
 
@@ -117,17 +120,17 @@ class FreeRigidBody:
             m_k = \gamma\,\mathrm{dn}(\lambda t + \delta \mid \kappa), \qquad
             \lambda^2 = (a_k - a_j)(2E - a_i |m|^2) .
 
-        It errs by the rounding of :math:`\lambda t`, on the separatrix and next to it as well.
+        The error is the rounding of :math:`\lambda t`, also on and near the separatrix.
 
         Raises
         ------
         ValueError
-            If a time isn't a finite number, or the motion so near the separatrix that its
-            complementary modulus isn't zero, but below 1e-150.
+            If a time isn't a finite number, or the complementary modulus is positive but less than
+            1e-150, near the separatrix.
         """
         times = times_array(t)
         start = np.array(self.momentum)
-        motion = _motion(self.inertia, self.momentum)
+        motion = _elliptic_parameters(self.inertia, self.momentum)
         if motion is None:
             return np.broadcast_to(start, (*times.shape, 3)).copy()
         (i, j, k), amplitudes, rate, complement = motion
@@ -137,51 +140,41 @@ class FreeRigidBody:
         m[..., j], m[..., i], m[..., k] = jacobi_functions(rate * times + shift, complement)
         return m * amplitudes
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution, attitude included, at given times in extended precision.
+    def _initial(self) -> list[arb]:
+        return [*identity(), *(balls(self.momentum) / self._exact_size())]
 
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
+    def _derivatives(self, y: Any) -> Any:
+        # The rows of B and u change alike: x' = x cross omega.
+        omega = self._exact_size() / balls(self.inertia) * y[9:]
+        return np.cross(y.reshape(4, 3), omega).ravel()
 
-    def _system(self) -> QuadraticSystem:
-        size = sum((ball(x) ** 2 for x in self.momentum), arb(0)).sqrt()
-        scale = [size / ball(moment) for moment in self.inertia]
-        u = (9, 10, 11)
-        rows = ((0, 1, 2), (3, 4, 5), (6, 7, 8), u)
-        # Rows of B and u itself turn alike: x' = x cross omega.
-        equations = [terms for row in rows for terms in cross_terms(row, u, scale)]
-        start = [arb(int(i == j)) for i in range(3) for j in range(3)]
-        start += [ball(x) / size for x in self.momentum]
-        return QuadraticSystem(tuple(equations), tuple(start))
+    def _exact_size(self) -> arb:
+        return sum((ball(x) ** 2 for x in self.momentum), arb(0)).sqrt()
 
 
-def _motion(
+def _elliptic_parameters(
     inertia: tuple[float, ...], momentum: tuple[float, ...]
 ) -> tuple[tuple[int, int, int], Array, float, float] | None:
     """Return the axes i, j, k, the amplitudes of m, the rate and the complementary modulus.
 
-    It is None of a momentum in a principal axis, which is constant.  Near the separatrix, where
-    :math:`2E = a_j |m|^2`, the motion depends on how near, and doubles don't tell: what this is
-    made of are fractions.
+    It is None if the momentum is along a principal axis and constant.  Near the separatrix, where
+    :math:`2E = a_j |m|^2`, the complementary modulus is a small difference, which fractions give
+    without cancellation.
 
     Raises
     ------
     ValueError
-        If the modulus isn't zero, but too small for a double.
+        If the complementary modulus isn't zero, but too small for a double.
     """
     scale = 2.0 ** math.frexp(max(map(abs, momentum)))[1]
     a = [1 / Fraction(moment) for moment in inertia]
     squares = [(Fraction(x) / Fraction(scale)) ** 2 for x in momentum]
     i, j, k = sorted(range(3), key=a.__getitem__)
-    # 2E - a_j |m|^2, whose sign tells which axis is encircled
+    # The sign of 2E - a_j |m|^2 determines the encircled axis.
     excess = _weighted(squares, [x - a[j] for x in a])
     if excess < 0:
         i, k = k, i
-    # Twice the energy lies between a_i |m|^2 and a_k |m|^2, so far away from these:
+    # Distances of 2E from its bounds a_k |m|^2 and a_i |m|^2
     wide, high = (_weighted(squares, [abs(x - a[n]) for x in a]) for n in (k, i))
     outer, inner = abs(a[k] - a[i]), abs(a[k] - a[j])
     if sum(map(bool, momentum)) == 1 or not wide or not high or not inner:
@@ -205,6 +198,6 @@ def _weighted(squares: Sequence[Fraction], weights: Sequence[Fraction]) -> Fract
 
 
 def _root(x: Fraction) -> float:
-    """Return the square root, where x itself may be beyond the range of doubles too."""
+    """Return the square root of a fraction, which may be outside the range of doubles."""
     half = (x.numerator.bit_length() - x.denominator.bit_length()) // 2
     return math.ldexp(math.sqrt(x / Fraction(4) ** half), half)

@@ -1,4 +1,4 @@
-"""The gradient flow of a lattice gauge field: many links in SU(3) at once."""
+"""The gradient flow of a lattice gauge field, with a matrix in SU(3) on each link."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from flint import acb, acb_mat, arb
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames import SU, Power
-from cg.frames.arrays import Array, check_size, complex_array
-from cg.problems.checks import ball, number
+from cg.frames.arrays import Array, complex_array
+from cg.problems.checks import number
 from cg.problems.extrapolation import State, extrapolated
 from cg.problems.lattice import Lattice
-from cg.problems.taylor import Reference, Time, exact_midpoint, exact_times
+from cg.problems.taylor import Reference, Time, ball, exact_midpoint, exact_times
+from cg.support.checks import check_integer
 
 from ..support.balls import working_precision
 
@@ -27,8 +28,8 @@ _Links = NDArray[np.complex128]
 class GradientFlow:
     r"""The Wilson flow of a gauge field on a periodic lattice.
 
-    Each link :math:`V_\mu(x)`, from the site :math:`x` one step along the axis :math:`\mu`, is a
-    matrix in SU(3), and follows the gradient of the Wilson action,
+    Each link :math:`V_\mu(x)` from the site :math:`x` to the next site along the axis
+    :math:`\mu` is a matrix in SU(3).  The links follow the gradient of the Wilson action,
 
     .. math::
 
@@ -40,23 +41,24 @@ class GradientFlow:
     :math:`V_p` that begin with the link, and the sum in :math:`S` is over all plaquettes.  Time is
     that of [1]_, in units of the square of the lattice spacing.
 
-    A point has one matrix a link, shape ``(links, 3, 3)``; `Lattice` tells their order.
+    A point has one matrix per link, shape ``(links, 3, 3)``; `Lattice` defines their order.
 
     Parameters
     ----------
     sides
-        How many sites the lattice has along each axis, two or more axes.
+        Number of sites along each axis, for two or more axes.
     roughness
-        How far the links are from the identity at time zero: the deviation of the normal
-        coefficients whose exponentials they are.
+        Standard deviation of the normal coefficients whose exponentials are the initial links.
     seed
-        Where those come from.
+        Seed of the initial links.
 
     Raises
     ------
+    TypeError
+        If an entry of ``sides``, or ``seed``, isn't an integer.
     ValueError
-        If ``sides`` aren't two or more positive integers, ``roughness`` isn't a finite number, or
-        ``seed`` isn't an integer that is zero or more.
+        If ``sides`` has fewer than two entries or one that isn't positive, ``roughness`` isn't a
+        finite number, or ``seed`` is negative.
 
     References
     ----------
@@ -78,7 +80,7 @@ class GradientFlow:
     def __post_init__(self) -> None:
         object.__setattr__(self, "sides", Lattice(self.sides).sides)
         object.__setattr__(self, "roughness", number(self.roughness, "roughness"))
-        object.__setattr__(self, "seed", check_size(self.seed, 0, "seed"))
+        object.__setattr__(self, "seed", check_integer("seed", self.seed, 0))
 
     @cached_property
     def lattice(self) -> Lattice:
@@ -94,10 +96,10 @@ class GradientFlow:
     def y0(self) -> _Links:
         """The links at time zero, shape ``(links, 3, 3)``."""
         group = SU(3)
-        return np.asarray(group.restore(group.exponential(self._logarithms)))
+        return np.asarray(group.restore(group.exponential(self._initial_coefficients)))
 
     @cached_property
-    def _logarithms(self) -> Array:
+    def _initial_coefficients(self) -> Array:
         rng = np.random.default_rng(self.seed)
         return self.roughness * SU(3).random_vector(rng, self.lattice.links)
 
@@ -117,14 +119,14 @@ class GradientFlow:
             Shape ``(..., 8 * links)``.
         """
         loops = self.lattice.loops(y)
-        # tr(B_k* M) of a basis with tr(B_j* B_k) = delta_jk / 2 is half the coefficient of the
-        # anti-Hermitian part without trace.
+        # For a basis with tr(B_j* B_k) = delta_jk / 2, tr(B_k* M) is half the coefficient of the
+        # traceless anti-Hermitian part of M.
         flat = loops.reshape(*loops.shape[:-2], 9)
-        found = -2.0 * (flat @ _ADJOINTS).real
-        return np.asarray(found.reshape(*found.shape[:-2], -1))
+        coefficients = -2.0 * (flat @ _ADJOINTS).real
+        return np.asarray(coefficients.reshape(*coefficients.shape[:-2], -1))
 
     def action(self, y: ArrayLike) -> Array:
-        """Return the Wilson action, shape ``(...)``; the flow never lets it grow.
+        """Return the Wilson action, shape ``(...)``, which decreases along the flow.
 
         Parameters
         ----------
@@ -132,7 +134,7 @@ class GradientFlow:
             Links, shape ``(..., links, 3, 3)``.
         """
         loops = self.lattice.loops(complex_array(y, "y"))
-        # Each plaquette begins with each of its four links, in one of the two orientations.
+        # The sum over links counts each plaquette four times.
         d = len(self.sides)
         plaquettes = self.frame.n * (d - 1) / 2
         traces = np.trace(loops, axis1=-2, axis2=-1).real.sum(axis=-1) / 4.0
@@ -141,15 +143,14 @@ class GradientFlow:
     def rotated(self, y: ArrayLike, gauge: ArrayLike) -> _Links:
         r"""Return the links after a gauge transformation, :math:`g(x) V_\mu(x) g(x + \mu)^*`.
 
-        The flow commutes with it, and so does each step of each method of this package, to
-        rounding.
+        The flow and the steps of all methods commute with it, the latter up to rounding.
 
         Parameters
         ----------
         y
             Links, shape ``(..., links, 3, 3)``.
         gauge
-            One matrix a site, shape ``(sites, 3, 3)``.
+            One matrix per site, shape ``(sites, 3, 3)``.
         """
         links, g = complex_array(y, "y"), complex_array(gauge, "gauge")
         start, end = self.lattice.ends
@@ -162,52 +163,51 @@ class GradientFlow:
     def reference(self, times: Sequence[Time], *, bits: int = 160) -> Reference:
         """Return the solution at given times in extended precision.
 
-        The unknowns are the real and imaginary parts of the links' entries, in the order of
-        memory.  It is an extrapolated midpoint rule in the space around, which knows nothing of
-        frames.
+        The unknowns are the real and imaginary parts of the links' entries in C order.  The
+        extrapolated midpoint rule solves the equation in the space of matrices, without frames.
 
         Raises
         ------
         ValueError
             If a time isn't a finite number.
         """
-        wanted = exact_times(times)
+        exact = exact_times(times)
         with working_precision(bits):
-            start = [_exponential(v) for v in self._logarithms]
-            rough = extrapolated(self._tangents, start, wanted, Fraction(1, 32), 14)
-            good = extrapolated(self._tangents, start, wanted, Fraction(1, 40), 15)
+            start = [_exponential(v) for v in self._initial_coefficients]
+            rough = extrapolated(self._tangents, start, exact, Fraction(1, 32), 14)
+            good = extrapolated(self._tangents, start, exact, Fraction(1, 40), 15)
             values = [[_entries(x) for x in state] for state in good]
             errors = [
                 max(abs(float(x)) for a, b in zip(one, other, strict=True) for x in _entries(a - b))
                 for one, other in zip(rough, good, strict=True)
             ]
         flat = tuple(tuple(x for entries in state for x in entries) for state in values)
-        return Reference(wanted, flat, tuple(errors))
+        return Reference(exact, flat, tuple(errors))
 
     @cached_property
     def _plaquettes(self) -> list[tuple[int, ...]]:
-        """Links of each plaquette: two that lead from a site to the far corner, the others back."""
+        """The links of each plaquette: two from a site to the opposite corner, and two back."""
         at, d, n = self.lattice.staples, len(self.sides), self.lattice.sites
-        found = []
+        plaquettes = []
         for link in range(self.lattice.links):
             axis = link // n
-            # Those that turn to a later axis; the others are the same the other way round.
+            # Only second axes greater than the first: the others are the same plaquettes reversed.
             for turn in range(axis, d - 1):
-                found.append((link, *(int(part[turn, link]) for part in at[:3])))
-        return found
+                plaquettes.append((link, *(int(part[turn, link]) for part in at[:3])))
+        return plaquettes
 
     def _tangents(self, state: State) -> State:
         """Return the derivatives of all links in ball arithmetic."""
         adjoint = [_adjoint(x) for x in state]
         loops = [acb_mat(3, 3) for _ in state]
         for first, second, third, fourth in self._plaquettes:
-            # Along two links to the far corner, and back along the other two
+            # Along two links to the opposite corner, and back along the other two
             loop = state[first] * state[second] * (adjoint[third] * adjoint[fourth])
-            turned = _adjoint(loop)
+            reverse = _adjoint(loop)
             loops[first] += loop
-            loops[fourth] += turned
+            loops[fourth] += reverse
             loops[second] += adjoint[first] * loop * state[first]
-            loops[third] += adjoint[fourth] * turned * state[fourth]
+            loops[third] += adjoint[fourth] * reverse * state[fourth]
         tangents = []
         for loop, link in zip(loops, state, strict=True):
             odd = (_adjoint(loop) - loop) / 2

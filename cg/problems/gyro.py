@@ -15,17 +15,18 @@ from cg.problems.checks import number, times_array
 
 @dataclass(frozen=True, eq=False)
 class GyroAttitude:
-    r"""The attitude of a body whose angular velocity a gyro has sampled.
+    r"""The attitude of a body from samples of its angular velocity by a gyro.
 
     .. math:: q' = \tfrac12\, q \otimes \omega(t)
 
     with the cubic spline :math:`\omega` through the samples (not-a-knot at the ends) and the
-    unit quaternion :math:`q`, scalar last.  It errs by the fourth power of the sampling interval.
+    unit quaternion :math:`q`, scalar last.  The interpolation error is of order four in the
+    sampling interval.
 
     Parameters
     ----------
     times
-        When the samples were taken (s), increasing, at least four, shape ``(n,)``.
+        Increasing sampling times (s), at least four, shape ``(n,)``.
     rates
         Angular velocities in body axes (rad/s), shape ``(n, 3)``.
     initial
@@ -53,7 +54,7 @@ class GyroAttitude:
     initial: ArrayLike = (0.0, 0.0, 0.0, 1.0)
     _spline: scipy.interpolate.CubicSpline = field(init=False, repr=False)
     _span: tuple[float, float] = field(init=False, repr=False)
-    _beyond: tuple[float, float] = field(init=False, repr=False)
+    _margins: tuple[float, float] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         times, rates = real_array(self.times, "times"), real_array(self.rates, "rates")
@@ -69,10 +70,10 @@ class GyroAttitude:
             value.flags.writeable = False
             object.__setattr__(self, name, value)
         object.__setattr__(self, "_span", (float(times[0]), float(times[-1])))
-        object.__setattr__(self, "_beyond", (times[1] - times[0], times[-1] - times[-2]))
+        object.__setattr__(self, "_margins", (times[1] - times[0], times[-1] - times[-2]))
         try:
             spline = scipy.interpolate.CubicSpline(times, rates)
-        except ValueError:  # slopes beyond the range of doubles
+        except ValueError:  # the slopes overflow
             raise ValueError("rates must have differences that are finite") from None
         object.__setattr__(self, "_spline", spline)
 
@@ -94,28 +95,28 @@ class GyroAttitude:
     def f(self, t: float, y: Array) -> Array:
         """Return the interpolated angular velocity, shape ``(3,)``.
 
-        Abscissae of a method may lie outside a step, so the spline goes on for one sampling
-        interval beyond either end.
+        Abscissae of a method may lie outside a step, so the spline is extrapolated by up to one
+        sampling interval at either end.
 
         Raises
         ------
         ValueError
-            If there are no samples around ``t``.
+            If ``t`` is further outside the samples.
         """
         start, stop = self._span
-        first, last = self._beyond
+        first, last = self._margins
         if not start - first <= t <= stop + last:
             raise ValueError(f"t must lie between {start:g} and {stop:g}, got {t!r}")
         return np.asarray(self._spline(t))
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
-        """Return the quaternion's length, shape ``(...)``; a driven rotation conserves no more."""
+        """Return the length of the quaternion, shape ``(...)``, the only invariant."""
         return {"length": np.asarray(np.linalg.norm(self.frame._points(y), axis=-1))}
 
 
 @dataclass(frozen=True)
 class ConingMotion:
-    r"""An axis that goes round on a cone: the classical test of attitude from gyro data.
+    r"""Coning motion, the classical test of attitude integration from gyro data.
 
     With the rotations :math:`R_1, R_3` about the first and the third axis,
     :math:`R(t) = R_3(\alpha t)\, R_1(\theta)\, R_3(\beta t)`.
@@ -125,7 +126,7 @@ class ConingMotion:
     precession, spin
         :math:`\alpha` and :math:`\beta` (rad/s).
     angle
-        :math:`\theta`, half the opening of the cone (rad).
+        :math:`\theta`, half the aperture of the cone (rad).
 
     Raises
     ------
@@ -187,14 +188,14 @@ class ConingMotion:
         )
 
     def sampled(self, times: ArrayLike) -> GyroAttitude:
-        """Return the problem of a gyro that samples this motion at given times.
+        """Return the problem for samples of this motion at given times.
 
         Raises
         ------
         ValueError
             If the times aren't at least four increasing finite numbers.
         """
-        instants = times_array(times)
-        if instants.ndim != 1 or len(instants) < 4:
+        t = times_array(times)
+        if t.ndim != 1 or len(t) < 4:
             raise ValueError(f"times must be at least four finite numbers, got {times!r}")
-        return GyroAttitude(instants, self.rate(instants), self.attitude(instants[0]))
+        return GyroAttitude(t, self.rate(t), self.attitude(t[0]))

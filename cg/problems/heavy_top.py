@@ -1,11 +1,10 @@
-"""The spinning top: a rigid body that turns about a fixed point under gravity."""
+"""The heavy top: a rigid body with a fixed point under gravity."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from flint import arb
@@ -13,27 +12,21 @@ from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
 from cg.frames.arrays import Array
-from cg.problems.taylor import (
-    QuadraticSystem,
-    Reference,
-    Term,
-    Time,
-    exact_midpoint,
-    reference_solution,
-)
+from cg.problems.quadratic import QuadraticProblem
+from cg.problems.taylor import ball, exact_midpoint
 
-from ..support.balls import to_arb, to_fmpq, working_precision
+from ..support.balls import to_fmpq, working_precision
 from ..support.parsing import read_fraction
 
 _FRAME = Product(SO3(), Euclidean(3))
 
-# Twice what binary128 holds, so that rounding to it is the only error of a constant.
+# More than twice the precision of binary128, so that constants are correctly rounded to it
 _BITS = 240
 
 
 @dataclass(frozen=True)
-class HeavyTop:
-    r"""The spinning top in body coordinates.
+class HeavyTop(QuadraticProblem):
+    r"""The heavy top in body coordinates.
 
     .. math::
 
@@ -50,11 +43,10 @@ class HeavyTop:
     Parameters
     ----------
     reading
-        What the initial vector is: ``"momentum"`` takes :math:`m(0) = \omega_0`, as section 4 of
-        [1]_ has it; ``"velocity"`` takes :math:`m(0) = I \omega_0`.
+        Meaning of the initial vector: ``"momentum"`` for :math:`m(0) = \omega_0`, as in section 4
+        of [1]_; ``"velocity"`` for :math:`m(0) = I \omega_0`.
     phi_over_pi
-        The initial angle in units of :math:`\pi`, a rational number so that its cosine is known
-        to any precision.
+        The initial angle in units of :math:`\pi`, a rational number.
 
     Raises
     ------
@@ -68,7 +60,7 @@ class HeavyTop:
 
     Examples
     --------
-    The problem of the paper, and its example of order five:
+    The problem of [1]_, with a method of order five:
 
     >>> import cg
     >>> problem = HeavyTop()
@@ -89,15 +81,14 @@ class HeavyTop:
     gravity = Fraction(981, 100)
 
     def __post_init__(self) -> None:
-        known = isinstance(self.reading, str) and self.reading in ("momentum", "velocity")
-        if not known:
+        if not isinstance(self.reading, str) or self.reading not in ("momentum", "velocity"):
             raise ValueError(f'reading must be "momentum" or "velocity", got {self.reading!r}')
         try:
             angle = read_fraction(self.phi_over_pi)
         except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
             raise ValueError(f"phi_over_pi must be rational, got {self.phi_over_pi!r}") from error
         object.__setattr__(self, "phi_over_pi", angle)
-        # The right side runs once a stage, so its constants are converted once.
+        # Converted once, since f is called at each stage
         constants = (*(1 / moment for moment in self.inertia), self.mgl)
         object.__setattr__(self, "_floats", tuple(map(float, constants)))
 
@@ -108,13 +99,13 @@ class HeavyTop:
 
     @property
     def mgl(self) -> Fraction:
-        """Mass times gravity times length, right to more than 200 bits."""
+        """Mass times gravity times length, with more than 200 bits."""
         with working_precision(_BITS):
             return exact_midpoint(self._mgl())
 
     @property
     def y0_exact(self) -> tuple[Fraction, ...]:
-        """The initial point, right to more than 200 bits, 12 numbers."""
+        """The initial point, 12 numbers with more than 200 bits."""
         with working_precision(_BITS):
             return tuple(exact_midpoint(x) for x in self._initial())
 
@@ -145,62 +136,34 @@ class HeavyTop:
             m1 * w2 - m2 * w1,
         ]
 
-    def energy(self, y: ArrayLike) -> Array:
-        r"""Return :math:`\frac12 m^T I^{-1} m + MgL\,(B^T e_3)_3`, shape ``(...)``."""
+    def invariants(self, y: ArrayLike) -> dict[str, Array]:
+        r"""Return the three conserved quantities, each of shape ``(...)``.
+
+        They are the energy :math:`\frac12 m^T I^{-1} m + MgL\,(B^T e_3)_3`, the vertical component
+        of the momentum in space axes, and its component along the axis of symmetry.
+        """
         rotation, m = self.frame.split(y)
         inverse, mgl = np.array(self._floats[:3]), self._floats[3]
-        return np.asarray(0.5 * (m * m * inverse).sum(axis=-1) + mgl * rotation[..., 2, 2])
-
-    def vertical_momentum(self, y: ArrayLike) -> Array:
-        """Return the vertical component of the momentum in space axes, shape ``(...)``."""
-        rotation, m = self.frame.split(y)
-        return np.asarray((rotation[..., 2, :] * m).sum(axis=-1))
-
-    def axial_momentum(self, y: ArrayLike) -> Array:
-        """Return the component of ``m`` along the axis of symmetry, shape ``(...)``."""
-        return self.frame.split(y)[1][..., 2]
-
-    def invariants(self, y: ArrayLike) -> dict[str, Array]:
-        """Return the three quantities that a solution conserves, each of shape ``(...)``."""
         return {
-            "energy": self.energy(y),
-            "vertical momentum": self.vertical_momentum(y),
-            "axial momentum": self.axial_momentum(y),
+            "energy": np.asarray(0.5 * (m * m * inverse).sum(axis=-1) + mgl * rotation[..., 2, 2]),
+            "vertical momentum": np.asarray((rotation[..., 2, :] * m).sum(axis=-1)),
+            "axial momentum": m[..., 2],
         }
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution at given times in extended precision, with its error estimate.
-
-        The equations are quadratic, so Taylor series solve them without any Crouch-Grossman
-        method; see `cg.problems.taylor.reference_solution`.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
     def _mgl(self) -> arb:
-        return to_arb(self.mass * self.gravity) * arb(3).sqrt() / 2
+        return ball(self.mass * self.gravity) * arb(3).sqrt() / 2
 
     def _initial(self) -> tuple[arb, ...]:
         angle = to_fmpq(self.phi_over_pi)
         sine, cosine = arb.sin_cos_pi_fmpq(angle)
         zero, one = arb(0), arb(1)
-        spin = one if self.reading == "momentum" else to_arb(self.inertia[2])
+        spin = one if self.reading == "momentum" else ball(self.inertia[2])
         return (one, zero, zero, zero, cosine, sine, zero, -sine, cosine, zero, zero, spin)
 
-    def _system(self) -> QuadraticSystem:
-        inverse = [to_arb(1 / moment) for moment in self.inertia]
-        m = (9, 10, 11)
-        equations: list[tuple[Term, ...]] = []
-        # Rows of B and m itself turn alike: x' = x cross (I^-1 m).
-        for x in ((0, 1, 2), (3, 4, 5), (6, 7, 8), m):
-            for i in range(3):
-                j, k = (i + 1) % 3, (i + 2) % 3
-                equations.append(((inverse[k], (x[j], m[k])), (-inverse[j], (x[k], m[j]))))
-        torque = self._mgl()
-        equations[9] += ((torque, (7,)),)
-        equations[10] += ((-torque, (6,)),)
-        return QuadraticSystem(tuple(equations), self._initial())
+    def _derivatives(self, y: Any) -> Any:
+        # The rows of B and m turn alike: x' = x cross (I^-1 m).
+        velocity = np.array([ball(1 / moment) for moment in self.inertia]) * y[9:]
+        derivatives = np.cross(y.reshape(4, 3), velocity).ravel()
+        derivatives[9] += self._mgl() * y[7]
+        derivatives[10] -= self._mgl() * y[6]
+        return derivatives

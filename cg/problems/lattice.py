@@ -12,16 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Points, check_size
+from cg.frames.arrays import Points
+from cg.support.checks import check_integer
 
 _Indices = NDArray[np.intp]
 
 
 class Staples(NamedTuple):
-    """Which links close the plaquettes that begin with a link, all of shape ``(turns, links)``.
+    """Indices of the other links of the plaquettes that begin with a link, ``(axes - 1, links)``.
 
-    To one side they are ``first @ second.adjoint @ third.adjoint``, to the other
-    ``back_first.adjoint @ back_second.adjoint @ back_third``.
+    The staples are ``first @ second.adjoint @ third.adjoint`` in the positive direction of the
+    other axis, and ``back_first.adjoint @ back_second.adjoint @ back_third`` in the negative one.
     """
 
     first: _Indices
@@ -42,12 +43,14 @@ class Lattice:
     Parameters
     ----------
     sides
-        How many sites there are along each axis, two or more axes.
+        Number of sites along each axis, for two or more axes.
 
     Raises
     ------
+    TypeError
+        If an entry of ``sides`` isn't an integer.
     ValueError
-        If ``sides`` aren't two or more positive integers.
+        If ``sides`` has fewer than two entries, or one that isn't positive.
     """
 
     sides: tuple[int, ...]
@@ -56,7 +59,7 @@ class Lattice:
         sides: Any = self.sides
         if not isinstance(sides, Sequence) or isinstance(sides, str) or len(sides) < 2:
             raise ValueError(f"sides must be two or more positive integers, got {sides!r}")
-        checked = tuple(check_size(n, name=f"sides[{i}]") for i, n in enumerate(sides))
+        checked = tuple(check_integer(f"sides[{i}]", n, 1) for i, n in enumerate(sides))
         object.__setattr__(self, "sides", checked)
 
     @property
@@ -71,22 +74,22 @@ class Lattice:
 
     @cached_property
     def ends(self) -> tuple[_Indices, _Indices]:
-        """The sites where the links start and where they end, each of shape ``(links,)``."""
+        """The start and end sites of the links, each of shape ``(links,)``."""
         start = np.tile(np.arange(self.sites), len(self.sides))
-        return start, np.concatenate([self._moved(axis, 1) for axis in range(len(self.sides))])
+        return start, np.concatenate([self._shifted(axis, 1) for axis in range(len(self.sides))])
 
     @cached_property
     def staples(self) -> Staples:
-        """The links that close the plaquettes; those of a link are one for each other axis."""
+        """The other links of the plaquettes of each link, one plaquette for each other axis."""
         d = len(self.sides)
         parts: list[list[list[_Indices]]] = [[[] for _ in range(d)] for _ in range(6)]
         for along, across in permutations(range(d), 2):
             here = np.arange(self.sites)
-            ahead, beside = self._moved(along, 1), self._moved(across, 1)
-            behind = self._moved(across, -1)
+            ahead, beside = self._shifted(along, 1), self._shifted(across, 1)
+            behind = self._shifted(across, -1)
             corner = ahead[behind]
             own, other = along * self.sites, across * self.sites
-            found = (
+            indices = (
                 other + ahead,
                 own + beside,
                 other + here,
@@ -94,7 +97,7 @@ class Lattice:
                 own + behind,
                 other + behind,
             )
-            for part, links in zip(parts, found, strict=True):
+            for part, links in zip(parts, indices, strict=True):
                 part[along].append(links)
         return Staples(*(np.concatenate([np.stack(p) for p in part], axis=1) for part in parts))
 
@@ -126,7 +129,7 @@ class Lattice:
         back = adjoint[..., at.back_first, :, :] @ back
         return np.asarray(y @ (forward + back).sum(axis=-4))
 
-    def _moved(self, axis: int, steps: int) -> _Indices:
-        """Return for each site the one that is some steps further along an axis."""
+    def _shifted(self, axis: int, steps: int) -> _Indices:
+        """Return for each site the one at a given number of steps along an axis."""
         sites = np.arange(self.sites).reshape(self.sides)
         return np.roll(sites, -steps, axis).ravel()

@@ -1,9 +1,9 @@
-"""A satellite that turns to a commanded attitude by three reaction wheels."""
+"""Attitude control of a satellite by three reaction wheels."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from flint import arb
@@ -11,15 +11,16 @@ from numpy.typing import ArrayLike
 
 from cg.frames import Euclidean, Product, UnitQuaternion
 from cg.frames.arrays import Array
-from cg.problems.checks import ball, cross_terms, moments, number, vector
-from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+from cg.problems.checks import moments, number, vector
+from cg.problems.quadratic import QuadraticProblem, balls, quaternion_rate, unit_vector
+from cg.problems.taylor import ball
 
 _FRAME = Product(UnitQuaternion(), Euclidean(6))
 
 
 @dataclass(frozen=True)
-class ReactionWheels:
-    r"""A satellite without outer torques, turned by wheels along its principal axes.
+class ReactionWheels(QuadraticProblem):
+    r"""A satellite without external torques, controlled by wheels along its principal axes.
 
     With the unit quaternion :math:`q` (scalar last) from body axes to inertial ones, the angular
     velocity :math:`\omega` and the momentum of the wheels :math:`h` in body axes,
@@ -30,19 +31,19 @@ class ReactionWheels:
         I \omega' = (I\omega + h) \times \omega - u, \qquad h' = u, \qquad
         u = k_p \vec q + k_d\, \omega ,
 
-    where :math:`\vec q` is the vector part of :math:`q`: the feedback leads to rest at the
-    identity, and what momentum there is goes to the wheels.
+    where :math:`\vec q` is the vector part of :math:`q`: the feedback stabilises the identity at
+    rest, and transfers the angular momentum to the wheels.
 
     A point is the flat vector of :math:`q, \omega, h`.
 
     Parameters
     ----------
     inertia
-        Principal moments of inertia, the wheels' share along their axes left out (kg m²).
+        Principal moments of inertia, without those of the wheels about their axes (kg m²).
     stiffness, damping
         :math:`k_p` (N m) and :math:`k_d` (N m s) of the feedback.
     attitude
-        The quaternion at time zero, of any length but zero.
+        The quaternion at time zero, of any nonzero length.
     velocity
         Angular velocity at time zero (rad/s).
     wheels
@@ -51,8 +52,8 @@ class ReactionWheels:
     Raises
     ------
     ValueError
-        If a parameter isn't as many finite numbers, no body has these moments, or the quaternion
-        vanishes.
+        If a parameter has the wrong shape or isn't finite, the moments of inertia violate the
+        triangle inequalities, or the quaternion vanishes.
 
     References
     ----------
@@ -123,51 +124,24 @@ class ReactionWheels:
         return np.concatenate([omega, change / inertia, torque], axis=-1)
 
     def torque(self, y: Array) -> Array:
-        """Return the torque of the motors on the wheels, :math:`u`, shape ``(..., 3)``."""
+        """Return the torque :math:`u` of the motors on the wheels, shape ``(..., 3)``."""
         return np.asarray(self.stiffness * y[..., :3] + self.damping * y[..., 4:7])
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
-        """Return the whole angular momentum in inertial axes, shape ``(..., 3)``."""
+        """Return the total angular momentum in inertial axes, shape ``(..., 3)``."""
         q, rest = self.frame.split(y)
         body = np.array(self.inertia) * rest[..., :3] + rest[..., 3:]
         # q v q* of a unit quaternion q = (a, w) is v + 2 a x (a x v + w v)
         axis, scalar = q[..., :3], q[..., 3:]
-        turned = 2.0 * np.cross(axis, np.cross(axis, body) + scalar * body)
-        return {"angular momentum": body + turned}
+        change = 2.0 * np.cross(axis, np.cross(axis, body) + scalar * body)
+        return {"angular momentum": body + change}
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution at given times in extended precision.
+    def _initial(self) -> list[arb]:
+        return [*unit_vector(self.attitude), *map(ball, (*self.velocity, *self.wheels))]
 
-        The unknowns are the entries of the point.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
-    def _system(self) -> QuadraticSystem:
-        half, inertia = arb(1) / 2, [ball(x) for x in self.inertia]
-        omega, h = (4, 5, 6), (7, 8, 9)
-        equations: list[tuple[Term, ...]] = []
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            pairs = ((half, 3, i), (half, j, k), (-half, k, j))
-            equations.append(tuple((c, (a, omega[b])) for c, a, b in pairs))
-        equations.append(tuple((-half, (i, omega[i])) for i in range(3)))
-
-        control = [
-            ((ball(self.stiffness), (i,)), (ball(self.damping), (omega[i],))) for i in range(3)
-        ]
-        spin = cross_terms(omega, omega, inertia, -1)
-        wheels = cross_terms(h, omega, [arb(1)] * 3)
-        for i in range(3):
-            terms = (*spin[i], *wheels[i], *((-c, at) for c, at in control[i]))
-            equations.append(tuple((c / inertia[i], at) for c, at in terms))
-        equations += control
-
-        q = [ball(x) for x in self.attitude]
-        length = sum((x * x for x in q), arb(0)).sqrt()
-        rest = [ball(x) for x in (*self.velocity, *self.wheels)]
-        return QuadraticSystem(tuple(equations), (*(x / length for x in q), *rest))
+    def _derivatives(self, y: Any) -> Any:
+        q, omega, h = y[:4], y[4:7], y[7:]
+        inertia = balls(self.inertia)
+        control = ball(self.stiffness) * q[:3] + ball(self.damping) * omega
+        torque = np.cross(inertia * omega + h, omega) - control
+        return [*quaternion_rate(q, omega), *(torque * (1 / inertia)), *control]

@@ -1,19 +1,18 @@
-"""A rotation whose angular velocity depends on where it is: a test of order that sees all trees."""
+"""A rotation with state-dependent angular velocity, a test of all order conditions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from flint import arb
 
 from cg.frames import SO3
 from cg.frames.arrays import Array
-from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+from cg.problems.quadratic import QuadraticProblem, identity
 
-# Quarters of the coefficients: no symmetry relates any two of them.
+# Four times the coefficients, which have no symmetry
 _CONSTANT = (2, -3, 1)
 _LINEAR = (
     (3, -1, 2, -2, 1, 4, 1, -3, 2),
@@ -25,23 +24,25 @@ _UNIT = 4.0
 
 
 @dataclass(frozen=True)
-class StateDependentRotation:
+class StateDependentRotation(QuadraticProblem):
     r"""A rotation with angular velocity :math:`v(t, y) = v_0 + C\,\mathrm{vec}(y) + t w`.
 
-    The coefficients are affine in the matrix, yet no derivative of them along products of the
+    The coefficients are affine in the matrix, but none of their derivatives along products of the
     frame's fields vanishes identically, so that every ordered tree contributes to the error of a
-    method: misplaced coefficients, reversed rows of stages among them, show in the order.
-    A right side that depends on time alone would see the abscissae and weights only.
+    method, and any wrong coefficient reduces the observed order.  A right-hand side that depends on
+    time alone would test only the abscissae and weights.
+
+    The unknowns of `reference` are the entries of the matrix, row by row, and time.
 
     Parameters
     ----------
     convention
-        That of `cg.frames.SO3`.
+        The convention of `cg.frames.SO3`.
 
     Raises
     ------
     ValueError
-        If there is no such convention.
+        If the convention is neither "body" nor "space".
 
     Examples
     --------
@@ -66,7 +67,7 @@ class StateDependentRotation:
 
     @property
     def frame(self) -> SO3:
-        """The frame of the convention."""
+        """``SO3(convention)``."""
         return SO3(self.convention)
 
     @property
@@ -79,38 +80,13 @@ class StateDependentRotation:
         linear = np.array(_LINEAR) @ y.reshape(9)
         return np.asarray((np.array(_CONSTANT) + linear + t * np.array(_TIME)) / _UNIT)
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution at given times in extended precision.
+    def _initial(self) -> list[arb]:
+        return [*identity(), arb(0)]
 
-        The ten unknowns are the entries of the matrix, row by row, and time itself.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
-    def _system(self) -> QuadraticSystem:
-        unit = 1 / arb(_UNIT)
-        velocity: list[list[Term]] = []
-        for constant, linear, slope in zip(_CONSTANT, _LINEAR, _TIME, strict=True):
-            terms: list[Term] = [(unit * constant, ()), (unit * slope, (9,))]
-            terms += [(unit * c, (j,)) for j, c in enumerate(linear)]
-            velocity.append(terms)
-        equations: list[tuple[Term, ...]] = [()] * 9
-        for row in range(3):
-            for i in range(3):
-                j, k = (i + 1) % 3, (i + 2) % 3
-                # Rows of y turn as x cross v in body axes, columns as v cross x in space axes.
-                if self.convention == "body":
-                    x, sign = [3 * row + n for n in range(3)], 1
-                else:
-                    x, sign = [3 * n + row for n in range(3)], -1
-                equations[x[i]] = tuple(
-                    [(sign * c, (x[j], *rest)) for c, rest in velocity[k]]
-                    + [(-sign * c, (x[k], *rest)) for c, rest in velocity[j]]
-                )
-        clock: tuple[Term, ...] = ((arb(1), ()),)
-        initial = tuple(arb(int(i == j)) for i in range(3) for j in range(3))
-        return QuadraticSystem((*equations, clock), (*initial, arb(0)))
+    def _derivatives(self, y: Any) -> Any:
+        # Unknowns: the matrix, and time
+        matrix, t = y[:9].reshape(3, 3), y[9]
+        v = (np.array(_CONSTANT) + np.array(_LINEAR) @ y[:9] + t * np.array(_TIME)) * (1 / _UNIT)
+        body = self.convention == "body"
+        change = np.cross(matrix, v) if body else np.cross(v, matrix.T).T
+        return [*change.ravel(), 1.0]

@@ -1,8 +1,7 @@
-"""The attitude of a spacecraft on a circular orbit: a quaternion beside an angular velocity."""
+"""The attitude of a spacecraft on a circular orbit, as a quaternion and an angular velocity."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,19 +11,20 @@ from numpy.typing import ArrayLike
 
 from cg.frames import Euclidean, Product, UnitQuaternion
 from cg.frames.arrays import Array
-from cg.problems.checks import ball, cross_terms, moments, number, vector
-from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
+from cg.problems.checks import moments, number, vector
+from cg.problems.quadratic import QuadraticProblem, balls, quaternion_rate, unit_vector
+from cg.problems.taylor import ball
 
 _FRAME = Product(UnitQuaternion(), Euclidean(3))
 
 
 @dataclass(frozen=True)
-class Spacecraft:
-    r"""A rigid spacecraft under the torque of gravity's gradient, and under control.
+class Spacecraft(QuadraticProblem):
+    r"""A rigid spacecraft with gravity-gradient torque and attitude control.
 
-    The unit quaternion :math:`q` (scalar last) turns body axes to those of the orbit: the first
-    points away from the planet, the third along the normal of the orbit, which is traversed at
-    the rate :math:`n`.  With their directions in body axes, :math:`r` and :math:`h`,
+    The unit quaternion :math:`q` (scalar last) maps body axes to orbit axes: the first orbit axis
+    points away from the planet, the third along the orbit normal; the orbit rate is :math:`n`.
+    With the directions :math:`r` and :math:`h` of these two in body axes,
 
     .. math::
 
@@ -34,7 +34,7 @@ class Spacecraft:
     where :math:`\vec q` is the vector part of :math:`q`: the control aligns the two triads.
 
     A point is the flat vector of :math:`q` and of the angular velocity :math:`\omega` in body
-    axes.
+    axes; `reference` adds the unknowns :math:`r` and :math:`h`.
 
     Parameters
     ----------
@@ -45,15 +45,15 @@ class Spacecraft:
     stiffness, damping
         :math:`k_p` (N m) and :math:`k_d` (N m s) of the control, zero for none.
     attitude
-        The quaternion at time zero, of any length but zero.
+        The quaternion at time zero, of any nonzero length.
     velocity
         Angular velocity at time zero (rad/s).
 
     Raises
     ------
     ValueError
-        If a parameter isn't as many finite numbers, no body has these moments, or the quaternion
-        vanishes.
+        If a parameter has the wrong shape or isn't finite, the moments of inertia violate the
+        triangle inequalities, or the quaternion vanishes.
 
     References
     ----------
@@ -124,7 +124,7 @@ class Spacecraft:
         return np.concatenate([relative, torque / inertia], axis=-1)
 
     def invariants(self, y: ArrayLike) -> dict[str, Array]:
-        r"""Return the energy in the axes of the orbit, shape ``(...)``; damping alone changes it.
+        r"""Return the energy in orbit axes, shape ``(...)``, which is constant without damping.
 
         It is :math:`\frac12 \omega^T I \omega - n h^T I \omega + \frac32 n^2 r^T I r +
         2 k_p (1 - q_4)`, Jacobi's integral with the potential of the control.
@@ -136,74 +136,29 @@ class Spacecraft:
         control = 2.0 * self.stiffness * (1.0 - q[..., 3])
         return {"energy": np.asarray((inertia * terms).sum(axis=-1) + control)}
 
-    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
-        """Return the solution at given times in extended precision.
+    def _initial(self) -> list[arb]:
+        q = unit_vector(self.attitude)
+        r, h = _rotation_rows(*q)
+        return [*q, *map(ball, self.velocity), *r, *h]
 
-        The unknowns are the entries of the point, then those of ``r`` and ``h``.
-
-        Raises
-        ------
-        ValueError
-            If a time isn't a finite number.
-        """
-        return reference_solution(self._system, times, bits=bits)
-
-    def _system(self) -> QuadraticSystem:
-        n, half = ball(self.orbit_rate), arb(1) / 2
-        inertia = [ball(x) for x in self.inertia]
-        one = [arb(1)] * 3
-        omega, r, h = (4, 5, 6), (7, 8, 9), (10, 11, 12)
-        equations: list[tuple[Term, ...]] = []
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            pairs = ((half, 3, i), (half, j, k), (-half, k, j))
-            equations.append(_relative(pairs, omega, h, n))
-        equations.append(_relative([(-half, i, i) for i in range(3)], omega, h, n))
-
-        spin = cross_terms(omega, omega, inertia, -1)
-        gravity = cross_terms(r, r, [3 * n * n * x for x in inertia])
-        for i in range(3):
-            control = (
-                (-ball(self.stiffness), (i,)),
-                (-ball(self.damping), (omega[i],)),
-                (ball(self.damping) * n, (h[i],)),
-            )
-            terms = (*spin[i], *gravity[i], *control)
-            equations.append(tuple((c / inertia[i], indices) for c, indices in terms))
-        # Directions that the orbit's axes fix turn as x' = x cross (omega - n h).
-        equations += [
-            (*first, *second)
-            for first, second in zip(
-                cross_terms(r, omega, one), cross_terms(r, h, [-n] * 3), strict=True
-            )
-        ]
-        equations += cross_terms(h, omega, one)
-
-        q = [ball(x) for x in self.attitude]
-        length = sum((x * x for x in q), arb(0)).sqrt()
-        q = [x / length for x in q]
-        axes = [x for axis in _orbit_axes_of(*q) for x in axis]
-        start = (*q, *(ball(x) for x in self.velocity), *axes)
-        return QuadraticSystem(tuple(equations), start)
-
-
-def _relative(
-    pairs: Sequence[tuple[arb, int, int]], omega: Sequence[int], h: Sequence[int], n: arb
-) -> tuple[Term, ...]:
-    """Return the terms of a sum of ``c * q[i] * (omega - n h)[j]``."""
-    terms: list[Term] = []
-    for c, i, j in pairs:
-        terms += [(c, (i, omega[j])), (-c * n, (i, h[j]))]
-    return tuple(terms)
+    def _derivatives(self, y: Any) -> Any:
+        # Unknowns: q, omega, r, h; the axes of the orbit turn as x' = x cross (omega - n h).
+        q, omega, r, h = y[:4], y[4:7], y[7:10], y[10:]
+        n, inertia = ball(self.orbit_rate), balls(self.inertia)
+        relative = omega - n * h
+        control = ball(self.stiffness) * q[:3] + ball(self.damping) * relative
+        torque = np.cross(inertia * omega, omega) + 3 * n * n * np.cross(r, inertia * r) - control
+        rates = [quaternion_rate(q, relative), torque * (1 / inertia)]
+        return np.concatenate([*rates, np.cross(r, relative), np.cross(h, omega)])
 
 
 def _orbit_axes(q: Array) -> tuple[Array, Array]:
-    r, h = _orbit_axes_of(q[..., 0], q[..., 1], q[..., 2], q[..., 3])
+    r, h = _rotation_rows(q[..., 0], q[..., 1], q[..., 2], q[..., 3])
     return np.stack(r, axis=-1), np.stack(h, axis=-1)
 
 
-def _orbit_axes_of(x: Any, y: Any, z: Any, w: Any) -> tuple[list[Any], list[Any]]:
-    """Return first and third row of the rotation matrix of a unit quaternion."""
+def _rotation_rows(x: Any, y: Any, z: Any, w: Any) -> tuple[list[Any], list[Any]]:
+    """Return the first and third rows of the rotation matrix of a unit quaternion."""
     first = [w * w + x * x - y * y - z * z, 2 * (x * y - z * w), 2 * (x * z + y * w)]
     third = [2 * (x * z - y * w), 2 * (y * z + x * w), w * w - x * x - y * y + z * z]
     return first, third

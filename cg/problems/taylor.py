@@ -1,6 +1,6 @@
 """Reference solutions of quadratic differential equations, by Taylor series in ball arithmetic.
 
-Nothing here knows of Crouch-Grossman methods, so that they can be tested against it.
+They are independent of the methods on manifolds that are tested against them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from flint import arb
 
 from cg.frames.arrays import Array
 
-from ..support.balls import to_arb, working_precision
+from ..support.balls import working_precision
+from ..support.checks import check_integer
 from ..support.parsing import read_fraction
 
 Time = Fraction | float | int | str
@@ -26,7 +27,7 @@ Term = tuple[arb, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class QuadraticSystem:
-    """An initial value problem whose right side is a polynomial of degree at most two.
+    """An initial value problem whose right-hand side is a polynomial of degree at most two.
 
     Attributes
     ----------
@@ -52,17 +53,17 @@ class Reference:
     values
         For every time the unknowns, as the exact values of extended-precision numbers.
     errors
-        For every time an estimate of the largest error of an unknown: by how much the results of
-        two different orders and steps differ, in truncation and in rounding.
+        For every time an estimate of the largest error of an unknown: the difference of the results
+        with two orders and step sizes, including rounding errors.
 
     Examples
     --------
     >>> from fractions import Fraction
     >>> from cg.problems import StateDependentRotation
-    >>> found = StateDependentRotation().reference([Fraction(1, 8)], bits=96)
-    >>> found.y.shape, found.errors[-1] < 1e-25
+    >>> reference = StateDependentRotation().reference([Fraction(1, 8)], bits=96)
+    >>> reference.y.shape, reference.errors[-1] < 1e-25
     ((1, 10), True)
-    >>> found.decimals(20)[-1][0]
+    >>> reference.decimals(20)[-1][0]
     '0.92529921407028425402'
     """
 
@@ -98,16 +99,16 @@ def reference_solution(
     Parameters
     ----------
     build
-        Returns the system; called while ball arithmetic works with ``bits`` bits, so that its
-        constants are that accurate.
+        Function that returns the system; called with the working precision ``bits``.
     times
-        Where the solution is wanted, positive or negative, in any order; a float means its exact
-        binary value, a string a decimal or a quotient.
+        Positive or negative, in any order; a float stands for its exact binary value, a string for
+        a decimal number or a quotient.
     bits
         Working precision.
     step, order
-        Length of a Taylor step, and degree of the polynomial.  The solution is computed a second
-        time with two thirds of the step and a degree higher by a fifth; that one is returned.
+        Step size and degree of the Taylor polynomials.  The returned solution is a second one with
+        two thirds of the step size and a degree higher by a fifth; the difference of both gives the
+        error estimate.
 
     Returns
     -------
@@ -116,14 +117,10 @@ def reference_solution(
     Raises
     ------
     ValueError
-        If a time isn't a finite number, or ``step``, ``order`` or ``bits`` isn't positive.
+        If a time isn't a finite number, or ``bits`` is less than 2.
     """
     exact = exact_times(times)
-    for name, value in (("bits", bits), ("order", order)):
-        if isinstance(value, bool) or not isinstance(value, int) or value <= 0:
-            raise ValueError(f"{name} must be a positive integer, got {value!r}")
-    if step <= 0:
-        raise ValueError(f"step must be positive, got {step}")
+    bits = check_integer("bits", bits, 2)
     with working_precision(bits):
         system = build()
         coarse = _solve(system, exact, step, order)
@@ -144,10 +141,16 @@ def exact_times(times: Sequence[Time]) -> tuple[Fraction, ...]:
         raise ValueError(f"times must be finite numbers, got {times!r}") from error
 
 
-def exact_midpoint(ball: arb) -> Fraction:
+def exact_midpoint(x: arb) -> Fraction:
     """Return the midpoint of a ball, exactly."""
-    mantissa, exponent = ball.mid().man_exp()
+    mantissa, exponent = x.mid().man_exp()
     return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
+def ball(x: Fraction | float) -> arb:
+    """Return a finite number as a ball."""
+    numerator, denominator = x.as_integer_ratio()
+    return arb(fmpq(numerator, denominator))
 
 
 def decimal_string(x: Fraction, digits: int) -> str:
@@ -166,21 +169,21 @@ def _magnitude(difference: arb) -> float:
 def _solve(
     system: QuadraticSystem, times: tuple[Fraction, ...], step: Fraction, order: int
 ) -> list[list[arb]]:
-    found: dict[Fraction, list[arb]] = {}
+    solutions: dict[Fraction, list[arb]] = {}
     for direction in (1, -1):
-        wanted = sorted({t for t in times if t * direction >= 0} - found.keys(), key=abs)
+        remaining = {t for t in times if t * direction >= 0} - solutions.keys()
         start, point = Fraction(0), list(system.initial)
         series = None
-        for t in wanted:
+        for t in sorted(remaining, key=abs):
             while abs(t - start) > step:
                 series = series or _taylor(system, point, order)
-                # Only midpoints go on: balls of an initial box grow far faster than its solutions.
+                # Continue with midpoints: the radii would grow much faster than the errors.
                 point = [_horner(s, step * direction).mid() for s in series]
                 start += step * direction
                 series = None
             series = series or _taylor(system, point, order)
-            found[t] = [_horner(s, t - start) for s in series]
-    return [found[t] for t in times]
+            solutions[t] = [_horner(s, t - start) for s in series]
+    return [solutions[t] for t in times]
 
 
 def _taylor(system: QuadraticSystem, point: list[arb], order: int) -> list[list[arb]]:
@@ -209,8 +212,7 @@ def _taylor(system: QuadraticSystem, point: list[arb], order: int) -> list[list[
 
 
 def _horner(coefficients: list[arb], t: Fraction) -> arb:
-    time = to_arb(t)
-    total = arb()
+    time, total = ball(t), arb()
     for coefficient in reversed(coefficients):
         total = total * time + coefficient
     return total

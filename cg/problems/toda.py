@@ -19,8 +19,8 @@ class TodaFlow:
 
     .. math:: L' = [\Omega(L), L], \qquad \Omega(L) = L_-^T - L_- ,
 
-    with the strictly lower triangle :math:`L_-`.  Eigenvalues are constant, a tridiagonal matrix
-    remains one, and it tends to the diagonal matrix of its eigenvalues, the largest first.
+    with the strictly lower triangle :math:`L_-`.  The eigenvalues are constant; tridiagonal
+    matrices remain tridiagonal, and converge to the diagonal matrix of decreasing eigenvalues.
 
     A point is the matrix :math:`L`.
 
@@ -96,27 +96,29 @@ class TodaFlow:
         r"""Return the solution at given times, shape ``(..., n, n)``.
 
         It is :math:`Q^T L(0)\, Q` with :math:`e^{t L(0)} = Q R`, where R has a positive
-        diagonal.  Long times are divided, so that the exponential stays well conditioned.
+        diagonal.  Long times are divided into parts, so that the exponentials stay well
+        conditioned.
         """
         times = times_array(t)
-        most = _MAX_PARTS / max(1.0, self.frame.spectrum[-1] - self.frame.spectrum[0])
-        if times.size and np.abs(times).max() > most:
-            raise ValueError(f"t must be at most {most:.3g}, got {t!r}")
+        largest = _MAX_PARTS / max(1.0, self.frame.spectrum[-1] - self.frame.spectrum[0])
+        if times.size and np.abs(times).max() > largest:
+            raise ValueError(f"t must be at most {largest:.3g}, got {t!r}")
         spread = self.frame.spectrum[-1] - self.frame.spectrum[0]
-        found = np.empty((*times.shape, *self.y0.shape))
+        solution = np.empty((*times.shape, *self.y0.shape))
         for index, time in np.ndenumerate(times):
             parts = max(1, math.ceil(abs(time) * spread))
             matrix = self.y0
             for _ in range(parts):
-                matrix = _moved(matrix, time / parts)
-            found[index] = matrix
-        return found
+                matrix = _advance(matrix, time / parts)
+            solution[index] = matrix
+        return solution
 
 
-_MAX_PARTS = 100_000  # that a time is divided into
+_MAX_PARTS = 100_000
 
 
-def _moved(matrix: Array, t: float) -> Array:
+def _advance(matrix: Array, t: float) -> Array:
+    """Return the solution after the time t, by one QR factorisation."""
     values, vectors = np.linalg.eigh(matrix)
     q, r = np.linalg.qr((vectors * np.exp(t * (values - values.mean()))) @ vectors.T)
     q = q * np.sign(np.diagonal(r))

@@ -14,14 +14,14 @@ from cg.problems.checks import number, times_array
 
 @dataclass(frozen=True)
 class TwoLevelSystem:
-    r"""The propagator of a spin 1/2 in a field that turns about the third axis.
+    r"""The propagator of a spin 1/2 in a field that rotates about the third axis.
 
     .. math::
 
         U' = -i H(t)\, U, \qquad H = \tfrac12\, b \cdot \sigma, \qquad
         b = (\Omega \cos \omega t,\ \Omega \sin \omega t,\ \omega_0),
 
-    in units where Planck's constant is :math:`2\pi`, with Pauli's matrices :math:`\sigma`.
+    in units with :math:`\hbar = 1`, with the Pauli matrices :math:`\sigma`.
 
     A point is the unitary matrix :math:`U`.
 
@@ -30,7 +30,7 @@ class TwoLevelSystem:
     splitting
         :math:`\omega_0`, the difference of the energy levels (rad/s).
     coupling
-        :math:`\Omega`, the frequency at which resonance moves population (rad/s).
+        :math:`\Omega`, the Rabi frequency on resonance (rad/s).
     drive
         :math:`\omega`, the frequency of the field (rad/s).
 
@@ -90,20 +90,20 @@ class TwoLevelSystem:
     def exact(self, t: ArrayLike) -> NDArray[np.complex128]:
         r"""Return the propagator at given times, shape ``(..., 2, 2)``.
 
-        In axes that turn with the field the Hamiltonian is constant:
+        In the frame that rotates with the field the Hamiltonian is constant:
         :math:`U = e^{-i \omega t \sigma_3 / 2} e^{-i t (\Delta \sigma_3 + \Omega \sigma_1) / 2}`
         with the detuning :math:`\Delta = \omega_0 - \omega`.
         """
         times = times_array(t)
         zeros = np.zeros_like(times)
-        turn = np.stack([zeros, zeros, self.drive * times], axis=-1)
+        rotation = np.stack([zeros, zeros, self.drive * times], axis=-1)
         rest = np.stack(
             [self.coupling * times, zeros, (self.splitting - self.drive) * times], axis=-1
         )
-        return np.asarray(self.frame.exponential(turn) @ self.frame.exponential(rest))
+        return np.asarray(self.frame.exponential(rotation) @ self.frame.exponential(rest))
 
     def transition_probability(self, t: ArrayLike) -> Array:
-        """Return the probability to find the other level at given times, by Rabi's formula."""
+        """Return the probability of a transition at given times, by Rabi's formula."""
         times = times_array(t)
         detuning = self.splitting - self.drive
         square = detuning**2 + self.coupling**2

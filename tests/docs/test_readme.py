@@ -124,8 +124,6 @@ def test_code_of_problems_page():
     names = run("docs/problems.md")
     assert names["drift"] < 1e-6
     assert names["error"] < 1e-8
-    energy = names["energy"]
-    np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-6)
     assert (np.diff(names["action"]) < 0.0).all()
 
 

@@ -27,7 +27,7 @@ over_frames = pytest.mark.parametrize("frame", WITH, ids=name)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def test_only_fields_that_do_not_close_have_none():
+def test_bracket_raises_for_fields_without_lie_algebra():
     without = [frame for frame in FRAMES if not has_bracket(frame)]
     assert [type(frame) for frame in without] == [FieldFrame, MatrixFrame]
     assert without[0] is HEISENBERG
@@ -35,7 +35,7 @@ def test_only_fields_that_do_not_close_have_none():
 
 @over_frames
 @given(seed=seeds)
-def test_it_is_antisymmetric_and_bilinear(frame, seed):
+def test_bracket_is_antisymmetric_and_bilinear(frame, seed):
     u, v, w = vectors(frame, seed, 3)
     np.testing.assert_allclose(frame.bracket(u, v), -frame.bracket(v, u), rtol=0, atol=1e-13)
     together = frame.bracket(2.0 * u - w, v)
@@ -45,7 +45,7 @@ def test_it_is_antisymmetric_and_bilinear(frame, seed):
 
 @over_frames
 @given(seed=seeds)
-def test_it_satisfies_the_jacobi_identity(frame, seed):
+def test_bracket_satisfies_the_jacobi_identity(frame, seed):
     u, v, w = vectors(frame, seed, 3)
     b = frame.bracket
     cyclic = b(u, b(v, w)) + b(v, b(w, u)) + b(w, b(u, v))
@@ -54,7 +54,7 @@ def test_it_satisfies_the_jacobi_identity(frame, seed):
 
 
 @over_frames
-def test_it_broadcasts(frame):
+def test_bracket_broadcasts(frame):
     u, v = vectors(frame, 1, 2), vectors(frame, 2, 6).reshape(3, 2, -1)
     for order, function in ((0, frame.bracket), (7, frame.dexpinv)):
         options = {"order": order} if order else {}
@@ -65,7 +65,7 @@ def test_it_broadcasts(frame):
 
 
 @over_frames
-def test_flows_say_what_it_is(frame):
+def test_bracket_is_the_commutator_of_flows(frame):
     """Around a square of flows the commutator is left."""
     u, v = 0.5 * vectors(frame, 5, 2)
     y = frame.random_point(np.random.default_rng(6))
@@ -83,7 +83,7 @@ def test_flows_say_what_it_is(frame):
 
 
 @over_frames
-def test_two_flows_are_that_of_baker_campbell_hausdorff(frame):
+def test_composed_flows_match_baker_campbell_hausdorff(frame):
     u, v = 0.5 * vectors(frame, 7, 2)
     y = frame.random_point(np.random.default_rng(8))
     b = frame.bracket
@@ -115,7 +115,7 @@ def test_dexpinv_is_the_derivative_of_coordinates(frame):
 
 @pytest.mark.parametrize("frame", CLOSED_FORMS, ids=name)
 @pytest.mark.parametrize("size", [1e-200, 1e-9, 1e-4, 0.1, 0.9, 1.1, 2.0])
-def test_closed_forms_are_the_sum_of_the_series(frame, size):
+def test_dexpinv_closed_forms_match_the_series(frame, size):
     rng = np.random.default_rng(3)
     u, v = rng.standard_normal((2, frame.dim))
     u[:3] *= size / np.linalg.norm(u[:3])
@@ -126,7 +126,7 @@ def test_closed_forms_are_the_sum_of_the_series(frame, size):
 
 
 @pytest.mark.parametrize("frame", [SO(4), SU(3), Semidirect(SO(2))], ids=name)
-def test_the_series_ends_where_the_order_says(frame):
+def test_dexpinv_series_is_truncated_by_order(frame):
     u, v = vectors(frame, 4, 2)
     powers = [v]
     for _ in range(8):
@@ -139,22 +139,22 @@ def test_the_series_ends_where_the_order_says(frame):
         )
 
 
-def test_numbers_of_bernoulli():
+def test_bernoulli_terms():
     numbers = [str(t) for t in bernoulli_terms(8)]
     assert numbers == ["1", "-1/2", "1/12", "0", "-1/720", "0", "1/30240", "0", "-1/1209600"]
 
 
 @pytest.mark.parametrize("frame", [Sphere(2), Sphere(4), Product(SO3(), Sphere(1))], ids=name)
-def test_shortest_coefficients_have_the_same_tangent(frame):
+def test_without_isotropy_keeps_the_tangent(frame):
     rng = np.random.default_rng(1)
     v, y = rng.standard_normal((5, frame.dim)), frame.random_point(rng, 5)
-    short = frame.shortest(v, y)
+    short = frame.without_isotropy(v, y)
     np.testing.assert_allclose(frame.field(short, y), frame.field(v, y), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(frame.shortest(short, y), short, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(frame.without_isotropy(short, y), short, rtol=0, atol=1e-14)
     assert (np.linalg.norm(short, axis=-1) <= np.linalg.norm(v, axis=-1)).all()
 
 
-def test_errors_say_what_is_wrong():
+def test_bracket_and_dexpinv_error_messages():
     with pytest.raises(NotImplementedError, match=r"bracket=\.\.\."):
         HEISENBERG.bracket([1.0, 0.0], [0.0, 1.0])
     with pytest.raises(NotImplementedError, match="commutators of its matrices are not all"):
@@ -179,7 +179,7 @@ def test_errors_say_what_is_wrong():
                                 u[0] * v[1] - u[1] * v[0]]), "must satisfy Jacobi's identity"),
     ],
 )  # fmt: skip
-def test_brackets_of_no_lie_algebra_are_refused(bracket, message):
+def test_field_frame_rejects_invalid_brackets(bracket, message):
     fields = [lambda y, k=k: np.eye(3)[k] for k in range(3)]
     with pytest.raises(ValueError, match=message):
         FieldFrame(fields, lambda v, y: y + v, point_shape=3, bracket=bracket)

@@ -37,7 +37,7 @@ WEIGHTS = 0.75 * np.array([0.5, -1.25, 0.0625])[:, None]
 
 @pytest.mark.parametrize("batch", [(), (5,), (2, 3)], ids=repr)
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
-def test_compiled_flows_are_the_frames(frame, batch):
+def test_compiled_flows_match_frames(frame, batch):
     rng = np.random.default_rng(5)
     points = frame.random_point(rng, batch)
     before = points.copy()
@@ -53,7 +53,7 @@ CURVED = [SO3("space"), SO3(), UnitQuaternion(), Sphere(2), SU(2), SO(2), SO(4),
 
 
 @pytest.mark.parametrize("frame", CURVED, ids=repr)
-def test_a_point_off_the_manifold_is_led_to_the_same_point(frame):
+def test_compiled_flows_restore_points_like_frames(frame):
     rng = np.random.default_rng(11)
     points, fields = frame.random_point(rng, (20,)), frame.random_vector(rng, (20, 3))
     off = rng.standard_normal((2, *points.shape))
@@ -65,7 +65,7 @@ def test_a_point_off_the_manifold_is_led_to_the_same_point(frame):
 
 
 @pytest.mark.parametrize("frame", [SE3(), SE3("space")], ids=repr)
-def test_a_motion_off_the_group_is_led_to_the_same_rotation(frame):
+def test_compiled_flows_restore_rigid_motions_like_frames(frame):
     rng = np.random.default_rng(12)
     points, fields = frame.random_point(rng, (20,)), frame.random_vector(rng, (20, 3))
     points[..., :3, :3] += 1e-9 * rng.standard_normal((20, 3, 3))
@@ -78,7 +78,7 @@ def test_a_motion_off_the_group_is_led_to_the_same_rotation(frame):
 
 @pytest.mark.parametrize("size", [0.0, 1e-300, 1e-12, 1e-4, 1.0, 3.0])
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
-def test_compiled_differences_are_the_frames(frame, size):
+def test_compiled_differences_match_frames(frame, size):
     rng = np.random.default_rng(8)
     points = frame.random_point(rng, (2, 50))
     v = frame.random_vector(rng, (2, 50))
@@ -118,7 +118,7 @@ def test_compiled_differences_at_the_ends():
     np.testing.assert_array_equal(turn, UnitQuaternion().exp_coordinates(q, -q))
 
 
-def test_the_order_of_the_flows_matters():
+def test_order_of_noncommuting_flows():
     rng = np.random.default_rng(6)
     frame = SO3()
     y, fields = frame.random_point(rng), frame.random_vector(rng, (3,))
@@ -135,7 +135,7 @@ class Turned(SO3):
 
 
 @pytest.mark.parametrize("frame", [Turned(), Product(Euclidean(1), Turned())], ids=repr)
-def test_a_subclass_keeps_its_own_flow(frame):
+def test_subclass_of_compiled_frame_uses_its_own_flow(frame):
     assert not is_compiled(frame)
     y0 = frame.random_point(np.random.default_rng(7))
     v = np.arange(1.0, frame.dim + 1)
@@ -144,7 +144,7 @@ def test_a_subclass_keeps_its_own_flow(frame):
 
 
 @pytest.mark.parametrize("frame", [GL(2), Sphere(3), SO(13)], ids=repr)
-def test_other_frames_are_moved_by_themselves(frame):
+def test_frames_without_compiled_flow_use_python(frame):
     assert not is_compiled(frame)
 
 
@@ -163,7 +163,7 @@ def test_large_turns_stay_on_the_group(frame, size):
 
 
 @pytest.mark.parametrize("frame", MATRICES, ids=repr)
-def test_no_difference_over_half_a_turn_is_wrong(frame):
+def test_differences_over_half_a_turn_are_nan_or_correct(frame):
     """There is the one of the frame, or none."""
     rng = np.random.default_rng(4)
     y, v = frame.random_point(rng, 200), 3.0 * frame.random_vector(rng, 200)
@@ -176,7 +176,7 @@ def test_no_difference_over_half_a_turn_is_wrong(frame):
     assert np.isnan(difference_of(frame)(np.eye(frame.n, dtype=frame.dtype), half + 0 * y[0])).all()
 
 
-def test_flows_that_are_no_numbers():
+def test_flows_of_nonfinite_coefficients():
     for frame in (SO(4), SU(3)):
         v = np.full((1, frame.dim), np.inf)
         moved = flows_of(frame)(v, frame.random_point(np.random.default_rng(0)))

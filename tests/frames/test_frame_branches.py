@@ -59,7 +59,7 @@ def test_compiled_angles_agree_where_they_are_known(n):
 @pytest.mark.parametrize(
     "frame", [GL(2), GL(3, "body"), GL(6), SL(2), SL(3), Sp(2), Sp(4), Semidirect(SL(2))], ids=repr
 )
-def test_logarithms_lead_to_the_point_or_are_nan(frame):
+def test_logarithms_reach_the_point_or_are_nan(frame):
     """However ill conditioned the points are, and without a word of SciPy."""
     rng = np.random.default_rng(213)
     known = 0
@@ -78,14 +78,14 @@ def test_logarithms_lead_to_the_point_or_are_nan(frame):
     assert known > 20
 
 
-def test_singular_matrices_spoil_no_neighbour():
+def test_singular_matrices_do_not_affect_the_batch():
     y = np.stack([np.ones((2, 2)), np.eye(2), np.eye(2)])
     found = GL(2).exp_coordinates(y, [np.eye(2), np.ones((2, 2)), [[1.0, 1.0], [0.0, 1.0]]])
     assert np.isnan(found[:2]).all()
     np.testing.assert_allclose(found[2], [0.0, 1.0, 0.0, 0.0], atol=1e-15)
 
 
-def test_scipy_does_not_speak(capfd):
+def test_scipy_prints_nothing(capfd):
     y = np.array([[1.0, 1e9], [0.0, 1.0 + 1e-6]])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -97,13 +97,13 @@ def test_scipy_does_not_speak(capfd):
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
-def test_nearly_opposite_points_of_spheres(n):
+def test_nearly_antipodal_points_of_spheres(n):
     frame, rng = Sphere(n), np.random.default_rng(214)
     difference, known = difference_of(frame), 0
     for distance in (0.0, 1e-16, 1e-15, 1e-12, -1e-9, 1e-6, -1e-3):
         for _ in range(40):
             y0, v = frame.random_point(rng), frame.random_vector(rng)
-            v = frame.shortest(v, y0)
+            v = frame.without_isotropy(v, y0)
             y1 = frame.flow((np.pi + distance) / np.linalg.norm(v) * v, y0)
             for found in (frame.exp_coordinates(y0, y1), difference(y0, y1)):
                 if np.isfinite(found).all():

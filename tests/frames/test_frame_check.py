@@ -8,7 +8,7 @@ from cg.frames import SO3, Euclidean, FieldFrame, MatrixFrame, Sphere
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=name)
-def test_frames_of_the_package_fit_together(frame):
+def test_check_passes_for_package_frames(frame):
     assert frame.check(rng=np.random.default_rng(1)) is None
 
 
@@ -30,7 +30,7 @@ RIGHT = {
 }
 
 
-def test_a_frame_that_is_right():
+def test_check_passes_for_a_correct_user_frame():
     FieldFrame(**RIGHT).check()
     FieldFrame(**RIGHT).check(points=[[0.3, 1.2], [0.0, 2.0]])
 
@@ -55,12 +55,12 @@ def test_a_frame_that_is_right():
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )  # fmt: skip
-def test_what_is_wrong_is_told(change, message):
-    with pytest.raises(ValueError, match=f"^frame doesn't fit together: .*{message}"):
+def test_check_reports_inconsistencies(change, message):
+    with pytest.raises(ValueError, match=f"^frame is inconsistent: .*{message}"):
         FieldFrame(**(RIGHT | change)).check()
 
 
-def test_what_leaves_the_manifold():
+def test_check_reports_flows_off_the_manifold():
     def off(v, y):
         return Sphere(1).flow(v, y) * (1 + 1e-3 * v[0] ** 2)
 

@@ -38,12 +38,12 @@ def largest(points, frame):
 @every_frame
 @pytest.mark.parametrize("batch", BATCHES, ids=repr)
 @pytest.mark.parametrize("size", [1e-3, 1e-9, 1e-13, 0.1])
-def test_nearby_points_are_reached(frame, batch, size):
+def test_local_coordinates_reach_the_point(frame, batch, size):
     rng = np.random.default_rng(71)
     y0 = frame.random_point(rng, batch)
     v = min(size, size * MAX_SCALE.get(frame, 1.0)) * frame.random_vector(rng, batch)
     y1 = frame.flow(v, y0)
-    found = frame.nearby_coordinates(y0, y1)
+    found = frame.local_coordinates(y0, y1)
     assert found.shape == v.shape
     assert found.dtype == np.float64
     error = largest(frame.flow(found, y0) - y1, frame)
@@ -55,48 +55,48 @@ def test_nearby_points_are_reached(frame, batch, size):
 
 
 @every_frame
-def test_a_point_is_at_no_distance_from_itself(frame):
+def test_local_coordinates_of_equal_points_are_zero(frame):
     y = frame.random_point(np.random.default_rng(72), (4,))
     rounding = 4e-15 * max(1.0, np.abs(y).max()) ** 2
-    np.testing.assert_allclose(frame.nearby_coordinates(y, y), 0.0, rtol=0, atol=rounding)
+    np.testing.assert_allclose(frame.local_coordinates(y, y), 0.0, rtol=0, atol=rounding)
     y0 = frame.flow(np.zeros(frame.dim), y[0])
-    np.testing.assert_allclose(frame.nearby_coordinates(y0, y0), 0.0, rtol=0, atol=rounding)
+    np.testing.assert_allclose(frame.local_coordinates(y0, y0), 0.0, rtol=0, atol=rounding)
 
 
 @every_frame
-def test_nearby_points_broadcast_and_are_checked(frame):
+def test_local_coordinates_broadcast_and_check_shapes(frame):
     rng = np.random.default_rng(73)
     y0 = frame.random_point(rng)
     v = 1e-3 * frame.random_vector(rng, (3,))
     y1 = frame.flow(v, y0)
-    together = frame.nearby_coordinates(y0, y1)
-    back = frame.nearby_coordinates(y1, y0)
+    together = frame.local_coordinates(y0, y1)
+    back = frame.local_coordinates(y1, y0)
     assert together.shape == back.shape == (3, frame.dim)
     for k in range(3):
-        alone = frame.nearby_coordinates(y0, y1[k])
+        alone = frame.local_coordinates(y0, y1[k])
         np.testing.assert_allclose(together[k], alone, rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match="y0 must have shape"):
-        frame.nearby_coordinates(np.append(y0, 1.0), y0)
+        frame.local_coordinates(np.append(y0, 1.0), y0)
     with pytest.raises(ValueError, match="y1 must have shape"):
-        frame.nearby_coordinates(y0, np.append(y0, 1.0))
+        frame.local_coordinates(y0, np.append(y0, 1.0))
 
 
 @every_frame
-def test_what_is_not_finite_spoils_no_neighbour(frame):
+def test_nonfinite_points_do_not_affect_the_batch(frame):
     rng = np.random.default_rng(74)
     y0 = frame.random_point(rng, (2,))
     y1 = frame.flow(1e-3 * frame.random_vector(rng, (2,)), y0)
-    alone = frame.nearby_coordinates(y0[1], y1[1])
+    alone = frame.local_coordinates(y0[1], y1[1])
     y1[0].flat[0] = np.nan
-    found = frame.nearby_coordinates(y0, y1)
+    found = frame.local_coordinates(y0, y1)
     assert np.isnan(found[0]).any()
     np.testing.assert_allclose(found[1], alone, rtol=0, atol=1e-12)
 
 
-def test_points_that_no_flow_connects_have_no_coordinates():
+def test_local_coordinates_of_unreachable_points_are_nan():
     """The field vanishes at zero and leads away from there nowhere."""
     frame = FieldFrame([lambda y: y], lambda v, y: np.exp(v[0]) * y, point_shape=1)
-    found = frame.nearby_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
+    found = frame.local_coordinates([[0.0], [1.0]], [[1.0], [1.5]])
     assert np.isnan(found[0]).all()
     np.testing.assert_allclose(found[1], np.log(1.5), rtol=1e-14)
 
@@ -108,7 +108,7 @@ def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
     y0 = frame.random_point(rng, (4,))
     y1 = frame.flow(1e-3 * frame.random_vector(rng, (4,)), y0)
     monkeypatch.delattr(np.linalg, "pinv")
-    found = frame.nearby_coordinates(y0, y1)
+    found = frame.local_coordinates(y0, y1)
     np.testing.assert_allclose(frame.flow(found, y0), y1, rtol=0, atol=4e-15 * np.abs(y0).max())
 
 
@@ -123,7 +123,7 @@ def test_large_spaces_are_solved_in_closed_form(frame, monkeypatch):
     ],
     ids=name,
 )
-def test_coefficients_of_tangents_are_the_shortest(frame):
+def test_coefficients_of_tangents_have_minimum_norm(frame):
     rng = np.random.default_rng(76)
     y = frame.random_point(rng, (3,))
     tangent = frame.field(frame.random_vector(rng, (3,)), y)
@@ -137,7 +137,7 @@ def test_coefficients_of_tangents_are_the_shortest(frame):
         np.testing.assert_allclose(found[k], wanted, rtol=0, atol=2e-14)
 
 
-def test_homogeneous_spaces_may_leave_the_tangents_to_the_matrix_of_fields():
+def test_closed_form_and_general_local_coordinates_agree():
     class Plain(Stiefel):
         _coefficients_at = HomogeneousSpace._coefficients_at
 
@@ -146,20 +146,20 @@ def test_homogeneous_spaces_may_leave_the_tangents_to_the_matrix_of_fields():
     y1 = Stiefel(4, 2).flow(0.1 * rng.standard_normal((3, 6)), y0)
     plain, closed = Plain(4, 2), Stiefel(4, 2)
     np.testing.assert_allclose(
-        plain.nearby_coordinates(y0, y1), closed.nearby_coordinates(y0, y1), rtol=0, atol=1e-13
+        plain.local_coordinates(y0, y1), closed.local_coordinates(y0, y1), rtol=0, atol=1e-13
     )
 
 
 @every_frame
 @pytest.mark.parametrize("batch", BATCHES, ids=repr)
-def test_sizes_of_coordinates_have_their_shape(frame, batch):
+def test_coordinate_sizes_have_their_shape(frame, batch):
     y = frame.random_point(np.random.default_rng(78), batch)
     sizes = frame.coordinate_sizes(y)
     assert sizes.shape == (*batch, frame.dim)
     assert (sizes >= 0.0).all()
 
 
-def test_sizes_of_coordinates():
+def test_coordinate_sizes():
     frame = Product(SO3(), Euclidean(2), Semidirect(SO3(), 2), SU(2))
     point = np.eye(5)
     point[:3, 3], point[:3, 4] = [3.0, 0.0, 4.0], [0.0, -7.0, 0.0]
@@ -224,13 +224,13 @@ def test_subclasses_of_products_are_not_compiled():
 
 
 @every_frame
-def test_logarithms_are_kept_however_far_they_lead(frame):
+def test_local_coordinates_keep_large_logarithms(frame):
     rng = np.random.default_rng(79)
     y0, y1 = frame.random_point(rng, (20,)), frame.random_point(rng, (20,))
     known = frame.exp_coordinates(y0, y1)
     if known is None:
         return
-    found = frame.nearby_coordinates(y0, y1)
+    found = frame.local_coordinates(y0, y1)
     has = np.isfinite(known).all(axis=-1)
     assert np.isfinite(found[has]).all()
     off, before = (largest(frame.flow(v[has], y0[has]) - y1[has], frame) for v in (found, known))
@@ -238,7 +238,7 @@ def test_logarithms_are_kept_however_far_they_lead(frame):
 
 
 @pytest.mark.parametrize("n", [2, 3, 5])
-def test_coordinates_on_su_are_the_shortest(n):
+def test_coordinates_on_su_have_minimum_norm(n):
     """Of all choices of the angles whose sum is zero: where principal ones add up to a turn too."""
     frame, rng = SU(n), np.random.default_rng(80)
     angles = rng.uniform(-np.pi, np.pi, (40, n))

@@ -149,7 +149,7 @@ def test_logarithms_far_from_the_identity(group, size):
 
 @pytest.mark.parametrize("group", GROUPS, ids=repr)
 @pytest.mark.parametrize("size", [1e-15, 1e-12, 1e-9, 1e-5, 1e-2])
-def test_coordinates_of_points_nearby(group, size):
+def test_exp_coordinates_of_nearby_points(group, size):
     """They have the digits of the difference of the points, rounded as these are."""
     rng = np.random.default_rng(64)
     with ctx.workdps(120):
@@ -235,7 +235,7 @@ NOT_COMPACT = [
 
 
 @pytest.mark.parametrize("frame", NOT_COMPACT, ids=repr)
-def test_flows_without_any_digits_are_refused(frame):
+def test_flows_of_too_large_coefficients_raise(frame):
     rng = np.random.default_rng(68)
     y, v = frame.random_point(rng, (2,)), frame.random_vector(rng, (2,))
     v[1] *= 1e14 / np.linalg.norm(v[1])
@@ -260,7 +260,7 @@ def test_flows_without_any_digits_are_refused(frame):
     ],
     ids=str,
 )
-def test_as_long_as_they_have_digits_flows_stay_on_the_manifold(group, omega, size):
+def test_largest_allowed_flows_stay_on_the_manifold(group, omega, size):
     """Oscillations, which stay bounded."""
     v = group.coefficients(size * np.array(omega))
     moved = group.flow(v, np.eye(group.size))
@@ -270,19 +270,19 @@ def test_as_long_as_they_have_digits_flows_stay_on_the_manifold(group, omega, si
     np.testing.assert_allclose(moved, wanted, rtol=0, atol=20.0 * EPSILON * size)
 
 
-def test_nearby_coordinates_of_points_that_no_corrections_find():
+def test_local_coordinates_are_nan_without_convergence():
     """Corrections that are far too long are no reason for an exception."""
     frame = CoadjointOrbit(SL(2), (0.5, 0.25, 0.75))
     y0 = frame.random_point(np.random.default_rng(69))
-    found = frame.nearby_coordinates(y0, 1e12 * y0)
+    found = frame.local_coordinates(y0, 1e12 * y0)
     assert np.isnan(found).all()
-    assert cg.frames.GL(1).nearby_coordinates([[1.0]], [[-1.0]]).shape == (1,)
+    assert cg.frames.GL(1).local_coordinates([[1.0]], [[-1.0]]).shape == (1,)
 
 
 @pytest.mark.parametrize(
     ("group", "growth"), [(SL(2), 1e6), (Sp(2), 1e6), (Sp(4), 1e4), (GL(2), 1e6)], ids=str
 )
-def test_nearby_coordinates_of_points_that_have_grown(group, growth):
+def test_local_coordinates_of_large_points(group, growth):
     stretch = np.eye(group.size)
     stretch[0, 0], stretch[group.size // 2, group.size // 2] = growth, 1.0 / growth
     for seed in range(66, 90):
@@ -290,6 +290,6 @@ def test_nearby_coordinates_of_points_that_have_grown(group, growth):
         y0 = group.restore(stretch @ group.random_point(rng))
         for size in (1e-3, 1e-9):
             y1 = group.flow(size * group.random_vector(rng), y0)
-            found = group.nearby_coordinates(y0, y1)
+            found = group.local_coordinates(y0, y1)
             off = np.abs(group.flow(found, y0) - y1).max()
             assert off <= 2e-14 * np.abs(y1).max(), (seed, size)

@@ -1,15 +1,10 @@
 """Facts particular to single frames, and what frames refuse."""
 
-import doctest
-import importlib
-import pkgutil
-
 import numpy as np
 import pytest
 import scipy.linalg
 from frame_examples import CIRCLE, ELLIPSE, HEISENBERG
 
-import cg.frames
 from cg.frames import (
     GL,
     SE3,
@@ -37,12 +32,6 @@ from cg.frames.u import gell_mann
 pytestmark = pytest.mark.no_core
 
 GROUPS = [SO(4), U(2), SU(2), SU(3), GL(2), SL(3), Sp(4), SE3(), Semidirect(SL(2), 2)]
-
-
-@pytest.mark.parametrize("module", [m.name for m in pkgutil.iter_modules(cg.frames.__path__)])
-def test_examples_of_the_documentation(module):
-    result = doctest.testmod(importlib.import_module(f"cg.frames.{module}"))
-    assert result.failed == 0
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=repr)
@@ -144,7 +133,7 @@ def test_isospectral_orbits_keep_the_spectrum_of_a_matrix():
         IsospectralOrbit.through(np.ones((2, 3)))
 
 
-def test_coadjoint_orbits_find_their_casimirs():
+def test_coadjoint_orbits_compute_their_casimirs():
     body = CoadjointOrbit(SO3(), (1.0, 2.0, 3.0))
     assert body.linear_casimirs.shape == (0, 3)
     np.testing.assert_allclose(abs(body.quadratic_casimirs), [np.eye(3) / np.sqrt(3)], atol=1e-15)
@@ -167,7 +156,7 @@ def test_coadjoint_motion_keeps_the_spatial_momentum():
     np.testing.assert_allclose(rotation @ moved, m, rtol=0, atol=1e-15)
 
 
-def test_a_matrix_frame_of_generators_is_the_sphere():
+def test_matrix_frame_of_rotation_generators_matches_sphere():
     rng = np.random.default_rng(36)
     frame = MatrixFrame(SO(4).basis)
     y, v = Sphere(3).random_point(rng), rng.standard_normal(6)
@@ -188,7 +177,7 @@ def test_user_functions_are_used():
         without.random_point(np.random.default_rng(37))
 
 
-def test_what_user_functions_return_is_checked():
+def test_results_of_user_functions_are_checked():
     def frame(**changes):
         functions = {"fields": [lambda y: y], "flow": lambda v, y: y, "point_shape": 2, **changes}
         return FieldFrame(functions.pop("fields"), functions.pop("flow"), **functions)
@@ -204,7 +193,7 @@ def test_what_user_functions_return_is_checked():
         frame(flow=lambda v, y: 1 / 0).flow([1.0], y)
 
 
-def test_product_splits_what_it_joins():
+def test_product_split_inverts_join():
     frame = Product(SO3(), Euclidean(3), SO3("space"))
     y = frame.random_point(np.random.default_rng(12), (4,))
     parts = frame.split(y)
@@ -217,7 +206,7 @@ def test_product_splits_what_it_joins():
         frame.join(np.eye(3), [1, 2], np.eye(3))
 
 
-def test_product_adds_up_its_factors():
+def test_product_errors_and_distances():
     frame = Product(SO3(), Euclidean(2))
     x = frame.join(np.eye(3), [0.0, 0.0])
     y = frame.join(SO3().flow([0.3, 0, 0], np.eye(3)), [0.0, 0.4])
@@ -235,19 +224,19 @@ for i in range(3):
     ("make", "error", "message"),
     [
         (lambda: SO3("left"), ValueError, "convention must be"),
-        (lambda: SO(1), ValueError, "n must be an integer of at least 2, got 1"),
+        (lambda: SO(1), ValueError, "n must be at least 2, got 1"),
         (lambda: SO(3, "left"), ValueError, "convention must be"),
         (lambda: SE3("left"), ValueError, "convention must be"),
         (lambda: UnitQuaternion("left"), ValueError, "convention must be"),
         (lambda: UnitQuaternion(scalar_first=1), ValueError, "scalar_first must be True or"),
         (lambda: Sp(3), ValueError, "n must be even, got 3"),
-        (lambda: GL(0), ValueError, "n must be a positive integer"),
-        (lambda: SU(1), ValueError, "n must be an integer of at least 2"),
-        (lambda: Sphere(0), ValueError, "n must be a positive integer"),
-        (lambda: Stiefel(2, 3), ValueError, "k must be at most n = 2, got 3"),
+        (lambda: GL(0), ValueError, "n must be at least 1"),
+        (lambda: SU(1), ValueError, "n must be at least 2"),
+        (lambda: Sphere(0), ValueError, "n must be at least 1"),
+        (lambda: Stiefel(2, 3), ValueError, "k must be at most 2, got 3"),
         (lambda: Semidirect(SO3), TypeError, "group must be a MatrixGroup"),
         (lambda: Semidirect(SU(2)), ValueError, "group must be real"),
-        (lambda: Semidirect(SO3(), 0), ValueError, "copies must be a positive integer"),
+        (lambda: Semidirect(SO3(), 0), ValueError, "copies must be at least 1"),
         (lambda: IsospectralOrbit((1.0,)), ValueError, "spectrum must be at least two"),
         (lambda: IsospectralOrbit((1.0, np.nan)), ValueError, "spectrum must be at least two"),
         (lambda: IsospectralOrbit((1, 2), hermitian=2), ValueError, "hermitian must be True or"),
@@ -258,7 +247,7 @@ for i in range(3):
         (lambda: MatrixFrame(np.eye(2)), ValueError, r"matrices must have shape \(m, n, n\)"),
         (lambda: MatrixFrame([[[np.inf]]]), ValueError, "matrices must be finite"),
         (lambda: MatrixFrame([[["a"]]]), ValueError, "matrices must be an array of real"),
-        (lambda: MatrixFrame([[[1.0]]], 0), ValueError, "columns must be a positive integer"),
+        (lambda: MatrixFrame([[[1.0]]], 0), ValueError, "columns must be at least 1"),
         (lambda: MatrixFrame([[[1.0]]], restore=1), TypeError, "restore must be a function or"),
         (lambda: FieldFrame([], abs, point_shape=1), ValueError, "at least one function"),
         (lambda: FieldFrame([1], abs, point_shape=1), TypeError, r"fields\[0\] must be a function"),
@@ -266,14 +255,14 @@ for i in range(3):
         (lambda: FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
         (lambda: FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
         (lambda: FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
-        (lambda: Euclidean(0), ValueError, "n must be a positive integer, got 0"),
-        (lambda: Euclidean(2.0), ValueError, "n must be a positive integer"),
-        (lambda: Euclidean(True), ValueError, "n must be a positive integer"),
+        (lambda: Euclidean(0), ValueError, "n must be at least 1, got 0"),
+        (lambda: Euclidean(2.0), TypeError, "n must be an integer"),
+        (lambda: Euclidean(True), TypeError, "n must be an integer"),
         (Product, ValueError, "at least one frame"),
         (lambda: Product(SO3(), SO3), TypeError, r"factors\[1\] must be a Frame"),
     ],
 )
-def test_bad_frames_are_refused(make, error, message):
+def test_constructors_reject_bad_arguments(make, error, message):
     with pytest.raises(error, match=message):
         make()
 
@@ -289,12 +278,12 @@ def test_bad_frames_are_refused(make, error, message):
         ([[1, 2], [3]], "start must be an array of real numbers"),
     ],
 )
-def test_check_point_says_what_is_wrong(y, message):
+def test_check_point_error_messages(y, message):
     with pytest.raises(ValueError, match=message):
         SO3().check_point(y, name="start")
 
 
-def test_check_point_takes_integers_and_the_tolerance():
+def test_check_point_accepts_integers_and_tolerance():
     assert SO3().check_point(np.eye(3, dtype=int)).dtype == np.float64
     assert SO3().check_point(1.1 * np.eye(3), tolerance=0.2)[0, 0] == 1.1
 
@@ -313,7 +302,7 @@ ALGEBRAS = [SO3(), SO(2), *GROUPS[:4], SU(2, "body"), *GROUPS[5:], U(1)]
 
 @pytest.mark.parametrize("group", ALGEBRAS, ids=repr)
 @pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
-def test_matrices_outside_the_algebra_have_no_coefficients(group, size):
+def test_coefficients_reject_matrices_outside_the_algebra(group, size):
     rng = np.random.default_rng(38)
     v = size * rng.standard_normal((2, 3, group.dim))
     inside = group.algebra(v)
@@ -344,12 +333,12 @@ def test_matrices_outside_the_algebra_have_no_coefficients(group, size):
     ],
     ids=lambda value: repr(value) if hasattr(value, "dim") else "",
 )
-def test_what_is_no_element_of_the_algebra(group, matrix):
+def test_coefficients_reject_specific_matrices(group, matrix):
     with pytest.raises(ValueError, match=r"matrix must be in the Lie algebra of .* its distance"):
         group.coefficients(matrix)
 
 
-def test_rounding_of_terms_that_cancel_is_no_mistake():
+def test_coefficients_accept_rounding_errors():
     """Of an equation at rest only that is left."""
     group = SO(3)
     rounding = 1e-15 * np.random.default_rng(39).standard_normal((3, 3))

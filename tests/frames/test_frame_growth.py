@@ -103,7 +103,7 @@ def test_growth_in_changing_directions(frame):
 
 @pytest.mark.parametrize("end", [15.0, 19.0, 40.0, 300.0])
 @pytest.mark.parametrize("frame", [SL(2), Sp(2), GL(2)], ids=repr)
-def test_a_constant_field_to_any_time(frame, end):
+def test_flows_for_long_times(frame, end):
     omega = np.array([[0.0, 1.0], [1.0, 0.0]])
     v = frame.coefficients(omega)
     with ctx.workdps(50):
@@ -121,7 +121,7 @@ def test_a_constant_field_to_any_time(frame, end):
 
 @pytest.mark.parametrize("frame", [SL(2), SL(3), Sp(2), Sp(4), Semidirect(SL(2))], ids=repr)
 @pytest.mark.parametrize("growth", [1.0, 1e4, 1e8, 1e12, 1e100])
-def test_restoring_makes_no_point_worse(frame, growth):
+def test_restoring_never_increases_the_error(frame, growth):
     """A point that is right to rounding stays that, however large it is."""
     rng = np.random.default_rng(53)
     n = frame.size - (frame.copies if isinstance(frame, Semidirect) else 0)
@@ -138,7 +138,7 @@ def test_restoring_makes_no_point_worse(frame, growth):
         np.testing.assert_allclose(frame.restore(y), y, rtol=0, atol=2e-14 * size)
 
 
-def test_points_off_the_group_are_refused_however_large():
+def test_large_points_off_the_group_are_rejected():
     large = np.diag([1e6, 1e-6])
     SL(2).check_point(large)
     Sp(2).check_point(large)
@@ -152,7 +152,7 @@ def test_points_off_the_group_are_refused_however_large():
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e-6])
-def test_corrections_are_the_shortest(size):
+def test_corrections_have_minimum_norm(size):
     """Among all changes that meet the constraint to first order."""
     rng = np.random.default_rng(54)
     for frame in (SL(3), Sp(4)):
@@ -169,7 +169,7 @@ def test_corrections_are_the_shortest(size):
         assert along < 30.0 * size**2 * np.abs(fields).max()
 
 
-def test_a_product_grows_as_its_factors_do():
+def test_growing_points_of_products():
     frame = Product(SL(2), SO3())
     rng = np.random.default_rng(55)
     v = np.concatenate([SL(2).coefficients([[0.0, 0.1], [0.1, 0.0]]), [0.0, 0.0, 0.1]])
@@ -180,7 +180,7 @@ def test_a_product_grows_as_its_factors_do():
 
 
 @pytest.mark.parametrize("frame", [Sp(2), Sp(4), SL(2), SL(3)], ids=repr)
-def test_points_that_are_singular_to_rounding_are_kept(frame):
+def test_numerically_singular_points_are_unchanged(frame):
     """All singular values but one may be zero exactly, or anything below rounding."""
     size = 1e130
     for y in (np.full((frame.n, frame.n), size), size * np.diag([1.0] + [0.0] * (frame.n - 1))):

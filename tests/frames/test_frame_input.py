@@ -47,7 +47,7 @@ MASKED = np.ma.masked_array([1.0, 2.0, 3.0], mask=[1, 0, 0])
     ],
 )
 @pytest.mark.parametrize("method", ["flow", "field"])
-def test_coefficients_that_are_no_numbers(v, method):
+def test_rejects_nonnumeric_coefficients(v, method):
     for frame, y in [(SO3(), np.eye(3)), (Sphere(2), [0, 0, 1]), (SU(2), np.eye(2))]:
         with pytest.raises(ValueError, match="v must be an array of real numbers, got"):
             getattr(frame, method)(v, y)
@@ -62,7 +62,7 @@ def test_coefficients_that_are_no_numbers(v, method):
         np.eye(3).astype(str),
     ],
 )
-def test_points_that_are_no_numbers(y):
+def test_rejects_nonnumeric_points(y):
     frame = SO3()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -79,7 +79,7 @@ def test_points_that_are_no_numbers(y):
             frame.exp_coordinates(y, np.eye(3))
 
 
-def test_odd_arrays_mean_what_they_hold():
+def test_accepts_unusual_array_types():
     frame, v = SO3(), [0.5, -0.25, 1.0]
     y = frame.flow([1.0, 2.0, 3.0], np.eye(3))
     wanted = frame.flow(v, y)
@@ -105,14 +105,14 @@ def test_tolerance(tolerance):
     "make",
     [SO, SU, U, GL, SL, Sp, Sphere, Euclidean, lambda n: Stiefel(n, n), lambda n: Stiefel(4, n)],
 )
-def test_sizes_may_be_integers_of_numpy(make):
+def test_sizes_accept_numpy_integers(make):
     assert make(np.int64(2)) == make(2)
     assert repr(make(np.int64(2))) == repr(make(2))
-    with pytest.raises(ValueError, match=r"must be .*integer.*, got np\.True_"):
+    with pytest.raises(TypeError, match=r"must be an integer, got np\.True_"):
         make(np.True_)
 
 
-def test_other_sizes_may_be_integers_of_numpy():
+def test_other_sizes_accept_numpy_integers():
     two = np.int64(2)
     assert Semidirect(SO3(), two) == Semidirect(SO3(), 2)
     assert MatrixFrame([[[1.0]]], two) == MatrixFrame([[[1.0]]], 2)
@@ -130,17 +130,17 @@ def field_frame(**changes):
     [
         ({"fields": None}, TypeError, "fields must be a sequence of functions, got None"),
         ({"fields": abs}, TypeError, "fields must be a sequence of functions, got <built-in"),
-        ({"point_shape": None}, ValueError, "point_shape must be a positive integer, got None"),
-        ({"point_shape": 1.0}, ValueError, r"point_shape must be a positive integer, got 1\.0"),
-        ({"point_shape": np.nan}, ValueError, "point_shape must be a positive integer, got nan"),
+        ({"point_shape": None}, TypeError, "point_shape must be an integer, got None"),
+        ({"point_shape": 1.0}, TypeError, r"point_shape must be an integer, got 1\.0"),
+        ({"point_shape": np.nan}, TypeError, "point_shape must be an integer, got nan"),
     ],
 )
-def test_a_users_frame(changes, error, message):
+def test_field_frame_rejects_bad_arguments(changes, error, message):
     with pytest.raises(error, match=message):
         field_frame(**changes)
 
 
-def test_conventions_are_text():
+def test_conventions_must_be_strings():
     with pytest.raises(ValueError, match=r'convention must be "body" or "space", got array'):
         UnitQuaternion(np.array(["body"]))
 
@@ -160,7 +160,7 @@ def test_conventions_are_text():
         (lambda: ConingMotion(spin=True), "spin must be an array of real numbers, got True"),
         (
             lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))),
-            r"parts must have leading axes that fit together, got \[\(2,\), \(3,\)\]",
+            r"parts must have leading axes that broadcast, got \[\(2,\), \(3,\)\]",
         ),
     ],
 )
@@ -217,7 +217,7 @@ def test_dimensions_of_groups(frame):
     ],
     ids=str,
 )
-def test_frames_too_large_for_any_machine(frame, dim):
+def test_basis_larger_than_memory_raises(frame, dim):
     assert frame.dim == dim
     assert repr(frame)
     group = frame if isinstance(frame, MatrixGroup) else frame.group
@@ -226,7 +226,7 @@ def test_frames_too_large_for_any_machine(frame, dim):
 
 
 @pytest.mark.parametrize("u", [[np.inf, 0.2, 0.3], [1e200, 0.2, 0.3], [np.nan, 0.2, 0.3]])
-def test_what_overflows_is_not_taken_for_commuting(u):
+def test_overflowing_brackets_do_not_count_as_commuting(u):
     """Beyond a turn there is no derivative of coordinates, unless they commute."""
     with np.errstate(all="ignore"):
         assert np.isnan(SO3().dexpinv(u, [0.1, 0.2, 0.3])).all()

@@ -151,7 +151,7 @@ def test_one_column_is_a_rigid_motion():
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e6, 1e12])
-def test_the_end_of_a_run_is_a_point_whatever_the_unit(scale):
+def test_final_points_of_scaled_runs_are_points(scale):
     orbit = CoadjointOrbit(SO3(), scale * MOMENTUM)
     isospectral = IsospectralOrbit.through(scale * TODA)
     both = Product(orbit, SO3(), Euclidean(1))
@@ -177,7 +177,7 @@ def test_the_end_of_a_run_is_a_point_whatever_the_unit(scale):
             cg.solve_ensemble(f, (0, 3), np.stack([y0, wrong]), **options)
 
 
-def test_matrices_through_which_there_is_no_orbit():
+def test_isospectral_through_rejects_bad_matrices():
     for matrix in ([[1.0, 2.0], [3.0, 4.0]], [[1.0, 1j], [1j, 1.0]], [[1e9, 1e3], [0.0, 1e9]]):
         with pytest.raises(ValueError, match="y0 must be symmetric, or Hermitian if complex, got"):
             IsospectralOrbit.through(matrix)
@@ -193,7 +193,7 @@ def test_matrices_through_which_there_is_no_orbit():
         (SU(2), np.zeros((2, 2)), "frame.coefficients"),
     ],
 )
-def test_a_matrix_in_place_of_its_coefficients(frame, matrix, name):
+def test_matrix_instead_of_coefficients_error_message(frame, matrix, name):
     y0 = TODA if isinstance(frame, IsospectralOrbit) else np.eye(*frame.point_shape)
     with pytest.raises(ValueError, match=rf"got shape .*{name}\(matrix\) are those of a matrix"):
         cg.solve_ivp(lambda t, y: matrix, (0, 1), y0, frame=frame)

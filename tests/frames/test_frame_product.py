@@ -30,7 +30,7 @@ def test_parts_are_views(frame, batch):
 
 
 @pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
-def test_parts_of_what_can_not_be_written_to_can_not_either(frame):
+def test_parts_of_readonly_points_are_readonly(frame):
     y = frame.random_point(np.random.default_rng(82))
     y.flags.writeable = False
     for part in frame.split(y):
@@ -39,7 +39,7 @@ def test_parts_of_what_can_not_be_written_to_can_not_either(frame):
 
 
 @pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
-def test_parts_of_odd_arrays(frame):
+def test_split_of_unusual_arrays(frame):
     y = frame.random_point(np.random.default_rng(83), (2, 5))
     wanted = frame.split(y)
     wide = np.zeros((2, 5, 2 * y.shape[-1]))
@@ -62,7 +62,7 @@ def test_parts_of_odd_arrays(frame):
 
 
 @pytest.mark.parametrize("frame", [REAL, COMPLEX], ids=repr)
-def test_odd_parts_are_joined(frame):
+def test_join_of_unusual_arrays(frame):
     y = frame.random_point(np.random.default_rng(84))
     parts = frame.split(y)
     turned = [np.asfortranarray(part) for part in parts]

@@ -67,7 +67,7 @@ def test_points_in_single_precision_are_projected(frame, batch):
 
 
 @every_frame
-def test_errors_name_the_projection(frame):
+def test_off_manifold_errors_suggest_project(frame):
     if frame in OPEN:
         return
     rng = np.random.default_rng(93)
@@ -109,7 +109,7 @@ def test_no_other_point_is_nearer(frame):
     ],
     ids=repr,
 )
-def test_what_is_left_is_normal_to_the_fields(frame):
+def test_projection_residual_is_normal_to_the_fields(frame):
     """To first order, which is what a few corrections of a point nearby attain."""
     rng = np.random.default_rng(95)
     on = frame.random_point(rng)
@@ -129,7 +129,7 @@ def test_reflections_are_projected_to_rotations():
 
 
 @every_frame
-def test_where_there_is_no_nearest_point(frame):
+def test_projection_without_nearest_point_is_nan(frame):
     y = frame.random_point(np.random.default_rng(96), (2,))
     y[0].flat[0] = np.nan
     projected = frame.project(y)
@@ -141,7 +141,7 @@ def test_where_there_is_no_nearest_point(frame):
 
 
 @every_frame
-def test_zero_is_projected_to_no_point_or_a_point(frame):
+def test_projection_of_zero_is_nan_or_a_point(frame):
     """Equally near to all of a sphere, a group of unitary matrices, or an orbit."""
     y = np.stack([np.zeros(frame.point_shape), frame.random_point(np.random.default_rng(98))])
     projected = frame.project(y)
@@ -168,17 +168,17 @@ def test_zero_is_projected_to_no_point_or_a_point(frame):
     ],
     ids=repr,
 )
-def test_there_is_no_nearest_point_where_many_are(frame, y):
+def test_projection_is_nan_where_not_unique(frame, y):
     assert np.isnan(frame.project(y)).all()
 
 
-def test_a_nearest_point_may_be_far():
+def test_projection_of_distant_arrays():
     np.testing.assert_allclose(SO3().project(np.diag([1.0, 2.0, 0.0])), np.eye(3), atol=1e-15)
     orbit = IsospectralOrbit((0.0, 0.0, 1.0))
     np.testing.assert_allclose(orbit.project(np.diag([0.0, 0.0, 9.0])), np.diag([0, 0, 1.0]))
 
 
-def test_users_give_projections():
+def test_user_projections():
     frame = MatrixFrame(
         ELLIPSE.matrices,
         membership_error=lambda y: abs(np.sqrt(y[0] ** 2 + y[1] ** 2 / 4.0) - 1.0),
@@ -197,7 +197,7 @@ def test_users_give_projections():
         wrong.project([1.0, 2.0])
 
 
-def test_frames_without_a_projection_say_so():
+def test_frames_without_projection_raise():
     class Half(Frame):
         dim = 1
         point_shape = (1,)

@@ -62,7 +62,7 @@ def test_flow_stays_on_the_manifold(frame, seed, scale):
 @every_frame
 @axioms
 @given(seed=seeds)
-def test_membership_error_sees_what_is_off_the_manifold(frame, seed):
+def test_membership_error_of_perturbed_points(frame, seed):
     y = frame.random_point(np.random.default_rng(seed))
     n = y.size * (2 if y.dtype.kind == "c" else 1)
     axes = np.eye(n).view(y.dtype).reshape(n, *y.shape)
@@ -121,7 +121,7 @@ def test_field_is_linear_in_the_coefficients(frame, seed, factor):
 @every_frame
 @axioms
 @given(seed=seeds, scale=scales)
-def test_exp_coordinates_undo_the_flow(frame, seed, scale):
+def test_exp_coordinates_invert_the_flow(frame, seed, scale):
     scale = min(scale, 0.1)
     y, v = sample(frame, seed, scale)
     moved = frame.flow(v, y)
@@ -139,7 +139,7 @@ def test_exp_coordinates_undo_the_flow(frame, seed, scale):
 @every_frame
 @axioms
 @given(seed=seeds)
-def test_exp_coordinates_lead_from_any_point_to_any_other(frame, seed):
+def test_exp_coordinates_of_arbitrary_points(frame, seed):
     rng = np.random.default_rng(seed)
     x, y = frame.random_point(rng), frame.random_point(rng)
     found = frame.exp_coordinates(x, y)
@@ -193,7 +193,7 @@ def test_distance_is_a_metric(frame):
 
 
 @every_frame
-def test_inputs_are_left_alone_and_outputs_are_new(frame):
+def test_inputs_are_unchanged_and_outputs_are_new(frame):
     rng = np.random.default_rng(5)
     y, v = frame.random_point(rng), frame.random_vector(rng)
     y.flags.writeable = v.flags.writeable = False
@@ -203,7 +203,7 @@ def test_inputs_are_left_alone_and_outputs_are_new(frame):
 
 
 @every_frame
-def test_wrong_shapes_are_refused(frame):
+def test_rejects_wrong_shapes(frame):
     rng = np.random.default_rng(6)
     y, v = frame.random_point(rng), frame.random_vector(rng)
     long = np.append(y, 1.0)
@@ -225,7 +225,7 @@ def test_wrong_shapes_are_refused(frame):
 
 
 @every_frame
-def test_what_overflows_is_not_finite(frame):
+def test_overflow_gives_nonfinite_points(frame):
     rng = np.random.default_rng(7)
     y, v = frame.random_point(rng, (2,)), frame.random_vector(rng, (2,))
     v *= capped(frame, 1.0)
@@ -237,7 +237,7 @@ def test_what_overflows_is_not_finite(frame):
 
 
 @every_frame
-def test_frames_are_values(frame):
+def test_frames_compare_by_value(frame):
     if not isinstance(frame, FieldFrame | MatrixFrame):
         copy = eval(repr(frame), vars(cg.frames))
         assert copy == frame
@@ -253,7 +253,7 @@ UNDRIFTING = [f for f in FRAMES if f not in OPEN and not isinstance(f, Product)]
 
 
 @pytest.mark.parametrize("frame", UNDRIFTING, ids=name)
-def test_ten_thousand_flows_do_not_drift(frame):
+def test_repeated_flows_stay_on_the_manifold(frame):
     rng = np.random.default_rng(8)
     y = frame.random_point(rng)
     worst = 0.0

@@ -40,7 +40,7 @@ GROUP = {
         for hook in hooks
     ],
 )
-def test_what_a_subclass_lacks_is_named_when_one_is_made(base, hook):
+def test_missing_abstract_members_are_named(base, hook):
     hooks = {Frame: FRAME, HomogeneousSpace: SPACE, MatrixGroup: GROUP}[base]
     whole = type("Whole", (base,), hooks)()
     assert whole.flow(np.zeros(whole.dim), np.eye(2)).shape == (2, 2)
@@ -49,7 +49,7 @@ def test_what_a_subclass_lacks_is_named_when_one_is_made(base, hook):
         lacking()
 
 
-def test_a_basis_must_fit_the_group():
+def test_basis_of_wrong_shape_raises():
     wrong = type("Wrong", (MatrixGroup,), GROUP | {"dim": 2})()
     message = r"_make_basis of Wrong must return matrices of shape \(2, 2, 2\), got \(1, 2, 2\)"
     with pytest.raises(ValueError, match=message):
@@ -58,7 +58,7 @@ def test_a_basis_must_fit_the_group():
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("good_until", [-1.0, 0.5])
-def test_flows_that_return_no_numbers_are_named(value, good_until):
+def test_nonnumeric_flows_raise(value, good_until):
     """From the start, or from somewhere on the way."""
 
     def flow(v, y):
@@ -84,7 +84,7 @@ def drifting(restore=None):
 
 
 @pytest.mark.parametrize("many", [False, True])
-def test_a_solution_that_leaves_the_manifold_is_told(many):
+def test_solution_off_the_manifold_warns(many):
     def solve(frame):
         options = {"frame": frame, "method": "CG4a", "h": 0.1}
         if many:

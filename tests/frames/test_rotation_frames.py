@@ -58,7 +58,7 @@ def test_so3_flow_is_the_matrix_exponential(convention, seed, scale):
 
 
 @pytest.mark.parametrize("angle", [1e-300, 1e-170, 1e-155, 1e-30, 1e-12, 1e-8, 1e-6, 1e-4, 1e-3])
-def test_small_rotations_are_right_to_the_last_digit(angle):
+def test_small_rotations_are_accurate_to_rounding(angle):
     rotation = SO3().flow([angle, 0.0, 0.0], np.eye(3))
     sine = angle - angle**3 / 6 + angle**5 / 120
     assert rotation[2, 1] == pytest.approx(sine, rel=5e-16, abs=0)
@@ -192,7 +192,7 @@ def test_rigid_motions_are_the_matrix_exponential(convention, angle):
 
 
 @pytest.mark.parametrize("angle", [1e-300, 1e-160, 1e-12, 1e-8, 1e-4, 1e-2, 0.3, 0.999, 1.001])
-def test_small_arcs_are_right_to_the_last_digit(angle):
+def test_small_arcs_are_accurate_to_rounding(angle):
     pose = SE3().exponential([0.0, 0.0, angle, 1.0, 0.0, 0.0])
     with ctx.workprec(200):
         theta = arb(angle)
@@ -208,7 +208,7 @@ def test_a_screw_keeps_its_axis_and_its_pitch():
     np.testing.assert_allclose(pose[:, 3], [0.0, 0.0, 0.25, 1.0])
 
 
-def test_extended_poses_carry_several_vectors():
+def test_semidirect_products_with_several_columns():
     rng = np.random.default_rng(19)
     frame, v = Semidirect(SO3(), 2), np.random.default_rng(20).standard_normal(9)
     y = frame.random_point(rng)
@@ -231,7 +231,7 @@ def test_su2_is_the_matrix_exponential(angle):
     np.testing.assert_allclose(frame.exponential(v), wanted, rtol=0, atol=5e-16 * (1 + angle))
 
 
-def test_the_sphere_is_turned_by_the_rotation_vector():
+def test_sphere_flow_is_the_rotation():
     rng = np.random.default_rng(22)
     y, v = Sphere(2).random_point(rng, (20,)), rng.standard_normal((20, 3))
     np.testing.assert_allclose(Sphere(2).field(v, y), np.cross(v, y), rtol=0, atol=1e-15)
@@ -259,7 +259,7 @@ def rotations_of_scipy(rng, *batch):
 
 @pytest.mark.parametrize("batch", [(), (4,), (1,)], ids=repr)
 @pytest.mark.parametrize("frame", ROTATION_FRAMES, ids=repr)
-def test_rotations_of_scipy_are_points(frame, batch):
+def test_scipy_rotations_are_accepted_as_points(frame, batch):
     rng = np.random.default_rng(23)
     rotation = rotations_of_scipy(rng, *batch)
     points = frame.read_points(rotation, "y0")
@@ -283,7 +283,7 @@ def test_rotations_of_scipy_are_points(frame, batch):
 
 
 @pytest.mark.parametrize("frame", ROTATION_FRAMES, ids=repr)
-def test_rotations_of_scipy_come_back(frame):
+def test_as_rotation_inverts_read_points(frame):
     rng = np.random.default_rng(24)
     for batch in ((), (5,)):
         points = frame.random_point(rng, batch)
@@ -308,7 +308,7 @@ def test_matrices_and_quaternions_of_one_rotation_agree():
         )
 
 
-def test_rotations_of_scipy_are_factors_of_products():
+def test_scipy_rotations_in_products():
     rotation = rotations_of_scipy(np.random.default_rng(26))
     frame = Product(SO3(), UnitQuaternion(scalar_first=True), Euclidean(1))
     attitude, q, _ = frame.split(frame.join(rotation, rotation, [2.0]))
@@ -317,13 +317,13 @@ def test_rotations_of_scipy_are_factors_of_products():
 
 
 @pytest.mark.parametrize("frame", [SO(4), Sphere(2), SU(2), SE3(), Euclidean(4)], ids=repr)
-def test_rotations_of_scipy_are_no_points_of_other_frames(frame):
+def test_scipy_rotations_are_rejected_by_other_frames(frame):
     rotation = rotations_of_scipy(np.random.default_rng(27))
     with pytest.raises(ValueError, match=r"start must be an array of (real|complex) numbers, got"):
         frame.check_point(rotation, name="start")
 
 
-def test_only_rotations_of_space_are_rotations_of_scipy():
+def test_as_rotation_requires_n_3():
     with pytest.raises(ValueError, match=r"points must be rotations of space .*, got SO\(4\)"):
         SO(4).as_rotation(np.eye(4))
     with pytest.raises(ValueError, match=r"y must have shape \(\.\.\., 3, 3\)"):
@@ -331,7 +331,7 @@ def test_only_rotations_of_space_are_rotations_of_scipy():
 
 
 @pytest.mark.parametrize("factor", [SO3(), UnitQuaternion(), UnitQuaternion(scalar_first=True)])
-def test_stacks_of_rotations_are_points_of_powers(factor):
+def test_scipy_rotation_stacks_in_powers(factor):
     rotations = Rotation.random(3, random_state=np.random.RandomState(2))
     frame = Power(factor, 3)
     each = [factor.check_point(rotation) for rotation in rotations]
@@ -344,9 +344,9 @@ def test_stacks_of_rotations_are_points_of_powers(factor):
 
 
 @pytest.mark.parametrize("name", [None, 3, "", b"y"])
-def test_names_that_can_be_told(name):
+def test_rejects_invalid_argument_names(name):
     for call in (SO3().check_point, Sphere(2).check_point, Euclidean(1).read_points):
-        with pytest.raises(TypeError, match="name must be a string that isn't empty, got"):
+        with pytest.raises(TypeError, match="name must be a non-empty string, got"):
             call([1.0], name=name)
 
 

@@ -45,7 +45,7 @@ class Step:
         """Return the errors in tolerances that combinations of stages of the last step tell."""
         errors = []
         for combination in self._differences(h):
-            v = self.frame.shortest(combination, y1)
+            v = self.frame.without_isotropy(combination, y1)
             known = self.frame.exp_coordinates(y1, y1) is not None
             difference = v if known else self.frame.field(v, y1)
             errors.append(_rms(difference / _scale(self.frame, [y, y1], rtol, atol)))

@@ -286,8 +286,8 @@ class TestBadInput:
     @pytest.mark.parametrize(
         ("frame", "reason"),
         [
-            (HEISENBERG, "give it one"),
-            (Product(SO3(), HEISENBERG), "give it one"),
+            (HEISENBERG, "span a Lie algebra, pass"),
+            (Product(SO3(), HEISENBERG), "span a Lie algebra, pass"),
             (MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]]), "commutators"),
         ],
         ids=["functions", "product", "matrices"],

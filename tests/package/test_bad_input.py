@@ -376,8 +376,8 @@ def test_condition_system_converts_numpy_integers():
         (lambda: certificate_of("CG3"), TypeError, "method must be a Method, got 'CG3'"),
         (
             lambda: FreeRigidBody().reference([1], bits=1.5),
-            ValueError,
-            r"bits must be a positive integer, got 1\.5",
+            TypeError,
+            r"bits must be an integer, got 1\.5",
         ),
     ],
 )

@@ -12,7 +12,7 @@ from cg.problems import GradientFlow
 LATTICE = GradientFlow((2, 2))
 
 
-def test_the_gradient_flow_descends_along_the_gradient():
+def test_gradient_flow_follows_the_gradient():
     problem = GradientFlow((3, 2, 2))
     y, h = problem.y0, 1e-5
     slope = problem.f(0.0, y)
@@ -26,7 +26,7 @@ def test_the_gradient_flow_descends_along_the_gradient():
         assert (up - down) / (2 * h) == pytest.approx(-0.5 * slope[k], abs=1e-6)
 
 
-def test_the_gradient_flow_does_not_see_the_gauge():
+def test_gradient_flow_is_gauge_invariant():
     rng = np.random.default_rng(3)
     gauge = SU(3).random_point(rng, 4)
     y, h = LATTICE.y0, 1 / 32
@@ -44,7 +44,7 @@ def test_the_gradient_flow_does_not_see_the_gauge():
 
 
 @pytest.mark.slow
-def test_thirty_digits_of_the_gradient_flow():
+def test_gradient_flow_reference_to_thirty_digits():
     problem = GradientFlow()
     found = problem.reference([Fraction(1, 8)])
     assert max(found.errors) < 1e-30
@@ -60,12 +60,12 @@ def test_thirty_digits_of_the_gradient_flow():
     [
         ({"sides": (2,)}, "sides must be two or more positive integers"),
         ({"sides": 3}, "sides must be two or more positive integers"),
-        ({"sides": (2, 0)}, r"sides\[1\] must be a positive integer"),
+        ({"sides": (2, 0)}, r"sides\[1\] must be at least 1"),
         ({"roughness": np.nan}, "roughness must be a finite number"),
-        ({"seed": -1}, "seed must be an integer of at least 0"),
+        ({"seed": -1}, "seed must be at least 0"),
     ],
 )
-def test_bad_lattices(arguments, message):
+def test_rejects_bad_lattices(arguments, message):
     with pytest.raises(ValueError, match=message):
         GradientFlow(**arguments)
     with pytest.raises(ValueError, match="y must have shape"):

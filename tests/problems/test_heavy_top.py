@@ -47,7 +47,7 @@ def test_constants_and_initial_values():
     assert abs((2 * half_angle**2 - 1) ** 2 - Fraction(1, 2)) < Fraction(1, 2**200)
 
 
-def test_right_side_is_the_equation_in_vectors():
+def test_heavy_top_equation_in_vector_form():
     top = HeavyTop()
     rng = np.random.default_rng(1)
     for y in top.frame.random_point(rng, (5,)):
@@ -130,7 +130,7 @@ def test_reference_of_the_rotation_agrees_with_an_independent_solver(convention)
     np.testing.assert_array_equal(reference.y[:, 9], times)
 
 
-def test_reference_runs_backward_and_takes_times_as_they_come(top):
+def test_reference_accepts_times_in_any_order(top):
     back = top.reference([0.25, "-0.5", 0, Fraction(1, 3), 0.25])
     assert back.times == (Fraction(1, 4), Fraction(-1, 2), 0, Fraction(1, 3), Fraction(1, 4))
     assert back.values[2] == top.reference([0]).values[0]
@@ -161,7 +161,7 @@ def test_taylor_series_of_known_solutions():
 
 
 @pytest.mark.parametrize("times", [["noon"], [np.nan], [np.inf], [None]])
-def test_bad_times_are_refused(times):
+def test_reference_rejects_bad_times(times):
     with pytest.raises(ValueError, match="times must be finite numbers"):
         HeavyTop().reference(times)
 
@@ -174,7 +174,7 @@ def test_bad_times_are_refused(times):
         (("momentum", float("nan")), "phi_over_pi must be rational"),
     ],
 )
-def test_bad_tops_are_refused(arguments, message):
+def test_heavy_top_rejects_bad_arguments(arguments, message):
     with pytest.raises(ValueError, match=message):
         HeavyTop(*arguments)
 
@@ -187,7 +187,7 @@ def test_compiled_stepper_agrees_with_python(top, name):
     np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
 
 
-def test_kinds_agree_to_the_rounding_of_doubles(top):
+def test_real_kinds_agree_to_double_rounding(top):
     double = integrate_heavy_top(top, method="CG4a", h="1/32", steps=32)
     quadruple = integrate_heavy_top(top, method="CG4a", h="1/32", steps=32, kind="real128")
     assert quadruple.raw.shape == (33, 12, 16)
@@ -272,7 +272,7 @@ def test_order_five_far_below_the_rounding_of_doubles():
         ({"kind": "real16"}, ValueError, 'kind must be "real64" or "real128"'),
     ],
 )
-def test_bad_arguments_of_the_compiled_stepper_are_refused(changes, error, message):
+def test_compiled_stepper_rejects_bad_arguments(changes, error, message):
     with pytest.raises(error, match=message):
         integrate_heavy_top(
             **{"problem": HeavyTop(), "method": "CG3", "h": 0.1, "steps": 10, **changes}

@@ -105,7 +105,7 @@ class Callbacks:
     def _nearby(self, x: Array, y: Array) -> Array:
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             return np.full(self.frame.dim, np.nan)
-        return self.frame.nearby_coordinates(self._point(x), self._point(y))
+        return self.frame.local_coordinates(self._point(x), self._point(y))
 
     def _solve_stages(self, a: Array, y: Array) -> Array:
         """Return coefficients at stages, then counts and 1 if they were not found."""
@@ -143,7 +143,7 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.NEARBY: Callbacks._nearby,
     Operation.SIZES: lambda self, _, y: self.frame.coordinate_sizes(self._point(y)),
     Operation.TANGENT: lambda self, v, y: self.frame.field(v, self._point(y)),
-    Operation.SHORTEST: lambda self, v, y: self.frame.shortest(v, self._point(y)),
+    Operation.SHORTEST: lambda self, v, y: self.frame.without_isotropy(v, self._point(y)),
     Operation.DEXPINV: lambda self, u, v: self._dexpinv(u, v),
     Operation.STAGES: Callbacks._solve_stages,
     Operation.FIELDS: Callbacks._evaluate,

@@ -87,7 +87,7 @@ class VariationalEvents(EventTable):
             )
 
         def jumped(time: float, point: Points, extra: tuple[Any, ...]) -> Array:
-            return self.frame.nearby_coordinates(after, self.jump_with(index, time, point, extra))
+            return self.frame.local_coordinates(after, self.jump_with(index, time, point, extra))
 
         by_fields, along, by_parameters, _ = self._derivatives(jumped, t, before, arguments)
         moved = by_fields.T @ x

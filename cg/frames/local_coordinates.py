@@ -1,0 +1,132 @@
+"""Local coordinates on any frame, by a Gauss-Newton iteration."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cg.frames.arrays import Array, Points
+
+if TYPE_CHECKING:
+    from cg.frames.base import Frame
+
+# Singular values of a matrix of fields below this fraction of the largest count as zero.
+_RANK_TOLERANCE = 1e-12
+# Corrections by the fields shrink by a factor of about |v|.  Where that is slow, Newton's method
+# with the derivative of the flow takes over; where it fails too, the points are too far apart.
+_MAX_CORRECTIONS = 20
+_SLOW = 0.1
+_FAR = 1e9  # largest norm of coefficients
+# Relative residuals: convergence (some twenty roundings), and the level below which a slow
+# iteration stops.
+_REACHED = 5e-15
+_ROUNDING = 1e-14
+_DIFFERENCE = 1e-8
+_DIFFERENCE_RANK_TOLERANCE = 1e-5
+_MISSED = 1e-8  # largest relative residual of an accepted result
+
+
+def local_coordinates(frame: Frame, guess: Array, start: Points, end: Points) -> Array:
+    """Return coefficients whose flow takes one point to another near it.
+
+    Parameters
+    ----------
+    frame
+        The frame.
+    guess
+        Initial coefficients, replaced by zero where zero has a smaller residual; shape
+        ``(count, dim)``.
+    start, end
+        Shape ``(count, *point_shape)``.
+
+    Returns
+    -------
+    ndarray
+        Shape ``(count, dim)``, NaN where the iteration fails.
+    """
+    v = np.nan_to_num(guess, posinf=0.0, neginf=0.0)
+    y = start
+    if v.any():
+        y = frame.flow(v, start)
+        # The logarithm of points that are large and close may have no correct digits.
+        lost = ~(_norms(end - y) <= _norms(end - start))
+        if lost.any():
+            v[lost] = 0.0
+            y = np.where(lost.reshape(-1, *(1,) * (y.ndim - 1)), start, y)
+    length, distance = _norms(end), _norms(end - y)
+    v[~np.isfinite(distance)] = np.nan
+    guessed = (v != 0.0).any(axis=-1)
+    active = np.flatnonzero(distance > np.where(guessed, _REACHED * length, 0.0))
+    reached, residual = y[active], distance[active]
+    exact = np.zeros(len(active), dtype=bool)
+    for _ in range(_MAX_CORRECTIONS):
+        if not len(active):
+            break
+        tried = frame._correct(v[active], start[active], reached, end[active], exact)
+        # Coefficients that diverge are reset; their residual doesn't decrease, so they stop here.
+        far = ~(np.linalg.norm(tried, axis=-1) < _FAR)
+        tried[far] = v[active[far]]
+        moved = frame.flow(tried, start[active])
+        size = _norms(end[active] - moved)
+        better = size < 0.5 * residual
+        v[active[better]], reached[better] = tried[better], moved[better]
+        # Switch to the derivative of the flow where the fields at the end converge slowly.
+        slow = ~(size < _SLOW * residual) & (residual > _ROUNDING * length[active])
+        residual[better] = distance[active[better]] = size[better]
+        unfinished = better | (slow & ~exact)
+        active, reached, residual = active[unfinished], reached[unfinished], residual[unfinished]
+        exact = (exact | slow)[unfinished]
+    v[distance > _MISSED * length] = np.nan
+    return v
+
+
+def newton_correction(frame: Frame, v: Array, start: Points, y: Points, end: Points) -> Array:
+    """Return coefficients after a Newton step with finite differences of the flow.
+
+    Parameters
+    ----------
+    frame
+        The frame.
+    v
+        Shape ``(dim,)``.
+    start, y, end
+        Start and end of the flow, and the point to reach, shape ``point_shape``.
+    """
+    step = _DIFFERENCE * max(1.0, float(np.linalg.norm(v)))
+    slopes = (frame.flow(v + step * np.eye(frame.dim), start) - y) / step
+    residual = (end - y)[None]
+    return np.asarray(
+        v + minimum_norm_coefficients(slopes[None], residual, _DIFFERENCE_RANK_TOLERANCE)[0]
+    )
+
+
+def _norms(points: Points) -> Array:
+    """Return the Euclidean norms of points, shape ``(count,)``."""
+    return np.asarray(
+        np.linalg.norm(points.reshape(len(points), math.prod(points.shape[1:])), axis=-1)
+    )
+
+
+def minimum_norm_coefficients(
+    fields: Points, tangent: Points, tolerance: float = _RANK_TOLERANCE
+) -> Array:
+    """Return the least-squares coefficients of minimum norm of tangents in given fields.
+
+    Parameters
+    ----------
+    fields
+        Shape ``(count, dim, *point_shape)``.
+    tangent
+        Shape ``(count, *point_shape)``.
+    tolerance
+        Singular values below this fraction of the largest count as zero.
+    """
+    size = math.prod(fields.shape[2:])
+    rows = np.ascontiguousarray(fields).reshape(*fields.shape[:2], size).view(np.float64)
+    right = np.ascontiguousarray(tangent).reshape(len(tangent), size).view(np.float64)
+    finite = np.asarray(np.isfinite(rows).all(axis=(1, 2)))[:, None]
+    rows = np.where(finite[..., None], rows, 0.0)  # the SVD fails for non-finite entries
+    inverse = np.linalg.pinv(rows.mT, rcond=tolerance)
+    return np.where(finite, (inverse @ right[..., None])[..., 0], np.nan)

@@ -1,0 +1,142 @@
+"""Problems with quadratic equations, whose reference solutions are Taylor series."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+from flint import arb
+
+from cg.problems.taylor import QuadraticSystem, Reference, Time, ball, reference_solution
+
+
+class Polynomial:
+    """A polynomial in the unknowns, with balls as coefficients.
+
+    NumPy computes with arrays of them, so that equations can be written as formulas.
+
+    Parameters
+    ----------
+    terms
+        For each product of unknowns, given by their indices in increasing order, its coefficient.
+    """
+
+    def __init__(self, terms: dict[tuple[int, ...], arb]) -> None:
+        self.terms = terms
+
+    @classmethod
+    def of(cls, value: Polynomial | arb | float) -> Polynomial:
+        """Return a polynomial or a constant as a polynomial."""
+        if isinstance(value, Polynomial):
+            return value
+        return cls({(): value if isinstance(value, arb) else ball(value)})
+
+    def __add__(self, other: Polynomial | arb | float) -> Polynomial:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        terms = dict(self.terms)
+        for indices, coefficient in Polynomial.of(other).terms.items():
+            terms[indices] = terms.get(indices, arb()) + coefficient
+        return Polynomial(terms)
+
+    def __mul__(self, other: Polynomial | arb | float) -> Polynomial:
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        terms: dict[tuple[int, ...], arb] = {}
+        for (p, a), (q, b) in product(self.terms.items(), Polynomial.of(other).terms.items()):
+            indices = tuple(sorted((*p, *q)))
+            terms[indices] = terms.get(indices, arb()) + a * b
+        return Polynomial(terms)
+
+    def __neg__(self) -> Polynomial:
+        return self * -1.0
+
+    def __sub__(self, other: Polynomial | arb | float) -> Polynomial:
+        return self + -Polynomial.of(other)
+
+    def __rsub__(self, other: arb | float) -> Polynomial:
+        return -self + other
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+
+class QuadraticProblem(ABC):
+    """A problem with quadratic equations, which Taylor series solve to any precision."""
+
+    @abstractmethod
+    def _initial(self) -> Sequence[arb]:
+        """Return the unknowns at time zero, computed with the working precision."""
+
+    @abstractmethod
+    def _derivatives(self, y: Any) -> Any:
+        """Return the derivatives of the unknowns.
+
+        Parameters
+        ----------
+        y
+            The unknowns, an array of `Polynomial`; the result is another one.
+        """
+
+    def _system(self) -> QuadraticSystem:
+        initial = tuple(self._initial())
+        unknowns = np.array([Polynomial({(i,): arb(1)}) for i in range(len(initial))])
+        equations = [
+            tuple((c, indices) for indices, c in Polynomial.of(derivative).terms.items() if c != 0)
+            for derivative in self._derivatives(unknowns)
+        ]
+        if any(len(indices) > 2 for terms in equations for _, indices in terms):
+            raise ValueError(f"the equations of {self!r} must be quadratic")
+        return QuadraticSystem(tuple(equations), initial)
+
+    def reference(self, times: Sequence[Time], *, bits: int = 256) -> Reference:
+        """Return the solution at given times in extended precision, with an error estimate.
+
+        It is computed by Taylor series, without any method on manifolds.
+
+        Parameters
+        ----------
+        times
+            Positive or negative, in any order; a float stands for its exact binary value, a string
+            for a decimal number or a quotient.
+        bits
+            Working precision.
+
+        Returns
+        -------
+        Reference
+            The unknowns are the entries of the point in C order, then those that the class names.
+
+        Raises
+        ------
+        TypeError
+            If ``bits`` isn't an integer.
+        ValueError
+            If a time isn't a finite number, or ``bits`` is less than 2.
+        """
+        return reference_solution(self._system, times, bits=bits)
+
+
+def balls(values: Sequence[float]) -> Any:
+    """Return numbers as an array of exact balls."""
+    return np.array([ball(x) for x in values])
+
+
+def identity() -> list[arb]:
+    """Return the entries of the identity matrix of three rows."""
+    return [arb(int(i == j)) for i in range(3) for j in range(3)]
+
+
+def unit_vector(values: Sequence[float]) -> Any:
+    """Return numbers divided by the root of the sum of their squares, an array of balls."""
+    vector = balls(values)
+    return vector / sum((x * x for x in vector), arb()).sqrt()
+
+
+def quaternion_rate(q: Any, omega: Any) -> Any:
+    """Return half the product of a quaternion, its scalar last, and a vector."""
+    vector = q[3] * omega + np.cross(q[:3], omega)
+    return 0.5 * np.array([*vector, -(q[:3] @ omega)])
