@@ -123,6 +123,19 @@ class CommutatorFree(Method):
             self._check_nominal_order(MethodError)
 
     @classmethod
+    def from_layout(
+        cls, layout: Layout, coefficients: Sequence[Any], **fields: Any
+    ) -> CommutatorFree:
+        """Return the method with a layout and packed weights, point after point."""
+        return cls(
+            zip(layout.parents, layout.point_weights(coefficients), strict=True),
+            layout.stage_points,
+            layout.results[0],
+            embedded_result=layout.results[1] if layout.pair else None,
+            **fields,
+        )
+
+    @classmethod
     def from_packed(
         cls, x: Sequence[Fraction | str], layout: Layout, *, name: str = "", source: str = ""
     ) -> CommutatorFree:
@@ -137,14 +150,7 @@ class CommutatorFree(Method):
         name, source : str, optional
         """
         texts = [entry if isinstance(entry, str) else quads.to_decimal(entry) for entry in x]
-        return cls(
-            zip(layout.parents, layout.point_weights(texts), strict=True),
-            layout.stage_points,
-            layout.results[0],
-            embedded_result=layout.results[1] if layout.pair else None,
-            name=name,
-            source=source,
-        )
+        return cls.from_layout(layout, texts, name=name, source=source)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what was derived: arrays would come back writeable."""

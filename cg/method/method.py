@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import conditions
-from ..structure.layout import Layout
+from ..structure.layout import Layout, check_length
 from ..structure.points import MethodError, Point, PointTree
 from ..support.checks import check_flag, check_integer
 from ..support.later import Later
@@ -94,6 +94,48 @@ class Method(ABC):
     @abstractmethod
     def embedded(self) -> Self | None:
         """The method that leads to the second result of a pair; None without it."""
+
+    @classmethod
+    @abstractmethod
+    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Self:
+        """Return the method of this class with a layout and packed coefficients.
+
+        Parameters
+        ----------
+        layout : Layout
+        coefficients : sequence of layout.size numbers
+            Strings, Fractions, integers, floats or `Coefficient` records.
+        **fields
+            Further keyword arguments of the class, such as `name` and `source`.
+        """
+
+    def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> Self:
+        """Return the method with other coefficients in the same places.
+
+        Parameters
+        ----------
+        coefficients : sequence of numbers
+            As many as `coefficients`, in the same sequence.
+        **fields
+            Further keyword arguments of the class. `name` and `source` are those of this method
+            by default; third weights and a nominal order are left out by default.
+
+        Raises
+        ------
+        ValueError
+            If there are too few or too many coefficients.
+        MethodError
+            If the method would be wrong; of tableaux a `TableauError`.
+
+        Examples
+        --------
+        >>> import cg
+        >>> cg.methods["CG2"].with_coefficients(["2/3", "1/4", "3/4"], name="Ralston")
+        <Tableau Ralston: order 2, 2 evaluations, 3 flows>
+        """
+        check_length(coefficients, self.layout.size)
+        names = {"name": self.name, "source": self.source}
+        return self.from_layout(self.layout, coefficients, **(names | fields))
 
     def __repr__(self) -> str:
         name = visible(self.name) or "without name"

@@ -108,6 +108,13 @@ class MuntheKaas(Method):
             object.__setattr__(self, field, value)
         check_tree(self.tree)
 
+    @classmethod
+    def from_layout(
+        cls, layout: Layout, coefficients: Sequence[Any], *, third: Any = None, **fields: Any
+    ) -> MuntheKaas:
+        """Return the method with a layout of its tableau and packed entries, row by row."""
+        return cls(Tableau.from_layout(layout, coefficients, **fields), third=third)
+
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what was derived: arrays would come back writeable."""
         return {field.name: self.__dict__[field.name] for field in fields(self)}

@@ -122,6 +122,13 @@ class Tableau(Method):
             self._check_nominal_order(TableauError)
 
     @classmethod
+    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Tableau:
+        """Return the tableau with a layout and packed entries, row by row."""
+        rows = layout.full_rows(coefficients)
+        a, (b, *second) = rows[: layout.stages], rows[layout.stages :]
+        return cls(a, b, b_embedded=second[0] if second else None, **fields)
+
+    @classmethod
     def from_packed(
         cls,
         x: Sequence[Any],
@@ -159,10 +166,10 @@ class Tableau(Method):
         try:
             entries = _listed(x, "x")
             check_length(entries, unknowns(stages, rows))  # before there is a layout of so many
-            *a, b = Layout.tableau(stages, rows).full_rows(entries)
+            layout = Layout.tableau(stages, rows)
         except ValueError as error:
             raise TableauError(str(error)) from None
-        return cls(a, b, **names)
+        return cls.from_layout(layout, entries, **names)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what was derived: arrays would come back writeable."""
