@@ -29,7 +29,7 @@ from cg.method.low_storage import (
     rooted_trees,
     two_registers,
 )
-from cg.reproduce import built_in
+from cg.reproduce import reference_runs
 from cg.reproduce.reference_runs import integrate_affine
 from cg.structure.points import Point, PointTree
 from cg.support.quads import to_decimal
@@ -303,7 +303,7 @@ class TestSteps:
     @staticmethod
     def general(monkeypatch):
         monkeypatch.setattr(plan, "_plans", lambda method: {})  # none is prepared yet
-        for module in (plan, built_in):
+        for module in (plan, reference_runs):
             monkeypatch.setattr(
                 module, "paths_of", lambda method: replace(paths_of(method), registers=None)
             )
