@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from ..structure.points import START, PointTree, points_of, tree_of_rows
-from ..support.balls import working_precision
+from ..support.balls import to_ball, to_flint, to_fraction, working_precision
 from ..support.checks import check_flag, check_integer
 from ..support.parsing import read_fraction
 from ..trees.ordered import forest
 from .counts import check_order, condition_trees, right_sides
 
 if TYPE_CHECKING:
-    from flint import arb, fmpq
+    from flint import arb
 
 __all__ = [
     "HasTree",
@@ -118,9 +118,9 @@ def exact_residuals_of(
     """
     order = check_order(order, None)
     tree = result_tree(method, embedded)
-    found = exact_weights(tree, order, condition_trees(order, independent), _flint)
+    found = exact_weights(tree, order, condition_trees(order, independent), to_flint)
     return tuple(
-        Fraction(int(phi.p), int(phi.q)) - side
+        to_fraction(phi) - side
         for phi, side in zip(found, right_sides(order, independent), strict=True)
     )
 
@@ -153,9 +153,9 @@ def ball_residuals_of(
     tree = result_tree(method, False)
     bits = check_integer("bits", bits, 2, _MAX_BITS)
     with working_precision(bits):
-        found = exact_weights(tree, order, condition_trees(order, independent), _ball)
+        found = exact_weights(tree, order, condition_trees(order, independent), to_ball)
         sides = right_sides(order, independent)
-        return tuple(phi - _ball(side) for phi, side in zip(found, sides, strict=True))
+        return tuple(phi - to_ball(side) for phi, side in zip(found, sides, strict=True))
 
 
 def exact_weights(
@@ -262,16 +262,3 @@ def _rational(entry: Any, name: str) -> Fraction:
         return read_fraction(entry.item() if isinstance(entry, np.generic) else entry)
     except (TypeError, ValueError, OverflowError, ZeroDivisionError):
         raise ValueError(f"{name} must hold finite real numbers, got {entry!r}") from None
-
-
-def _flint(value: Fraction) -> fmpq:
-    # many times faster than Fractions where digits are many
-    from flint import fmpq
-
-    return fmpq(value.numerator, value.denominator)
-
-
-def _ball(value: Fraction) -> arb:
-    from flint import arb
-
-    return arb(_flint(value))

@@ -7,12 +7,11 @@ another, and between them f is evaluated at a slot, stage by stage. Chains of fl
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from ..method.munthe_kaas import MuntheKaas
-from ..structure.points import START, Point, PointTree
+from ..structure.points import START, Point, PointTree, tree_of_flat_rows
 from .digits import Numbers
 
 __all__ = ["Move", "Program", "identifier", "make_program"]
@@ -174,7 +173,7 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
         if third is not None:
             others.append([weight.value for weight in third])
         errors = [[x - y for x, y in zip(b, other, strict=True)] for other in others]
-        return _flat(rows[: method.stages], b), errors
+        return tree_of_flat_rows(rows[: method.stages], b), errors
     tree = method.layout.tree(numbers.values)
     result, second = tree.result, tree.embedded_result
     if better and second is not None:
@@ -188,18 +187,6 @@ def _tree(numbers: Numbers) -> tuple[PointTree, list[list[Fraction]]]:
         sums = tree.flat_row(tree.result)
         errors.append([x - weight.value for x, weight in zip(sums, third, strict=True)])
     return PointTree(tree.points, tree.stage_points, result), errors
-
-
-def _flat(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
-    """Return a point, reached from the initial one, for each different row that isn't zero."""
-    index: dict[tuple[Fraction, ...], int] = {}
-
-    def point(row: Sequence[Fraction]) -> int:
-        return index.setdefault(tuple(row), len(index)) if any(row) else START
-
-    stages = tuple(map(point, a))
-    result = point(b)
-    return PointTree(tuple(Point(START, dict(enumerate(row))) for row in index), stages, result)
 
 
 def _without_repetitions(tree: PointTree) -> PointTree:

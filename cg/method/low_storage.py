@@ -17,27 +17,16 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from fractions import Fraction
-from functools import cache
-from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..conditions.exact import HasTree
 from ..structure.points import MethodError
-from ..support.checks import check_integer
-from ..trees.ordered import MAX_NODES
 from .coefficients import MIN_ROUNDED_PLACES, Coefficient
 from .commutator_free import CommutatorFree
 from .method import TOLERANCE_FACTOR, Method, read_coefficient
 
-if TYPE_CHECKING:
-    from flint import fmpq
-
-__all__ = ["RootedTree", "flat_residuals", "from_two_registers", "rooted_trees", "two_registers"]
-
-RootedTree = tuple["RootedTree", ...]
-"""The children of the root, in a fixed order that says nothing."""
+__all__ = ["from_two_registers", "two_registers"]
 
 Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 
@@ -177,100 +166,3 @@ def _units(method: Method) -> list[dict[int, Fraction]]:
     if not isinstance(method, CommutatorFree):
         return [{} for _ in method.points]
     return [{k: w.unit for k, w in row.items()} for row in method.point_coefficients]
-
-
-def rooted_trees(order: int) -> tuple[RootedTree, ...]:
-    """Return the rooted trees with at most so many nodes, children unordered, by their size.
-
-    Parameters
-    ----------
-    order : int
-        At least 1.
-
-    Returns
-    -------
-    tuple of nested tuples
-        1, 1, 2, 4, 9, 20, … of them have 1, 2, 3, 4, 5, 6, … nodes.
-    """
-    return _rooted_trees(check_integer("order", order, 1, MAX_NODES))
-
-
-@cache
-def _rooted_trees(order: int) -> tuple[RootedTree, ...]:
-    by_size: list[list[RootedTree]] = [[], [()]]
-    for nodes in range(2, order + 1):
-        by_size.append(list(_forests(nodes - 1, nodes - 1, by_size)))
-    return tuple(tree for trees in by_size for tree in trees)
-
-
-def _forests(nodes: int, largest: int, by_size: Sequence[Sequence[RootedTree]]) -> Iterable[Any]:
-    """Give the multisets of trees with `nodes` nodes together, each with at most `largest`."""
-    if nodes == 0:
-        yield ()
-    for size in range(min(nodes, largest), 0, -1):
-        for count in range(nodes // size, 0, -1):
-            for first in combinations_with_replacement(by_size[size], count):
-                for rest in _forests(nodes - size * count, size - 1, by_size):
-                    yield first + rest
-
-
-def _nodes(tree: RootedTree) -> int:
-    return 1 + sum(map(_nodes, tree))
-
-
-def _density(tree: RootedTree) -> int:
-    found = _nodes(tree)
-    for child in tree:
-        found *= _density(child)
-    return found
-
-
-def flat_residuals(method: HasTree, order: int) -> tuple[Fraction, ...]:
-    """Return ``Φ(t) - 1/γ(t)`` for the classical order conditions, where all flows commute.
-
-    Parameters
-    ----------
-    method : Method or PointTree
-        An explicit one.
-    order : int
-        At least 1.
-
-    Returns
-    -------
-    tuple of Fraction
-        In the sequence of `rooted_trees`.
-
-    Examples
-    --------
-    >>> import cg
-    >>> max(map(abs, flat_residuals(cg.methods["CG3"], 3)))
-    Fraction(0, 1)
-    """
-    tree = method.tree
-    rows = [[_flint(x) for x in tree.flat_row(m)] for m in (*tree.stage_points, tree.result)]
-    ends: dict[RootedTree, list[Any]] = {}
-
-    def weights(t: RootedTree) -> list[Any]:
-        """Return the weights of the tree planted on a new root, by stage, then at the result."""
-        if t not in ends:
-            inner = [_flint(Fraction(1))] * len(tree.stage_points)
-            for child in t:
-                pairs = zip(inner, weights(child), strict=False)
-                inner = [x * y for x, y in pairs]
-            ends[t] = [_dot(row, inner) for row in rows]
-        return ends[t]
-
-    found = [(weights(t)[-1], _density(t)) for t in rooted_trees(order)]
-    return tuple(Fraction(int(x.p), int(x.q)) - Fraction(1, gamma) for x, gamma in found)
-
-
-def _dot(row: Sequence[Any], values: Sequence[Any]) -> Any:
-    return sum(
-        (x * y for x, y in zip(row, values, strict=True) if x != 0), start=_flint(Fraction(0))
-    )
-
-
-def _flint(value: Fraction) -> fmpq:
-    from flint import fmpq
-
-    return fmpq(value.numerator, value.denominator)

@@ -249,8 +249,7 @@ class Method(ABC):
         Where flows commute, the method is the classical one with this tableau. Only of a
         `cg.Tableau` does it say all.
         """
-        tree = self.tree
-        return tuple(map(tree.flat_row, tree.stage_points)), tree.flat_row(tree.result)
+        return self.tree.flat_tableau
 
     @cached_property
     def exact_embedded(self) -> tuple[Fraction, ...] | None:

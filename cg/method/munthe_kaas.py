@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..structure.layout import Layout
-from ..structure.points import START, MethodError, Point, PointTree, check_tree
+from ..structure.points import MethodError, PointTree, check_tree, tree_of_flat_rows
 from ..support.checks import check_flag, check_integer
+from ..trees.rooted import rooted_trees_through
 from .coefficients import Coefficient
-from .flat import flat_order
-from .low_storage import flat_residuals, rooted_trees
+from .flat import flat_order, flat_residuals
 from .method import Method, read_coefficient, read_texts
 from .tableau import Tableau
 
@@ -130,8 +130,7 @@ class MuntheKaas(Method):
     @cached_property
     def tree(self) -> PointTree:
         """The points of a step: a flow from the initial point to each stage and the result."""
-        a, b = self.tableau.exact
-        return _tree(a, b)
+        return tree_of_flat_rows(*self.tableau.exact)
 
     @property
     def layout(self) -> Layout:
@@ -215,7 +214,7 @@ class MuntheKaas(Method):
         a, b = self.tableau.exact
         if embedded and self.exact_embedded is None:
             raise ValueError(f"embedded: {self!r} has no second result")
-        return flat_residuals(_tree(a, (embedded and self.exact_embedded) or b), order)
+        return flat_residuals(a, (embedded and self.exact_embedded) or b, order)
 
     def largest_residual(self, order: int | None = None) -> float:
         """Return the largest ``|Φ(t) - 1/γ(t)|`` of rooted trees, by default through `order`."""
@@ -230,21 +229,8 @@ class MuntheKaas(Method):
             q, by default the method's own order.
         """
         order = self.order if order is None else check_integer("order", order, 0)
-        lower = len(rooted_trees(order)) if order else 0
+        lower = len(rooted_trees_through(order)) if order else 0
         return float(np.linalg.norm([float(r) for r in self.residuals(order + 1)[lower:]]))
-
-
-def _tree(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
-    """Return a point for each different row that isn't zero."""
-    index: dict[tuple[Fraction, ...], int] = {}
-
-    def point(row: Sequence[Fraction]) -> int:
-        return index.setdefault(tuple(row), len(index)) if any(row) else START
-
-    stages = tuple(map(point, a))
-    result = point(b)
-    points = tuple(Point(START, dict(enumerate(row))) for row in index)
-    return PointTree(points, stages, result)
 
 
 def _read_third(third: Iterable[Any], tableau: Tableau) -> tuple[Coefficient, ...]:

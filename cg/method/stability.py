@@ -9,6 +9,7 @@ from fractions import Fraction
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any
 
+from ..support.balls import to_flint, to_fraction
 from .method import Method
 
 if TYPE_CHECKING:
@@ -71,12 +72,12 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
 
     _check(method)
     a, b = method.exact
-    row = list(map(_exact, b))
-    matrix = fmpq_mat([list(map(_exact, entries)) for entries in a])
+    row = list(map(to_flint, b))
+    matrix = fmpq_mat([list(map(to_flint, entries)) for entries in a])
     moved = matrix - fmpq_mat([row for _ in row])
 
     def reversed_characteristic(of: fmpq_mat) -> Polynomial:
-        coefficients = [Fraction(int(x.p), int(x.q)) for x in of.charpoly().coeffs()][::-1]
+        coefficients = list(map(to_fraction, of.charpoly().coeffs()))[::-1]
         while coefficients[-1] == 0:
             coefficients.pop()
         return tuple(coefficients)
@@ -117,7 +118,7 @@ def stability_limits(method: Method) -> StabilityLimits:
     if unit:
         numerator = _of_order(numerator, denominator, method.order)
     n, d = _reduced(numerator, denominator)
-    noise, growth = _exact(_NOISE * unit), _exact(_GROWTH if unit else Fraction(0))
+    noise, growth = to_flint(_NOISE * unit), to_flint(_GROWTH if unit else Fraction(0))
     back_n, back_d, sizes_n, sizes_d = _mirrored(n), _mirrored(d), _sizes(n), _sizes(d)
     # as |D|² - |N|² factors on the real axis, half the degree is enough
     sizes = sizes_n + sizes_d
@@ -178,15 +179,9 @@ def _of_order(numerator: Polynomial, denominator: Polynomial, order: int) -> Pol
 def _reduced(numerator: Polynomial, denominator: Polynomial) -> tuple[fmpq_poly, fmpq_poly]:
     from flint import fmpq_poly
 
-    n, d = fmpq_poly(list(map(_exact, numerator))), fmpq_poly(list(map(_exact, denominator)))
+    n, d = fmpq_poly(list(map(to_flint, numerator))), fmpq_poly(list(map(to_flint, denominator)))
     common = n.gcd(d)
     return n // common, d // common
-
-
-def _exact(number: Fraction) -> fmpq:
-    from flint import fmpq
-
-    return fmpq(number.numerator, number.denominator)
 
 
 def _mirrored(p: fmpq_poly) -> fmpq_poly:
@@ -235,8 +230,8 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
         return 0.0
     for left, right in pairwise(roots):
         if right - left > _APART * right:
-            middle = _exact(Fraction((left + right) / 2))
-            value = math.prod((factor(middle) for factor in factors), start=_exact(Fraction(1)))
+            middle = to_flint(Fraction((left + right) / 2))
+            value = math.prod((factor(middle) for factor in factors), start=to_flint(Fraction(1)))
             if value < -growth * below(middle):
                 return left
     return (

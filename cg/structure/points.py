@@ -9,7 +9,16 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
-__all__ = ["START", "MethodError", "Point", "PointTree", "check_tree", "points_of", "tree_of_rows"]
+__all__ = [
+    "START",
+    "MethodError",
+    "Point",
+    "PointTree",
+    "check_tree",
+    "points_of",
+    "tree_of_flat_rows",
+    "tree_of_rows",
+]
 
 START = -1
 """The index of the point that a step starts from."""
@@ -109,6 +118,11 @@ class PointTree:
             for stage, weight in self.points[m].weights.items():
                 row[stage] += weight
         return tuple(row)
+
+    @property
+    def flat_tableau(self) -> tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]:
+        """The rows of the stages and the row of the result: ``(a, b)`` where flows commute."""
+        return tuple(map(self.flat_row, self.stage_points)), self.flat_row(self.result)
 
     def flows(self, ends: Iterable[int]) -> int:
         """Return how many different flows lead to some points.
@@ -252,3 +266,23 @@ def tree_of_rows(
     result = chain(b)
     embedded = None if b_embedded is None else chain(b_embedded)
     return PointTree(tuple(index), stages, result, embedded)
+
+
+def tree_of_flat_rows(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
+    """Return the tree of a Munthe-Kaas method: one flow from the start to each stage and result.
+
+    Equal rows share a point; a row of zeros makes none.
+
+    Parameters
+    ----------
+    a : s rows of s numbers
+    b : s numbers
+    """
+    index: dict[tuple[Fraction, ...], int] = {}
+
+    def point(row: Sequence[Fraction]) -> int:
+        return index.setdefault(tuple(row), len(index)) if any(row) else START
+
+    stages = tuple(map(point, a))
+    result = point(b)
+    return PointTree(tuple(Point(START, dict(enumerate(row))) for row in index), stages, result)

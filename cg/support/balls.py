@@ -1,14 +1,19 @@
-"""The precision of balls, which python-flint keeps once for the whole process."""
+"""Numbers of python-flint: conversions, and the precision of balls in the whole process."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from fractions import Fraction
+from typing import TYPE_CHECKING
 
 from .forks import in_children
 
-__all__ = ["working_precision"]
+if TYPE_CHECKING:
+    from flint import arb, fmpq
+
+__all__ = ["to_ball", "to_flint", "to_fraction", "working_precision"]
 
 _lock = threading.RLock()
 _holders: list[tuple[int, int]] = []  # threads, and the precision before: the outermost first
@@ -50,3 +55,22 @@ def working_precision(bits: int) -> Iterator[None]:
         finally:
             ctx.prec = before
             _holders.pop()
+
+
+def to_flint(value: Fraction | int) -> fmpq:
+    """Return a rational of python-flint, many times faster than Fractions with many digits."""
+    from flint import fmpq
+
+    return fmpq(value.numerator, value.denominator)
+
+
+def to_ball(value: Fraction | int) -> arb:
+    """Return a ball around a rational, in the current precision."""
+    from flint import arb
+
+    return arb(to_flint(value))
+
+
+def to_fraction(value: fmpq) -> Fraction:
+    """Return a rational of python-flint as a Fraction."""
+    return Fraction(int(value.p), int(value.q))
