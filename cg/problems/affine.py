@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from functools import cached_property
 from itertools import product
 from math import prod
 
 import numpy as np
-from flint import arb, fmpq
+from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import Frame
 from cg.frames.arrays import Array
+from cg.problems.checks import ball
 from cg.problems.taylor import QuadraticSystem, Reference, Term, Time, reference_solution
 from cg.support.checks import check_integer
 
@@ -144,13 +144,8 @@ class AffineField:
                 for (p, a), (q, b) in product(coefficient.items(), entry.items()):
                     if a and b:
                         indices = tuple(sorted((*p, *q)))
-                        terms[indices] = terms.get(indices, arb(0)) + _ball(a) * _ball(b)
+                        terms[indices] = terms.get(indices, arb(0)) + ball(a) * ball(b)
             equations.append(tuple((value, indices) for indices, value in terms.items()))
         equations.append(((arb(1), ()),))
-        start = (*(_ball(x) for x in self.y0.ravel()), arb(0))
+        start = (*(ball(x) for x in self.y0.ravel()), arb(0))
         return QuadraticSystem(tuple(equations), start)
-
-
-def _ball(x: float) -> arb:
-    exact = Fraction(float(x))
-    return arb(fmpq(exact.numerator, exact.denominator))

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from flint import arb, fmpq
+from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames.arrays import Array, real_array
 from cg.problems.taylor import Term
+from cg.support.balls import to_ball
 
 
 def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
@@ -52,8 +54,7 @@ def times_array(t: ArrayLike) -> Array:
 
 def ball(x: float) -> arb:
     """Return a float as an exact ball."""
-    numerator, denominator = float(x).as_integer_ratio()
-    return arb(fmpq(numerator, denominator))
+    return to_ball(Fraction(float(x)))
 
 
 def cross_terms(

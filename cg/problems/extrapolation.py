@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 
-from flint import acb_mat, arb, fmpq
+from flint import acb_mat
+
+from cg.support.balls import to_ball
 
 State = list[acb_mat]
 Field = Callable[[State], State]
@@ -57,7 +59,7 @@ def _step(field: Field, state: State, length: Fraction, columns: int) -> State:
         for k, other in enumerate(row):
             # The errors are even in the length of a step.
             ratio = Fraction(j, j - 1 - k) ** 2 - 1
-            factor = _ball(1 / ratio)
+            factor = to_ball(1 / ratio)
             last.append([x + (x - y) * factor for x, y in zip(last[k], other, strict=True)])
         row = last
     return [x.mid() for x in row[-1]]
@@ -65,13 +67,9 @@ def _step(field: Field, state: State, length: Fraction, columns: int) -> State:
 
 def _midpoints(field: Field, state: State, slope: State, length: Fraction, n: int) -> State:
     """Return the state after ``n`` steps of the midpoint rule, the first of them Euler's."""
-    h = _ball(length / n)
+    h = to_ball(length / n)
     before, now = state, [x + s * h for x, s in zip(state, slope, strict=True)]
     for _ in range(n - 1):
         slopes = field(now)
         before, now = now, [(x + s * (2 * h)).mid() for x, s in zip(before, slopes, strict=True)]
     return now
-
-
-def _ball(x: Fraction) -> arb:
-    return arb(fmpq(x.numerator, x.denominator))

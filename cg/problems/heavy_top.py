@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import Literal
 
 import numpy as np
-from flint import arb, fmpq
+from flint import arb
 from numpy.typing import ArrayLike
 
 from cg.frames import SO3, Euclidean, Product
@@ -22,7 +22,7 @@ from cg.problems.taylor import (
     reference_solution,
 )
 
-from ..support.balls import working_precision
+from ..support.balls import to_ball, to_flint, working_precision
 from ..support.parsing import read_fraction
 
 _FRAME = Product(SO3(), Euclidean(3))
@@ -182,17 +182,17 @@ class HeavyTop:
         return reference_solution(self._system, times, bits=bits)
 
     def _mgl(self) -> arb:
-        return _ball(self.mass * self.gravity) * arb(3).sqrt() / 2
+        return to_ball(self.mass * self.gravity) * arb(3).sqrt() / 2
 
     def _initial(self) -> tuple[arb, ...]:
-        angle = fmpq(self.phi_over_pi.numerator, self.phi_over_pi.denominator)
+        angle = to_flint(self.phi_over_pi)
         sine, cosine = arb.sin_cos_pi_fmpq(angle)
         zero, one = arb(0), arb(1)
-        spin = one if self.reading == "momentum" else _ball(self.inertia[2])
+        spin = one if self.reading == "momentum" else to_ball(self.inertia[2])
         return (one, zero, zero, zero, cosine, sine, zero, -sine, cosine, zero, zero, spin)
 
     def _system(self) -> QuadraticSystem:
-        inverse = [_ball(1 / moment) for moment in self.inertia]
+        inverse = [to_ball(1 / moment) for moment in self.inertia]
         m = (9, 10, 11)
         equations: list[tuple[Term, ...]] = []
         # Rows of B and m itself turn alike: x' = x cross (I^-1 m).
@@ -204,7 +204,3 @@ class HeavyTop:
         equations[9] += ((torque, (7,)),)
         equations[10] += ((-torque, (6,)),)
         return QuadraticSystem(tuple(equations), self._initial())
-
-
-def _ball(x: Fraction) -> arb:
-    return arb(fmpq(x.numerator, x.denominator))

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from flint import arb, fmpq
+from flint import arb
 
 from cg.frames.arrays import Array
 
-from ..support.balls import working_precision
+from ..support.balls import to_ball, working_precision
 from ..support.parsing import read_fraction
 
 Time = Fraction | float | int | str
@@ -209,7 +209,7 @@ def _taylor(system: QuadraticSystem, point: list[arb], order: int) -> list[list[
 
 
 def _horner(coefficients: list[arb], t: Fraction) -> arb:
-    time = arb(fmpq(t.numerator, t.denominator))
+    time = to_ball(t)
     total = arb()
     for coefficient in reversed(coefficients):
         total = total * time + coefficient
