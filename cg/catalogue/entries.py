@@ -132,26 +132,7 @@ def load(path: str | PathLike[str]) -> Method:
 
 
 def load_kind(kind: type[T], path: str | PathLike[str]) -> T:
-    """Read a method of this class from a file, in TOML or JSON.
-
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    Method
-        A `cg.Tableau` from ``cg.Tableau.load``, and so on; any kind from ``cg.Method.load``.
-
-    Raises
-    ------
-    TypeError
-        If `path` isn't one.
-    MethodError
-        If the file holds no method, or one of another kind.
-    OSError
-        If the file can't be read.
-    """
+    """Read a method of a class from a file; see `cg.Method.load`."""
     method = load(path)
     if not isinstance(method, kind):
         raise MethodError(

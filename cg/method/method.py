@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cached_property, wraps
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
@@ -16,9 +17,11 @@ from .. import conditions
 from ..structure.layout import Layout, check_length
 from ..structure.points import MethodError, Point, PointTree
 from ..support.checks import check_flag, check_integer
-from ..support.later import Later
 from ..support.parsing import visible
 from .coefficients import Coefficient
+
+if TYPE_CHECKING:
+    from ..proofs import Certificate
 
 __all__ = ["TOLERANCE_FACTOR", "Method", "read_coefficient", "read_texts", "remembered"]
 
@@ -67,13 +70,6 @@ class Method(ABC):
     source: str
     nominal_order: int | None
     nominal_residual: Coefficient | None
-    digits = Later("cg.proofs.digits", "digits")
-    diagnose = Later("cg.analysis.diagnosis", "diagnose")
-    export = Later("cg.formats.exporting", "export")
-    load = Later("cg.catalogue.entries", "load_kind", of_class=True)
-    save = Later("cg.catalogue.entries", "save")
-    _repr_html_ = Later("cg.formats.notebooks", "to_html")
-    _repr_latex_ = Later("cg.formats.notebooks", "to_formula")
 
     if TYPE_CHECKING:  # fields of one subclass, derived in the other
 
@@ -94,6 +90,66 @@ class Method(ABC):
     @abstractmethod
     def embedded(self) -> Self | None:
         """The method that leads to the second result of a pair; None without it."""
+
+    # The functions behind the next methods use methods; so they are imported when called.
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a method of this class from a file, in TOML or JSON.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Method
+            A `cg.Tableau` from ``cg.Tableau.load``, and so on; any kind from ``cg.Method.load``.
+
+        Raises
+        ------
+        TypeError
+            If `path` isn't one.
+        MethodError
+            If the file holds no method, or one of another kind.
+        OSError
+            If the file can't be read.
+        """
+        from ..catalogue.entries import load_kind
+
+        return load_kind(cls, path)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the method to a file; see `cg.catalogue.save`."""
+        from ..catalogue.entries import save
+
+        save(self, path)
+
+    def export(
+        self, format: str, *, digits: int | None = None, certificate: Certificate | None = None
+    ) -> str:
+        """Write the method for another program, language or document; see `cg.export`."""
+        from ..formats.exporting import export
+
+        return export(self, format, digits=digits, certificate=certificate)
+
+    def digits(
+        self, digits: int, *, certificate: Certificate | None = None, embedded: bool = False
+    ) -> Any:
+        """Return proved coefficients to any number of digits; see `cg.proofs.digits.digits`."""
+        from ..proofs.digits import digits as proved_digits
+
+        return proved_digits(self, digits, certificate=certificate, embedded=embedded)
+
+    def _repr_html_(self) -> str:
+        from ..formats.notebooks import to_html
+
+        return to_html(self)
+
+    def _repr_latex_(self) -> str:
+        from ..formats.notebooks import to_formula
+
+        return to_formula(self)
 
     @classmethod
     @abstractmethod

@@ -49,7 +49,7 @@ def changed(method, k, value):
     "name", ["CG2(3)", "CG3", "CG4", "CG4(3)", "CG5a", "CF3", "CF4b", "CF5(4)", "DICG4"]
 )
 def test_methods_of_the_catalogue_have_no_mistake(name):
-    found = cg.methods[name].diagnose()
+    found = cg.diagnose(cg.methods[name])
     assert found.mistakes == ()
     assert found.findings == ()
     assert found.order == found.flat_order == cg.methods[name].order
