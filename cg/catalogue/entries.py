@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from importlib.resources.abc import Traversable
@@ -18,22 +19,26 @@ from ..structure.points import MethodError
 from ..support.parsing import file_in, quoted, read_json, read_toml, to_json, write_file
 
 __all__ = [
-    "SUFFIXES",
+    "PROOF",
     "check_keys",
     "check_path",
     "dumps",
     "dumps_json",
+    "is_file",
     "load",
     "load_kind",
     "loads",
+    "proof_beside",
     "read",
     "save",
 ]
 
 T = TypeVar("T", bound=Method)
 
-SUFFIXES = (".toml", ".json")
-"""Of files of methods."""
+PROOF = ".certificate.toml"
+"""Ending of the file of a certificate, which is beside that of the method."""
+
+_SUFFIXES = (".toml", ".json")
 
 _REQUIRED = {"name", "source", "a", "b"}
 _OPTIONAL = {"b_embedded", "nominal"}
@@ -140,6 +145,20 @@ def load_kind(kind: type[T], path: str | PathLike[str]) -> T:
             "cg.Method.load reads all kinds"
         )
     return method
+
+
+def is_file(text: str) -> bool:
+    """Tell whether a text is the path of a file, and not a name of the catalogue."""
+    return text.endswith(_SUFFIXES) or os.sep in text
+
+
+def proof_beside(file: Path) -> Path:
+    """Return where the certificate of the method in a file is, if there is one.
+
+    It is beside the file, or in a folder ``certificates`` beside it.
+    """
+    kept = file.parent / "certificates" / f"{file.stem}.toml"
+    return kept if kept.is_file() else file.with_name(file.stem + PROOF)
 
 
 def check_path(path: str | PathLike[str]) -> Path:

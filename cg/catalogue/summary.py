@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.resources import files
@@ -64,16 +63,9 @@ class Facts:
         return asdict(self)
 
 
-def compute_facts(method: Method, *, stability: bool = True) -> Facts:
-    """Compute what there is to say of a method; of high orders it takes seconds.
-
-    Parameters
-    ----------
-    method : Method
-    stability : bool, optional
-        Compute the limits of stability, unless the method is too large for that.
-    """
-    left_out = too_large(method) if stability else "limits of stability, which weren't asked for"
+def compute_facts(method: Method) -> Facts:
+    """Compute the summary of a method; for high orders it takes seconds."""
+    left_out = too_large(method)
     real = imaginary = None
     if left_out is None:
         limits = stability_limits(method)
@@ -97,22 +89,12 @@ def compute_facts(method: Method, *, stability: bool = True) -> Facts:
     )
 
 
-def facts_of(method: Method, *, stability: bool = True) -> Facts:
-    """Return what there is to say of a method: that of the catalogue's is kept.
-
-    Parameters
-    ----------
-    method, stability
-        As for `compute_facts`.
-    """
-    kept = _kept().get(method.name)
-    known = method.name in methods or method.name in munthe_kaas
-    if kept is None or not known:
-        return compute_facts(method, stability=stability)
-    catalogue: Mapping[str, Method] = methods if method.name in methods else munthe_kaas
-    if catalogue[method.name] == method:
-        return kept
-    return compute_facts(method, stability=stability)
+def facts_of(method: Method) -> Facts:
+    """Return the summary of a method: the stored one if the method is in the catalogue."""
+    for catalogue in (methods, munthe_kaas):
+        if method.name in catalogue and catalogue[method.name] == method:
+            return _kept().get(method.name) or compute_facts(method)
+    return compute_facts(method)
 
 
 def write_facts(path: Any) -> None:

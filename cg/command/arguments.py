@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from cg.catalogue import load, methods, munthe_kaas, near, resolve_method
+from cg.catalogue import is_file, load, methods, munthe_kaas, near, resolve_method
 from cg.method.method import Method
 from cg.structure.points import MethodError
 from cg.support.parsing import to_json, visible_lines
@@ -42,11 +41,6 @@ json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON."
 workers_option = click.option(
     "--workers", type=click.IntRange(1), metavar="N", help="Threads; all cores by default."
 )
-
-
-def is_file(text: str) -> bool:
-    """Tell whether an argument means a file, and not a name of the catalogue."""
-    return text.endswith((".toml", ".json")) or os.sep in text
 
 
 def named(name: str) -> Method:

@@ -70,7 +70,7 @@ def list_command(
     every: dict[str, Method] = {**methods, **munthe_kaas}
     wanted = [
         facts
-        for facts in (facts_of(method, stability=in_json) for method in every.values())
+        for facts in (facts_of(method) for method in every.values())
         if (order is None or facts.order == order)
         and (min_order is None or facts.order >= min_order)
         and (max_evaluations is None or facts.evaluations <= max_evaluations)

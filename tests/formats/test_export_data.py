@@ -10,7 +10,7 @@ from fractions import Fraction
 import pytest
 
 import cg
-from cg.catalogue import dumps, loads, munthe_kaas, packaged, resolve_method
+from cg.catalogue import dumps, loads, methods, munthe_kaas, resolve_method
 from cg.command.showing import _tableau
 from cg.formats import FORMATS, known_digits
 from cg.formats.program import identifier
@@ -18,7 +18,7 @@ from cg.support.quads import to_decimal
 
 pytestmark = pytest.mark.no_core
 
-ALL = [*packaged, *munthe_kaas]
+ALL = [*methods, *munthe_kaas]
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
 CODE = ["python", "jax", "c", "fortran", "julia", "matlab"]
 

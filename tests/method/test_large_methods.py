@@ -1,6 +1,5 @@
 """Methods of many stages: nothing computes more than it shows, and what it doesn't is said."""
 
-import json
 import random
 import time
 from pathlib import Path
@@ -9,7 +8,6 @@ import pytest
 
 import cg
 from cg.catalogue import save
-from cg.catalogue import summary as facts
 from cg.catalogue.summary import compute_facts
 from cg.command import main
 from cg.method.stability import too_large
@@ -23,30 +21,6 @@ def dense(stages: int) -> cg.Tableau:
         return [f"{draw.randint(1, 10**6)}/{draw.randint(1, 10**6)}" for _ in range(length)]
 
     return cg.Tableau([row(i) for i in range(stages)], row(stages), name=f"dense {stages}")
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("CG_METHODS", str(tmp_path))
-    return tmp_path
-
-
-def test_a_list_needs_no_stability(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    save(cg.Tableau([[], ["2/3"]], ["1/4", "3/4"], name="Ralston"), folder)
-    save(dense(60), folder)
-    with monkeypatch.context() as patch:
-        patch.setattr(facts, "stability_limits", None)  # to call it would fail
-        assert main(["list"]) == 0
-    assert "Ralston" in capsys.readouterr().out
-    assert main(["list", "--json"]) == 0
-    found = {entry["name"]: entry for entry in json.loads(capsys.readouterr().out)}
-    assert found["Ralston"]["real_stability"] == pytest.approx(2.0)
-    assert found["Ralston"]["not_computed"] is None
-    assert found["CG3"]["not_computed"] is None
-    assert found["dense 60"]["real_stability"] is None
-    assert found["dense 60"]["not_computed"].startswith("limits of stability, since with 60 stages")
 
 
 @pytest.mark.parametrize("stages", [60, 150])
