@@ -20,7 +20,6 @@ __all__ = [
     "check_finite",
     "check_name",
     "check_random",
-    "check_size",
     "complex_array",
     "is_array",
     "is_complex_array",
@@ -90,14 +89,6 @@ def check_name(name: Any) -> None:
     """Raise TypeError unless ``name`` is a string that can be told in a message."""
     if not isinstance(name, str) or not name:
         raise TypeError(f"name must be a string that isn't empty, got {name!r}")
-
-
-def check_size(n: Any, smallest: int = 1, name: str = "n") -> int:
-    """Return ``n`` as an int; ValueError unless it is an integer that is large enough."""
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < smallest:
-        wanted = "a positive integer" if smallest == 1 else f"an integer of at least {smallest}"
-        raise ValueError(f"{name} must be {wanted}, got {n!r}")
-    return int(n)
 
 
 def check_convention(convention: Any) -> None:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Size, check_random, check_size
+from cg.frames.arrays import Array, Size, check_random
 from cg.frames.base import Frame
 from cg.frames.block_kinds import BlockKind, Blocks
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
@@ -26,8 +27,10 @@ class Euclidean(Frame):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` is not a positive integer.
+        If ``n`` is less than 1.
 
     Examples
     --------
@@ -38,7 +41,7 @@ class Euclidean(Frame):
     n: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n))
+        object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
     @property
     def dim(self) -> int:

@@ -8,8 +8,9 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, check_size
+from cg.frames.arrays import Array, Points
 from cg.frames.user import Function, UserFrame
+from cg.support.checks import check_integer
 
 # Of the largest term of an identity
 _BRACKET_ROUNDING = 1e-9
@@ -105,7 +106,7 @@ class FieldFrame(UserFrame):
             if not callable(value):
                 raise TypeError(f"{name} must be a function, got {value!r}")
         lengths = point_shape if _has_many(point_shape) else (point_shape,)
-        shape = tuple(check_size(length, name="point_shape") for length in lengths)
+        shape = tuple(check_integer("point_shape", length, 1) for length in lengths)
         kinds = (float, complex, np.float64, np.complex128)
         if not isinstance(dtype, type | np.dtype) or dtype not in kinds:
             raise ValueError(f"dtype must be float or complex, got {dtype!r}")

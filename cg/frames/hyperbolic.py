@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.base import Frame
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,7 +52,7 @@ class Hyperbolic(Frame):
     n: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n, 2))
+        object.__setattr__(self, "n", check_integer("n", self.n, 2))
 
     @property
     def dim(self) -> int:

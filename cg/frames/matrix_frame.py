@@ -12,7 +12,6 @@ from cg.frames.arrays import (
     Array,
     Points,
     check_finite,
-    check_size,
     complex_array,
     is_complex_array,
     real_array,
@@ -20,6 +19,7 @@ from cg.frames.arrays import (
 from cg.frames.base import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
+from cg.support.checks import check_integer
 
 
 class MatrixFrame(UserFrame):
@@ -82,7 +82,7 @@ class MatrixFrame(UserFrame):
             raise ValueError(f"matrices must have shape (m, n, n), got {array.shape}")
         check_finite(array, "matrices")
         if columns is not None:
-            columns = check_size(columns, name="columns")
+            columns = check_integer("columns", columns, 1)
         array.flags.writeable = False
         object.__setattr__(self, "_matrices", array)
         object.__setattr__(self, "_columns", columns)

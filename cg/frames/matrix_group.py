@@ -19,7 +19,6 @@ from cg.frames.arrays import (
     Size,
     check_convention,
     check_random,
-    check_size,
 )
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.frames.dexpinv import frobenius, series_dexpinv
@@ -33,7 +32,7 @@ from cg.frames.matrix_functions import (
     newton_schulz,
     random_unitary,
 )
-from cg.support.checks import memory
+from cg.support.checks import check_integer, memory
 
 # Where the terms of an equation cancel, as at rest, rounding is all that is left of its matrix,
 # and is large relative to it. It turns a point by no more than this in a unit of time.
@@ -346,7 +345,7 @@ class SizedMatrixGroup(MatrixGroup):
     smallest: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n, self.smallest))
+        object.__setattr__(self, "n", check_integer("n", self.n, self.smallest))
         check_convention(self.convention)
 
     @property

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.base import Frame
 from cg.frames.block_kinds import Blocks
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,9 +31,9 @@ class Power(Frame):
     Raises
     ------
     TypeError
-        If ``factor`` isn't a `Frame`.
+        If ``factor`` isn't a `Frame`, or ``n`` isn't an integer.
     ValueError
-        If ``n`` isn't a positive integer.
+        If ``n`` is less than 1.
 
     Examples
     --------
@@ -52,7 +53,7 @@ class Power(Frame):
     def __post_init__(self) -> None:
         if not isinstance(self.factor, Frame):
             raise TypeError(f"factor must be a Frame, got {self.factor!r}")
-        object.__setattr__(self, "n", check_size(self.n))
+        object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
     def __repr__(self) -> str:
         return f"Power({self.factor!r}, {self.n})"

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Convention, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Convention, Points, Size, check_random
 from cg.frames.dexpinv import motion_bracket, motion_dexpinv
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
@@ -32,9 +33,9 @@ class Semidirect(MatrixGroup):
     Raises
     ------
     TypeError
-        If ``group`` isn't a `MatrixGroup`.
+        If ``group`` isn't a `MatrixGroup`, or ``copies`` isn't an integer.
     ValueError
-        If ``group`` is complex or ``copies`` not a positive integer.
+        If ``group`` is complex or ``copies`` is less than 1.
 
     Notes
     -----
@@ -64,7 +65,7 @@ class Semidirect(MatrixGroup):
             raise TypeError(f"group must be a MatrixGroup, got {self.group!r}")
         if self.group.dtype.kind == "c":
             raise ValueError(f"group must be real, got {self.group!r}")
-        object.__setattr__(self, "copies", check_size(self.copies, name="copies"))
+        object.__setattr__(self, "copies", check_integer("copies", self.copies, 1))
 
     @property
     def convention(self) -> Convention:

@@ -8,11 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.gl import GL
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import eigh_where_finite
 from cg.frames.matrix_group import MatrixGroup
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,8 +31,10 @@ class SPD(HomogeneousSpace):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` isn't a positive integer.
+        If ``n`` is less than 1.
 
     Notes
     -----
@@ -56,7 +59,7 @@ class SPD(HomogeneousSpace):
     n: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n))
+        object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
     @cached_property
     def group(self) -> MatrixGroup:

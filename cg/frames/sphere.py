@@ -8,12 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.block_kinds import BlockKind, Blocks
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import unit_step
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
+from cg.support.checks import check_integer
 
 # Of the distance from the opposite point, the least part that must be along the sphere
 _OPPOSITE = 1e-4
@@ -33,8 +34,10 @@ class Sphere(HomogeneousSpace):
 
     Raises
     ------
+    TypeError
+        If ``n`` isn't an integer.
     ValueError
-        If ``n`` is not a positive integer.
+        If ``n`` is less than 1.
 
     Notes
     -----
@@ -52,7 +55,7 @@ class Sphere(HomogeneousSpace):
     n: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n))
+        object.__setattr__(self, "n", check_integer("n", self.n, 1))
 
     @cached_property
     def group(self) -> MatrixGroup:

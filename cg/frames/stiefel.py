@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, Size, check_random, check_size
+from cg.frames.arrays import Array, Points, Size, check_random
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_functions import (
     distance_from_unitary,
@@ -18,6 +18,7 @@ from cg.frames.matrix_functions import (
 )
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.so import SO
+from cg.support.checks import check_integer
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,8 +62,8 @@ class Stiefel(HomogeneousSpace):
     k: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n", check_size(self.n, 2))
-        object.__setattr__(self, "k", check_size(self.k, name="k"))
+        object.__setattr__(self, "n", check_integer("n", self.n, 2))
+        object.__setattr__(self, "k", check_integer("k", self.k, 1))
         if self.k > self.n:
             raise ValueError(f"k must be at most n = {self.n}, got {self.k!r}")
 

@@ -12,11 +12,12 @@ from flint import acb, acb_mat, arb
 from numpy.typing import ArrayLike, NDArray
 
 from cg.frames import SU, Power
-from cg.frames.arrays import Array, check_size, complex_array
+from cg.frames.arrays import Array, complex_array
 from cg.problems.checks import ball, number
 from cg.problems.extrapolation import State, extrapolated
 from cg.problems.lattice import Lattice
 from cg.problems.taylor import Reference, Time, exact_midpoint, exact_times
+from cg.support.checks import check_integer
 
 from ..support.balls import working_precision
 
@@ -78,7 +79,7 @@ class GradientFlow:
     def __post_init__(self) -> None:
         object.__setattr__(self, "sides", Lattice(self.sides).sides)
         object.__setattr__(self, "roughness", number(self.roughness, "roughness"))
-        object.__setattr__(self, "seed", check_size(self.seed, 0, "seed"))
+        object.__setattr__(self, "seed", check_integer("seed", self.seed, 0))
 
     @cached_property
     def lattice(self) -> Lattice:

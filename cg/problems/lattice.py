@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.frames.arrays import Points, check_size
+from cg.frames.arrays import Points
+from cg.support.checks import check_integer
 
 _Indices = NDArray[np.intp]
 
@@ -56,7 +57,7 @@ class Lattice:
         sides: Any = self.sides
         if not isinstance(sides, Sequence) or isinstance(sides, str) or len(sides) < 2:
             raise ValueError(f"sides must be two or more positive integers, got {sides!r}")
-        checked = tuple(check_size(n, name=f"sides[{i}]") for i, n in enumerate(sides))
+        checked = tuple(check_integer(f"sides[{i}]", n, 1) for i, n in enumerate(sides))
         object.__setattr__(self, "sides", checked)
 
     @property

@@ -14,6 +14,7 @@ import numpy as np
 from flint import arb
 
 from cg.frames.arrays import Array
+from cg.support.checks import check_integer
 
 from ..support.balls import to_ball, working_precision
 from ..support.parsing import read_fraction
@@ -119,9 +120,7 @@ def reference_solution(
         If a time isn't a finite number, or ``step``, ``order`` or ``bits`` isn't positive.
     """
     exact = exact_times(times)
-    for name, value in (("bits", bits), ("order", order)):
-        if isinstance(value, bool) or not isinstance(value, int) or value <= 0:
-            raise ValueError(f"{name} must be a positive integer, got {value!r}")
+    bits, order = check_integer("bits", bits, 1), check_integer("order", order, 1)
     if step <= 0:
         raise ValueError(f"step must be positive, got {step}")
     with working_precision(bits):

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from math import comb
+from operator import index as to_int
 
 __all__ = ["Forest", "OrderedTree", "catalan", "forest"]
 
@@ -131,6 +132,13 @@ def catalan(n: int) -> int:
     return comb(2 * n, n) // (n + 1)
 
 
+def _integer(name: str, value: object) -> int:
+    """Return `value` as an int, as `cg.support.checks.check_integer` does for other modules."""
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise TypeError(f"{name} must be an integer, got {value!r}")
+    return to_int(value)
+
+
 def is_lyndon(word: Sequence[int]) -> bool:
     """Tell whether `word` is smaller than each of its proper suffixes (so not empty)."""
     word = tuple(word)
@@ -186,8 +194,7 @@ class Forest:
 
     def with_nodes(self, nodes: int) -> range:
         """Return the indices of the trees with exactly `nodes` nodes."""
-        if isinstance(nodes, bool) or not isinstance(nodes, int):
-            raise TypeError(f"nodes must be an int, got {nodes!r}")
+        nodes = _integer("nodes", nodes)
         if not 1 <= nodes <= self.max_nodes:
             raise ValueError(f"nodes must be between 1 and {self.max_nodes}, got {nodes}")
         start = 1 + sum(catalan(n - 1) for n in range(1, nodes))
@@ -227,8 +234,7 @@ class Forest:
         return iter(self._trees)
 
     def _position(self, index: int) -> int:
-        if isinstance(index, bool) or not isinstance(index, int):
-            raise TypeError(f"index must be an int, got {index!r}")
+        index = _integer("index", index)
         if not 1 <= index <= len(self):
             raise IndexError(f"index must be between 1 and {len(self)}, got {index}")
         return index - 1
@@ -255,8 +261,7 @@ def forest(max_nodes: int) -> Forest:
     TypeError
         If `max_nodes` isn't an integer.
     """
-    if not isinstance(max_nodes, int) or isinstance(max_nodes, bool):
-        raise TypeError(f"max_nodes must be an int, got {max_nodes!r}")
+    max_nodes = _integer("max_nodes", max_nodes)
     if not 1 <= max_nodes <= MAX_NODES:
         raise ValueError(f"max_nodes must be between 1 and {MAX_NODES}, got {max_nodes}")
     return _forest(max_nodes)
