@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from cg.catalogue import methods
-from cg.catalogue.summary import write_facts
+from cg.catalogue.summary import write_summaries
 from cg.method.method import Method
 from cg.proofs import Certificate, CertificationError, certificate_of, certify
 from cg.proofs.files import certificate_names
@@ -42,7 +42,7 @@ def main() -> int:
         names = without if known is None else whole if known.complete else partly
         names.append(method.name)
     write_table(ROOT / "docs" / "catalogue.md")
-    write_facts(ROOT / "cg" / "catalogue" / "facts.json")
+    write_summaries(ROOT / "cg" / "catalogue" / "summaries.json")
     print(f"{len(whole)} methods are proved; in part {_listed(partly)}; not {_listed(without)}")
     return 1 if failed else 0
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from cg.catalogue import methods, munthe_kaas
-from cg.catalogue.summary import Facts, facts_of
+from cg.catalogue.summary import MethodSummary, summary_of
 from cg.method.method import Method
 from cg.support.parsing import visible
 
@@ -17,12 +17,14 @@ from .arguments import as_json, json_option, say
 
 __all__ = ["list_command", "table"]
 
-_KEYS: dict[str, Callable[[Facts], Any]] = {
-    "name": lambda facts: facts.name,
-    "order": lambda facts: facts.order,
-    "evaluations": lambda facts: facts.evaluations,
-    "flows": lambda facts: facts.flows,
-    "error": lambda facts: math.inf if facts.principal_error is None else facts.principal_error,
+_KEYS: dict[str, Callable[[MethodSummary], Any]] = {
+    "name": lambda summary: summary.name,
+    "order": lambda summary: summary.order,
+    "evaluations": lambda summary: summary.evaluations,
+    "flows": lambda summary: summary.flows,
+    "error": lambda summary: (
+        math.inf if summary.principal_error is None else summary.principal_error
+    ),
 }
 _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas")
 
@@ -69,31 +71,36 @@ def list_command(
     """
     every: dict[str, Method] = {**methods, **munthe_kaas}
     wanted = [
-        facts
-        for facts in (facts_of(method) for method in every.values())
-        if (order is None or facts.order == order)
-        and (min_order is None or facts.order >= min_order)
-        and (max_evaluations is None or facts.evaluations <= max_evaluations)
-        and (max_flows is None or facts.flows <= max_flows)
-        and (pair is None or (facts.embedded_order is not None) == pair)
-        and (kind is None or facts.kind == kind)
+        summary
+        for summary in (summary_of(method) for method in every.values())
+        if (order is None or summary.order == order)
+        and (min_order is None or summary.order >= min_order)
+        and (max_evaluations is None or summary.evaluations <= max_evaluations)
+        and (max_flows is None or summary.flows <= max_flows)
+        and (pair is None or (summary.embedded_order is not None) == pair)
+        and (kind is None or summary.kind == kind)
     ]
     wanted.sort(key=lambda f: (_KEYS[sort](f), f.evaluations, f.flows, f.name))
     if in_json:
         from cg.proofs import proved
 
-        as_json([facts.as_dict() | {"proved": proved(every[facts.name])} for facts in wanted])
+        as_json([summary.as_dict() | {"proved": proved(every[summary.name])} for summary in wanted])
         return
     heads = ("name", "kind", "order", "evaluations", "flows", "error")
     say(table([heads, *map(_row, wanted)]))
 
 
-def _row(facts: Facts) -> tuple[str, ...]:
-    pair = "" if facts.embedded_order is None else f"({facts.embedded_order})"
-    error = "" if facts.principal_error is None else f"{facts.principal_error:.3g}"
-    about = "≈" if facts.approximate else ""
-    numbers = (f"{about}{facts.order}{pair}", str(facts.evaluations), str(facts.pair_flows), error)
-    return visible(facts.name), facts.kind, *numbers
+def _row(summary: MethodSummary) -> tuple[str, ...]:
+    pair = "" if summary.embedded_order is None else f"({summary.embedded_order})"
+    error = "" if summary.principal_error is None else f"{summary.principal_error:.3g}"
+    about = "≈" if summary.approximate else ""
+    numbers = (
+        f"{about}{summary.order}{pair}",
+        str(summary.evaluations),
+        str(summary.pair_flows),
+        error,
+    )
+    return visible(summary.name), summary.kind, *numbers
 
 
 def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:

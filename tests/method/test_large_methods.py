@@ -8,7 +8,7 @@ import pytest
 
 import cg
 from cg.catalogue import save
-from cg.catalogue.summary import compute_facts
+from cg.catalogue.summary import compute_summary
 from cg.command import main
 from cg.method.stability import too_large
 
@@ -41,7 +41,7 @@ def test_what_is_not_computed_is_said(
 
 
 def test_stages_alone_are_no_reason() -> None:
-    assert compute_facts(dense(12)).not_computed is None
+    assert compute_summary(dense(12)).not_computed is None
     # Euler's method, 60 times
     assert too_large(cg.Tableau([["1/60"] * i for i in range(60)], ["1/60"] * 60)) is None
 
