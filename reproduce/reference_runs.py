@@ -21,7 +21,7 @@ from cg.method.method import Method
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
 from cg.support import quads
-from cg.support.checks import check_integer, memory
+from cg.support.checks import check_integer, total_memory
 from cg.support.parsing import read_fraction
 from cg.support.shared_numbers import Stop
 
@@ -227,10 +227,10 @@ def _core_of(kind: Kind) -> tuple[Any, _Convert]:
 def _check_memory(steps: int, entries: int, kind: Kind) -> None:
     # rows for Fortran and for Python, the points in double precision, and the times
     needed = steps * (entries * (16 if kind == "real64" else 40) + 8)
-    if needed > memory():
+    if needed > total_memory():
         raise ValueError(
             f"steps = {steps} need {needed / 2**30:.3g} GiB of memory, and there are "
-            f"{memory() / 2**30:.3g} GiB"
+            f"{total_memory() / 2**30:.3g} GiB"
         )
 
 

@@ -23,7 +23,7 @@ from .coefficients import Coefficient
 if TYPE_CHECKING:
     from ..proofs import Certificate
 
-__all__ = ["TOLERANCE_FACTOR", "Method", "read_coefficient", "read_texts", "remembered"]
+__all__ = ["TOLERANCE_FACTOR", "Method", "cached", "read_coefficient", "read_texts"]
 
 Result = TypeVar("Result")
 
@@ -519,7 +519,7 @@ def read_texts(
     return {"name": name, "source": source, "nominal_order": order, "nominal_residual": residual}
 
 
-def remembered(compute: Callable[[Method], Result]) -> Callable[[Method], Result]:
+def cached(compute: Callable[[Method], Result]) -> Callable[[Method], Result]:
     """Return a function that computes something of a method once, as long as the method lives.
 
     Methods are frozen. They are told apart as objects: to hash all their coefficients would take

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..conditions import MAX_ORDER, residuals_of
-from .method import Method, remembered
+from .method import Method, cached
 from .munthe_kaas import MuntheKaas
 
 __all__ = ["check_order", "check_pair"]
@@ -64,13 +64,13 @@ def check_pair(method: Method, *, stacklevel: int = 2) -> None:
         warnings.warn(f"{_name(method)}: {message}", stacklevel=stacklevel + 1)
 
 
-@remembered
+@cached
 def _converges(method: Method) -> bool:
     # the order itself takes seconds to compute where it is high
     return method.satisfies(1)
 
 
-@remembered
+@cached
 def _fault(method: Method) -> str:
     """Return what is wrong with a pair, or nothing."""
     order, second = method.order, method.embedded_order

@@ -12,13 +12,13 @@ import numpy as np
 
 __all__ = [
     "MAX_COUNT",
+    "MAX_HALF_WIDTH",
     "MAX_STAGES",
-    "WIDEST",
     "check_flag",
     "check_generator",
     "check_integer",
     "check_real",
-    "memory",
+    "total_memory",
 ]
 
 MAX_COUNT = 2**31 - 1
@@ -30,7 +30,7 @@ MAX_STAGES = 1000
 many stages it wouldn't fit into memory."""
 
 
-WIDEST = 1e300
+MAX_HALF_WIDTH = 1e300
 """Of the cubes that random guesses are in: twice that must be finite."""
 
 
@@ -96,7 +96,7 @@ def check_integer(name: str, value: Any, least: int, most: int | None = None) ->
     return checked
 
 
-def memory() -> float:
+def total_memory() -> float:
     """Return the bytes of memory of the machine, infinite if it doesn't tell."""
     try:
         return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")

@@ -74,7 +74,7 @@ from numpy.polynomial import Legendre, Polynomial
 
 from cg.frames.arrays import Array
 from cg.integration.step.paths import paths_of
-from cg.method.method import Method, remembered
+from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 from cg.trees.rooted import rooted_trees_through
 
@@ -179,7 +179,7 @@ class Extension:
     basis: Array
 
 
-@remembered
+@cached
 def extension_of(method: Method) -> Extension:
     """Return the interpolant in coordinates for steps of a method."""
     if isinstance(method, MuntheKaas):
@@ -356,7 +356,7 @@ class ResultFlows:
         return len(self.weights)
 
 
-@remembered
+@cached
 def result_flows(method: Method) -> ResultFlows:
     """Return the flows that lead to the result of a method."""
     return ResultFlows(method)
