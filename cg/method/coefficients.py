@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
@@ -12,7 +14,17 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["MIN_ROUNDED_PLACES", "Coefficient"]
+from ..structure.points import MethodError
+from ..support.checks import check_integer
+
+__all__ = [
+    "MIN_ROUNDED_PLACES",
+    "Coefficient",
+    "read_coefficient",
+    "read_sequence",
+    "read_texts",
+    "read_third",
+]
 
 MIN_ROUNDED_PLACES = 8
 """A decimal with fewer places than this, such as 0.25, is taken as exact."""
@@ -101,3 +113,58 @@ class Coefficient:
                 return cls(Fraction(0), "0", Fraction(0))
             return cls(Fraction(double), double.hex(), abs(Fraction(double)) / 2**53)
         raise ValueError(f"expected a finite real number, got {text!r}")
+
+
+def read_coefficient(
+    number: Any, label: str, error: type[MethodError] = MethodError
+) -> Coefficient:
+    """Return a number with its text, checked to be one that a double can stand for."""
+    try:
+        coefficient = Coefficient.read(number)
+        float(coefficient.value)
+    except ValueError as problem:
+        raise error(f"{label}: {problem}") from None
+    except OverflowError:
+        raise error(f"{label}: {number} is beyond the range of doubles") from None
+    return coefficient
+
+
+def read_sequence(
+    value: Any, label: str, error: type[MethodError] = MethodError, *, of: str = " of numbers"
+) -> list[Any]:
+    """Return a sequence as a list; raise the error for texts, sets, mappings and single values."""
+    # the order of a set is no order, and a mapping gives its keys
+    if not isinstance(value, str | bytes | Set | Mapping):
+        with suppress(TypeError):
+            return list(value)
+    raise error(f"{label} must be a sequence{of}, got {value!r}")
+
+
+def read_third(third: Iterable[Any], stages: int) -> tuple[Coefficient, ...]:
+    """Return third weights, one for each stage."""
+    entries = read_sequence(third, "third")
+    if len(entries) != stages:
+        raise MethodError(f"third must have {stages} entries, got {len(entries)}")
+    return tuple(read_coefficient(entry, f"third_{k}") for k, entry in enumerate(entries, 1))
+
+
+def read_texts(
+    name: Any, source: Any, nominal: Sequence[Any], error: type[MethodError] = MethodError
+) -> dict[str, Any]:
+    """Return the fields that all methods have, checked; `nominal` are order and residual."""
+    for label, text in (("name", name), ("source", source)):
+        if not isinstance(text, str):
+            raise error(f"{label} must be a str, got {text!r}")
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            raise error(f"{label} must be text, got {text!r}, which no encoding can hold")
+    order, residual = nominal
+    if order is not None:
+        try:
+            order = check_integer("order", order, 1)
+        except (TypeError, ValueError) as problem:
+            raise error(f"nominal_order: {problem}") from None
+    if (order is None) != (residual is None):
+        raise error("nominal_order and nominal_residual must be given together")
+    if residual is not None:
+        residual = read_coefficient(residual, "nominal_residual", error)
+    return {"name": name, "source": source, "nominal_order": order, "nominal_residual": residual}

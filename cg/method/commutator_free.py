@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -13,9 +13,9 @@ import numpy as np
 from ..structure.layout import Layout
 from ..structure.points import MethodError, Point, PointTree, check_tree
 from ..support import quads
-from .coefficients import Coefficient
+from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts, read_third
 from .flat import flat_order
-from .method import Method, read_coefficient, read_texts
+from .method import Method
 from .tableau import Tableau
 
 __all__ = ["CommutatorFree"]
@@ -98,12 +98,14 @@ class CommutatorFree(Method):
         nominal_residual: Any = None,
     ) -> None:
         values = read_texts(name, source, (nominal_order, nominal_residual))
-        read = [_read_point(point, m) for m, point in enumerate(_listed(points, "points"))]
+        read = [
+            _read_point(point, m) for m, point in enumerate(read_sequence(points, "points", of=""))
+        ]
         if not read:
             raise MethodError("points must have at least one entry, got none")
         tree = PointTree(
             tuple(Point(parent, {k: w.value for k, w in row.items()}) for parent, row in read),
-            tuple(map(_plain, _listed(stage_points, "stage_points"))),
+            tuple(map(_plain, read_sequence(stage_points, "stage_points", of=""))),
             len(read) - 1 if result is None else _plain(result),
             _plain(embedded_result),
         )
@@ -117,8 +119,7 @@ class CommutatorFree(Method):
             for stage in point.weights
         )
         values["third_weights"] = None if third is None else _read_third(third, tree)
-        for field, value in values.items():
-            object.__setattr__(self, field, value)
+        self._set(values)
         if self.nominal_order is not None:
             self._check_nominal_order(MethodError)
 
@@ -152,17 +153,9 @@ class CommutatorFree(Method):
         texts = [entry if isinstance(entry, str) else quads.to_decimal(entry) for entry in x]
         return cls.from_layout(layout, texts, name=name, source=source)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what was derived: arrays would come back writeable."""
-        return {field.name: self.__dict__[field.name] for field in fields(self)}
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, CommutatorFree):
-            return NotImplemented
-        return (self.tree, self.third_weights) == (other.tree, other.third_weights)
-
-    def __hash__(self) -> int:
-        return hash((self.tree, self.third_weights))
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.tree, self.third_weights
 
     @cached_property
     def layout(self) -> Layout:
@@ -214,19 +207,7 @@ def _read_third(third: Iterable[Any], tree: PointTree) -> tuple[Coefficient, ...
     """Return third weights; MethodError if they aren't as many numbers, or have no place."""
     if tree.flow_between is None:
         raise MethodError("third must be None unless embedded_result is one flow from the result")
-    entries = _listed(third, "third")
-    if len(entries) != len(tree.stage_points):
-        raise MethodError(f"third must have {len(tree.stage_points)} entries, got {len(entries)}")
-    return tuple(read_coefficient(entry, f"third_{k}") for k, entry in enumerate(entries, 1))
-
-
-def _listed(value: Any, label: str) -> list[Any]:
-    if isinstance(value, str | bytes | Mapping | set | frozenset):
-        raise MethodError(f"{label} must be a sequence, got {value!r}")
-    try:
-        return list(value)
-    except TypeError:
-        raise MethodError(f"{label} must be a sequence, got {value!r}") from None
+    return read_third(third, len(tree.stage_points))
 
 
 def _plain(index: Any) -> Any:

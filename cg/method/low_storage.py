@@ -22,9 +22,9 @@ from fractions import Fraction
 from typing import Any
 
 from ..structure.points import MethodError
-from .coefficients import MIN_ROUNDED_PLACES, Coefficient
+from .coefficients import MIN_ROUNDED_PLACES, Coefficient, read_coefficient, read_sequence
 from .commutator_free import CommutatorFree
-from .method import TOLERANCE_FACTOR, Method, read_coefficient
+from .method import TOLERANCE_FACTOR, Method
 
 __all__ = ["from_two_registers", "two_registers"]
 
@@ -61,8 +61,8 @@ def from_two_registers(
     >>> from_two_registers(["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]).order
     3
     """
-    factors = [read_coefficient(x, f"a[{i}]") for i, x in enumerate(_listed(a, "a"))]
-    steps = [read_coefficient(x, f"b[{i}]") for i, x in enumerate(_listed(b, "b"))]
+    factors = [read_coefficient(x, f"a[{i}]") for i, x in enumerate(read_sequence(a, "a"))]
+    steps = [read_coefficient(x, f"b[{i}]") for i, x in enumerate(read_sequence(b, "b"))]
     if not steps or len(factors) != len(steps):
         raise MethodError(
             f"a and b must have the same length, at least 1, got {len(factors)} and {len(steps)}"
@@ -79,15 +79,6 @@ def from_two_registers(
         weights = {k: _text(*_product(weight, step)) for k, weight in enumerate(register)}
         points.append((i - 1, weights))
     return CommutatorFree(points, range(-1, len(steps) - 1), name=name, source=source)
-
-
-def _listed(value: Iterable[Any], label: str) -> list[Any]:
-    if isinstance(value, str | bytes):
-        raise MethodError(f"{label} must be a sequence of numbers, got {value!r}")
-    try:
-        return list(value)
-    except TypeError:
-        raise MethodError(f"{label} must be a sequence of numbers, got {value!r}") from None
 
 
 def _product(weight: tuple[Fraction, Fraction], factor: Coefficient) -> tuple[Fraction, Fraction]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import weakref
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from fractions import Fraction
 from functools import cached_property, wraps
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from .coefficients import Coefficient
 if TYPE_CHECKING:
     from ..proofs import Certificate
 
-__all__ = ["TOLERANCE_FACTOR", "Method", "cached", "read_coefficient", "read_texts"]
+__all__ = ["TOLERANCE_FACTOR", "Method", "cached"]
 
 Result = TypeVar("Result")
 
@@ -192,6 +193,28 @@ class Method(ABC):
         check_length(coefficients, self.layout.size)
         names = {"name": self.name, "source": self.source}
         return self.from_layout(self.layout, coefficients, **(names | fields))
+
+    @property
+    @abstractmethod
+    def _key(self) -> tuple[Any, ...]:
+        """The numbers in which equal methods of a class agree."""
+
+    def _set(self, values: Mapping[str, Any]) -> None:
+        """Set the fields of a frozen dataclass."""
+        for field, value in values.items():
+            object.__setattr__(self, field, value)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields alone: cached arrays would come back writeable."""
+        return {field.name: self.__dict__[field.name] for field in fields(cast(Any, self))}
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Method):
+            return NotImplemented
+        return type(self) is type(other) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash((type(self), self._key))
 
     def __repr__(self) -> str:
         name = visible(self.name) or "without name"
@@ -481,42 +504,6 @@ def _frozen(numbers: Any) -> NDArray[np.float64]:
     array = np.array(numbers, dtype=np.float64)
     array.flags.writeable = False
     return array
-
-
-def read_coefficient(
-    number: Any, label: str, error: type[MethodError] = MethodError
-) -> Coefficient:
-    """Return a number with its text, checked to be one that a double can stand for."""
-    try:
-        coefficient = Coefficient.read(number)
-        float(coefficient.value)
-    except ValueError as problem:
-        raise error(f"{label}: {problem}") from None
-    except OverflowError:
-        raise error(f"{label}: {number} is beyond the range of doubles") from None
-    return coefficient
-
-
-def read_texts(
-    name: Any, source: Any, nominal: Sequence[Any], error: type[MethodError] = MethodError
-) -> dict[str, Any]:
-    """Return the fields that all methods have, checked; `nominal` are order and residual."""
-    for label, text in (("name", name), ("source", source)):
-        if not isinstance(text, str):
-            raise error(f"{label} must be a str, got {text!r}")
-        if any("\ud800" <= letter <= "\udfff" for letter in text):
-            raise error(f"{label} must be text, got {text!r}, which no encoding can hold")
-    order, residual = nominal
-    if order is not None:
-        try:
-            order = check_integer("order", order, 1)
-        except (TypeError, ValueError) as problem:
-            raise error(f"nominal_order: {problem}") from None
-    if (order is None) != (residual is None):
-        raise error("nominal_order and nominal_residual must be given together")
-    if residual is not None:
-        residual = read_coefficient(residual, "nominal_residual", error)
-    return {"name": name, "source": source, "nominal_order": order, "nominal_residual": residual}
 
 
 def cached(compute: Callable[[Method], Result]) -> Callable[[Method], Result]:

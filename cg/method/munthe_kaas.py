@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -14,9 +14,9 @@ from ..structure.layout import Layout
 from ..structure.points import MethodError, PointTree, check_tree, tree_of_flat_rows
 from ..support.checks import check_flag, check_integer
 from ..trees.rooted import rooted_trees_through
-from .coefficients import Coefficient
+from .coefficients import Coefficient, read_texts, read_third
 from .flat import flat_order, flat_residuals
-from .method import Method, read_coefficient, read_texts
+from .method import Method
 from .tableau import Tableau
 
 __all__ = ["MuntheKaas"]
@@ -104,8 +104,7 @@ class MuntheKaas(Method):
         )
         values["tableau"] = tableau
         values["third_weights"] = None if third is None else _read_third(third, tableau)
-        for field, value in values.items():
-            object.__setattr__(self, field, value)
+        self._set(values)
         check_tree(self.tree)
 
     @classmethod
@@ -115,17 +114,9 @@ class MuntheKaas(Method):
         """Return the method with a layout of its tableau and packed entries, row by row."""
         return cls(Tableau.from_layout(layout, coefficients, **fields), third=third)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what was derived: arrays would come back writeable."""
-        return {field.name: self.__dict__[field.name] for field in fields(self)}
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, MuntheKaas):
-            return NotImplemented
-        return self.tableau == other.tableau and self.third_weights == other.third_weights
-
-    def __hash__(self) -> int:
-        return hash((MuntheKaas, self.tableau, self.third_weights))
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.tableau, self.third_weights
 
     @cached_property
     def tree(self) -> PointTree:
@@ -236,11 +227,7 @@ class MuntheKaas(Method):
 def _read_third(third: Iterable[Any], tableau: Tableau) -> tuple[Coefficient, ...]:
     if tableau.embedded_weights is None:
         raise MethodError("third must be None unless the tableau has second weights")
-    if isinstance(third, str) or not isinstance(third, Iterable):
-        raise MethodError(f"third must be a sequence of numbers, got {third!r}")
-    weights = tuple(read_coefficient(w, f"third_{i}") for i, w in enumerate(third, 1))
-    if len(weights) != tableau.stages:
-        raise MethodError(f"third must have {tableau.stages} entries, got {len(weights)}")
+    weights = read_third(third, tableau.stages)
     values = tuple(w.value for w in weights)
     if values in (tableau.exact[1], tableau.exact_embedded):
         raise MethodError("third must differ from the other weights, or it estimates no error")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -14,8 +14,8 @@ from ..structure.layout import Layout, Rows, check_length, rows_of, unknowns
 from ..structure.points import MethodError, PointTree, tree_of_rows
 from ..support.checks import check_integer
 from ..support.quads import DECIMAL_DIGITS, to_decimal
-from .coefficients import Coefficient
-from .method import ExactTableau, Method, read_coefficient, read_texts
+from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
+from .method import ExactTableau, Method
 
 __all__ = ["Tableau", "TableauError"]
 
@@ -116,8 +116,7 @@ class Tableau(Method):
         values["entries"] = _read_matrix(a, stages, explicit)
         values["weights"] = weights
         values["embedded_weights"] = embedded
-        for field, value in values.items():
-            object.__setattr__(self, field, value)
+        self._set(values)
         if self.nominal_order is not None:
             self._check_nominal_order(TableauError)
 
@@ -161,27 +160,19 @@ class Tableau(Method):
                 digits = check_integer("digits", digits, 1, DECIMAL_DIGITS)
             except ValueError as error:
                 raise TableauError(str(error)) from None
-            numbers = enumerate(_listed(x, "x"), 1)
+            numbers = enumerate(read_sequence(x, "x", TableauError), 1)
             x = [to_decimal(_read(entry, f"x_{k}").value, digits) for k, entry in numbers]
         try:
-            entries = _listed(x, "x")
+            entries = read_sequence(x, "x", TableauError)
             check_length(entries, unknowns(stages, rows))  # before there is a layout of so many
             layout = Layout.tableau(stages, rows)
         except ValueError as error:
             raise TableauError(str(error)) from None
         return cls.from_layout(layout, entries, **names)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what was derived: arrays would come back writeable."""
-        return {field.name: self.__dict__[field.name] for field in fields(self)}
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Tableau):
-            return NotImplemented
-        return self.exact == other.exact and self.exact_embedded == other.exact_embedded
-
-    def __hash__(self) -> int:
-        return hash((self.exact, self.exact_embedded))
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.exact, self.exact_embedded
 
     @cached_property
     def exact(self) -> ExactTableau:
@@ -250,14 +241,17 @@ def _read(number: Any, label: str) -> Coefficient:
 
 
 def _read_row(row: Any, label: str, entry: str, length: int | None) -> tuple[Coefficient, ...]:
-    numbers = _listed(row, label)
+    numbers = read_sequence(row, label, TableauError)
     if length is not None and len(numbers) != length:
         raise TableauError(f"{label} must have {length} entries, got {len(numbers)}")
     return tuple(_read(number, entry.format(i)) for i, number in enumerate(numbers, 1))
 
 
 def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
-    rows = [_listed(row, f"row {i} of a") for i, row in enumerate(_listed(a, "a"), 1)]
+    rows = [
+        read_sequence(row, f"row {i} of a", TableauError)
+        for i, row in enumerate(read_sequence(a, "a", TableauError), 1)
+    ]
     lengths = [len(row) for row in rows]
     allowed = ([stages] * stages, list(range(stages)), list(range(1, stages + 1)))
     if lengths not in allowed:
@@ -278,13 +272,3 @@ def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
                     f"but {labels[j - 1]} = {entries[-1][j - 1].text}"
                 )
     return tuple(entries)
-
-
-def _listed(value: Any, label: str) -> list[Any]:
-    # the order of a set is no order, and a mapping gives its keys
-    if isinstance(value, str | bytes | Set | Mapping):
-        raise TableauError(f"{label} must be a sequence of numbers, got {value!r}")
-    try:
-        return list(value)
-    except TypeError:
-        raise TableauError(f"{label} must be a sequence of numbers, got {value!r}") from None
