@@ -1,14 +1,13 @@
-"""The catalogue of methods: one TOML file each.
+"""The catalogue of methods, with one TOML file for each method.
 
-The file of a tableau has the keys ``name``, ``source``, ``a`` (rows, as `cg.Tableau` takes
-them), ``b`` and, for pairs, ``b_embedded``. That of a commutator-free method has ``points`` in
-their place (tables with ``parent``, -1 for the initial point, and ``weights`` by stage, from 0),
-``stage_points``, ``result`` and, for pairs, ``embedded_result``. Coefficients are strings, so
-that all their digits are kept; bare TOML numbers are read digit by digit as well. A method that
-satisfies its order conditions only approximately has a table ``nominal`` with the ``order`` that
-is meant and the ``residual`` that no condition through it exceeds. ``kind = "Munthe-Kaas"`` makes
-a tableau one of a Lie algebra; it may have ``b_third`` then. Those that come with this package are
-in a folder of their own: their orders are those of vector spaces.
+The file of a tableau has the keys ``name``, ``source``, ``a`` (rows as for `cg.Tableau`), ``b``
+and, for pairs, ``b_embedded``. The file of a commutator-free method has instead of ``a`` and ``b``
+the keys ``points`` (tables with ``parent``, -1 for the initial point, and ``weights`` by stage, from
+0), ``stage_points``, ``result`` and, for pairs, ``embedded_result``. Coefficients are strings with
+all their digits; TOML numbers are read as strings as well. A method that satisfies its order
+conditions only approximately has a table ``nominal`` with the intended ``order`` and an upper bound
+``residual`` of its residuals. A tableau with ``kind = "Munthe-Kaas"`` is a Munthe-Kaas method and
+may have ``b_third``; the Munthe-Kaas methods of this package are in the folder ``munthe_kaas``.
 """
 
 from __future__ import annotations
@@ -39,12 +38,12 @@ __all__ = [
 
 
 class Catalogue(Mapping[str, Method]):
-    """An immutable mapping from names to methods; a file is read when first asked for.
+    """An immutable mapping from names to methods; a file is read at the first access.
 
     Parameters
     ----------
     folder : Traversable
-        Holds one TOML file a method, named like it.
+        Contains a TOML file for each method, with the name of the method.
 
     Examples
     --------
@@ -73,7 +72,9 @@ class Catalogue(Mapping[str, Method]):
         if name not in self._loaded:
             method = read(self._files[name])
             if method.name != name:
-                raise MethodError(f"{self._files[name]}: the name inside is {method.name!r}")
+                raise MethodError(
+                    f"{self._files[name]}: name must be {name!r}, got {method.name!r}"
+                )
             self._loaded[name] = method
         return self._loaded[name]
 

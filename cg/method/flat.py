@@ -1,4 +1,4 @@
-"""Flat Runge–Kutta methods: rooted trees whose children have no order, and the order they give."""
+"""Classical order conditions on rooted trees, for methods whose flows commute."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ __all__ = ["failing_rooted", "flat_order", "flat_residuals", "stage_orders"]
 
 
 def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
-    """Return the order of a tableau where flows commute, as far as its stored places can tell.
+    """Return the classical order of a tableau, up to the rounding of its coefficients.
 
-    Residuals are exact. Each is allowed what it can change by if all coefficients change by
-    their units (`cg.method.coefficients.Coefficient.unit`), which is nothing for rationals.
+    Residuals are exact. The tolerance of each one is what it changes by at most if all
+    coefficients change by their units (`cg.method.coefficients.Coefficient.unit`); it is 0 for
+    rational coefficients.
 
     Parameters
     ----------
     tableau : Tableau
     embedded : bool, optional
-        Of the second weights of a pair.
+        Return the order of the second weights of a pair.
 
     Returns
     -------
@@ -51,7 +52,7 @@ def _order(
 
 
 def failing_rooted(tableau: Tableau, order: int) -> list[tuple[RootedTree, Fraction, Fraction]]:
-    """Return the rooted trees of an order whose condition fails, with Φ(t) and 1/γ(t).
+    """Return the trees whose conditions of one order fail, with Φ(t) and 1/γ(t).
 
     Parameters
     ----------
@@ -74,13 +75,13 @@ def _failing(
     wide_b = [abs(w.value) + w.unit for w in weights]
     exact = all(e.unit == 0 for row in (*entries, weights) for e in row)
     trees = rooted_trees(order)
-    found = _weights(a, b, trees)
+    weights_of_trees = _weights(a, b, trees)
     allowed = [Fraction(0)] * len(trees)
     if not exact:
         near, far = _weights(size_a, size_b, trees), _weights(wide_a, wide_b, trees)
         allowed = [2 * (f - n) for f, n in zip(far, near, strict=True)]
     sides = [end**order / density(tree) for tree in trees]
-    compared = zip(trees, found, sides, allowed, strict=True)
+    compared = zip(trees, weights_of_trees, sides, allowed, strict=True)
     return [(tree, phi, side) for tree, phi, side, bound in compared if abs(phi - side) > bound]
 
 
@@ -138,12 +139,15 @@ def _weights(
 
 
 def stage_orders(tableau: Tableau) -> tuple[int, ...]:
-    """Return to which order each stage is the solution at its abscissa, where flows commute."""
-    found = []
+    """Return the order of each stage as an approximation of the solution at its abscissa.
+
+    The order is the classical one, of the row of the stage as weights of a step of length c.
+    """
+    orders = []
     for row in tableau.entries:
         c = sum((entry.value for entry in row), Fraction(0))
         if c == 0:
-            found.append(0)
+            orders.append(0)
             continue
-        found.append(_order(tableau.entries, row, c))
-    return tuple(found)
+        orders.append(_order(tableau.entries, row, c))
+    return tuple(orders)

@@ -1,12 +1,12 @@
-r"""Methods of two registers, which big states ask for.
+r"""Low-storage methods with two registers, for large states.
 
-Where a Runge–Kutta method keeps the fields of all its stages, one of two registers [1]_ keeps one
-combination of them, Z, beside the point that it moves:
+A Runge–Kutta method stores the fields of all its stages. A two-register method [1]_ stores the
+point and a single combination Z of the fields:
 
 .. math:: Z_i = A_i Z_{i-1} + F_i, \qquad y_i = \exp(h B_i Z_i)\, y_{i-1},
 
-with :math:`F_i` frozen at :math:`y_{i-1}`. As a tree of points it is a chain, with a stage at every
-point but the last, whose weights are products of A and B.
+with :math:`F_i` frozen at :math:`y_{i-1}`. Its tree of points is a chain with a stage at every
+point but the last; the weights are products of A and B.
 
 References
 ----------
@@ -34,22 +34,22 @@ Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 def from_two_registers(
     a: Iterable[Any], b: Iterable[Any], *, name: str = "", source: str = ""
 ) -> CommutatorFree:
-    """Return the method with coefficients A and B of two registers.
+    """Return the two-register method with coefficients A and B.
 
     Parameters
     ----------
     a : sequence of s numbers
-        The first one multiplies nothing and must be 0, as it is in print. Numbers as
-        `cg.method.coefficients.Coefficient.read` takes them.
+        The first one multiplies an empty register and must be 0, as in publications. Numbers as
+        for `cg.method.coefficients.Coefficient.read`.
     b : sequence of s numbers
-        None of them may be 0: such a stage repeats the one before.
+        None may be 0, since the next stage would repeat the previous one.
     name, source : str, optional
 
     Returns
     -------
     CommutatorFree
-        With exact rational weights if all numbers are exact. Otherwise weights have the decimal
-        places that errors in the last places of A and B leave them.
+        With exact rational weights if all numbers are exact. Otherwise weights are decimals, with
+        as many places as the units of A and B determine.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def _product(weight: tuple[Fraction, Fraction], factor: Coefficient) -> tuple[Fr
 
 
 def _text(value: Fraction, unit: Fraction) -> Fraction | str:
-    """Return an exact number, or the decimal with as many places as are known."""
+    """Return an exact number, or a decimal with the places that `unit` leaves significant."""
     if not unit:
         return value
     places = MIN_ROUNDED_PLACES  # with fewer it would be read as exact
@@ -99,9 +99,9 @@ def _text(value: Fraction, unit: Fraction) -> Fraction | str:
 
 
 def two_registers(method: Method) -> Registers | None:
-    """Return the coefficients A and B of a method of two registers, None for all others.
+    """Return the coefficients A and B of a two-register method; None for other methods.
 
-    Weights that are rounded need to be of this form only as far as their stored places can tell.
+    Rounded weights have to be of this form only up to their units.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def two_registers(method: Method) -> Registers | None:
 
 
 def _units(method: Method) -> list[dict[int, Fraction]]:
-    """Return by point and stage what weights may be off by; one weight a point needs none."""
+    """Return the units of the weights by point and stage; unused with one weight a point."""
     if not isinstance(method, CommutatorFree):
         return [{} for _ in method.points]
     return [{k: w.unit for k, w in row.items()} for row in method.point_coefficients]

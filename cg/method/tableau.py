@@ -1,4 +1,4 @@
-"""The tableau of a Crouch–Grossman method: frozen, checked, exact."""
+"""Tableaux of Crouch–Grossman methods."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Entries = tuple[tuple[Coefficient, ...], ...]
 
 
 class TableauError(MethodError):
-    """The coefficients don't make a tableau; the message names the one at fault.
+    """Raised if coefficients don't make a tableau; the message names the wrong one.
 
     Examples
     --------
@@ -40,28 +40,27 @@ class TableauError(MethodError):
 class Tableau(Method):
     """A Runge–Kutta method of Crouch–Grossman type, (2.2) and (2.3) of the paper.
 
-    All coefficients are kept as they were given; numbers derived from them are exact or
-    correctly rounded. Tableaux are equal if all their coefficients are.
+    The tableau is immutable. It keeps all coefficients as they were given; numbers derived from
+    them are exact or correctly rounded. Tableaux are equal if all their coefficients are equal.
 
     Parameters
     ----------
     a : sequence of s rows
         All of length s, or the strictly lower part (lengths 0 to s - 1), or the lower part
-        (1 to s). Entries as `Coefficient.read` takes them: strings, Fractions, integers,
-        floats.
+        (1 to s). Entries are strings, Fractions, integers or floats; see `Coefficient.read`.
     b : sequence of s numbers
     name, source : str, optional
-        What the method is called and where it is from.
+        Name and origin of the method.
     b_embedded : sequence of s numbers, optional
-        Second weights, different from b, that make the method a pair.
+        Second weights of a pair, different from b.
     explicit : bool, optional
-        Insist on a strictly lower a; otherwise entries on or above the diagonal make the
-        method implicit.
+        Raise an error unless a is strictly lower. By default, entries on or above the diagonal
+        make the method implicit.
     nominal_order : int, optional
-        For a method that satisfies its order conditions only approximately: the order it
-        is meant to have. It comes with `nominal_residual`.
+        The intended order of a method that satisfies its order conditions only approximately;
+        given together with `nominal_residual`.
     nominal_residual : number, optional
-        The size that no residual through `nominal_order` exceeds.
+        Upper bound of the absolute residuals through `nominal_order`.
 
     Attributes
     ----------
@@ -71,8 +70,8 @@ class Tableau(Method):
     Raises
     ------
     TableauError
-        If a shape is wrong, a number isn't finite, ``a`` isn't strictly lower although it
-        should be, both weights are the same, or a nominal order isn't borne out.
+        If a shape is wrong, a number isn't finite, ``a`` isn't strictly lower with
+        ``explicit=True``, both weights are the same, or residuals exceed `nominal_residual`.
 
     Examples
     --------
@@ -137,7 +136,7 @@ class Tableau(Method):
         digits: int | None = None,
         **names: Any,
     ) -> Tableau:
-        """Make a tableau of packed entries, row by row with b last.
+        """Return the tableau with packed entries, row by row with b last.
 
         Parameters
         ----------
@@ -145,8 +144,8 @@ class Tableau(Method):
         stages : int
         rows : Rows, optional
         digits : int, optional
-            Round to so many significant decimals, at most 36. A binary128 number is good
-            for 34 of them; without rounding, Fractions count as exact.
+            Round to this many significant decimals, at most 36. A binary128 number has 34
+            reliable ones. Without rounding, Fractions count as exact.
         **names
             Further keyword arguments of `Tableau`.
 
@@ -164,7 +163,7 @@ class Tableau(Method):
             x = [to_decimal(_read(entry, f"x_{k}").value, digits) for k, entry in numbers]
         try:
             entries = read_sequence(x, "x", TableauError)
-            check_length(entries, unknowns(stages, rows))  # before there is a layout of so many
+            check_length(entries, unknowns(stages, rows))  # before a layout of many stages is made
             layout = Layout.tableau(stages, rows)
         except ValueError as error:
             raise TableauError(str(error)) from None
@@ -186,7 +185,7 @@ class Tableau(Method):
 
     @cached_property
     def rows(self) -> Rows:
-        """The narrowest pattern that holds all nonzero entries of a."""
+        """The narrowest pattern that contains all nonzero entries of a."""
         return rows_of(self.exact[0])
 
     @property
@@ -196,26 +195,26 @@ class Tableau(Method):
 
     @cached_property
     def tree(self) -> PointTree:
-        """The points of a step: each row is a chain of flows along one frozen field each."""
+        """The points of a step: each row is a chain of flows of one frozen field each."""
         return tree_of_rows(*self.exact, self.exact_embedded)
 
     @cached_property
     def layout(self) -> Layout:
-        """Where each coefficient stands in `coefficients`."""
+        """Positions of the entries in `coefficients`."""
         return Layout.tableau(self.stages, self.rows, self.embedded_weights is not None)
 
     @cached_property
     def coefficients(self) -> tuple[Coefficient, ...]:
-        """All coefficients with their text, row by row, second weights last."""
+        """All coefficients, row by row, second weights last."""
         second = () if self.embedded_weights is None else (self.embedded_weights,)
         return tuple(self.layout.packed([*self.entries, self.weights, *second]))
 
     @cached_property
     def exponentials(self) -> int:
-        """Flows that a step takes, to the stages and the result.
+        """Number of flows of a step.
 
-        First flows that several rows share count once. The second weights of a pair aren't
-        counted: see `pair_exponentials`. Of an implicit method, whose stages are iterated,
+        Initial flows that several rows share count once. Flows of the second weights of a pair
+        don't count; see `pair_exponentials`. For an implicit method, whose stages are iterated,
         all nonzero entries of a and b count.
         """
         if self.explicit:

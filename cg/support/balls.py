@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 __all__ = ["to_ball", "to_flint", "to_fraction", "working_precision"]
 
 _lock = threading.RLock()
-_holders: list[tuple[int, int]] = []  # threads, and the precision before: the outermost first
+_holders: list[tuple[int, int]] = []  # threads and their previous precisions, the outermost first
 
 
 def _take_over() -> None:
-    """Free the lock in a forked child, if a thread had it that isn't there."""
+    """Replace the lock in a forked child, in which the thread that holds it doesn't exist."""
     global _lock  # noqa: PLW0603
     if _holders and _holders[0][0] == threading.get_ident():
         return
@@ -37,12 +37,12 @@ in_children(_take_over)
 
 @contextmanager
 def working_precision(bits: int) -> Iterator[None]:
-    """Set the precision of balls; computations in other threads that set it too wait.
+    """Set the precision of balls for a ``with`` block; other threads that set it wait.
 
     Parameters
     ----------
     bits : int
-        Of the midpoints.
+        Precision of the midpoints.
     """
     from flint import ctx
 

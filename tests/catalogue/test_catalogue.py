@@ -157,7 +157,7 @@ class TestMapping:
         (tmp_path / "README").write_text("no method")
         mine = Catalogue(tmp_path)
         assert list(mine) == ["Mine"]
-        with pytest.raises(MethodError, match=r"Mine\.toml: the name inside is 'CG3'"):
+        with pytest.raises(MethodError, match=r"Mine\.toml: name must be 'Mine', got 'CG3'"):
             mine["Mine"]
 
 
@@ -207,7 +207,11 @@ class TestFiles:
             ('"x"', "5", "name must be a str, got 5"),
             ("1.0]", "1.0]\nnominal = 3", "nominal must be a table, got 3"),
             ("1.0]", "1.0]\n[nominal]\norder = 2", "nominal lacks residual"),
-            ("1.0]", '1.0]\n[nominal]\norder = 3\nresidual = "0.1"', "not borne out"),
+            (
+                "1.0]",
+                '1.0]\n[nominal]\norder = 3\nresidual = "0.1"',
+                "nominal_order 3 reach",
+            ),
         ],
     )
     def test_bad_files_are_named_with_the_fault(self, old, new, message, tmp_path):

@@ -145,7 +145,7 @@ def test_a_drawn_shape_depends_on_seed_and_index_alone(drawn):
         (((-1, 0.5), (-1, 0)), "the parent of point 1 must be a point from -1 to 1, got 0.5"),
         (
             Layout((-1, -1), ((1,), (0,)), (-1, 0), (1,)),
-            "point 0 has a weight on stage 1, which isn't evaluated by then",
+            "point 0 must have weights on earlier stages, got one on stage 1",
         ),
         (Layout.tableau(2), "tree must be one of points, got the layout of a tableau"),
     ],

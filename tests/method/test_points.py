@@ -204,7 +204,7 @@ class TestBadInput:
                 [(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})],
                 [-1, 1, 0],
                 {},
-                "stage 1 is at point 1, which depends on stage 2: that isn't evaluated by then",
+                "stage 1 must depend on earlier stages, but its point 1 depends on stage 2",
             ),
             ([(-1, {0: 0})], [-1], {}, "result must depend on a stage: no weights lead to point 0"),
             ([(-1, {0: 1})], [-1], {"result": -1}, "result must depend on a stage"),
@@ -249,7 +249,7 @@ class TestBadInput:
                 [(-1, {0: 1})],
                 [-1],
                 {"nominal_order": 2, "nominal_residual": "0.1"},
-                "nominal_order 2 is not borne out",
+                "residuals through nominal_order 2 reach",
             ),
         ],
     )

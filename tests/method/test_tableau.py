@@ -183,9 +183,9 @@ class TestNominalOrder:
         assert not MIDPOINT.approximate
 
     def test_it_must_be_borne_out(self):
-        with pytest.raises(TableauError, match="nominal_order 2 is not borne out"):
+        with pytest.raises(TableauError, match="residuals through nominal_order 2 reach"):
             self.make(nominal_order=2, nominal_residual="0.00001")
-        with pytest.raises(TableauError, match="nominal_order 3 is not borne out"):
+        with pytest.raises(TableauError, match="residuals through nominal_order 3 reach"):
             self.make(nominal_order=3, nominal_residual="0.001")
 
     def test_both_are_needed(self):
