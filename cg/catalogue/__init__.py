@@ -2,9 +2,9 @@
 
 The file of a tableau has the keys ``name``, ``source``, ``a`` (rows as for `cg.Tableau`), ``b``
 and, for pairs, ``b_embedded``. The file of a commutator-free method has instead of ``a`` and ``b``
-the keys ``points`` (tables with ``parent``, -1 for the initial point, and ``weights`` by stage, from
-0), ``stage_points``, ``result`` and, for pairs, ``embedded_result``. Coefficients are strings with
-all their digits; TOML numbers are read as strings as well. A method that satisfies its order
+the keys ``points`` (tables with ``parent``, -1 for the initial point, and ``weights`` by stage,
+from 0), ``stage_points``, ``result`` and, for pairs, ``embedded_result``. Coefficients are strings
+with all their digits; TOML numbers are read as strings as well. A method that satisfies its order
 conditions only approximately has a table ``nominal`` with the intended ``order`` and an upper bound
 ``residual`` of its residuals. A tableau with ``kind = "Munthe-Kaas"`` is a Munthe-Kaas method and
 may have ``b_third``; the Munthe-Kaas methods of this package are in the folder ``munthe_kaas``.
