@@ -31,9 +31,9 @@ __all__ = [
     "loads",
     "methods",
     "munthe_kaas",
-    "near",
     "resolve_method",
     "save",
+    "similar_names",
 ]
 
 
@@ -81,7 +81,7 @@ class Catalogue(Mapping[str, Method]):
     def _hint(self, name: object) -> str:
         if self is not munthe_kaas and name in munthe_kaas:
             return f"; cg.catalogue.munthe_kaas has it; the catalogue has {', '.join(self)}"
-        return f"; the catalogue has {', '.join(self)}{near(name)}"
+        return f"; the catalogue has {', '.join(self)}{similar_names(name)}"
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and name in self._files
@@ -112,7 +112,7 @@ _IN_SCIPY = {
 } | dict.fromkeys(("Radau", "BDF", "LSODA"), f"SciPy has a method of that name; {_STIFF}")
 
 
-def near(name: object) -> str:
+def similar_names(name: object) -> str:
     """Return the end of an error message that lists the names most similar to `name`."""
     if not isinstance(name, str):
         return ""
@@ -152,4 +152,4 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
         if method in catalogue:
             return catalogue[method]
     known = ", ".join([*methods, *munthe_kaas])
-    raise ValueError(f"method must be one of {known}, got {method!r}{near(method)}")
+    raise ValueError(f"method must be one of {known}, got {method!r}{similar_names(method)}")

@@ -19,7 +19,8 @@ from ..structure.points import MethodError
 from ..support.parsing import file_in, quoted, read_json, read_toml, to_json, write_file
 
 __all__ = [
-    "PROOF",
+    "CERTIFICATE_SUFFIX",
+    "certificate_path",
     "check_keys",
     "check_path",
     "dumps",
@@ -28,14 +29,13 @@ __all__ = [
     "load",
     "load_kind",
     "loads",
-    "proof_beside",
     "read",
     "save",
 ]
 
 T = TypeVar("T", bound=Method)
 
-PROOF = ".certificate.toml"
+CERTIFICATE_SUFFIX = ".certificate.toml"
 """Ending of the file of a certificate beside the file of its method."""
 
 _SUFFIXES = (".toml", ".json")
@@ -152,13 +152,13 @@ def is_file(text: str) -> bool:
     return text.endswith(_SUFFIXES) or os.sep in text
 
 
-def proof_beside(file: Path) -> Path:
+def certificate_path(file: Path) -> Path:
     """Return where the certificate of the method in a file is, if there is one.
 
     It is beside the file, or in a folder ``certificates`` beside it.
     """
     kept = file.parent / "certificates" / f"{file.stem}.toml"
-    return kept if kept.is_file() else file.with_name(file.stem + PROOF)
+    return kept if kept.is_file() else file.with_name(file.stem + CERTIFICATE_SUFFIX)
 
 
 def check_path(path: str | PathLike[str]) -> Path:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from cg.catalogue import is_file, load, methods, munthe_kaas, near, resolve_method
+from cg.catalogue import is_file, load, methods, munthe_kaas, resolve_method, similar_names
 from cg.method.method import Method
 from cg.structure.points import MethodError
 from cg.support.parsing import to_json, visible_lines
@@ -47,7 +47,9 @@ def named(name: str) -> Method:
     """Return the method of the catalogue with a name; the ValueError names those near it."""
     if name in methods or name in munthe_kaas:
         return resolve_method(name)
-    raise ValueError(f"no method is named {name!r}, and it is no .toml or .json file{near(name)}")
+    raise ValueError(
+        f"no method is named {name!r}, and it is no .toml or .json file{similar_names(name)}"
+    )
 
 
 class MethodArgument(click.ParamType):  # type: ignore[type-arg]

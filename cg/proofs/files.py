@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 
 from ..catalogue import methods
-from ..catalogue.entries import proof_beside
+from ..catalogue.entries import certificate_path
 from ..method.method import Method
 from .certificate import Certificate, CertificationError
 from .prove import check
@@ -91,7 +91,7 @@ def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate
     CertificationError
         If the file is no certificate, or another method's.
     """
-    path = proof_beside(Path(file))
+    path = certificate_path(Path(file))
     if not path.is_file():
         return None
     certificate = Certificate.load(path)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...catalogue import methods, munthe_kaas, save
-from ...catalogue.entries import PROOF
+from ...catalogue.entries import CERTIFICATE_SUFFIX
 from ...method.method import Method
 from ...proofs import Certificate, CertificationError, certify
 from ...runs import StoredRun
@@ -105,7 +105,7 @@ def promote(
         raise ValueError(f"name must be a new one, got {name!r}, which the package has")
     proofs = folder / "certificates"
     file = file_in(folder, name)
-    proof = file_in(proofs, name) if proofs.is_dir() else file_in(folder, name, PROOF)
+    proof = file_in(proofs, name) if proofs.is_dir() else file_in(folder, name, CERTIFICATE_SUFFIX)
     for path in (file, proof):
         if path.exists():
             raise ValueError(f"name must be a new one, got {name!r}: {path} is there already")
