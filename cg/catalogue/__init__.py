@@ -120,7 +120,7 @@ def similar_names(name: object) -> str:
         return f"; {_IN_SCIPY[name]}"
     known = {given.upper(): given for given in (*methods, *munthe_kaas)}
     similar = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
-    return f"; near it are {', '.join(similar)}" if similar else ""
+    return f"; similar names are {', '.join(similar)}" if similar else ""
 
 
 def resolve_method(method: str | PathLike[str] | Method) -> Method:

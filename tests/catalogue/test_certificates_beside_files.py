@@ -47,7 +47,7 @@ def test_show_and_export_find_it(suffix: str, proof: Path, run: Run, tmp_path: P
     assert proof.is_file()
 
 
-def test_nothing_of_it_is_believed(proof: Path, run: Run, tmp_path: Path) -> None:
+def test_certificate_is_proved_again(proof: Path, run: Run, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     save(METHOD, file)
 

@@ -21,7 +21,7 @@ MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
 class TestFiles:
     @pytest.mark.parametrize("suffix", [".toml", ".json"])
     @pytest.mark.parametrize("name", ["CG2(3)", "CG5a", "CG6a", "CF5(4)", "DP5(4)", "RKMK8(5,3)"])
-    def test_what_is_saved_is_loaded(self, name, suffix, tmp_path):
+    def test_save_and_load(self, name, suffix, tmp_path):
         method = cg.catalogue.resolve_method(name)
         path = tmp_path / f"method{suffix}"
         method.save(path)
@@ -34,14 +34,14 @@ class TestFiles:
         assert found.nominal_order == method.nominal_order
         assert cg.Method.load(str(path)) == method
 
-    def test_another_kind_is_refused(self, tmp_path):
+    def test_load_refuses_another_class(self, tmp_path):
         MIDPOINT.save(tmp_path)
         path = tmp_path / "mine.toml"
         with pytest.raises(MethodError, match=r"mine.toml must be .* of a CommutatorFree, got"):
             cg.CommutatorFree.load(path)
         assert cg.Tableau.load(path) == MIDPOINT
 
-    def test_a_folder_gets_a_file_of_the_name(self, tmp_path):
+    def test_save_to_a_folder(self, tmp_path):
         MIDPOINT.save(tmp_path)
         assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
         with pytest.raises(TypeError, match="path must be a path, got 3"):
@@ -68,7 +68,7 @@ class TestFiles:
             ('{"name": 1, "source": "", "a": [[]], "b": [1]}', "name must be a str"),
         ],
     )
-    def test_what_is_no_method_in_json(self, text, message):
+    def test_bad_json(self, text, message):
         with pytest.raises(MethodError, match=message):
             cg.catalogue.loads(text)
 
@@ -140,7 +140,7 @@ class TestNotebooks:
         assert "0.0000" not in cg.methods["CG5d"]._repr_html_()
 
 
-def test_what_a_method_says_of_itself():
+def test_repr():
     assert repr(cg.methods["CG4(3)b"]) == "<Tableau CG4(3)b: order 4(3), 5 evaluations, 15 flows>"
     assert repr(cg.methods["LieEuler"]) == "<Tableau LieEuler: order 1, 1 evaluation, 1 flow>"
     assert repr(cg.methods["ImplicitMidpoint"]).endswith("2 flows, implicit>")
@@ -159,25 +159,25 @@ class TestCertificatesBesideFiles:
         (line,) = re.findall("^  certificate +(.*)$", capsys.readouterr().out, re.MULTILINE)
         return line
 
-    def test_one_that_holds(self, tmp_path, capsys):
+    def test_valid_certificate(self, tmp_path, capsys):
         MIDPOINT.save(tmp_path)
         assert self.shown(tmp_path, capsys) == "none"
         cg.certify(MIDPOINT).save(tmp_path / "mine.certificate.toml")
         assert self.shown(tmp_path, capsys).startswith("mine: order 2 by its rational coefficients")
 
-    def test_one_of_other_coefficients(self, tmp_path, capsys):
+    def test_certificate_of_other_coefficients(self, tmp_path, capsys):
         cg.certify(MIDPOINT).save(tmp_path / "mine.certificate.toml")
         cg.Tableau([[], ["1/3"]], [0, 1], name="mine").save(tmp_path)
         assert self.shown(tmp_path, capsys).startswith("proves nothing: ")
 
-    def test_a_radius_that_was_not_proved(self, tmp_path, capsys):
+    def test_changed_radius(self, tmp_path, capsys):
         method = cg.methods["CG4a"]
         cg.Tableau(*texts(method), name="mine", source="x").save(tmp_path)
         proof = replace(cg.certify("CG4a"), name="mine", radius="1e-60")
         proof.save(tmp_path / "mine.certificate.toml")
         assert self.shown(tmp_path, capsys).startswith("proves nothing: ")
 
-    def test_a_file_that_is_no_text(self, tmp_path):
+    def test_binary_file(self, tmp_path):
         MIDPOINT.save(tmp_path)
         (tmp_path / "mine.certificate.toml").write_bytes(b"\xff\xfe")
         with pytest.raises(CertificationError, match=r"mine\.certificate\.toml: not UTF-8"):
@@ -190,7 +190,7 @@ def texts(method):
     return a, [next(coefficients).text for _ in range(method.stages)]
 
 
-def test_no_certificate_is_one_of_a_munthe_kaas_method():
+def test_certificate_of_a_munthe_kaas_method_is_refused():
     """Coefficients are the same, conditions aren't."""
     tableau = cg.Tableau([[], ["1/2"]], [0, 1], name="X")
     with pytest.raises(CertificationError, match="method must be a Tableau or CommutatorFree"):
@@ -209,7 +209,7 @@ def test_bits_are_an_integer(bits):
         replace(cg.certify("CF4"), bits=bits)
 
 
-def test_orders_of_errors():
+def test_orders_of_principal_errors():
     method = cg.methods["CF4"]
     with pytest.raises(ValueError, match=r"order must be .* 8.*, got 9"):
         method.principal_error(9)

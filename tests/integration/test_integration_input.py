@@ -184,5 +184,5 @@ def test_rotations_among_points_of_factors_are_to_be_joined():
 
 
 def test_a_name_in_other_letters_is_recognised():
-    with pytest.raises(KeyError, match=r"no method is named 'CG4A'; .*; near it are CG4a"):
+    with pytest.raises(KeyError, match=r"no method is named 'CG4A'; .*; similar names are CG4a"):
         cg.methods["CG4A"]

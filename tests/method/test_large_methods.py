@@ -24,7 +24,7 @@ def dense(stages: int) -> cg.Tableau:
 
 
 @pytest.mark.parametrize("stages", [60, 150])
-def test_what_is_not_computed_is_said(
+def test_show_says_what_is_not_computed(
     stages: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "dense.toml"
@@ -40,20 +40,20 @@ def test_what_is_not_computed_is_said(
         cg.plot.stability_region(dense(stages))
 
 
-def test_stages_alone_are_no_reason() -> None:
+def test_small_coefficients_with_many_stages() -> None:
     assert compute_summary(dense(12)).not_computed is None
     # Euler's method, 60 times
     assert too_large(cg.Tableau([["1/60"] * i for i in range(60)], ["1/60"] * 60)) is None
 
 
-def test_steps_of_many_flows_are_written_soon() -> None:
+def test_export_of_many_flows_is_fast() -> None:
     begin = time.process_time()
     text = cg.export(dense(150), "c", digits=5)
     assert time.process_time() - begin < 10
     assert text.count("_NUMBER(") > 150 * 151 / 2
 
 
-def test_a_notebook_is_given_the_numbers_that_it_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notebook_output_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     from cg.formats import latex
 
     written: list[object] = []
