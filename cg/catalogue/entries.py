@@ -157,8 +157,10 @@ def certificate_path(file: Path) -> Path:
 
     It is beside the file, or in a folder ``certificates`` beside it.
     """
-    kept = file.parent / "certificates" / f"{file.stem}.toml"
-    return kept if kept.is_file() else file.with_name(file.stem + CERTIFICATE_SUFFIX)
+    in_folder = file.parent / "certificates" / f"{file.stem}.toml"
+    if in_folder.is_file():
+        return in_folder
+    return file.with_name(file.stem + CERTIFICATE_SUFFIX)
 
 
 def check_path(path: str | PathLike[str]) -> Path:
