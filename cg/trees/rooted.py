@@ -27,7 +27,7 @@ def rooted_trees(nodes: int) -> tuple[RootedTree, ...]:
     Examples
     --------
     >>> rooted_trees(3)
-    (((()),), ((), ()))
+    ((((),),), ((), ()))
     """
     return _rooted_trees(check_integer("nodes", nodes, 1, MAX_NODES))
 

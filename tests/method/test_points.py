@@ -198,7 +198,7 @@ class TestBadInput:
                 [(-1, {1: 1})],
                 [-1, 0],
                 {},
-                "point 0 has a weight on stage 1, which isn't",
+                "point 0 must have weights on earlier stages, got one on stage 1",
             ),
             (
                 [(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})],

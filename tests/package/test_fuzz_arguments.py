@@ -243,6 +243,7 @@ RETURNED = {
         "MatrixGroup",
         "Method",
         "MethodError",
+        "MissingQuadsError",
         "TableauError",
         "CertificationError",
         "ConvergenceError",
