@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cg
-from cg.catalogue import packaged
+from cg.catalogue import methods
 from cg.frames import Euclidean, Frame, Stiefel
 from cg.integration import Solution
 from cg.problems import HeavyTop
@@ -29,7 +29,7 @@ _TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 _MAX_STEPS = 4000
 # Of numbers of size one: errors at the steps below this are rounding.
 _ROUNDING = 1e-14
-_PAIRS = tuple(n for n, m in packaged.items() if m.exact_embedded is not None)
+_PAIRS = tuple(n for n, m in methods.items() if m.exact_embedded is not None)
 
 
 def _top() -> _Problem:

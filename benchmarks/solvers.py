@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cg
-from cg.catalogue import munthe_kaas, packaged
+from cg.catalogue import methods, munthe_kaas
 
 from . import projected
 from .cases import Case
@@ -65,7 +65,7 @@ class Solver:
 
 def pairs(case: Case, tolerances: tuple[float, ...]) -> Iterator[Solver]:
     """Yield all explicit pairs, those of Munthe-Kaas last."""
-    for name, method in (*packaged.items(), *munthe_kaas.items()):
+    for name, method in (*methods.items(), *munthe_kaas.items()):
         if method.explicit and method.embedded_order is not None and method.embedded_order > 0:
             kind: Kind = "rkmk" if name in munthe_kaas else "pair"
             yield Solver(name, kind, method.order, tolerances, _adaptive(case, name))
@@ -75,7 +75,7 @@ def solvers(case: Case, quick: bool) -> Iterator[Solver]:
     """Yield all solvers that can solve a case."""
     tolerances = tuple(10.0**-k for k in range(3, 9 if quick else 14))
     yield from pairs(case, tolerances)
-    for name, method in (*packaged.items(), *munthe_kaas.items()):
+    for name, method in (*methods.items(), *munthe_kaas.items()):
         if not method.explicit:
             continue
         kind: Kind = "rkmk" if name in munthe_kaas else "pair"

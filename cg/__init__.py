@@ -1,6 +1,6 @@
 """Runge–Kutta methods on manifolds: construct them, prove them, integrate with them.
 
-What is here is listed in ``__init__.pyi``, and imported when it is first used.
+The public names are listed in ``__init__.pyi``, and imported at their first use.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __distribution__ = "crouch-grossman"
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for: a public name, or else a module of the package."""
+    """Import a public name, or otherwise a module of the package."""
     if name in __all__:
         return _listed(name)
     if name.startswith("__") or find_spec(f"{__name__}.{name}") is None:
@@ -31,5 +31,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the public names alone, for completion."""
+    """Return the public names only, for completion."""
     return [*__all__, "jax", "__version__"]

@@ -1,4 +1,4 @@
-# What `cg` offers, and where it is: read by type checkers, and by `cg` itself.
+# The public names and their modules, read by type checkers and by `cg` itself.
 from . import conditions, frames, plot, problems
 from . import jax as jax  # not in __all__: `from cg import *` would import JAX
 from .analysis.diagnosis import Diagnosis, diagnose

@@ -1,7 +1,7 @@
-"""The package `cg` by a name that no other distribution has: the same module, submodules too.
+"""Another name of the package `cg` and its modules, which no other distribution has.
 
-``import crouch_grossman as cg`` gives what ``import cg`` gives, and an error that says what to do
-where another distribution has replaced the folder ``cg``.
+``import crouch_grossman as cg`` imports the same modules as ``import cg``. If another distribution
+has replaced the folder ``cg``, it raises an error that says how to repair the installation.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _REPAIR = (
 
 
 class _Alias(MetaPathFinder, Loader):
-    """Finds ``crouch_grossman.x`` where ``cg.x`` is, and makes them one module."""
+    """Import hook that makes ``crouch_grossman.x`` the module ``cg.x``."""
 
     def __init__(self, alias: str, name: str) -> None:
         self._alias, self._name = f"{alias}.", f"{name}."
@@ -36,7 +36,7 @@ class _Alias(MetaPathFinder, Loader):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return a specification for submodules of the alias that exist."""
+        """Return the specification of an existing submodule of the alias."""
         if not fullname.startswith(self._alias):
             return None
         real = find_spec(self._real(fullname))
@@ -46,10 +46,10 @@ class _Alias(MetaPathFinder, Loader):
         return ModuleSpec(fullname, self, origin=real.origin, is_package=package)
 
     def create_module(self, spec: ModuleSpec) -> None:
-        """Leave it to the import system: the module is exchanged when it is loaded."""
+        """Return None: the import system makes a module, which `exec_module` replaces."""
 
     def exec_module(self, module: ModuleType) -> None:
-        """Put the real module in the place of the new one."""
+        """Replace the new module by the real one."""
         sys.modules[module.__name__] = import_module(self._real(module.__name__))
 
     def get_code(self, fullname: str) -> CodeType | None:
@@ -63,7 +63,7 @@ class _Alias(MetaPathFinder, Loader):
 
 
 def _check_module(module: ModuleType) -> None:
-    """Refuse a module that isn't this package, or what is left of it."""
+    """Raise ImportError if a module isn't this package."""
     if getattr(module, "__distribution__", None) != "crouch-grossman":
         where = getattr(module, "__file__", None) or list(getattr(module, "__path__", []))
         raise ImportError(

@@ -1,7 +1,6 @@
 """Settings of all tests."""
 
 import ctypes
-import os
 import signal
 import subprocess
 import sys
@@ -18,9 +17,6 @@ from threadpoolctl import threadpool_limits
 
 # After installed packages, so that `research` is found and `cg` remains the installed one.
 sys.path.append(str(Path(__file__).parents[1]))
-
-# Methods of whoever runs the tests are none of theirs.
-os.environ["CG_METHODS"] = ""
 
 # A suite that was started in the background ignores interrupts, and so would all that it starts.
 if (

@@ -11,8 +11,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from cg.catalogue import packaged
-from cg.catalogue.summary import write_facts
+from cg.catalogue import methods
+from cg.catalogue.summary import write_summaries
 from cg.method.method import Method
 from cg.proofs import Certificate, CertificationError, certificate_of, certify
 from cg.proofs.files import certificate_names
@@ -28,7 +28,7 @@ BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 def main() -> int:
     """Return 1 if an existing certificate is invalid and can't be replaced, else 0."""
     whole, partly, without, failed = [], [], [], 0
-    for method in packaged.values():
+    for method in methods.values():
         known = _certificate(method)
         if known is None and not method.approximate:
             try:
@@ -43,7 +43,7 @@ def main() -> int:
         names = without if known is None else whole if known.complete else partly
         names.append(method.name)
     write_table(ROOT / "docs" / "catalogue.md")
-    write_facts(ROOT / "cg" / "catalogue" / "facts.json")
+    write_summaries(ROOT / "cg" / "catalogue" / "summaries.json")
     print(f"{len(whole)} methods are proved; in part {_listed(partly)}; not {_listed(without)}")
     return 1 if failed else 0
 

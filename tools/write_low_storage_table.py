@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from cg.conditions import exact_residuals_of
 from cg.method.commutator_free import CommutatorFree
-from cg.method.low_storage import flat_residuals, from_two_registers, rooted_trees
+from cg.method.flat import flat_residuals
+from cg.method.low_storage import from_two_registers
+from cg.trees.rooted import rooted_trees_through
 
 METHODS = Path(__file__).parents[1] / "research" / "two_register_methods.toml"
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
@@ -97,7 +99,7 @@ def flat_weights(parameters: NDArray[np.float64], order: int) -> NDArray[Any]:
             ends[tree] = np.array([row @ inner for row in rows])
         return ends[tree]
 
-    return np.array([planted(tree)[-1] for tree in rooted_trees(order)])
+    return np.array([planted(tree)[-1] for tree in rooted_trees_through(order)])
 
 
 def slopes(parameters: NDArray[np.float64], order: int) -> NDArray[np.float64]:
@@ -114,7 +116,7 @@ def closest(parameters: Numbers, order: int) -> list[Fraction]:
     """Return parameters close to given ones that satisfy the classical conditions alone."""
     parameters = list(parameters)
     for _ in range(20):
-        residuals = flat_residuals(weights_of(parameters), order)
+        residuals = flat_residuals(*weights_of(parameters).exact, order)
         size = max(map(abs, residuals))
         if size < ENOUGH:
             return parameters
@@ -146,12 +148,12 @@ def row(entry: dict[str, Any]) -> Row:
         entry["source"],
         len(entry["b"]),
         order,
-        _largest(flat_residuals(printed, order)),
+        _largest(flat_residuals(*printed.exact, order)),
         _largest(exact_residuals_of(printed, order)),
-        _largest(flat_residuals(printed, order + 1)),
+        _largest(flat_residuals(*printed.exact, order + 1)),
         max(abs(x - y) for x, y in zip(found, parameters, strict=True)),
         own,
-        _largest(flat_residuals(refined, order)),
+        _largest(flat_residuals(*refined.exact, order)),
         _largest(exact_residuals_of(refined, order)),
     )
 

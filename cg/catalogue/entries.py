@@ -1,7 +1,8 @@
-"""Methods as files: TOML, or JSON with the same keys; coefficients are strings."""
+"""Files of methods, in TOML, or in JSON with the same keys."""
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from importlib.resources.abc import Traversable
@@ -18,11 +19,13 @@ from ..structure.points import MethodError
 from ..support.parsing import file_in, quoted, read_json, read_toml, to_json, write_file
 
 __all__ = [
-    "SUFFIXES",
+    "CERTIFICATE_SUFFIX",
+    "certificate_path",
     "check_keys",
     "check_path",
     "dumps",
     "dumps_json",
+    "is_file",
     "load",
     "load_kind",
     "loads",
@@ -32,14 +35,16 @@ __all__ = [
 
 T = TypeVar("T", bound=Method)
 
-SUFFIXES = (".toml", ".json")
-"""Of files of methods."""
+CERTIFICATE_SUFFIX = ".certificate.toml"
+"""Ending of the file of a certificate beside the file of its method."""
+
+_SUFFIXES = (".toml", ".json")
 
 _REQUIRED = {"name", "source", "a", "b"}
 _OPTIONAL = {"b_embedded", "nominal"}
 _OPTIONAL_OF_ALGEBRAS = {"kind", "b_embedded", "b_third"}
 _KIND = "Munthe-Kaas"
-_KEYS_OF_POINTS = {"points", "stage_points", "result"}  # that a tableau has none of
+_KEYS_OF_POINTS = {"points", "stage_points", "result"}  # not in files of tableaux
 _REQUIRED_OF_POINTS = {"name", "source"} | _KEYS_OF_POINTS
 _OPTIONAL_OF_POINTS = {"embedded_result", "b_third", "nominal"}
 _POINT = {"parent", "weights"}
@@ -58,7 +63,7 @@ def loads(text: str) -> Method:
     """
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
-    in_json = text.lstrip().startswith("{")  # which no line of TOML begins with
+    in_json = text.lstrip().startswith("{")  # no line of TOML begins with a brace
     entry = (
         read_json(text, TableauError) if in_json else read_toml(text, TableauError, parse_float=str)
     )
@@ -106,7 +111,7 @@ def _read_points(tables: Any) -> list[Any]:
 
 
 def check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
-    """Raise an error that names all keys of a table that are missing or unknown."""
+    """Raise `TableauError` with all missing and unknown keys of a table."""
     problems = []
     if missing := sorted(required - set(table)):
         problems.append(f"{where} lacks {', '.join(missing)}")
@@ -122,7 +127,7 @@ def load(path: str | PathLike[str]) -> Method:
     Raises
     ------
     TypeError
-        If `path` isn't one.
+        If `path` isn't a path.
     MethodError
         As for `loads`; the message names the file.
     OSError
@@ -132,44 +137,41 @@ def load(path: str | PathLike[str]) -> Method:
 
 
 def load_kind(kind: type[T], path: str | PathLike[str]) -> T:
-    """Read a method of this class from a file, in TOML or JSON.
-
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    Method
-        A `cg.Tableau` from ``cg.Tableau.load``, and so on; any kind from ``cg.Method.load``.
-
-    Raises
-    ------
-    TypeError
-        If `path` isn't one.
-    MethodError
-        If the file holds no method, or one of another kind.
-    OSError
-        If the file can't be read.
-    """
+    """Read a method of a class from a file; see `cg.Method.load`."""
     method = load(path)
     if not isinstance(method, kind):
         raise MethodError(
-            f"{path}: it holds a {type(method).__name__}, not a {kind.__name__}; "
+            f"{path} must be the file of a {kind.__name__}, got a {type(method).__name__}; "
             "cg.Method.load reads all kinds"
         )
     return method
 
 
+def is_file(text: str) -> bool:
+    """Tell whether a text is the path of a file, and not a name of the catalogue."""
+    return text.endswith(_SUFFIXES) or os.sep in text
+
+
+def certificate_path(file: Path) -> Path:
+    """Return where the certificate of the method in a file is, if there is one.
+
+    It is beside the file, or in a folder ``certificates`` beside it.
+    """
+    in_folder = file.parent / "certificates" / f"{file.stem}.toml"
+    if in_folder.is_file():
+        return in_folder
+    return file.with_name(file.stem + CERTIFICATE_SUFFIX)
+
+
 def check_path(path: str | PathLike[str]) -> Path:
-    """Return a path; TypeError if it is none."""
+    """Return `path` as a Path; TypeError if it isn't a path."""
     if not isinstance(path, str | PathLike):
         raise TypeError(f"path must be a path, got {path!r}")
     return Path(path)
 
 
 def read(path: Traversable) -> Method:
-    """Read a method as `load` does, also from a file of a package."""
+    """Read a method from a file, which may be in a package; errors name the file."""
     try:
         return loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
@@ -179,7 +181,7 @@ def read(path: Traversable) -> Method:
 
 
 def dumps(method: Method) -> str:
-    """Write a method as the text of a catalogue file; `loads` gives an equal one back."""
+    """Return a method as the text of a TOML file; `loads` returns an equal method."""
     lines = []
     if isinstance(method, Tableau | MuntheKaas):
         rows = method.layout.cut(method.coefficients)
@@ -208,9 +210,9 @@ def dumps(method: Method) -> str:
 
 
 def dumps_json(method: Method) -> str:
-    """Write a method as JSON, with the keys of a catalogue file; `loads` gives an equal one back.
+    """Return a method as JSON with the keys of a catalogue file; `loads` returns an equal method.
 
-    A row of coefficients, or a point, is a line.
+    Each row of coefficients or point is one line.
     """
     entry = read_toml(dumps(method), MethodError)
     lines = []
@@ -234,12 +236,12 @@ def save(method: Method, path: str | PathLike[str]) -> None:
     ----------
     method : Method
     path : path
-        Of the file, or a folder that gets a TOML file named like the method.
+        Of the file, or of a folder, in which the file is ``NAME.toml`` with the name of the method.
 
     Raises
     ------
     ValueError
-        If it is a folder and the name isn't fit for a file's name.
+        If `path` is a folder and the name of the method can't be a file name.
     OSError
         If the file can't be written.
     """

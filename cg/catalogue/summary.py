@@ -1,10 +1,9 @@
-"""What there is to say of each method in a line: computed once, and kept for the catalogue."""
+"""One-line summary of each method; those of the catalogue are stored in ``summaries.json``."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.resources import files
@@ -18,14 +17,14 @@ from ..method.stability import stability_limits, too_large
 from ..support.parsing import write_file
 from . import methods, munthe_kaas
 
-__all__ = ["Facts", "compute_facts", "facts_of", "write_facts"]
+__all__ = ["MethodSummary", "compute_summary", "summary_of", "write_summaries"]
 
-_FILE = files("cg.catalogue") / "facts.json"
+_FILE = files("cg.catalogue") / "summaries.json"
 
 
 @dataclass(frozen=True)
-class Facts:
-    """A method in numbers.
+class MethodSummary:
+    """Order, cost, error and stability of a method.
 
     Attributes
     ----------
@@ -37,13 +36,13 @@ class Facts:
     approximate : bool
         Whether the order is only nominal.
     evaluations, flows, pair_flows : int
-        A step, and a step of a pair with its estimate.
+        Evaluations and flows of a step, and flows of a step of a pair with its error estimate.
     principal_error : float or None
-        `Method.principal_error`; None beyond the orders that conditions are known of.
+        `Method.principal_error`, to four digits; None if the order is `conditions.MAX_ORDER`.
     real_stability, imaginary_stability : float or None
-        `cg.method.stability.stability_limits`; None if there is no end.
+        `cg.method.stability.stability_limits`, to four digits; None if the interval is infinite.
     not_computed : str or None
-        What wasn't computed and is None for that, and why.
+        Which fields weren't computed and are None therefore, and why.
     """
 
     name: str
@@ -60,72 +59,54 @@ class Facts:
     not_computed: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what JSON can hold."""
+        """Return a dict that can be written as JSON."""
         return asdict(self)
 
 
-def compute_facts(method: Method, *, stability: bool = True) -> Facts:
-    """Compute what there is to say of a method; of high orders it takes seconds.
-
-    Parameters
-    ----------
-    method : Method
-    stability : bool, optional
-        Compute the limits of stability, unless the method is too large for that.
-    """
-    left_out = too_large(method) if stability else "limits of stability, which weren't asked for"
-    real = imaginary = None
-    if left_out is None:
+def compute_summary(method: Method) -> MethodSummary:
+    """Compute the summary of a method; for high orders it takes seconds."""
+    not_computed = too_large(method)
+    real = imaginary = principal = None
+    if not_computed is None:
         limits = stability_limits(method)
         real, imaginary = _finite(limits.real), _finite(limits.imaginary)
-    principal = None
     if method.order < MAX_ORDER:
-        principal = _short(method.principal_error())
-    return Facts(
-        method.name,
-        _kind(method),
-        method.order,
-        method.embedded_order,
-        method.approximate,
-        method.stages,
-        method.exponentials,
-        method.pair_exponentials,
-        principal,
-        real,
-        imaginary,
-        left_out,
+        principal = _rounded(method.principal_error())
+    return MethodSummary(
+        name=method.name,
+        kind=_kind(method),
+        order=method.order,
+        embedded_order=method.embedded_order,
+        approximate=method.approximate,
+        evaluations=method.stages,
+        flows=method.exponentials,
+        pair_flows=method.pair_exponentials,
+        principal_error=principal,
+        real_stability=real,
+        imaginary_stability=imaginary,
+        not_computed=not_computed,
     )
 
 
-def facts_of(method: Method, *, stability: bool = True) -> Facts:
-    """Return what there is to say of a method: that of the catalogue's is kept.
-
-    Parameters
-    ----------
-    method, stability
-        As for `compute_facts`.
-    """
-    kept = _kept().get(method.name)
-    known = method.name in methods or method.name in munthe_kaas
-    if kept is None or not known:
-        return compute_facts(method, stability=stability)
-    catalogue: Mapping[str, Method] = methods if method.name in methods else munthe_kaas
-    if catalogue[method.name] == method:
-        return kept
-    return compute_facts(method, stability=stability)
+def summary_of(method: Method) -> MethodSummary:
+    """Return the summary of a method; that of a method in the catalogue is stored."""
+    for catalogue in (methods, munthe_kaas):
+        if method.name in catalogue and catalogue[method.name] == method:
+            return _stored().get(method.name) or compute_summary(method)
+    return compute_summary(method)
 
 
-def write_facts(path: Any) -> None:
-    """Write what there is to say of all methods of the catalogue."""
-    entries = [compute_facts(m).as_dict() for c in (methods, munthe_kaas) for m in c.values()]
+def write_summaries(path: Any) -> None:
+    """Write the summaries of all methods in the catalogue to a JSON file."""
+    entries = [compute_summary(m).as_dict() for c in (methods, munthe_kaas) for m in c.values()]
     lines = ",\n".join(json.dumps(entry, ensure_ascii=False) for entry in entries)
     write_file(path, f"[\n{lines}\n]\n")
 
 
 @cache
-def _kept() -> dict[str, Facts]:
+def _stored() -> dict[str, MethodSummary]:
     entries = json.loads(_FILE.read_text(encoding="utf-8")) if _FILE.is_file() else []
-    return {entry["name"]: Facts(**entry) for entry in entries}
+    return {entry["name"]: MethodSummary(**entry) for entry in entries}
 
 
 def _kind(method: Method) -> str:
@@ -137,8 +118,8 @@ def _kind(method: Method) -> str:
 
 
 def _finite(x: float) -> float | None:
-    return _short(x) if math.isfinite(x) else None
+    return _rounded(x) if math.isfinite(x) else None
 
 
-def _short(x: float) -> float:
+def _rounded(x: float) -> float:
     return float(f"{x:.4g}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from cg.catalogue import load, methods, munthe_kaas, near, resolve_method
+from cg.catalogue import is_file, load, methods, munthe_kaas, resolve_method, similar_names
 from cg.method.method import Method
 from cg.structure.points import MethodError
 from cg.support.parsing import to_json, visible_lines
@@ -44,16 +43,13 @@ workers_option = click.option(
 )
 
 
-def is_file(text: str) -> bool:
-    """Return whether an argument is a path rather than a name in the catalogue."""
-    return text.endswith((".toml", ".json")) or os.sep in text
-
-
 def named(name: str) -> Method:
     """Return the method of a name; the ValueError for an unknown name lists similar ones."""
     if name in methods or name in munthe_kaas:
         return resolve_method(name)
-    raise ValueError(f"no method is named {name!r}, and it is no .toml or .json file{near(name)}")
+    raise ValueError(
+        f"no method is named {name!r}, and it is no .toml or .json file{similar_names(name)}"
+    )
 
 
 class MethodArgument(click.ParamType):  # type: ignore[type-arg]

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from cg.catalogue import methods, munthe_kaas
-from cg.catalogue.summary import Facts, facts_of
+from cg.catalogue.summary import MethodSummary, summary_of
 from cg.method.method import Method
 from cg.support.parsing import visible
 
@@ -17,12 +17,14 @@ from .arguments import as_json, json_option, say
 
 __all__ = ["list_command", "table"]
 
-_KEYS: dict[str, Callable[[Facts], Any]] = {
-    "name": lambda facts: facts.name,
-    "order": lambda facts: facts.order,
-    "evaluations": lambda facts: facts.evaluations,
-    "flows": lambda facts: facts.flows,
-    "error": lambda facts: math.inf if facts.principal_error is None else facts.principal_error,
+_KEYS: dict[str, Callable[[MethodSummary], Any]] = {
+    "name": lambda summary: summary.name,
+    "order": lambda summary: summary.order,
+    "evaluations": lambda summary: summary.evaluations,
+    "flows": lambda summary: summary.flows,
+    "error": lambda summary: (
+        math.inf if summary.principal_error is None else summary.principal_error
+    ),
 }
 _KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas")
 
@@ -74,7 +76,7 @@ def list_command(
     catalogue: dict[str, Method] = {**methods, **munthe_kaas}
     selected = [
         facts
-        for facts in (facts_of(method, stability=in_json) for method in catalogue.values())
+        for facts in (summary_of(method) for method in catalogue.values())
         if (order is None or facts.order == order)
         and (min_order is None or facts.order >= min_order)
         and (max_evaluations is None or facts.evaluations <= max_evaluations)
@@ -92,12 +94,17 @@ def list_command(
     say(table([heads, *map(_row, selected)]))
 
 
-def _row(facts: Facts) -> tuple[str, ...]:
-    pair = "" if facts.embedded_order is None else f"({facts.embedded_order})"
-    error = "" if facts.principal_error is None else f"{facts.principal_error:.3g}"
-    about = "≈" if facts.approximate else ""
-    numbers = (f"{about}{facts.order}{pair}", str(facts.evaluations), str(facts.pair_flows), error)
-    return visible(facts.name), facts.kind, *numbers
+def _row(summary: MethodSummary) -> tuple[str, ...]:
+    pair = "" if summary.embedded_order is None else f"({summary.embedded_order})"
+    error = "" if summary.principal_error is None else f"{summary.principal_error:.3g}"
+    about = "≈" if summary.approximate else ""
+    numbers = (
+        f"{about}{summary.order}{pair}",
+        str(summary.evaluations),
+        str(summary.pair_flows),
+        error,
+    )
+    return visible(summary.name), summary.kind, *numbers
 
 
 def table(rows: Sequence[Sequence[str]], *, left: int = 2) -> str:

@@ -156,9 +156,8 @@ def promote_start(
 ) -> int:
     """Make a method of a start: optimise, refine, prove, and write NAME.toml.
 
-    Its certificate is NAME.certificate.toml. From a folder of CG_METHODS both are known by the
-    method's name. Exits with 1 if the order isn't proved, or only in part; the method is written
-    all the same.
+    Its certificate is NAME.certificate.toml. Exits with 1 if the order isn't proved, or only in
+    part; the method is written all the same.
     """
     check_output(folder / name, "--folder")
     made = promote(run, name, folder, number=start, max_iterations=steps)

@@ -9,8 +9,7 @@ from typing import Any
 import click
 
 from cg.analysis.diagnosis import draw_points
-from cg.catalogue import packaged
-from cg.catalogue.summary import Facts, facts_of
+from cg.catalogue.summary import MethodSummary, summary_of
 from cg.formats import export
 from cg.method.coefficients import Coefficient
 from cg.method.commutator_free import CommutatorFree
@@ -44,16 +43,16 @@ def show_command(method: Method, digits: int, in_json: bool) -> None:
       crouch-grossman show CF5a --digits 16
       crouch-grossman show my_method.toml --json
     """
-    facts, certificate = facts_of(method), _certificate(method)
+    summary, certificate = summary_of(method), _certificate(method)
     if in_json:
         import json
 
-        data = {**facts.as_dict(), "certificate": certificate, "source": method.source}
+        data = {**summary.as_dict(), "certificate": certificate, "source": method.source}
         as_json(data | {"method": json.loads(export(method, "json"))})
         return
-    say(f"{visible(method.name) or 'a method'}, {facts.kind}\n")
+    say(f"{visible(method.name) or 'a method'}, {summary.kind}\n")
     lines = [
-        *_numbers(facts),
+        *_numbers(summary),
         ("certificate", certificate or "none"),
         ("source", visible(method.source)),
     ]
@@ -68,26 +67,26 @@ def _has_points(method: Method) -> bool:
     return isinstance(method, CommutatorFree)
 
 
-def _numbers(facts: Facts) -> list[tuple[str, str]]:
-    order = f"{facts.order}" if facts.embedded_order is None else (
-        f"{facts.order}, of the second result {facts.embedded_order}"
+def _numbers(summary: MethodSummary) -> list[tuple[str, str]]:
+    order = f"{summary.order}" if summary.embedded_order is None else (
+        f"{summary.order}, of the second result {summary.embedded_order}"
     )  # fmt: skip
-    flows = str(facts.flows)
-    if facts.pair_flows != facts.flows:
-        flows += f", {facts.pair_flows} with the estimate"
+    flows = str(summary.flows)
+    if summary.pair_flows != summary.flows:
+        flows += f", {summary.pair_flows} with the estimate"
     stability = [
-        ("stable on the real axis", f"from 0 to -{_number(facts.real_stability, 'infinity')}"),
+        ("stable on the real axis", f"from 0 to -{_number(summary.real_stability, 'infinity')}"),
         (
             "stable on the imaginary axis",
-            f"from 0 to {_number(facts.imaginary_stability, 'infinity')}",
+            f"from 0 to {_number(summary.imaginary_stability, 'infinity')}",
         ),
     ]
     return [
-        ("order", order + (", up to a residual that is stored" if facts.approximate else "")),
-        ("evaluations", str(facts.evaluations)),
+        ("order", order + (", up to a residual that is stored" if summary.approximate else "")),
+        ("evaluations", str(summary.evaluations)),
         ("flows", flows),
-        ("principal error", _number(facts.principal_error, "unknown")),
-        *([("not computed", facts.not_computed)] if facts.not_computed else stability),
+        ("principal error", _number(summary.principal_error, "unknown")),
+        *([("not computed", summary.not_computed)] if summary.not_computed else stability),
     ]
 
 
@@ -104,12 +103,10 @@ def _certificate(method: Method) -> str | None:
         return f"proves nothing: {error}"
     if certificate is None:
         try:
-            certificate = certificate_of(method)
+            return str(certificate_of(method))
         except CertificationError:
             return None
-        if method.name in packaged:
-            return str(certificate)
-    try:  # a certificate in a file of the user has to be checked
+    try:  # nothing of a file of the user's is believed
         check(certificate, method)
     except CertificationError as error:
         return f"proves nothing: {error}"

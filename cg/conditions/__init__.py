@@ -2,9 +2,9 @@
 
 A method has order q if ``Φ(t) = 1/γ(t)`` for all ordered trees with 2 to q + 1 nodes, (2.4) of
 Jackiewicz, Marthinsen and Owren. A method is a tree of points (`cg.structure.points`): the flow to
-point m starts from its parent and has weights α_mk on the fields of stages k, and Φ is the weight
-at the result. At each point weights are a character χ of words of trees, with the leftmost child on
-the flow that comes first::
+point m starts at its parent and has weights α_mk on the fields of stages k. Φ is the elementary
+weight at the result. The elementary weights at a point are a character χ on words of trees, where
+the leftmost child belongs to the first flow::
 
     χ_m(w) = Σ_{w = u v} χ_parent(m)(u) ℓ_m(v_1) … ℓ_m(v_n) / n!,    n the length of v
     ℓ_m(t) = Σ_k α_mk Φ_k(t),    Φ_k(t) = χ(children of t) at the point of stage k
@@ -71,14 +71,14 @@ __all__ = [
 
 
 def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.float64]:
-    """Pack a tableau's entries row by row, ``b`` last.
+    """Pack the entries of a tableau row by row, ``b`` last.
 
     Parameters
     ----------
     a : array_like, shape (s, s)
     b : array_like, shape (s,)
     rows : Rows, optional
-        Which entries to take; by default the narrowest pattern that loses none.
+        The entries to pack; by default the narrowest pattern with all nonzero entries.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.flo
     Raises
     ------
     ValueError
-        If shapes don't match, an entry isn't finite, or `rows` would lose a nonzero entry.
+        If shapes don't match, an entry isn't finite, or a nonzero entry is outside `rows`.
 
     Examples
     --------
@@ -107,14 +107,14 @@ def pack(a: ArrayLike, b: ArrayLike, rows: Rows | None = None) -> NDArray[np.flo
 def unpack(
     x: Sequence[Any] | NDArray[Any], stages: int, rows: Rows = Rows.EXPLICIT
 ) -> tuple[list[list[Any]], list[Any]]:
-    """Unpack what `pack` packed, into full rows of ``a`` and ``b``; zeros are ints.
+    """Return full rows of ``a`` and ``b`` from packed entries; padded zeros are ints.
 
     Examples
     --------
     >>> unpack([0.5, 0.0, 1.0], stages=2)
     ([[0, 0], [0.5, 0]], [0.0, 1.0])
     """
-    check_length(x, unknowns(stages, rows))  # before there is a layout of so many stages
+    check_length(x, unknowns(stages, rows))  # before a layout of many stages is made
     *a, b = Layout.tableau(stages, rows).full_rows(x)
     return a, b
 
@@ -146,7 +146,7 @@ def residuals(
     order : int
         Between 1 and `MAX_ORDER`.
     independent : bool, optional
-        Only the conditions that don't follow from others of lower order.
+        Only the conditions that don't follow from conditions of lower order.
 
     Returns
     -------
@@ -174,14 +174,14 @@ def residuals(
 def jacobian(
     a: ArrayLike, b: ArrayLike, order: int, independent: bool = False, rows: Rows | None = None
 ) -> NDArray[np.float64]:
-    """Return the derivatives of `residuals` by the packed entries of the tableau.
+    """Return the derivatives of `residuals` with respect to the packed entries.
 
     Parameters
     ----------
     a, b, order, independent
         As for `residuals`.
     rows : Rows, optional
-        The entries to derive by; by default the narrowest pattern that holds ``a``.
+        The entries to differentiate by; by default the narrowest pattern that contains ``a``.
 
     Returns
     -------
@@ -246,7 +246,7 @@ def residuals_at(
 def jacobian_at(
     layout: Layout, x: NDArray[np.float64], order: int, independent: bool = False
 ) -> NDArray[np.float64]:
-    """Return the derivatives of `residuals_at` by the packed weights.
+    """Return the derivatives of `residuals_at` with respect to the packed weights.
 
     Returns
     -------
@@ -274,7 +274,7 @@ def residuals_of(
     order, independent
         As for `residuals`.
     embedded : bool, optional
-        Of the second result of a pair.
+        Use the second result of a pair.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def residuals_of(
     Raises
     ------
     ValueError
-        If the order is out of range, or there is no second result.
+        If the order is out of range, or the method has no second result.
 
     Examples
     --------
@@ -305,7 +305,7 @@ def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDA
             if np.ma.is_masked(value):
                 raise TypeError("masked")
             given = np.asarray(value)
-            if given.dtype.kind not in "iufO":  # complex numbers would lose a part
+            if given.dtype.kind not in "iufO":  # a cast would drop imaginary parts
                 raise TypeError("not real")
             array = given.astype(np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -326,7 +326,7 @@ def _check_tableau(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDA
 def _check_packed(
     layout: Layout, x: NDArray[np.float64], order: int
 ) -> tuple[int, NDArray[np.float64]]:
-    """Return the order and `x`, which compiled code reads as far as the layout says."""
+    """Check the arguments; compiled code reads ``layout.size`` numbers from `x` unchecked."""
     if not isinstance(layout, Layout):
         raise TypeError(f"layout must be a Layout, got {layout!r}")
     try:

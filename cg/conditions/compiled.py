@@ -1,7 +1,7 @@
-"""The one door to compiled weights and conditions of methods: memory is asked for before.
+"""Calls of compiled elementary weights, residuals and solvers, with checks of memory before.
 
-Bounds of what calls allocate follow the declarations in ``fortran/weights.f90.in``,
-``gradient.f90.in``, ``conditions.f90.in`` and those of the solvers: change them together.
+The bounds of allocated memory follow the declarations in ``fortran/weights.f90.in``,
+``gradient.f90.in``, ``conditions.f90.in`` and in the solvers. Change them together.
 """
 
 from __future__ import annotations
@@ -46,21 +46,29 @@ def weights(order: int, layout: Layout, x: Vector, trees: Trees) -> Vector:
     Raises
     ------
     MemoryError
-        If there isn't enough for what the compiled call allocates.
+        If the compiled call would allocate more memory than there is.
     """
     with reserved(_evaluation(order, layout, trees.size), _what("weights", order, layout)):
-        found: Vector = _core_r64.weights(order, layout.code, x, trees)
-    return found
+        phi: Vector = _core_r64.weights(order, layout.code, x, trees)
+    return phi
 
 
 def residuals(
     order: int, layout: Layout, x: Vector, trees: Trees, owner: Trees | None = None
 ) -> Vector:
-    """Return the residuals, shape (m,); as `weights`, with the owner of each condition."""
+    """Return the residuals, shape (m,).
+
+    Parameters
+    ----------
+    order, layout, x, trees
+        As for `weights`.
+    owner : ndarray of intc, shape (m,), optional
+        The result that each condition belongs to: 0 for the first one.
+    """
     owner = np.zeros_like(trees) if owner is None else owner
     with reserved(_evaluation(order, layout, trees.size), _what("residuals", order, layout)):
-        found: Vector = _core_r64.residuals(order, layout.code, x, trees, owner=owner)
-    return found
+        values: Vector = _core_r64.residuals(order, layout.code, x, trees, owner=owner)
+    return values
 
 
 def residuals_quad(
@@ -69,8 +77,8 @@ def residuals_quad(
     """Return the residuals in real(16), shape (m, 16)."""
     core = quads.core("a residual in real(16)")
     with reserved(_evaluation(order, layout, trees.size, 16), _what("residuals", order, layout)):
-        found = core.residuals(order, layout.code, x.T, trees, owner=owner)
-    return np.ascontiguousarray(found.T)
+        values = core.residuals(order, layout.code, x.T, trees, owner=owner)
+    return np.ascontiguousarray(values.T)
 
 
 def jacobian(
@@ -79,8 +87,8 @@ def jacobian(
     """Return the derivatives of `residuals`, shape (m, layout.size)."""
     owner = np.zeros_like(trees) if owner is None else owner
     with reserved(_derivatives(order, layout, trees.size), _what("the Jacobian", order, layout)):
-        found: Vector = _core_r64.jacobian(order, layout.code, x, trees, owner=owner)
-    return found
+        matrix: Vector = _core_r64.jacobian(order, layout.code, x, trees, owner=owner)
+    return matrix
 
 
 def fit_lmdif(
@@ -92,7 +100,7 @@ def fit_lmdif(
     maxfev: int,
     stop_flag: StopFlag,
 ) -> tuple[Any, ...]:
-    """Return what the compiled lmdif ends with: x, f, info, nfev; in the kind of x.
+    """Call the compiled lmdif; return x, f, info and nfev, in the kind of x.
 
     Parameters
     ----------
@@ -108,10 +116,10 @@ def fit_lmdif(
     core, size = (_core_r64, 8) if x.ndim == 1 else (quads.core("lmdif in real(16)"), 16)
     needed = _evaluation(order, layout, m, size) + size * (m * n + 6 * m + 16 * n)
     with reserved(needed, _what("lmdif", order, layout)):
-        found: tuple[Any, ...] = core.fit_lmdif(
+        results: tuple[Any, ...] = core.fit_lmdif(
             order, layout.code, x, trees, tolerance, tolerance, maxfev, stop_flag
         )
-    return found
+    return results
 
 
 def fit_minimum_norm(
@@ -123,7 +131,7 @@ def fit_minimum_norm(
     free: Trees,
     *arguments: Any,
 ) -> tuple[Any, ...]:
-    """Return what the compiled solver of `cg.construction.solvers.minimum_norm` ends with.
+    """Call the compiled solver of `cg.construction.solvers.minimum_norm`; return its results.
 
     Parameters
     ----------
@@ -139,10 +147,10 @@ def fit_minimum_norm(
     accurate = m * (2 * k + m)  # of the QR factorisation, with a transposed copy
     needed = _derivatives(order, layout, m) + 8 * (solver + accurate)
     with reserved(needed, _what("the fit", order, layout)):
-        found: tuple[Any, ...] = _minimum_norm.fit_minimum_norm(
+        results: tuple[Any, ...] = _minimum_norm.fit_minimum_norm(
             order, layout.code, x, trees, owner, free, *arguments
         )
-    return found
+    return results
 
 
 def _what(name: str, order: int, layout: Layout) -> str:
@@ -150,12 +158,12 @@ def _what(name: str, order: int, layout: Layout) -> str:
 
 
 def _trees(order: int) -> int:
-    """Return how many trees have at most so many nodes."""
+    """Return the number of trees with at most `order` nodes."""
     return sum(catalan(nodes - 1) for nodes in range(1, order + 1))
 
 
 def _evaluation(order: int, layout: Layout, conditions: int, size: int = 8) -> int:
-    """Bound the bytes that weights take: `weights_t`, conditions, and what f2py copies."""
+    """Bound the bytes of an evaluation: `weights_t`, conditions, and copies by f2py."""
     points, ends, inner = len(layout.parents), len(layout.code), _trees(order)
     numbers = inner * (3 * points + layout.segments + 1) + 8 * points + 3 * layout.size
     integers = 2 * order * _trees(order + 1) + 8 * ends + 4 * conditions
@@ -163,7 +171,7 @@ def _evaluation(order: int, layout: Layout, conditions: int, size: int = 8) -> i
 
 
 def _derivatives(order: int, layout: Layout, conditions: int) -> int:
-    """Bound the bytes that `jacobian` takes: `weights_jacobian` works in all of these at once."""
+    """Bound the bytes of `jacobian`: all arrays of `weights_jacobian` at once."""
     inner, points, segments = _trees(order), len(layout.parents), layout.segments
     adjoint = inner * (layout.size + conditions * segments)  # and the weights' own derivatives
     chain = inner * (3 * points + segments) + (order + 6) * points  # seeds, or the sweep

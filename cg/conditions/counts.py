@@ -1,4 +1,4 @@
-"""Which trees' conditions give an order, how many there are, and their right-hand sides."""
+"""The trees of the order conditions, their numbers and right-hand sides."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ __all__ = [
 ]
 
 MAX_ORDER: int = int(_core_r64.highest_order())
-"""Highest order that the compiled tables of trees hold (a build option)."""
+"""Highest order of the compiled tables of trees (a build option)."""
 
 _MAX_TREES_ORDER = MAX_NODES - 1
 _MAX_CLASSICAL = 2000
 
 
 def check_order(order: int, highest: int | None = MAX_ORDER) -> int:
-    """Return `order` as an int, between 1 and `highest`; None for what trees there are."""
+    """Return `order` as an int between 1 and `highest`; None for the largest trees of Python."""
     checked = check_integer("order", order, 1, None if highest else _MAX_TREES_ORDER)
     if highest is not None and checked > highest:
         raise ValueError(
@@ -38,15 +38,15 @@ def check_order(order: int, highest: int | None = MAX_ORDER) -> int:
 
 
 def condition_trees(order: int, independent: bool = False) -> tuple[int, ...]:
-    """Return the indices of the trees whose conditions give this order.
+    """Return the indices of the trees whose conditions make an order.
 
     Parameters
     ----------
     order : int
         At least 1.
     independent : bool, optional
-        Leave out the trees whose condition follows from those of lower order: keep
-        the words of trees that are Lyndon words.
+        Only the trees whose condition doesn't follow from conditions of lower order: those
+        whose word of children is a Lyndon word.
 
     Examples
     --------
@@ -66,7 +66,7 @@ def _condition_trees(order: int, independent: bool) -> tuple[int, ...]:
 
 
 def table_rows(order: int) -> tuple[int, ...]:
-    """Return the paper's integer table: tree indices, zero where a tree can be discarded.
+    """Return the integer table of the paper: indices of trees, 0 for dependent conditions.
 
     Examples
     --------
@@ -93,8 +93,8 @@ def count(order: int, independent: bool = False) -> int:
 def count_classical(order: int) -> int:
     """Return ``N_RK``: rooted trees, children unordered, with 1 to `order` nodes.
 
-    A rooted tree is a multiset of rooted trees under a root; this counts such
-    multisets by the usual recurrence over divisors.
+    A rooted tree is a root with a multiset of rooted trees. The standard recurrence over divisors
+    counts these multisets.
 
     Parameters
     ----------

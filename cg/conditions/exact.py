@@ -1,6 +1,6 @@
-"""Order conditions in exact arithmetic: the definition, followed word by word.
+"""Order conditions in exact arithmetic, directly from their definition.
 
-This shares no code with the compiled core, whose oracle it is.
+This module shares no code with the compiled core, and the tests compare both.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from ..structure.points import START, PointTree, points_of, tree_of_rows
-from ..support.balls import to_arb, to_fmpq, working_precision
+from ..support.balls import to_ball, to_flint, to_fraction, working_precision
 from ..support.checks import check_flag, check_integer
 from ..support.parsing import read_fraction
 from ..trees.ordered import forest
@@ -34,11 +34,11 @@ __all__ = [
 
 ExactRows = Sequence[Sequence[Any]]
 
-_MAX_BITS = 1_000_000  # beyond, a sum of products would take hours
+_MAX_BITS = 1_000_000  # with more bits a sum of products would take hours
 
 
 class HasTree(Protocol):
-    """A tree of points, or a method, which has one."""
+    """An object with a tree of points: a method, or a tree itself."""
 
     @property
     def tree(self) -> PointTree:
@@ -53,10 +53,10 @@ def residuals_exact(
     Parameters
     ----------
     a : sequence of s sequences of s numbers
-        Anything that `fractions.Fraction` takes: integers, floats, ``"119/216"``, ``"0.25"``.
+        Arguments of `fractions.Fraction`: integers, floats, ``"119/216"``, ``"0.25"``.
     b : sequence of s numbers
     order : int
-        Between 1 and 13; not limited by the compiled tables.
+        Between 1 and 13; the compiled tables are not used.
     independent : bool, optional
         As for `residuals`.
 
@@ -118,17 +118,17 @@ def exact_residuals_of(
     """
     order = check_order(order, None)
     tree = result_tree(method, embedded)
-    found = exact_weights(tree, order, condition_trees(order, independent), to_fmpq)
+    weights = exact_weights(tree, order, condition_trees(order, independent), to_flint)
     return tuple(
-        Fraction(int(phi.p), int(phi.q)) - side
-        for phi, side in zip(found, right_sides(order, independent), strict=True)
+        to_fraction(phi) - side
+        for phi, side in zip(weights, right_sides(order, independent), strict=True)
     )
 
 
 def ball_residuals_of(
     method: HasTree, order: int, independent: bool = False, *, bits: int = 512
 ) -> tuple[arb, ...]:
-    """Return balls that the ``Φ(t) - 1/γ(t)`` of a method are in, at high orders far sooner.
+    """Return balls that contain the ``Φ(t) - 1/γ(t)`` of a method; faster than exact arithmetic.
 
     Parameters
     ----------
@@ -153,18 +153,17 @@ def ball_residuals_of(
     tree = result_tree(method, False)
     bits = check_integer("bits", bits, 2, _MAX_BITS)
     with working_precision(bits):
-        found = exact_weights(tree, order, condition_trees(order, independent), to_arb)
+        weights = exact_weights(tree, order, condition_trees(order, independent), to_ball)
         sides = right_sides(order, independent)
-        return tuple(phi - to_arb(side) for phi, side in zip(found, sides, strict=True))
+        return tuple(phi - to_ball(side) for phi, side in zip(weights, sides, strict=True))
 
 
 def exact_weights(
-    tree: PointTree, order: int, wanted: Sequence[int], number: Callable[[Fraction], Any]
+    tree: PointTree, order: int, indices: Sequence[int], number: Callable[[Fraction], Any]
 ) -> list[Any]:
     r"""Return ``Φ(t)`` of the result of a step, in any field of numbers.
 
-    This follows the definition word by word, for one point after the other, and shares no code
-    with the compiled core, whose oracle it is: with the letters
+    This evaluates the definition for each tree and point. With the letters
     :math:`\ell_m(t) = \sum_k \alpha_{m,k} \Phi_k(t)`,
 
     .. math:: \chi_m(w) = \sum_{w = u v} \chi_{\mathrm{parent}(m)}(u)\,
@@ -174,11 +173,11 @@ def exact_weights(
     ----------
     tree : PointTree
     order : int
-        At most so many nodes do the trees of stages have.
-    wanted : sequence of int
-        Indices of trees with at most one node more.
+        Largest number of nodes of the trees that are evaluated at stages.
+    indices : sequence of int
+        Indices of the trees, which have at most ``order + 1`` nodes.
     number : callable
-        Makes a number of a Fraction.
+        Converts a Fraction to a number.
 
     Returns
     -------
@@ -212,7 +211,7 @@ def exact_weights(
         ends = _word_weights(tree, inner, trees.children[t - 1], letters, one)
         add_letter(t, [ends[at] for at in tree.stage_points])
     return [
-        _word_weights(tree, last, trees.children[t - 1], letters, one)[tree.result] for t in wanted
+        _word_weights(tree, last, trees.children[t - 1], letters, one)[tree.result] for t in indices
     ]
 
 
@@ -223,11 +222,15 @@ def _word_weights(
     letters: Mapping[int, Sequence[Any]],
     one: Any,
 ) -> dict[int, Any]:
-    """Return the character of each point on a word: sums over where its letters are taken."""
+    """Return the character χ of each point on a word of trees.
+
+    For each prefix of the word, of length ``end``, χ at point m is the sum over shorter prefixes,
+    of length ``begin``, of χ at the parent times the remaining n letters at m, divided by n!.
+    """
     zero = one * 0
-    taken = {START: [one] + [zero] * len(word)}  # by the number of letters taken so far
+    prefixes = {START: [one] + [zero] * len(word)}  # χ of each prefix, by its length
     for m in points:
-        before = taken[tree.points[m].parent]
+        before = prefixes[tree.points[m].parent]
         after = before.copy()
         for end in range(1, len(word) + 1):
             product = one
@@ -236,12 +239,12 @@ def _word_weights(
                 if product == 0:
                     break
                 after[end] = after[end] + before[begin] * product / factorial(end - begin)
-        taken[m] = after
-    return {m: row[-1] for m, row in taken.items()}
+        prefixes[m] = after
+    return {m: row[-1] for m, row in prefixes.items()}
 
 
 def result_tree(method: HasTree, embedded: bool) -> PointTree:
-    """Return the points of one of a method's results alone."""
+    """Return the tree of a method with only one of its results."""
     tree = points_of(method)
     if not check_flag("embedded", embedded):
         return replace(tree, embedded_result=None)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..support.checks import WIDEST, check_generator, check_integer, check_real
+from ..support.checks import MAX_HALF_WIDTH, check_generator, check_integer, check_real
 from .candidate import Candidate, check_candidate, correct, solved
 from .drop import drop_stage, held
 from .solvers.system import Structure
@@ -79,7 +79,7 @@ def walk(
     """Return another point of the solution set, a random step of this Euclidean length away."""
     check_candidate(candidate)
     check_generator("random", random)
-    size = check_real("size", size, most=WIDEST)
+    size = check_real("size", size, most=MAX_HALF_WIDTH)
     largest = check_real("largest", largest, positive=True)
     for _ in range(6):
         free = candidate.system.free

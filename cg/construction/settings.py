@@ -9,8 +9,8 @@ from ..structure.layout import Layout
 from ..structure.points import START
 from ..support.checks import (
     MAX_COUNT,
+    MAX_HALF_WIDTH,
     MAX_STAGES,
-    WIDEST,
     check_flag,
     check_integer,
     check_real,
@@ -86,7 +86,7 @@ def tableau_settings(
         check_integer("seed", seed, 0),
         system.structure,
         first_stages,
-        check_real("width", width, positive=True, most=WIDEST),
+        check_real("width", width, positive=True, most=MAX_HALF_WIDTH),
         check_integer("iterations", iterations, 1, MAX_COUNT),
         start.promising,
         check_real("largest", largest, positive=True),
@@ -140,7 +140,9 @@ def tree_settings(
         check_integer("seed", seed, 0),
         Structure.GENERAL,
         stages,
-        check_real("width", start.width if width is None else width, positive=True, most=WIDEST),
+        check_real(
+            "width", start.width if width is None else width, positive=True, most=MAX_HALF_WIDTH
+        ),
         check_integer(
             "iterations", start.iterations if iterations is None else iterations, 1, MAX_COUNT
         ),

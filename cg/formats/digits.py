@@ -9,10 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from ..method.coefficients import Coefficient
-from ..method.commutator_free import CommutatorFree
 from ..method.method import Method
-from ..method.munthe_kaas import MuntheKaas
-from ..method.tableau import Tableau
 from ..structure.points import MethodError
 from ..support.checks import check_integer
 from ..support.quads import DECIMAL_DIGITS, to_decimal
@@ -160,31 +157,14 @@ def numbers_of(method: Method, digits: int | None, certificate: Certificate | No
 
 
 def _with_texts(method: Method, texts: Sequence[str], digits: int, zeros: bool) -> Method:
-    """Return the method with other coefficients; its third weights are rounded."""
-    names: dict[str, Any] = {"name": method.name, "source": method.source}
-    nominal: dict[str, Any] = {
-        "nominal_order": method.nominal_order,
-        "nominal_residual": method.nominal_residual,
-    }
-    third = getattr(method, "third_weights", None)
-    if third is not None:
-        third = [_rounded_text(weight, weight.value, digits, zeros) for weight in third]
-    if isinstance(method, CommutatorFree):
-        return CommutatorFree(
-            zip(method.layout.parents, method.layout.point_weights(texts), strict=True),
-            method.stage_points,
-            method.result,
-            embedded_result=method.embedded_result,
-            third=third,
-            **names,
-            **nominal,
-        )
-    rows = method.layout.full_rows(texts)
-    a, (b, *second) = rows[: method.stages], rows[method.stages :]
-    b_embedded = second[0] if second else None
-    if isinstance(method, MuntheKaas):
-        return MuntheKaas(Tableau(a, b, b_embedded=b_embedded), third=third, **names)
-    return Tableau(a, b, b_embedded=b_embedded, **names, **nominal)
+    """Return a method of the same kind with other coefficients."""
+    fields: dict[str, Any] = {}
+    if method.approximate:
+        fields["nominal_order"] = method.nominal_order
+        fields["nominal_residual"] = method.nominal_residual
+    if (third := getattr(method, "third_weights", None)) is not None:
+        fields["third"] = [_rounded_text(given, given.value, digits, zeros) for given in third]
+    return method.with_coefficients(texts, **fields)
 
 
 def _rounded_text(coefficient: Coefficient, value: Fraction, digits: int, zeros: bool) -> str:

@@ -35,7 +35,7 @@ from cg.frames.matrix_functions import (
     random_unitary,
     relative_correction,
 )
-from cg.support.checks import check_integer, memory
+from cg.support.checks import check_integer, total_memory
 
 # Absolute tolerance for the distance of a matrix from the algebra: at equilibria the matrix that f
 # computes is rounding error, which is large relative to the matrix itself.
@@ -88,10 +88,10 @@ class MatrixGroup(Frame):
             If ``_make_basis`` of a subclass returns another number or another size of matrices.
         """
         needed = self.dim * self.size**2 * self.dtype.itemsize
-        if needed > memory():
+        if needed > total_memory():
             raise MemoryError(
                 f"{self!r} is too large: the matrices of its {self.dim} fields need "
-                f"{needed / 2**30:.3g} GiB of memory, and there are {memory() / 2**30:.3g} GiB"
+                f"{needed / 2**30:.3g} GiB of memory, of {total_memory() / 2**30:.3g} GiB"
             )
         basis = np.asarray(self._make_basis(), dtype=self.dtype)
         if basis.shape != (self.dim, *self.point_shape):

@@ -18,7 +18,7 @@ from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.integration.step.plan import Plan
 from cg.method.method import Method
-from cg.support.checks import memory
+from cg.support.checks import check_integer, total_memory
 
 DEFAULT_MAX_STEPS = 10**6
 """The number of adaptive steps, rejected ones included, after which it is given up."""
@@ -138,17 +138,10 @@ def check_atol(atol: ArrayLike | None) -> Array:
 
 
 def check_max_steps(max_steps: Any) -> int:
-    """Return the largest number of steps or the default; ValueError unless it is positive."""
+    """Return the largest number of steps or the default."""
     if max_steps is None:
         return DEFAULT_MAX_STEPS
-    return min(check_count(max_steps, "max_steps"), 2**62)  # which compiled code can count
-
-
-def check_count(value: object, name: str) -> int:
-    """Return ``value`` as an int; ValueError unless it is a positive integer."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{name} must be a positive integer, got {value!r}")
-    return int(value)
+    return min(check_integer("max_steps", max_steps, 1), 2**62)  # which compiled code can count
 
 
 def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> None:
@@ -170,10 +163,10 @@ def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> 
     needed = (steps // every + 2) * (8 * plan.width + 8) if every else 0
     if between:
         needed += steps * 8 * (2 * plan.width + plan.columns * plan.frame.dim + 5)
-    if needed > memory():
+    if needed > total_memory():
         raise ValueError(
             f"h is too small for t_span: {steps} steps need {needed / 2**30:.3g} GiB of memory, "
-            f"and there are {memory() / 2**30:.3g} GiB, got {h!r}"
+            f"and there are {total_memory() / 2**30:.3g} GiB, got {h!r}"
         )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.catalogue import munthe_kaas, packaged
+from cg.catalogue import methods, munthe_kaas
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
@@ -250,7 +250,7 @@ class _Work:
     def __getstate__(self) -> dict[str, Any]:
         # by its name each process knows a method once, with what was found out about it
         problem, method = self.problem, self.problem.plan.method
-        known = any(own.get(method.name) is method for own in (packaged, munthe_kaas))
+        known = any(own.get(method.name) is method for own in (methods, munthe_kaas))
         plan = problem.plan.frame, method.name if known else method
         parts = {name: value for name, value in vars(problem).items() if name != "plan"}
         together = problem.rhs.together

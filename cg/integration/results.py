@@ -12,7 +12,6 @@ from cg.frames.base import Frame
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.messages import FINISHED
 from cg.method.method import Method
-from cg.support.later import Later
 
 
 class _ReadOnly:
@@ -108,7 +107,12 @@ class Solution(_ReadOnly):
     method: Method
     frame: Frame
     h: float | None = None
-    to_xarray = Later("cg.integration.to_xarray", "to_xarray")
+
+    def to_xarray(self) -> Any:
+        """Return a dataset of xarray; see `cg.integration.to_xarray`."""
+        from cg.integration.to_xarray import to_xarray
+
+        return to_xarray(self)
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"
@@ -178,7 +182,12 @@ class EnsembleSolution(_ReadOnly):
     method: Method
     frame: Frame
     h: float | None = None
-    to_xarray = Later("cg.integration.to_xarray", "to_xarray")
+
+    def to_xarray(self) -> Any:
+        """Return a dataset of xarray; see `cg.integration.to_xarray`."""
+        from cg.integration.to_xarray import to_xarray
+
+        return to_xarray(self)
 
     def __repr__(self) -> str:
         times = f"{self.t[0]:g}...{self.t[-1]:g}" if len(self.t) else "nothing"

@@ -22,7 +22,7 @@ from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
 from cg.jax.term import rules_in
 from cg.jax.within import Within, interpolant
-from cg.method.method import Method, remembered
+from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 
 __all__ = ["Solver"]
@@ -70,7 +70,7 @@ def _row(flow: dict[int, Any]) -> NDArray[np.float64]:
     return row
 
 
-@remembered
+@cached
 def _steps_of(method: Method) -> _Steps:
     return _Steps(method)
 

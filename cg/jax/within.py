@@ -24,7 +24,7 @@ from cg.integration.step.interpolant import (
 )
 from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
-from cg.method.method import Method, remembered
+from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 
 __all__ = ["Within", "interpolant"]
@@ -121,7 +121,7 @@ def interpolant(
     return _by_flows(method, rules, f, h, y0, y1, first, last)
 
 
-@remembered
+@cached
 def _straight(method: Method) -> _Scheme:
     from cg.integration.step.paths import paths_of
 
@@ -193,7 +193,7 @@ def _coordinates(rules: Rules, u: JaxArray, y0: JaxArray, y1: JaxArray, series: 
     return jax.lax.scan(improve, u, None, length=_ITERATIONS)[0]
 
 
-@remembered
+@cached
 def _algebra_scheme(method: Method) -> _Scheme:
     """Return the polynomials of the basis, one flow."""
     degree = len(extension_of(method).basis)
@@ -238,7 +238,7 @@ def _by_flows(
     return found
 
 
-@remembered
+@cached
 def _flow_schemes(method: Method) -> list[_Scheme]:
     r"""Return the weights of interpolants with 2, 3, … nodes.
 

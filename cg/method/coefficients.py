@@ -1,9 +1,11 @@
-"""Coefficients as they are written down: exact value, text, and how well they are known."""
+"""Coefficients with their exact value, their text and their uncertainty."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
@@ -12,12 +14,24 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["MIN_ROUNDED_PLACES", "Coefficient"]
+from ..structure.points import MethodError
+from ..support.checks import check_integer
+
+__all__ = [
+    "MIN_ROUNDED_PLACES",
+    "Coefficient",
+    "read_coefficient",
+    "read_sequence",
+    "read_texts",
+    "read_third",
+]
 
 MIN_ROUNDED_PLACES = 8
-"""A decimal with fewer places than this, such as 0.25, is taken as exact."""
+"""Number of decimal places from which a decimal counts as rounded; 0.25 is exact."""
 
-_QUAD_UNIT = Fraction(1, 2**112)  # refinement works in binary128: no digits beyond it are meant
+_QUAD_UNIT = Fraction(
+    1, 2**112
+)  # coefficients are refined in binary128, so that no digit beyond it is significant
 
 _RATIONAL = re.compile(r"[+-]?\d+(/\d+)?", re.ASCII)
 _DECIMAL = re.compile(
@@ -29,21 +43,20 @@ _BINARY = re.compile(r"[+-]?0x[01](\.[0-9a-f]*)?p[+-]?\d{1,4}", re.ASCII)
 
 @dataclass(frozen=True)
 class Coefficient:
-    """A number of a tableau.
+    """A coefficient of a method.
 
     Attributes
     ----------
     value : Fraction
-        What `text` says, exactly.
+        The exact value of `text`.
     text : str
         An integer, a rational like ``"119/216"``, a decimal with all its digits, or a
         double as ``float.hex`` writes it.
     unit : Fraction
-        How far the number that was meant may be from `value`: nothing for zero, integers,
-        rationals and decimals with fewer than `MIN_ROUNDED_PLACES` places, one unit
-        in the last place for other decimals (so that either truncation or rounding may
-        have made them) but no less than ``2**-112`` of the magnitude, ``2**-53`` of the
-        magnitude for doubles.
+        Largest distance of the intended number from `value`. It is 0 for zero, integers,
+        rationals and decimals with fewer than `MIN_ROUNDED_PLACES` places; one unit in the last
+        place for other decimals, which may have been truncated or rounded, but at least
+        ``2**-112`` of the magnitude; ``2**-53`` of the magnitude for doubles.
     """
 
     value: Fraction
@@ -52,14 +65,18 @@ class Coefficient:
 
     @classmethod
     def read(cls, number: Any) -> Coefficient:
-        """Take a string, Fraction, integer, float, Decimal or another Coefficient.
+        """Return the coefficient that a number or a text stands for.
+
+        Parameters
+        ----------
+        number : str, Fraction, int, float, Decimal or Coefficient
 
         Raises
         ------
         ValueError
-            If it isn't a finite real number.
+            If `number` isn't a finite real number.
         OverflowError
-            If it is hexadecimal and beyond the range of doubles.
+            If `number` is hexadecimal and beyond the range of doubles.
         """
         if isinstance(number, Coefficient):
             return number
@@ -101,3 +118,58 @@ class Coefficient:
                 return cls(Fraction(0), "0", Fraction(0))
             return cls(Fraction(double), double.hex(), abs(Fraction(double)) / 2**53)
         raise ValueError(f"expected a finite real number, got {text!r}")
+
+
+def read_coefficient(
+    number: Any, label: str, error: type[MethodError] = MethodError
+) -> Coefficient:
+    """Return a coefficient; raise the error unless it is in the range of doubles."""
+    try:
+        coefficient = Coefficient.read(number)
+        float(coefficient.value)
+    except ValueError as problem:
+        raise error(f"{label}: {problem}") from None
+    except OverflowError:
+        raise error(f"{label}: {number} is beyond the range of doubles") from None
+    return coefficient
+
+
+def read_sequence(
+    value: Any, label: str, error: type[MethodError] = MethodError, *, of: str = " of numbers"
+) -> list[Any]:
+    """Return a sequence as a list; raise the error for texts, sets, mappings and single values."""
+    # sets have no order, and iterating over a mapping gives its keys
+    if not isinstance(value, str | bytes | Set | Mapping):
+        with suppress(TypeError):
+            return list(value)
+    raise error(f"{label} must be a sequence{of}, got {value!r}")
+
+
+def read_third(third: Iterable[Any], stages: int) -> tuple[Coefficient, ...]:
+    """Return third weights, one for each stage."""
+    entries = read_sequence(third, "third")
+    if len(entries) != stages:
+        raise MethodError(f"third must have {stages} entries, got {len(entries)}")
+    return tuple(read_coefficient(entry, f"third_{k}") for k, entry in enumerate(entries, 1))
+
+
+def read_texts(
+    name: Any, source: Any, nominal: Sequence[Any], error: type[MethodError] = MethodError
+) -> dict[str, Any]:
+    """Check the fields that all methods have; `nominal` is the pair of order and residual."""
+    for label, text in (("name", name), ("source", source)):
+        if not isinstance(text, str):
+            raise error(f"{label} must be a str, got {text!r}")
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            raise error(f"{label} must be text, got {text!r}, which no encoding can hold")
+    order, residual = nominal
+    if order is not None:
+        try:
+            order = check_integer("order", order, 1)
+        except (TypeError, ValueError) as problem:
+            raise error(f"nominal_order: {problem}") from None
+    if (order is None) != (residual is None):
+        raise error("nominal_order and nominal_residual must be given together")
+    if residual is not None:
+        residual = read_coefficient(residual, "nominal_residual", error)
+    return {"name": name, "source": source, "nominal_order": order, "nominal_residual": residual}

@@ -1,9 +1,9 @@
-"""Commutator-free methods: several frozen fields a flow, and flows from any earlier point."""
+"""Commutator-free methods: flows of linear combinations of frozen fields."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -13,9 +13,9 @@ import numpy as np
 from ..structure.layout import Layout
 from ..structure.points import MethodError, Point, PointTree, check_tree
 from ..support import quads
-from .coefficients import Coefficient
+from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts, read_third
 from .flat import flat_order
-from .method import Method, read_coefficient, read_texts
+from .method import Method
 from .tableau import Tableau
 
 __all__ = ["CommutatorFree"]
@@ -23,43 +23,43 @@ __all__ = ["CommutatorFree"]
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class CommutatorFree(Method):
-    r"""An explicit method whose flows are those of combinations of frozen fields [1]_.
+    r"""An explicit commutator-free method [1]_.
 
-    Point m of a step is reached by the flow of ``Σ_k α_mk F_k`` from an earlier point, where
-    F_k is the field frozen at stage k, which is one of the points before. Methods of
-    Crouch–Grossman type have one weight a point. Two methods are equal if all their points
-    and coefficients are.
+    The flow of ``Σ_k α_mk F_k`` leads from an earlier point to point m of a step, where F_k is
+    the field frozen at stage k, and each stage is at one of the earlier points. Crouch–Grossman
+    methods have one weight per point. Two methods are equal if all their points and coefficients
+    are equal.
 
     Parameters
     ----------
     points : sequence of pairs
         The parent of each point, an index or -1 for the initial point, and a mapping from
-        stages (from 0) to weights; `Point` records serve too. Weights as `Coefficient.read`
-        takes them: strings, Fractions, integers, floats.
+        stages (from 0) to weights, or `Point` records. Weights are strings, Fractions, integers
+        or floats; see `Coefficient.read`.
     stage_points : sequence of int
-        The point that each stage is at; the first is -1.
+        The point at which each stage is evaluated; the first is -1.
     result : int, optional
         The point that the step leads to, by default the last.
     embedded_result : int, optional
-        A second result that makes the method a pair. If it is one flow from the result, the error
-        is estimated by the combination of frozen fields that this flow is along, and takes none.
+        The point of the second result of a pair. If a single flow leads to it from the result, the
+        error estimate is the combination of frozen fields of this flow, and needs no flow itself.
     third : sequence of s numbers, optional
-        Third weights of such a pair, of lower order than the second: the estimate then is
-        :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}`, with :math:`e_3` the combination of frozen
-        fields with the sums of weights that lead to the result less these, as DOP853 has it [2]_.
+        Third weights of such a pair, of lower order than the second. The estimate is then
+        :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_. The weights of :math:`e_3`
+        are the row of the result in the flat tableau minus the third weights.
     name, source : str, optional
-        What the method is called and where it is from.
+        Name and origin of the method.
     nominal_order, nominal_residual : optional
         As for `cg.Tableau`.
 
     Raises
     ------
     MethodError
-        If a parent or a stage is no point, a parent comes after its child, the first stage
-        isn't at the initial point, a weight is on a stage that isn't evaluated by then, no
-        stage influences a result, both results are the same, a number isn't finite, a nominal
-        order isn't borne out, or third weights have a wrong length or belong to no pair whose
-        second result is one flow from the first.
+        If a parent or a stage isn't a point, a parent comes after its child, the first stage
+        isn't at the initial point, a weight is on a stage that is evaluated later, a result
+        depends on no stage, both results are the same, a number isn't finite, or residuals
+        exceed `nominal_residual`; if third weights have a wrong length, or the second result
+        isn't one flow from the first.
 
     References
     ----------
@@ -98,12 +98,14 @@ class CommutatorFree(Method):
         nominal_residual: Any = None,
     ) -> None:
         values = read_texts(name, source, (nominal_order, nominal_residual))
-        read = [_read_point(point, m) for m, point in enumerate(_listed(points, "points"))]
+        read = [
+            _read_point(point, m) for m, point in enumerate(read_sequence(points, "points", of=""))
+        ]
         if not read:
             raise MethodError("points must have at least one entry, got none")
         tree = PointTree(
             tuple(Point(parent, {k: w.value for k, w in row.items()}) for parent, row in read),
-            tuple(map(_plain, _listed(stage_points, "stage_points"))),
+            tuple(map(_plain, read_sequence(stage_points, "stage_points", of=""))),
             len(read) - 1 if result is None else _plain(result),
             _plain(embedded_result),
         )
@@ -117,16 +119,28 @@ class CommutatorFree(Method):
             for stage in point.weights
         )
         values["third_weights"] = None if third is None else _read_third(third, tree)
-        for field, value in values.items():
-            object.__setattr__(self, field, value)
+        self._set(values)
         if self.nominal_order is not None:
             self._check_nominal_order(MethodError)
+
+    @classmethod
+    def from_layout(
+        cls, layout: Layout, coefficients: Sequence[Any], **fields: Any
+    ) -> CommutatorFree:
+        """Return the method with a layout and packed weights, point by point."""
+        return cls(
+            zip(layout.parents, layout.point_weights(coefficients), strict=True),
+            layout.stage_points,
+            layout.results[0],
+            embedded_result=layout.results[1] if layout.pair else None,
+            **fields,
+        )
 
     @classmethod
     def from_packed(
         cls, x: Sequence[Fraction | str], layout: Layout, *, name: str = "", source: str = ""
     ) -> CommutatorFree:
-        """Return the method with these weights, point after point; fractions get 36 digits.
+        """Return the method with packed weights; Fractions are rounded to 36 digits.
 
         Parameters
         ----------
@@ -137,40 +151,25 @@ class CommutatorFree(Method):
         name, source : str, optional
         """
         texts = [entry if isinstance(entry, str) else quads.to_decimal(entry) for entry in x]
-        return cls(
-            zip(layout.parents, layout.point_weights(texts), strict=True),
-            layout.stage_points,
-            layout.results[0],
-            embedded_result=layout.results[1] if layout.pair else None,
-            name=name,
-            source=source,
-        )
+        return cls.from_layout(layout, texts, name=name, source=source)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what was derived: arrays would come back writeable."""
-        return {field.name: self.__dict__[field.name] for field in fields(self)}
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, CommutatorFree):
-            return NotImplemented
-        return (self.tree, self.third_weights) == (other.tree, other.third_weights)
-
-    def __hash__(self) -> int:
-        return hash((self.tree, self.third_weights))
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.tree, self.third_weights
 
     @cached_property
     def layout(self) -> Layout:
-        """Where each coefficient stands in `coefficients`."""
+        """Positions of the weights in `coefficients`."""
         return Layout.of_tree(self.tree)
 
     @property
     def point_coefficients(self) -> tuple[dict[int, Coefficient], ...]:
-        """The weights of each point with their text, by stage."""
+        """The coefficients of each point, by stage."""
         return tuple(self.layout.point_weights(self.coefficients))
 
     @cached_property
     def embedded(self) -> CommutatorFree | None:
-        """The method that leads to the second result of a pair; None without it."""
+        """The method of the second result of a pair; None without it."""
         if self.tree.embedded_result is None:
             return None
         parents = (point.parent for point in self.tree.points)
@@ -184,7 +183,7 @@ class CommutatorFree(Method):
 
     @cached_property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
-        """Weights on frozen fields of the error estimates, if these take no flow; else empty."""
+        """Weights of error estimates that are combinations of frozen fields; otherwise empty."""
         flow = self.tree.flow_between
         if flow is None:
             return ()
@@ -196,35 +195,23 @@ class CommutatorFree(Method):
 
     @cached_property
     def third_order(self) -> int | None:
-        """Order of the third weights where flows commute; None without."""
+        """Order of the third weights for commuting flows; None without them."""
         if self.third_weights is None:
             return None
-        # Sums of weights that are rounded are right to their last place.
+        # rows of the flat tableau are sums of rounded weights, and rounded as well
         rows = [[quads.to_decimal(entry) for entry in row] for row in self.exact[0]]
         return flat_order(Tableau(rows, self.third_weights))
 
 
 def _read_third(third: Iterable[Any], tree: PointTree) -> tuple[Coefficient, ...]:
-    """Return third weights; MethodError if they aren't as many numbers, or have no place."""
+    """Return the third weights; MethodError if the second result isn't one flow from the first."""
     if tree.flow_between is None:
         raise MethodError("third must be None unless embedded_result is one flow from the result")
-    entries = _listed(third, "third")
-    if len(entries) != len(tree.stage_points):
-        raise MethodError(f"third must have {len(tree.stage_points)} entries, got {len(entries)}")
-    return tuple(read_coefficient(entry, f"third_{k}") for k, entry in enumerate(entries, 1))
-
-
-def _listed(value: Any, label: str) -> list[Any]:
-    if isinstance(value, str | bytes | Mapping | set | frozenset):
-        raise MethodError(f"{label} must be a sequence, got {value!r}")
-    try:
-        return list(value)
-    except TypeError:
-        raise MethodError(f"{label} must be a sequence, got {value!r}") from None
+    return read_third(third, len(tree.stage_points))
 
 
 def _plain(index: Any) -> Any:
-    """Return an integer of NumPy as Python's; what is none is refused later."""
+    """Return a NumPy integer as an int, and other values unchanged; `check_tree` refuses those."""
     return int(index) if isinstance(index, np.integer) else index
 
 

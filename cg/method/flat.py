@@ -1,68 +1,35 @@
-"""Flat Runge–Kutta methods: rooted trees whose children have no order, and the order they give."""
+"""Classical order conditions on rooted trees, for methods whose flows commute."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
-from functools import cache
 from typing import TYPE_CHECKING
 
 from ..conditions import MAX_ORDER
-from ..support.balls import to_fmpq
+from ..support.balls import to_flint, to_fraction
+from ..trees.rooted import RootedTree, density, rooted_trees, rooted_trees_through
 from .coefficients import Coefficient
 from .tableau import Tableau
 
 if TYPE_CHECKING:
     from flint import fmpq
 
-__all__ = ["Rooted", "failing_rooted", "flat_order", "rooted_trees", "stage_orders"]
-
-Rooted = tuple["Rooted", ...]
-"""A rooted tree as the sorted tuple of its children; ``()`` is the single node."""
-
-
-@cache
-def rooted_trees(nodes: int) -> tuple[Rooted, ...]:
-    """Return all rooted trees with so many nodes: 1, 1, 2, 4, 9, 20, 48, 115, …."""
-
-    def forests(left: int, most: Rooted | None, size: int) -> Iterator[Rooted]:
-        if left == 0:
-            yield ()
-            return
-        for first_size in range(min(left, size), 0, -1):
-            for first in rooted_trees(first_size):
-                if first_size == size and most is not None and first > most:
-                    continue
-                for rest in forests(left - first_size, first, first_size):
-                    yield (first, *rest)
-
-    return tuple(forests(nodes - 1, None, nodes - 1)) if nodes > 1 else ((),)
-
-
-@cache
-def _size(tree: Rooted) -> int:
-    return 1 + sum(map(_size, tree))
-
-
-@cache
-def _density(tree: Rooted) -> int:
-    product = _size(tree)
-    for child in tree:
-        product *= _density(child)
-    return product
+__all__ = ["failing_rooted", "flat_order", "flat_residuals", "stage_orders"]
 
 
 def flat_order(tableau: Tableau, *, embedded: bool = False) -> int:
-    """Return the order of a tableau where flows commute, as far as its stored places can tell.
+    """Return the classical order of a tableau, up to the rounding of its coefficients.
 
-    Residuals are exact. Each is allowed what it can change by if all coefficients change by
-    their units (`cg.method.coefficients.Coefficient.unit`), which is nothing for rationals.
+    Residuals are exact. The tolerance of each one is what it changes by at most if all
+    coefficients change by their units (`cg.method.coefficients.Coefficient.unit`); it is 0 for
+    rational coefficients.
 
     Parameters
     ----------
     tableau : Tableau
     embedded : bool, optional
-        Of the second weights of a pair.
+        Return the order of the second weights of a pair.
 
     Returns
     -------
@@ -84,8 +51,8 @@ def _order(
     return MAX_ORDER
 
 
-def failing_rooted(tableau: Tableau, order: int) -> list[tuple[Rooted, Fraction, Fraction]]:
-    """Return the rooted trees of an order whose condition fails, with Φ(t) and 1/γ(t).
+def failing_rooted(tableau: Tableau, order: int) -> list[tuple[RootedTree, Fraction, Fraction]]:
+    """Return the trees whose conditions of one order fail, with Φ(t) and 1/γ(t).
 
     Parameters
     ----------
@@ -101,33 +68,61 @@ def _failing(
     weights: Sequence[Coefficient],
     end: Fraction,
     order: int,
-) -> list[tuple[Rooted, Fraction, Fraction]]:
+) -> list[tuple[RootedTree, Fraction, Fraction]]:
     a, b = [[e.value for e in row] for row in entries], [w.value for w in weights]
     size_a, size_b = [[abs(e) for e in row] for row in a], [abs(w) for w in b]
     wide_a = [[abs(e.value) + e.unit for e in row] for row in entries]
     wide_b = [abs(w.value) + w.unit for w in weights]
     exact = all(e.unit == 0 for row in (*entries, weights) for e in row)
     trees = rooted_trees(order)
-    found = _weights(a, b, trees)
+    weights_of_trees = _weights(a, b, trees)
     allowed = [Fraction(0)] * len(trees)
     if not exact:
         near, far = _weights(size_a, size_b, trees), _weights(wide_a, wide_b, trees)
         allowed = [2 * (f - n) for f, n in zip(far, near, strict=True)]
-    sides = [end**order / _density(tree) for tree in trees]
-    compared = zip(trees, found, sides, allowed, strict=True)
+    sides = [end**order / density(tree) for tree in trees]
+    compared = zip(trees, weights_of_trees, sides, allowed, strict=True)
     return [(tree, phi, side) for tree, phi, side, bound in compared if abs(phi - side) > bound]
 
 
+def flat_residuals(
+    a: Sequence[Sequence[Fraction]], b: Sequence[Fraction], order: int
+) -> tuple[Fraction, ...]:
+    """Return ``Φ(t) - 1/γ(t)`` for the classical order conditions, in exact arithmetic.
+
+    Parameters
+    ----------
+    a : s rows of s Fractions
+    b : s Fractions
+    order : int
+        At least 1.
+
+    Returns
+    -------
+    tuple of Fraction
+        In the sequence of `cg.trees.rooted.rooted_trees_through`.
+
+    Examples
+    --------
+    >>> import cg
+    >>> max(map(abs, flat_residuals(*cg.methods["CG3"].exact, 3)))
+    Fraction(0, 1)
+    """
+    trees = rooted_trees_through(order)
+    weights = _weights(a, b, trees)
+    return tuple(phi - Fraction(1, density(t)) for phi, t in zip(weights, trees, strict=True))
+
+
 def _weights(
-    a: Sequence[Sequence[Fraction]], b: Sequence[Fraction], trees: Sequence[Rooted]
+    a: Sequence[Sequence[Fraction]], b: Sequence[Fraction], trees: Sequence[RootedTree]
 ) -> list[Fraction]:
     from flint import fmpq, fmpq_mat
 
-    matrix = fmpq_mat([[to_fmpq(e) for e in row] for row in a])
-    row = [to_fmpq(w) for w in b]
-    known: dict[Rooted, list[fmpq]] = {}
+    matrix = fmpq_mat([list(map(to_flint, row)) for row in a])
+    row = list(map(to_flint, b))
+    known: dict[RootedTree, list[fmpq]] = {}
 
-    def at_stages(tree: Rooted) -> list[fmpq]:
+    def at_stages(tree: RootedTree) -> list[fmpq]:
         if tree not in known:
             product = [fmpq(1)] * len(row)
             for child in tree:
@@ -140,16 +135,19 @@ def _weights(
     totals = [
         sum((w * v for w, v in zip(row, at_stages(tree), strict=True)), fmpq(0)) for tree in trees
     ]
-    return [Fraction(int(total.p), int(total.q)) for total in totals]
+    return list(map(to_fraction, totals))
 
 
 def stage_orders(tableau: Tableau) -> tuple[int, ...]:
-    """Return to which order each stage is the solution at its abscissa, where flows commute."""
-    found = []
+    """Return the order of each stage as an approximation of the solution at its abscissa.
+
+    The order is the classical one, of the row of the stage as weights of a step of length c.
+    """
+    orders = []
     for row in tableau.entries:
         c = sum((entry.value for entry in row), Fraction(0))
         if c == 0:
-            found.append(0)
+            orders.append(0)
             continue
-        found.append(_order(tableau.entries, row, c))
-    return tuple(found)
+        orders.append(_order(tableau.entries, row, c))
+    return tuple(orders)

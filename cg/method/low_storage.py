@@ -1,12 +1,12 @@
-r"""Methods of two registers, which big states ask for.
+r"""Low-storage methods with two registers, for large states.
 
-Where a Runge–Kutta method keeps the fields of all its stages, one of two registers [1]_ keeps one
-combination of them, Z, beside the point that it moves:
+A Runge–Kutta method stores the fields of all its stages. A two-register method [1]_ stores the
+point and a single combination Z of the fields:
 
 .. math:: Z_i = A_i Z_{i-1} + F_i, \qquad y_i = \exp(h B_i Z_i)\, y_{i-1},
 
-with :math:`F_i` frozen at :math:`y_{i-1}`. As a tree of points it is a chain, with a stage at every
-point but the last, whose weights are products of A and B.
+with :math:`F_i` frozen at :math:`y_{i-1}`. Its tree of points is a chain with a stage at every
+point but the last; the weights are products of A and B.
 
 References
 ----------
@@ -17,28 +17,16 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from fractions import Fraction
-from functools import cache
-from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..conditions.exact import HasTree
 from ..structure.points import MethodError
-from ..support.balls import to_fmpq
-from ..support.checks import check_integer
-from ..trees.ordered import MAX_NODES
-from .coefficients import MIN_ROUNDED_PLACES, Coefficient
+from .coefficients import MIN_ROUNDED_PLACES, Coefficient, read_coefficient, read_sequence
 from .commutator_free import CommutatorFree
-from .method import TOLERANCE_FACTOR, Method, read_coefficient
+from .method import TOLERANCE_FACTOR, Method
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["RootedTree", "flat_residuals", "from_two_registers", "rooted_trees", "two_registers"]
-
-RootedTree = tuple["RootedTree", ...]
-"""The children of the root, in a fixed order that says nothing."""
+__all__ = ["from_two_registers", "two_registers"]
 
 Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 
@@ -46,22 +34,22 @@ Registers = tuple[tuple[Fraction, ...], tuple[Fraction, ...]]
 def from_two_registers(
     a: Iterable[Any], b: Iterable[Any], *, name: str = "", source: str = ""
 ) -> CommutatorFree:
-    """Return the method with coefficients A and B of two registers.
+    """Return the two-register method with coefficients A and B.
 
     Parameters
     ----------
     a : sequence of s numbers
-        The first one multiplies nothing and must be 0, as it is in print. Numbers as
-        `cg.method.coefficients.Coefficient.read` takes them.
+        The first one multiplies an empty register and must be 0, as in publications. Numbers as
+        for `cg.method.coefficients.Coefficient.read`.
     b : sequence of s numbers
-        None of them may be 0: such a stage repeats the one before.
+        None may be 0, since the next stage would repeat the previous one.
     name, source : str, optional
 
     Returns
     -------
     CommutatorFree
-        With exact rational weights if all numbers are exact. Otherwise weights have the decimal
-        places that errors in the last places of A and B leave them.
+        With exact rational weights if all numbers are exact. Otherwise weights are decimals, with
+        as many places as the units of A and B determine.
 
     Raises
     ------
@@ -73,8 +61,8 @@ def from_two_registers(
     >>> from_two_registers(["0", "-5/9", "-153/128"], ["1/3", "15/16", "8/15"]).order
     3
     """
-    factors = [read_coefficient(x, f"a[{i}]") for i, x in enumerate(_listed(a, "a"))]
-    steps = [read_coefficient(x, f"b[{i}]") for i, x in enumerate(_listed(b, "b"))]
+    factors = [read_coefficient(x, f"a[{i}]") for i, x in enumerate(read_sequence(a, "a"))]
+    steps = [read_coefficient(x, f"b[{i}]") for i, x in enumerate(read_sequence(b, "b"))]
     if not steps or len(factors) != len(steps):
         raise MethodError(
             f"a and b must have the same length, at least 1, got {len(factors)} and {len(steps)}"
@@ -93,22 +81,13 @@ def from_two_registers(
     return CommutatorFree(points, range(-1, len(steps) - 1), name=name, source=source)
 
 
-def _listed(value: Iterable[Any], label: str) -> list[Any]:
-    if isinstance(value, str | bytes):
-        raise MethodError(f"{label} must be a sequence of numbers, got {value!r}")
-    try:
-        return list(value)
-    except TypeError:
-        raise MethodError(f"{label} must be a sequence of numbers, got {value!r}") from None
-
-
 def _product(weight: tuple[Fraction, Fraction], factor: Coefficient) -> tuple[Fraction, Fraction]:
     value, unit = weight
     return value * factor.value, unit * abs(factor.value) + abs(value) * factor.unit
 
 
 def _text(value: Fraction, unit: Fraction) -> Fraction | str:
-    """Return an exact number, or the decimal with as many places as are known."""
+    """Return an exact number, or a decimal with the places that `unit` leaves significant."""
     if not unit:
         return value
     places = MIN_ROUNDED_PLACES  # with fewer it would be read as exact
@@ -120,9 +99,9 @@ def _text(value: Fraction, unit: Fraction) -> Fraction | str:
 
 
 def two_registers(method: Method) -> Registers | None:
-    """Return the coefficients A and B of a method of two registers, None for all others.
+    """Return the coefficients A and B of a two-register method; None for other methods.
 
-    Weights that are rounded need to be of this form only as far as their stored places can tell.
+    Rounded weights have to be of this form only up to their units.
 
     Parameters
     ----------
@@ -174,98 +153,7 @@ def two_registers(method: Method) -> Registers | None:
 
 
 def _units(method: Method) -> list[dict[int, Fraction]]:
-    """Return by point and stage what weights may be off by; one weight a point needs none."""
+    """Return the units of the weights by point and stage; unused with one weight a point."""
     if not isinstance(method, CommutatorFree):
         return [{} for _ in method.points]
     return [{k: w.unit for k, w in row.items()} for row in method.point_coefficients]
-
-
-def rooted_trees(order: int) -> tuple[RootedTree, ...]:
-    """Return the rooted trees with at most so many nodes, children unordered, by their size.
-
-    Parameters
-    ----------
-    order : int
-        At least 1.
-
-    Returns
-    -------
-    tuple of nested tuples
-        1, 1, 2, 4, 9, 20, … of them have 1, 2, 3, 4, 5, 6, … nodes.
-    """
-    return _rooted_trees(check_integer("order", order, 1, MAX_NODES))
-
-
-@cache
-def _rooted_trees(order: int) -> tuple[RootedTree, ...]:
-    by_size: list[list[RootedTree]] = [[], [()]]
-    for nodes in range(2, order + 1):
-        by_size.append(list(_forests(nodes - 1, nodes - 1, by_size)))
-    return tuple(tree for trees in by_size for tree in trees)
-
-
-def _forests(nodes: int, largest: int, by_size: Sequence[Sequence[RootedTree]]) -> Iterable[Any]:
-    """Give the multisets of trees with `nodes` nodes together, each with at most `largest`."""
-    if nodes == 0:
-        yield ()
-    for size in range(min(nodes, largest), 0, -1):
-        for count in range(nodes // size, 0, -1):
-            for first in combinations_with_replacement(by_size[size], count):
-                for rest in _forests(nodes - size * count, size - 1, by_size):
-                    yield first + rest
-
-
-def _nodes(tree: RootedTree) -> int:
-    return 1 + sum(map(_nodes, tree))
-
-
-def _density(tree: RootedTree) -> int:
-    found = _nodes(tree)
-    for child in tree:
-        found *= _density(child)
-    return found
-
-
-def flat_residuals(method: HasTree, order: int) -> tuple[Fraction, ...]:
-    """Return ``Φ(t) - 1/γ(t)`` for the classical order conditions, where all flows commute.
-
-    Parameters
-    ----------
-    method : Method or PointTree
-        An explicit one.
-    order : int
-        At least 1.
-
-    Returns
-    -------
-    tuple of Fraction
-        In the sequence of `rooted_trees`.
-
-    Examples
-    --------
-    >>> import cg
-    >>> max(map(abs, flat_residuals(cg.methods["CG3"], 3)))
-    Fraction(0, 1)
-    """
-    tree = method.tree
-    rows = [[to_fmpq(x) for x in tree.flat_row(m)] for m in (*tree.stage_points, tree.result)]
-    ends: dict[RootedTree, list[Any]] = {}
-
-    def weights(t: RootedTree) -> list[Any]:
-        """Return the weights of the tree planted on a new root, by stage, then at the result."""
-        if t not in ends:
-            inner = [to_fmpq(Fraction(1))] * len(tree.stage_points)
-            for child in t:
-                pairs = zip(inner, weights(child), strict=False)
-                inner = [x * y for x, y in pairs]
-            ends[t] = [_dot(row, inner) for row in rows]
-        return ends[t]
-
-    found = [(weights(t)[-1], _density(t)) for t in rooted_trees(order)]
-    return tuple(Fraction(int(x.p), int(x.q)) - Fraction(1, gamma) for x, gamma in found)
-
-
-def _dot(row: Sequence[Any], values: Sequence[Any]) -> Any:
-    return sum(
-        (x * y for x, y in zip(row, values, strict=True) if x != 0), start=to_fmpq(Fraction(0))
-    )

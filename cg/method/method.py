@@ -1,59 +1,63 @@
-"""What all methods have in common: points, order, principal error."""
+"""The base class of all methods: points, order, principal error."""
 
 from __future__ import annotations
 
 import weakref
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from fractions import Fraction
 from functools import cached_property, wraps
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import conditions
-from ..structure.layout import Layout
+from ..structure.layout import Layout, check_length
 from ..structure.points import MethodError, Point, PointTree
 from ..support.checks import check_flag, check_integer
-from ..support.later import Later
 from ..support.parsing import visible
 from .coefficients import Coefficient
 
-__all__ = ["TOLERANCE_FACTOR", "Method", "read_coefficient", "read_texts", "remembered"]
+if TYPE_CHECKING:
+    from ..proofs import Certificate
+
+__all__ = ["TOLERANCE_FACTOR", "Method", "cached"]
 
 Result = TypeVar("Result")
 
 ExactTableau = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]
 
 TOLERANCE_FACTOR = 2
-"""What a residual may exceed the first-order effect of the coefficients' last places by."""
+"""Factor on the first-order effect of rounded coefficients, in the tolerance of residuals."""
 
-_DOUBLE_ROUNDING = 2.0**-40  # far above what rounding in double can do to a weight, relatively
-_MAX_IN_PASSING = 200  # coefficients of a method whose order is computed to show it: half a second
+_DOUBLE_ROUNDING = 2.0**-40  # safe bound of relative rounding errors of weights in double
+_MAX_SHOWN = 200  # coefficients of a method whose repr computes the order: half a second
 _MIN_UNIT = float(np.finfo(np.float64).tiny)
-_PROBE = 2.0**-20  # of the largest unit, for a difference quotient
+_PROBE = 2.0**-20  # step of the difference quotient in `_tolerance_bound`
 
 
 class Method(ABC):
-    """A Runge–Kutta method on manifolds: a tree of points, exact, frozen and checked.
+    """A Runge–Kutta method on manifolds: a tree of points with exact coefficients.
 
-    All coefficients are kept as they were given; numbers derived from them are exact or
-    correctly rounded. There are two kinds: `cg.Tableau` and `cg.CommutatorFree`.
+    Methods are immutable. They keep all coefficients as they were given; numbers derived from them
+    are exact or correctly rounded. The subclasses are `cg.Tableau`, `cg.CommutatorFree` and
+    `cg.MuntheKaas`.
 
     Attributes
     ----------
     name, source : str
-        What the method is called and where it is from.
+        Name and origin of the method.
     nominal_order : int or None
-        For a method that satisfies its order conditions only approximately: the order it is
-        meant to have.
+        The intended order of a method that satisfies its order conditions only approximately.
     nominal_residual : Coefficient or None
-        The size that no residual through `nominal_order` exceeds.
+        Upper bound of the absolute residuals through `nominal_order`.
     tree : PointTree
-        The points of a step. Those of an implicit method depend on stages yet to be found.
+        The points of a step. Those of an implicit method depend on the unknown stages.
     coefficients : tuple of Coefficient
-        All coefficients with their text, packed as `layout` says.
+        All coefficients, packed as `layout` describes.
 
     Examples
     --------
@@ -67,15 +71,8 @@ class Method(ABC):
     source: str
     nominal_order: int | None
     nominal_residual: Coefficient | None
-    digits = Later("cg.proofs.digits", "digits")
-    diagnose = Later("cg.analysis.diagnosis", "diagnose")
-    export = Later("cg.formats.exporting", "export")
-    load = Later("cg.catalogue.entries", "load_kind", of_class=True)
-    save = Later("cg.catalogue.entries", "save")
-    _repr_html_ = Later("cg.formats.notebooks", "to_html")
-    _repr_latex_ = Later("cg.formats.notebooks", "to_formula")
 
-    if TYPE_CHECKING:  # fields of one subclass, derived in the other
+    if TYPE_CHECKING:  # fields in some subclasses, cached properties in others
 
         @property
         def tree(self) -> PointTree:
@@ -83,17 +80,141 @@ class Method(ABC):
 
         @property
         def coefficients(self) -> tuple[Coefficient, ...]:
-            """All coefficients with their text."""
+            """All coefficients."""
 
     @property
     @abstractmethod
     def layout(self) -> Layout:
-        """Where each coefficient stands in `coefficients`."""
+        """Positions of the weights in `coefficients`."""
 
     @property
     @abstractmethod
     def embedded(self) -> Self | None:
-        """The method that leads to the second result of a pair; None without it."""
+        """The method of the second result of a pair; None without it."""
+
+    # the modules of these functions import this one
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a method of this class from a file, in TOML or JSON.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Method
+            A `cg.Tableau` from ``cg.Tableau.load``, and so on; any kind from ``cg.Method.load``.
+
+        Raises
+        ------
+        TypeError
+            If `path` isn't one.
+        MethodError
+            If the file holds no method, or one of another kind.
+        OSError
+            If the file can't be read.
+        """
+        from ..catalogue.entries import load_kind
+
+        return load_kind(cls, path)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the method to a file; see `cg.catalogue.save`."""
+        from ..catalogue.entries import save
+
+        save(self, path)
+
+    def export(
+        self, format: str, *, digits: int | None = None, certificate: Certificate | None = None
+    ) -> str:
+        """Write the method for another program, language or document; see `cg.export`."""
+        from ..formats.exporting import export
+
+        return export(self, format, digits=digits, certificate=certificate)
+
+    def digits(
+        self, digits: int, *, certificate: Certificate | None = None, embedded: bool = False
+    ) -> Any:
+        """Return proved coefficients to any number of digits; see `cg.proofs.digits.digits`."""
+        from ..proofs.digits import digits as proved_digits
+
+        return proved_digits(self, digits, certificate=certificate, embedded=embedded)
+
+    def _repr_html_(self) -> str:
+        from ..formats.notebooks import to_html
+
+        return to_html(self)
+
+    def _repr_latex_(self) -> str:
+        from ..formats.notebooks import to_formula
+
+        return to_formula(self)
+
+    @classmethod
+    @abstractmethod
+    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Self:
+        """Return the method of this class with a layout and packed coefficients.
+
+        Parameters
+        ----------
+        layout : Layout
+        coefficients : sequence of layout.size numbers
+            Strings, Fractions, integers, floats or `Coefficient` records.
+        **fields
+            Further keyword arguments of the class, such as `name` and `source`.
+        """
+
+    def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> Self:
+        """Return the method with other coefficients in the same places.
+
+        Parameters
+        ----------
+        coefficients : sequence of numbers
+            As many as `coefficients`, in the same sequence.
+        **fields
+            Further keyword arguments of the class. `name` and `source` are those of this method
+            by default; third weights and a nominal order are left out by default.
+
+        Raises
+        ------
+        ValueError
+            If there are too few or too many coefficients.
+        MethodError
+            If the method would be wrong; of tableaux a `TableauError`.
+
+        Examples
+        --------
+        >>> import cg
+        >>> cg.methods["CG2"].with_coefficients(["2/3", "1/4", "3/4"], name="Ralston")
+        <Tableau Ralston: order 2, 2 evaluations, 3 flows>
+        """
+        check_length(coefficients, self.layout.size)
+        names = {"name": self.name, "source": self.source}
+        return self.from_layout(self.layout, coefficients, **(names | fields))
+
+    @property
+    @abstractmethod
+    def _key(self) -> tuple[Any, ...]:
+        """The numbers in which equal methods of a class agree."""
+
+    def _set(self, values: Mapping[str, Any]) -> None:
+        """Set the fields of a frozen dataclass."""
+        for field, value in values.items():
+            object.__setattr__(self, field, value)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields alone: cached arrays would come back writeable."""
+        return {field.name: self.__dict__[field.name] for field in fields(cast(Any, self))}
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Method):
+            return NotImplemented
+        return type(self) is type(other) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash((type(self), self._key))
 
     def __repr__(self) -> str:
         name = visible(self.name) or "without name"
@@ -105,8 +226,8 @@ class Method(ABC):
         Parameters
         ----------
         complete : bool, optional
-            Name the order even where it takes seconds to compute: that of a method with more than
-            200 coefficients is left out otherwise, unless it has been asked for before.
+            Include the order even if it takes seconds to compute. By default, the order of a
+            method with more than 200 coefficients is left out unless it is cached.
 
         Examples
         --------
@@ -128,17 +249,17 @@ class Method(ABC):
 
     @property
     def _order_is_cheap(self) -> bool:
-        return len(self.coefficients) <= _MAX_IN_PASSING or "exact_order" in self.__dict__
+        return len(self.coefficients) <= _MAX_SHOWN or "exact_order" in self.__dict__
 
     @property
     def explicit(self) -> bool:
-        """Whether each stage follows from those before it."""
+        """Whether each stage depends on earlier stages only."""
         return True
 
     @property
     def _explicit_tree(self) -> PointTree:
         if not self.explicit:
-            raise AttributeError(f"{self!r} is implicit, so that its stages are not points in turn")
+            raise AttributeError(f"{self!r} is implicit, so that its stages are not points")
         return self.tree
 
     @property
@@ -148,17 +269,17 @@ class Method(ABC):
 
     @property
     def stage_points(self) -> tuple[int, ...]:
-        """The point that each stage is at, -1 for the initial point."""
+        """The point of each stage, -1 for the initial point."""
         return self._explicit_tree.stage_points
 
     @property
     def result(self) -> int:
-        """The point that a step leads to."""
+        """The point that is the result of a step."""
         return self._explicit_tree.result
 
     @property
     def embedded_result(self) -> int | None:
-        """The point that the second weights of a pair lead to; None without them."""
+        """The point that is the second result of a pair; None without it."""
         return self._explicit_tree.embedded_result
 
     @property
@@ -168,29 +289,29 @@ class Method(ABC):
 
     @cached_property
     def exponentials(self) -> int:
-        """Flows that a step takes, to the stages and the result.
+        """Number of flows of a step.
 
-        First flows that several rows share count once, and so do points that only repeat
-        another. The second result of a pair isn't counted: see `pair_exponentials`.
+        Initial flows that several stages share count once, and so do points that are equal. Flows
+        to the second result of a pair don't count; see `pair_exponentials`.
         """
         return self.tree.flows([*self.tree.stage_points, self.tree.result])
 
     @property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
-        """Weights on frozen fields of the error estimates, if these take no flow; else empty."""
+        """Weights of error estimates that are combinations of frozen fields; otherwise empty."""
         return ()
 
     @property
     def third_order(self) -> int | None:
-        """Order of third weights, which refine the estimate of a pair; None without."""
+        """Order of the third weights of a pair; None without them."""
         return None
 
     @cached_property
     def pair_exponentials(self) -> int:
-        """Flows that a trial step takes: `exponentials`, and those to the second result.
+        """Number of flows of a step with its error estimate.
 
-        A second result that is one flow from the first isn't gone to, since the error is what this
-        flow is along.
+        These are `exponentials` and the flows to the second result. A second result that is one
+        flow from the first is not computed: the estimate is the combination of fields of that flow.
         """
         tree = self.tree
         if self.error_weights and not (self.embedded_order or 0) > self.order:
@@ -204,11 +325,10 @@ class Method(ABC):
     def exact(self) -> ExactTableau:
         """``(a, b)`` as tuples of Fractions, shapes (s, s) and (s,): the flat tableau.
 
-        Where flows commute, the method is the classical one with this tableau. Only of a
-        `cg.Tableau` does it say all.
+        If flows commute, the method is the classical method with this tableau. Only a
+        `cg.Tableau` is determined by it.
         """
-        tree = self.tree
-        return tuple(map(tree.flat_row, tree.stage_points)), tree.flat_row(tree.result)
+        return self.tree.flat_tableau
 
     @cached_property
     def exact_embedded(self) -> tuple[Fraction, ...] | None:
@@ -248,19 +368,19 @@ class Method(ABC):
 
     @cached_property
     def exact_order(self) -> int:
-        """The order that the coefficients have, as far as their stored places can tell.
+        """The order of the method, up to the rounding of its coefficients.
 
         The largest q (0 to ``conditions.MAX_ORDER``) such that every condition through
         order q has an exact residual no larger than `TOLERANCE_FACTOR` times
-        ``Σ_k |∂Φ/∂x_k| u_k``, where u_k is how far coefficient k may be off
-        (`Coefficient.unit`). Nothing is allowed for rational coefficients.
+        ``Σ_k |∂Φ/∂x_k| u_k``, where u_k is the uncertainty of coefficient k
+        (`Coefficient.unit`). The tolerance is 0 for rational coefficients.
         """
         orders = range(1, conditions.MAX_ORDER + 1)
         return next((q - 1 for q in orders if not self.satisfies(q)), orders[-1])
 
     @property
     def embedded_order(self) -> int | None:
-        """Order of the embedded method, found like `exact_order`; None without."""
+        """Order of the embedded method, computed like `exact_order`; None without."""
         return None if self.embedded is None else self.embedded.exact_order
 
     def largest_residual(self, order: int | None = None) -> float:
@@ -296,7 +416,7 @@ class Method(ABC):
         return float(np.linalg.norm(residuals[lower:]))
 
     def satisfies(self, order: int) -> bool:
-        """Tell whether the conditions through an order hold, as far as the stored places can tell.
+        """Return whether the conditions through an order hold, up to the rounding of coefficients.
 
         The tolerance is that of `exact_order`.
         """
@@ -305,13 +425,13 @@ class Method(ABC):
         rough = np.abs(conditions.residuals_at(layout, x, order, independent=True))
         sizes = conditions.weights_at(layout, np.abs(x), order, independent=True)
         rounding = _DOUBLE_ROUNDING * (1 + sizes)
-        if (rough > self._most_tolerance(order, sizes) + rounding).any():
-            return False  # spares derivatives where there are most of them
+        if (rough > self._tolerance_bound(order, sizes) + rounding).any():
+            return False  # rejected without derivatives
         tolerance = self.tolerance(order)
         if not np.isfinite(tolerance).all():
             return False
         if (rough > tolerance + rounding).any():
-            return False  # spares exact arithmetic where it would be slowest
+            return False  # rejected without exact arithmetic
         if (tolerance > 0).all():
             balls = conditions.ball_residuals_of(self.tree, order, independent=True)
             pairs = [(abs(r), float(t)) for r, t in zip(balls, tolerance, strict=True)]
@@ -324,18 +444,19 @@ class Method(ABC):
     def _floats(self) -> NDArray[np.float64]:
         return np.array([float(coefficient.value) for coefficient in self.coefficients])
 
-    def _most_tolerance(self, order: int, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what `tolerance` can't exceed.
+    def _tolerance_bound(self, order: int, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return an upper bound of `tolerance` that needs no derivatives.
 
-        With magnitudes for coefficients weights are convex, so that a difference quotient is
-        above the derivative, which is above all derivatives.
+        As functions of the absolute values of the coefficients, weights have nonnegative Taylor
+        coefficients. So a forward difference quotient bounds the directional derivative, and this
+        bounds the derivative at the coefficients themselves.
         """
         units = self._units
         if not units.any():
             return np.zeros_like(sizes)
         x = np.abs(self._floats) + units * (_PROBE / units.max())
         wide = conditions.weights_at(self.layout, x, order, independent=True)
-        # of huge coefficients no numbers, and no decision
+        # huge coefficients overflow; infinite and NaN bounds decide nothing
         with np.errstate(over="ignore", invalid="ignore"):
             quotient: NDArray[np.float64] = (wide - sizes + _DOUBLE_ROUNDING * wide) / _PROBE
             quotient *= 2 * TOLERANCE_FACTOR * units.max()
@@ -343,12 +464,12 @@ class Method(ABC):
 
     @property
     def _units(self) -> NDArray[np.float64]:
-        # those beyond doubles aren't nothing
+        # units below the smallest double must not become zero
         units = [coefficient.unit for coefficient in self.coefficients]
         return np.array([max(float(unit), _MIN_UNIT) if unit else 0.0 for unit in units])
 
     def tolerance(self, order: int) -> NDArray[np.float64]:
-        """Return what residuals may be for all that the stored places can tell.
+        """Return the largest residuals that rounded coefficients may cause.
 
         Parameters
         ----------
@@ -357,7 +478,7 @@ class Method(ABC):
         Returns
         -------
         ndarray, shape (conditions.count(order, independent=True),)
-            As in `exact_order`; zeros for rational coefficients.
+            See `exact_order`; zeros for rational coefficients.
         """
         units = self._units
         if not units.any():
@@ -375,7 +496,7 @@ class Method(ABC):
         largest = float(np.abs(residuals).max())
         if not largest <= float(self.nominal_residual.value):
             raise error(
-                f"nominal_order {self.order} is not borne out: its residuals reach {largest:.3g}, "
+                f"residuals through nominal_order {self.order} reach {largest:.3g}, "
                 f"more than nominal_residual = {self.nominal_residual.text}"
             )
 
@@ -386,56 +507,20 @@ def _frozen(numbers: Any) -> NDArray[np.float64]:
     return array
 
 
-def read_coefficient(
-    number: Any, label: str, error: type[MethodError] = MethodError
-) -> Coefficient:
-    """Return a number with its text, checked to be one that a double can stand for."""
-    try:
-        coefficient = Coefficient.read(number)
-        float(coefficient.value)
-    except ValueError as problem:
-        raise error(f"{label}: {problem}") from None
-    except OverflowError:
-        raise error(f"{label}: {number} is beyond the range of doubles") from None
-    return coefficient
+def cached(compute: Callable[[Method], Result]) -> Callable[[Method], Result]:
+    """Return a function that computes its value once for each method object.
 
-
-def read_texts(
-    name: Any, source: Any, nominal: Sequence[Any], error: type[MethodError] = MethodError
-) -> dict[str, Any]:
-    """Return the fields that all methods have, checked; `nominal` are order and residual."""
-    for label, text in (("name", name), ("source", source)):
-        if not isinstance(text, str):
-            raise error(f"{label} must be a str, got {text!r}")
-        if any("\ud800" <= letter <= "\udfff" for letter in text):
-            raise error(f"{label} must be text, got {text!r}, which no encoding can hold")
-    order, residual = nominal
-    if order is not None:
-        try:
-            order = check_integer("order", order, 1)
-        except (TypeError, ValueError) as problem:
-            raise error(f"nominal_order: {problem}") from None
-    if (order is None) != (residual is None):
-        raise error("nominal_order and nominal_residual must be given together")
-    if residual is not None:
-        residual = read_coefficient(residual, "nominal_residual", error)
-    return {"name": name, "source": source, "nominal_order": order, "nominal_residual": residual}
-
-
-def remembered(compute: Callable[[Method], Result]) -> Callable[[Method], Result]:
-    """Return a function that computes something of a method once, as long as the method lives.
-
-    Methods are frozen. They are told apart as objects: to hash all their coefficients would take
-    longer than most of what is computed.
+    The cache holds no references to methods, and its key is the identity of the method: hashing all
+    coefficients would take longer than most of the computations.
     """
-    known: dict[int, Result] = {}
+    values: dict[int, Result] = {}
 
     @wraps(compute)
     def recall(method: Method) -> Result:
         key = id(method)
-        if key not in known:
-            known[key] = compute(method)
-            weakref.finalize(method, known.pop, key, None)
-        return known[key]
+        if key not in values:
+            values[key] = compute(method)
+            weakref.finalize(method, values.pop, key, None)
+        return values[key]
 
     return recall

@@ -1,9 +1,9 @@
-"""Runge–Kutta–Munthe-Kaas methods: a flat tableau for the coordinates of a step."""
+"""Runge–Kutta–Munthe-Kaas methods: a classical tableau for the coordinates of a step."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -13,10 +13,10 @@ import numpy as np
 from ..structure.layout import Layout
 from ..structure.points import MethodError, PointTree, check_tree, tree_of_flat_rows
 from ..support.checks import check_flag, check_integer
-from .coefficients import Coefficient
-from .flat import flat_order
-from .low_storage import flat_residuals, rooted_trees
-from .method import Method, read_coefficient, read_texts
+from ..trees.rooted import rooted_trees_through
+from .coefficients import Coefficient, read_texts, read_third
+from .flat import flat_order, flat_residuals
+from .method import Method
 from .tableau import Tableau
 
 __all__ = ["MuntheKaas"]
@@ -24,10 +24,10 @@ __all__ = ["MuntheKaas"]
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class MuntheKaas(Method):
-    r"""A Runge–Kutta–Munthe-Kaas method: any explicit tableau of flat order, on a Lie algebra.
+    r"""A Runge–Kutta–Munthe-Kaas method: a classical explicit tableau on a Lie algebra.
 
-    A step solves the equation of coordinates σ of the point, :math:`y = \exp(\sigma)\, y_0`,
-    which is one in a linear space, by the tableau as it is [1]_:
+    A step applies the tableau to the differential equation of the coordinates σ of the point,
+    :math:`y = \exp(\sigma)\, y_0`, which is an equation in a vector space [1]_:
 
     .. math::
 
@@ -35,21 +35,21 @@ class MuntheKaas(Method):
         k_i = \operatorname{dexp}^{-1}_{\sigma_i} f(t_0 + c_i h, \exp(\sigma_i)\, y_0), \qquad
         y_1 = \exp\Bigl(h \sum_i b_i k_i\Bigr) y_0 .
 
-    So each stage takes one flow, and orders are those of vector spaces. It works on frames with
-    `cg.frames.Frame.bracket`; dexp⁻¹ is `cg.frames.Frame.dexpinv`, a closed form or its series
-    as far as the order needs it. The error of a step is estimated by :math:`e = h \sum_i (b_i -
-    \hat b_i) k_i`, without a flow.
+    Each stage takes one flow, and the order is that of the tableau in vector spaces. The frame must
+    have `cg.frames.Frame.bracket`; dexp⁻¹ is `cg.frames.Frame.dexpinv`, a closed form or its series
+    truncated at the order of the method. The error estimate of a step is :math:`e = h \sum_i (b_i -
+    \hat b_i) k_i`; it needs no flow.
 
     Parameters
     ----------
     tableau : Tableau
-        An explicit one; with second weights it makes a pair.
+        An explicit tableau; with second weights the method is a pair.
     third : sequence of s numbers, optional
         Third weights of a pair, of lower order than the second. The estimate is then
-        :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` with the differences e and :math:`e_3` of the
-        result from that of the second and of the third weights, as DOP853 has it [2]_.
+        :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_, with the differences e and
+        :math:`e_3` of the result from the results of the second and of the third weights.
     name, source : str, optional
-        What the method is called and where it is from; by default what the tableau says.
+        Name and origin of the method, by default those of the tableau.
 
     Attributes
     ----------
@@ -61,8 +61,8 @@ class MuntheKaas(Method):
     Raises
     ------
     MethodError
-        If `tableau` is no explicit `Tableau`, its result depends on no stage, or third weights
-        have a wrong length, belong to no pair or equal other ones.
+        If `tableau` isn't an explicit `Tableau`, its result depends on no stage, it has third
+        weights but no second ones, or third weights have a wrong length or equal other weights.
 
     References
     ----------
@@ -104,31 +104,28 @@ class MuntheKaas(Method):
         )
         values["tableau"] = tableau
         values["third_weights"] = None if third is None else _read_third(third, tableau)
-        for field, value in values.items():
-            object.__setattr__(self, field, value)
+        self._set(values)
         check_tree(self.tree)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what was derived: arrays would come back writeable."""
-        return {field.name: self.__dict__[field.name] for field in fields(self)}
+    @classmethod
+    def from_layout(
+        cls, layout: Layout, coefficients: Sequence[Any], *, third: Any = None, **fields: Any
+    ) -> MuntheKaas:
+        """Return the method with a layout of its tableau and packed entries, row by row."""
+        return cls(Tableau.from_layout(layout, coefficients, **fields), third=third)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, MuntheKaas):
-            return NotImplemented
-        return self.tableau == other.tableau and self.third_weights == other.third_weights
-
-    def __hash__(self) -> int:
-        return hash((MuntheKaas, self.tableau, self.third_weights))
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.tableau, self.third_weights
 
     @cached_property
     def tree(self) -> PointTree:
         """The points of a step: a flow from the initial point to each stage and the result."""
-        a, b = self.tableau.exact
-        return tree_of_flat_rows(a, b)
+        return tree_of_flat_rows(*self.tableau.exact)
 
     @property
     def layout(self) -> Layout:
-        """Where each coefficient stands in `coefficients`: as in the tableau."""
+        """Positions of the entries in `coefficients`, as in the tableau."""
         return self.tableau.layout
 
     @property
@@ -156,7 +153,7 @@ class MuntheKaas(Method):
 
     @cached_property
     def exact_order(self) -> int:
-        """The order of the tableau on vector spaces, as far as its stored places can tell.
+        """The order of the tableau in vector spaces, up to the rounding of its coefficients.
 
         At most ``conditions.MAX_ORDER``.
         """
@@ -164,19 +161,19 @@ class MuntheKaas(Method):
 
     @cached_property
     def embedded_order(self) -> int | None:
-        """Order of the second weights, found like `exact_order`; None without."""
+        """Order of the second weights, computed like `exact_order`; None without."""
         return flat_order(self.tableau, embedded=True) if self.embedded is not None else None
 
     @cached_property
     def third_order(self) -> int | None:
-        """Order of the third weights, found like `exact_order`; None without."""
+        """Order of the third weights, computed like `exact_order`; None without."""
         if self.third_weights is None:
             return None
         return flat_order(Tableau(self.tableau.entries, self.third_weights))
 
     @cached_property
     def advancing(self) -> MuntheKaas:
-        """The method whose first weights are those of higher order, which make the steps."""
+        """The method with the weights of higher order first, with which steps are taken."""
         second = self.tableau.embedded_weights
         if second is None or (self.embedded_order or 0) <= self.order:
             return self
@@ -185,30 +182,30 @@ class MuntheKaas(Method):
 
     @property
     def error_weights(self) -> tuple[tuple[Fraction, ...], ...]:
-        """Weights of the error estimates: the first less the second ones, less the third ones."""
+        """Weights of the error estimates: b minus the second, and b minus the third weights."""
         b = self.tableau.exact[1]
         others = [row for row in (self.exact_embedded, self.exact_third) if row is not None]
         return tuple(tuple(x - y for x, y in zip(b, row, strict=True)) for row in others)
 
     def satisfies(self, order: int) -> bool:
-        """Tell whether the conditions of vector spaces hold through an order."""
+        """Return whether the classical conditions hold through an order."""
         return self.exact_order >= check_integer("order", order, 1)
 
     def residuals(self, order: int, *, embedded: bool = False) -> tuple[Fraction, ...]:
-        """Return ``Φ(t) - 1/γ(t)`` for rooted trees through an order, which are exact.
+        """Return the exact residuals ``Φ(t) - 1/γ(t)`` of rooted trees through an order.
 
         Parameters
         ----------
         order : int
             At least 1.
         embedded : bool, optional
-            Of the second weights.
+            Use the second weights.
         """
         embedded = check_flag("embedded", embedded)
         a, b = self.tableau.exact
         if embedded and self.exact_embedded is None:
             raise ValueError(f"embedded: {self!r} has no second result")
-        return flat_residuals(tree_of_flat_rows(a, (embedded and self.exact_embedded) or b), order)
+        return flat_residuals(a, (embedded and self.exact_embedded) or b, order)
 
     def largest_residual(self, order: int | None = None) -> float:
         """Return the largest ``|Φ(t) - 1/γ(t)|`` of rooted trees, by default through `order`."""
@@ -223,18 +220,14 @@ class MuntheKaas(Method):
             q, by default the method's own order.
         """
         order = self.order if order is None else check_integer("order", order, 0)
-        lower = len(rooted_trees(order)) if order else 0
+        lower = len(rooted_trees_through(order)) if order else 0
         return float(np.linalg.norm([float(r) for r in self.residuals(order + 1)[lower:]]))
 
 
 def _read_third(third: Iterable[Any], tableau: Tableau) -> tuple[Coefficient, ...]:
     if tableau.embedded_weights is None:
         raise MethodError("third must be None unless the tableau has second weights")
-    if isinstance(third, str) or not isinstance(third, Iterable):
-        raise MethodError(f"third must be a sequence of numbers, got {third!r}")
-    weights = tuple(read_coefficient(w, f"third_{i}") for i, w in enumerate(third, 1))
-    if len(weights) != tableau.stages:
-        raise MethodError(f"third must have {tableau.stages} entries, got {len(weights)}")
+    weights = read_third(third, tableau.stages)
     values = tuple(w.value for w in weights)
     if values in (tableau.exact[1], tableau.exact_embedded):
         raise MethodError("third must differ from the other weights, or it estimates no error")

@@ -1,4 +1,4 @@
-"""Linear stability: where a method damps y' = λ y, which is flat."""
+"""Linear stability of methods, for y' = λ y in a vector space."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fractions import Fraction
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any
 
-from ..support.balls import to_fmpq
+from ..support.balls import to_flint, to_fraction
 from .method import Method
 
 if TYPE_CHECKING:
@@ -21,18 +21,16 @@ Polynomial = tuple[Fraction, ...]
 """Coefficients, the constant first."""
 
 _MAX_WORK = 5e9
-"""Of exact polynomials, s⁴ times the bits of the coefficients and some more: 2 to 15 seconds."""
+"""Largest work, s⁴ times the bits of coefficients, of exact polynomials: 2 to 15 seconds."""
 
-_NOISE = 10**4  # last places of coefficients, which rounding them can change sums of products by
-_GROWTH = Fraction(
-    1, 10**12
-)  # of |R|² beyond one, where rounded coefficients make a maximum of one exceed it
-_APART = 1e-13  # the relative distance of roots that doubles can tell apart
+_NOISE = 10**4  # effect of rounded coefficients on sums of products, in units of their last places
+_GROWTH = Fraction(1, 10**12)  # tolerated |R|² - 1 of methods with rounded coefficients
+_APART = 1e-13  # relative distance from which roots in double precision count as different
 
 
 @dataclass(frozen=True)
 class StabilityLimits:
-    """How far a method is stable along two axes.
+    """Stability limits of a method on the real and the imaginary axis.
 
     Attributes
     ----------
@@ -41,7 +39,7 @@ class StabilityLimits:
     imaginary : float
         The largest y such that ``|R(iz)| ≤ 1`` for all z in [0, y].
 
-    Both are infinite where there is no end, and NaN where they weren't computed.
+    A limit is infinite if the interval is unbounded, and NaN if it wasn't computed.
     """
 
     real: float
@@ -49,9 +47,10 @@ class StabilityLimits:
 
 
 def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
-    """Return numerator and denominator of R(z): one step of ``y' = λ y`` multiplies by R(hλ).
+    """Return numerator and denominator of the stability function R(z).
 
-    With the flat tableau it is ``det(I - z A + z 1 bᵀ) / det(I - z A)``.
+    One step of ``y' = λ y`` multiplies y by R(hλ). With the flat tableau,
+    ``R(z) = det(I - z A + z 1 bᵀ) / det(I - z A)``.
 
     Parameters
     ----------
@@ -72,12 +71,12 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
 
     _check(method)
     a, b = method.exact
-    row = list(map(to_fmpq, b))
-    matrix = fmpq_mat([list(map(to_fmpq, entries)) for entries in a])
+    row = list(map(to_flint, b))
+    matrix = fmpq_mat([list(map(to_flint, entries)) for entries in a])
     moved = matrix - fmpq_mat([row for _ in row])
 
     def reversed_characteristic(of: fmpq_mat) -> Polynomial:
-        coefficients = [Fraction(int(x.p), int(x.q)) for x in of.charpoly().coeffs()][::-1]
+        coefficients = list(map(to_fraction, of.charpoly().coeffs()))[::-1]
         while coefficients[-1] == 0:
             coefficients.pop()
         return tuple(coefficients)
@@ -86,7 +85,7 @@ def stability_function(method: Method) -> tuple[Polynomial, Polynomial]:
 
 
 def stability_limits(method: Method) -> StabilityLimits:
-    """Return how far a method is stable along the negative real and the imaginary axis.
+    """Return the stability limits of a method on the negative real and the imaginary axis.
 
     Parameters
     ----------
@@ -95,14 +94,13 @@ def stability_limits(method: Method) -> StabilityLimits:
     Returns
     -------
     StabilityLimits
-        NaN for methods whose exact polynomials are too large: see `too_large`.
+        NaN for methods whose exact polynomials are too large; see `too_large`.
 
     Notes
     -----
-    The limits are roots of ``|D|² - |N|²`` with R = N / D, which are isolated with certainty: no
-    root is missed, whatever the number of stages. Coefficients of a method that are rounded
-    decimals leave residuals in the order conditions. They are removed, since the sign of the
-    smallest one would decide whether the method is stable near the origin.
+    The limits are roots of ``|D|² - |N|²`` with R = N / D. They are isolated rigorously, so that
+    no root is missed. Rounded coefficients leave small residuals in the order conditions; these are
+    removed, since their signs would decide whether the method is stable near the origin.
 
     Examples
     --------
@@ -118,9 +116,9 @@ def stability_limits(method: Method) -> StabilityLimits:
     if unit:
         numerator = _of_order(numerator, denominator, method.order)
     n, d = _reduced(numerator, denominator)
-    noise, growth = to_fmpq(_NOISE * unit), to_fmpq(_GROWTH if unit else Fraction(0))
+    noise, growth = to_flint(_NOISE * unit), to_flint(_GROWTH if unit else Fraction(0))
     back_n, back_d, sizes_n, sizes_d = _mirrored(n), _mirrored(d), _sizes(n), _sizes(d)
-    # as |D|² - |N|² factors on the real axis, half the degree is enough
+    # on the real axis D² - N² = (D - N) (D + N), factors of half the degree
     sizes = sizes_n + sizes_d
     factors = [_certain(back_d - back_n, sizes, noise), _certain(back_d + back_n, sizes, noise)]
     real = _end(factors, back_d * back_d, growth)
@@ -131,11 +129,11 @@ def stability_limits(method: Method) -> StabilityLimits:
 
 
 def too_large(method: Method) -> str | None:
-    """Return why the limits of stability of a method aren't computed; None if they are.
+    """Return why the stability limits of a method aren't computed; None if they are.
 
-    The work grows with the fourth power of the stages and with the bits of a coefficient over the
-    common denominator. At the bound it takes 2 to 15 seconds, with 60 stages of rationals of six
-    digits it would take a minute.
+    The work is proportional to the fourth power of the stages and to the bits of a coefficient over
+    the common denominator. At the bound it takes 2 to 15 seconds; 60 stages of rationals with six
+    digits would take a minute.
 
     Parameters
     ----------
@@ -162,12 +160,12 @@ def _check(method: object) -> None:
 
 
 def _of_order(numerator: Polynomial, denominator: Polynomial, order: int) -> Polynomial:
-    """Return the numerator without what rounded coefficients leave in the order conditions.
+    """Return the numerator of a method that satisfies its order conditions exactly.
 
-    A method of order p has ``N(z) = D(z) exp(z) + O(z^{p+1})``: of an explicit one the
-    coefficients through the order are 1/k!. With decimals of 36 places they differ from that by
-    1e-36 or so, and `|N(iy)|² - |D(iy)|²`, which begins with the power p + 1 or p + 2, has tiny
-    coefficients of lower powers. Near the origin these are larger than all others.
+    A method of order p has ``N(z) = D(z) exp(z) + O(z^{p+1})``; the coefficients of an explicit one
+    are 1/k! through order p. Coefficients of 36 decimals make differences of about 1e-36. So
+    ``|N(iy)|² - |D(iy)|²``, which would begin with the power p + 1 or p + 2, has tiny coefficients
+    of lower powers, which dominate near the origin.
     """
     exact = [
         sum((d / math.factorial(k - j) for j, d in enumerate(denominator[: k + 1])), Fraction(0))
@@ -179,7 +177,7 @@ def _of_order(numerator: Polynomial, denominator: Polynomial, order: int) -> Pol
 def _reduced(numerator: Polynomial, denominator: Polynomial) -> tuple[fmpq_poly, fmpq_poly]:
     from flint import fmpq_poly
 
-    n, d = fmpq_poly(list(map(to_fmpq, numerator))), fmpq_poly(list(map(to_fmpq, denominator)))
+    n, d = fmpq_poly(list(map(to_flint, numerator))), fmpq_poly(list(map(to_flint, denominator)))
     common = n.gcd(d)
     return n // common, d // common
 
@@ -203,21 +201,24 @@ def _on_imaginary_axis(p: fmpq_poly, sign: int) -> fmpq_poly:
 
 
 def _certain(p: fmpq_poly, sizes: fmpq_poly, noise: fmpq) -> fmpq_poly:
-    """Return p without the lowest and highest powers whose coefficients are noise.
+    """Return p without the lowest and highest powers whose coefficients are rounding noise.
 
-    The lowest tell the sign near zero, the highest tell it at infinity. Their sizes are those of
-    the sums that they are, with all terms positive.
+    The lowest power determines the sign near zero, the highest one the sign at infinity. `sizes`
+    are the same sums as the coefficients with the absolute values of all terms.
     """
     coefficients = p.coeffs()
-    sure = [k for k, c in enumerate(coefficients) if abs(c) > noise * sizes[k]]
-    if not sure:
+    significant = [k for k, c in enumerate(coefficients) if abs(c) > noise * sizes[k]]
+    if not significant:
         return type(p)([])
-    inside = range(sure[0], sure[-1] + 1)
+    inside = range(significant[0], significant[-1] + 1)
     return type(p)([c if k in inside else 0 for k, c in enumerate(coefficients)])
 
 
 def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
-    """Return from where above zero a product is negative; by little compared to ``below``."""
+    """Return the point above zero from which a product of polynomials is negative.
+
+    Negative values of at most ``growth * below`` between two roots are ignored.
+    """
     if not all(factors):
         return math.inf
     roots = sorted(
@@ -230,8 +231,8 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
         return 0.0
     for left, right in pairwise(roots):
         if right - left > _APART * right:
-            middle = to_fmpq(Fraction((left + right) / 2))
-            value = math.prod((factor(middle) for factor in factors), start=to_fmpq(Fraction(1)))
+            middle = to_flint(Fraction((left + right) / 2))
+            value = math.prod((factor(middle) for factor in factors), start=to_flint(Fraction(1)))
             if value < -growth * below(middle):
                 return left
     return (
@@ -240,9 +241,9 @@ def _end(factors: Sequence[fmpq_poly], below: fmpq_poly, growth: fmpq) -> float:
 
 
 def _roots(p: fmpq_poly) -> list[acb]:
-    """Return the roots of a polynomial; those that are real have no imaginary part at all."""
-    found: list[Any] = p.numer().complex_roots()  # with their multiplicities
-    return [root for root, _ in found]
+    """Return the roots of a polynomial as balls; real roots have imaginary part 0 exactly."""
+    roots: list[Any] = p.numer().complex_roots()  # pairs of a root and its multiplicity
+    return [root for root, _ in roots]
 
 
 def _sign(number: fmpq) -> int:

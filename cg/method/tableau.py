@@ -1,9 +1,9 @@
-"""The tableau of a Crouch–Grossman method: frozen, checked, exact."""
+"""Tableaux of Crouch–Grossman methods."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -14,8 +14,8 @@ from ..structure.layout import Layout, Rows, check_length, rows_of, unknowns
 from ..structure.points import MethodError, PointTree, tree_of_rows
 from ..support.checks import check_integer
 from ..support.quads import DECIMAL_DIGITS, to_decimal
-from .coefficients import Coefficient
-from .method import ExactTableau, Method, read_coefficient, read_texts
+from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
+from .method import ExactTableau, Method
 
 __all__ = ["Tableau", "TableauError"]
 
@@ -23,7 +23,7 @@ Entries = tuple[tuple[Coefficient, ...], ...]
 
 
 class TableauError(MethodError):
-    """The coefficients don't make a tableau; the message names the one at fault.
+    """Raised if coefficients don't make a tableau; the message names the wrong one.
 
     Examples
     --------
@@ -40,28 +40,27 @@ class TableauError(MethodError):
 class Tableau(Method):
     """A Runge–Kutta method of Crouch–Grossman type, (2.2) and (2.3) of the paper.
 
-    All coefficients are kept as they were given; numbers derived from them are exact or
-    correctly rounded. Tableaux are equal if all their coefficients are.
+    The tableau is immutable. It keeps all coefficients as they were given; numbers derived from
+    them are exact or correctly rounded. Tableaux are equal if all their coefficients are equal.
 
     Parameters
     ----------
     a : sequence of s rows
         All of length s, or the strictly lower part (lengths 0 to s - 1), or the lower part
-        (1 to s). Entries as `Coefficient.read` takes them: strings, Fractions, integers,
-        floats.
+        (1 to s). Entries are strings, Fractions, integers or floats; see `Coefficient.read`.
     b : sequence of s numbers
     name, source : str, optional
-        What the method is called and where it is from.
+        Name and origin of the method.
     b_embedded : sequence of s numbers, optional
-        Second weights, different from b, that make the method a pair.
+        Second weights of a pair, different from b.
     explicit : bool, optional
-        Insist on a strictly lower a; otherwise entries on or above the diagonal make the
-        method implicit.
+        Raise an error unless a is strictly lower. By default, entries on or above the diagonal
+        make the method implicit.
     nominal_order : int, optional
-        For a method that satisfies its order conditions only approximately: the order it
-        is meant to have. It comes with `nominal_residual`.
+        The intended order of a method that satisfies its order conditions only approximately;
+        given together with `nominal_residual`.
     nominal_residual : number, optional
-        The size that no residual through `nominal_order` exceeds.
+        Upper bound of the absolute residuals through `nominal_order`.
 
     Attributes
     ----------
@@ -71,8 +70,8 @@ class Tableau(Method):
     Raises
     ------
     TableauError
-        If a shape is wrong, a number isn't finite, ``a`` isn't strictly lower although it
-        should be, both weights are the same, or a nominal order isn't borne out.
+        If a shape is wrong, a number isn't finite, ``a`` isn't strictly lower with
+        ``explicit=True``, both weights are the same, or residuals exceed `nominal_residual`.
 
     Examples
     --------
@@ -116,10 +115,16 @@ class Tableau(Method):
         values["entries"] = _read_matrix(a, stages, explicit)
         values["weights"] = weights
         values["embedded_weights"] = embedded
-        for field, value in values.items():
-            object.__setattr__(self, field, value)
+        self._set(values)
         if self.nominal_order is not None:
             self._check_nominal_order(TableauError)
+
+    @classmethod
+    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **fields: Any) -> Tableau:
+        """Return the tableau with a layout and packed entries, row by row."""
+        rows = layout.full_rows(coefficients)
+        a, (b, *second) = rows[: layout.stages], rows[layout.stages :]
+        return cls(a, b, b_embedded=second[0] if second else None, **fields)
 
     @classmethod
     def from_packed(
@@ -131,7 +136,7 @@ class Tableau(Method):
         digits: int | None = None,
         **names: Any,
     ) -> Tableau:
-        """Make a tableau of packed entries, row by row with b last.
+        """Return the tableau with packed entries, row by row with b last.
 
         Parameters
         ----------
@@ -139,8 +144,8 @@ class Tableau(Method):
         stages : int
         rows : Rows, optional
         digits : int, optional
-            Round to so many significant decimals, at most 36. A binary128 number is good
-            for 34 of them; without rounding, Fractions count as exact.
+            Round to this many significant decimals, at most 36. A binary128 number has 34
+            reliable ones. Without rounding, Fractions count as exact.
         **names
             Further keyword arguments of `Tableau`.
 
@@ -154,27 +159,19 @@ class Tableau(Method):
                 digits = check_integer("digits", digits, 1, DECIMAL_DIGITS)
             except ValueError as error:
                 raise TableauError(str(error)) from None
-            numbers = enumerate(_listed(x, "x"), 1)
+            numbers = enumerate(read_sequence(x, "x", TableauError), 1)
             x = [to_decimal(_read(entry, f"x_{k}").value, digits) for k, entry in numbers]
         try:
-            entries = _listed(x, "x")
-            check_length(entries, unknowns(stages, rows))  # before there is a layout of so many
-            *a, b = Layout.tableau(stages, rows).full_rows(entries)
+            entries = read_sequence(x, "x", TableauError)
+            check_length(entries, unknowns(stages, rows))  # before a layout of many stages is made
+            layout = Layout.tableau(stages, rows)
         except ValueError as error:
             raise TableauError(str(error)) from None
-        return cls(a, b, **names)
+        return cls.from_layout(layout, entries, **names)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what was derived: arrays would come back writeable."""
-        return {field.name: self.__dict__[field.name] for field in fields(self)}
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Tableau):
-            return NotImplemented
-        return self.exact == other.exact and self.exact_embedded == other.exact_embedded
-
-    def __hash__(self) -> int:
-        return hash((self.exact, self.exact_embedded))
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.exact, self.exact_embedded
 
     @cached_property
     def exact(self) -> ExactTableau:
@@ -188,7 +185,7 @@ class Tableau(Method):
 
     @cached_property
     def rows(self) -> Rows:
-        """The narrowest pattern that holds all nonzero entries of a."""
+        """The narrowest pattern that contains all nonzero entries of a."""
         return rows_of(self.exact[0])
 
     @property
@@ -198,26 +195,26 @@ class Tableau(Method):
 
     @cached_property
     def tree(self) -> PointTree:
-        """The points of a step: each row is a chain of flows along one frozen field each."""
+        """The points of a step: each row is a chain of flows of one frozen field each."""
         return tree_of_rows(*self.exact, self.exact_embedded)
 
     @cached_property
     def layout(self) -> Layout:
-        """Where each coefficient stands in `coefficients`."""
+        """Positions of the entries in `coefficients`."""
         return Layout.tableau(self.stages, self.rows, self.embedded_weights is not None)
 
     @cached_property
     def coefficients(self) -> tuple[Coefficient, ...]:
-        """All coefficients with their text, row by row, second weights last."""
+        """All coefficients, row by row, second weights last."""
         second = () if self.embedded_weights is None else (self.embedded_weights,)
         return tuple(self.layout.packed([*self.entries, self.weights, *second]))
 
     @cached_property
     def exponentials(self) -> int:
-        """Flows that a step takes, to the stages and the result.
+        """Number of flows of a step.
 
-        First flows that several rows share count once. The second weights of a pair aren't
-        counted: see `pair_exponentials`. Of an implicit method, whose stages are iterated,
+        Initial flows that several rows share count once. Flows of the second weights of a pair
+        don't count; see `pair_exponentials`. For an implicit method, whose stages are iterated,
         all nonzero entries of a and b count.
         """
         if self.explicit:
@@ -243,14 +240,17 @@ def _read(number: Any, label: str) -> Coefficient:
 
 
 def _read_row(row: Any, label: str, entry: str, length: int | None) -> tuple[Coefficient, ...]:
-    numbers = _listed(row, label)
+    numbers = read_sequence(row, label, TableauError)
     if length is not None and len(numbers) != length:
         raise TableauError(f"{label} must have {length} entries, got {len(numbers)}")
     return tuple(_read(number, entry.format(i)) for i, number in enumerate(numbers, 1))
 
 
 def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
-    rows = [_listed(row, f"row {i} of a") for i, row in enumerate(_listed(a, "a"), 1)]
+    rows = [
+        read_sequence(row, f"row {i} of a", TableauError)
+        for i, row in enumerate(read_sequence(a, "a", TableauError), 1)
+    ]
     lengths = [len(row) for row in rows]
     allowed = ([stages] * stages, list(range(stages)), list(range(1, stages + 1)))
     if lengths not in allowed:
@@ -271,13 +271,3 @@ def _read_matrix(a: Any, stages: int, explicit: bool) -> Entries:
                     f"but {labels[j - 1]} = {entries[-1][j - 1].text}"
                 )
     return tuple(entries)
-
-
-def _listed(value: Any, label: str) -> list[Any]:
-    # the order of a set is no order, and a mapping gives its keys
-    if isinstance(value, str | bytes | Set | Mapping):
-        raise TableauError(f"{label} must be a sequence of numbers, got {value!r}")
-    try:
-        return list(value)
-    except TypeError:
-        raise TableauError(f"{label} must be a sequence of numbers, got {value!r}") from None

@@ -1,4 +1,4 @@
-"""Warnings about methods whose steps, or whose error estimates, are worth little."""
+"""Warnings about methods that don't converge and pairs whose error estimates are unreliable."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..conditions import MAX_ORDER, residuals_of
-from .method import Method, remembered
+from .method import Method, cached
 from .munthe_kaas import MuntheKaas
 
 __all__ = ["check_order", "check_pair"]
 
 MIN_DIFFERENCE = 1e-6
-"""Of elementary weights of both results, through the order of the estimate: less says nothing."""
+"""Smallest useful difference of elementary weights of both results of a pair."""
 
 
 def check_order(method: Method, *, stacklevel: int = 2) -> None:
-    """Warn of a method that has order 0.
+    """Warn if a method has order 0.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def check_order(method: Method, *, stacklevel: int = 2) -> None:
     Warns
     -----
     UserWarning
-        If the steps don't converge, since the weights of the result don't add up to one.
+        If the weights of the result don't add up to one, so that solutions don't converge.
     """
     if not _converges(method):
         warnings.warn(
@@ -38,7 +38,7 @@ def check_order(method: Method, *, stacklevel: int = 2) -> None:
 
 
 def check_pair(method: Method, *, stacklevel: int = 2) -> None:
-    """Warn of a pair whose results don't tell the error of a step.
+    """Warn if the results of a pair give no useful error estimate.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def check_pair(method: Method, *, stacklevel: int = 2) -> None:
     Raises
     ------
     ValueError
-        If the method is no pair.
+        If the method isn't a pair.
     """
     if method.embedded_order is None:
         raise ValueError(f"method must be a pair, got {method!r}")
@@ -64,15 +64,15 @@ def check_pair(method: Method, *, stacklevel: int = 2) -> None:
         warnings.warn(f"{_name(method)}: {message}", stacklevel=stacklevel + 1)
 
 
-@remembered
+@cached
 def _converges(method: Method) -> bool:
-    # the order itself takes seconds to compute where it is high
+    # to compute a high order takes seconds
     return method.satisfies(1)
 
 
-@remembered
+@cached
 def _fault(method: Method) -> str:
-    """Return what is wrong with a pair, or nothing."""
+    """Return the reason why the error estimate of a pair is unreliable, or an empty text."""
     order, second = method.order, method.embedded_order
     assert second is not None
     trees = min(order, second) + 1

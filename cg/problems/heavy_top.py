@@ -15,7 +15,7 @@ from cg.frames.arrays import Array
 from cg.problems.quadratic import QuadraticProblem
 from cg.problems.taylor import ball, exact_midpoint
 
-from ..support.balls import to_fmpq, working_precision
+from ..support.balls import to_flint, working_precision
 from ..support.parsing import read_fraction
 
 _FRAME = Product(SO3(), Euclidean(3))
@@ -154,7 +154,7 @@ class HeavyTop(QuadraticProblem):
         return ball(self.mass * self.gravity) * arb(3).sqrt() / 2
 
     def _initial(self) -> tuple[arb, ...]:
-        angle = to_fmpq(self.phi_over_pi)
+        angle = to_flint(self.phi_over_pi)
         sine, cosine = arb.sin_cos_pi_fmpq(angle)
         zero, one = arb(0), arb(1)
         spin = one if self.reading == "momentum" else ball(self.inertia[2])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from ..structure.layout import Layout, Rows
-from ..support.balls import to_fmpq
+from ..support.balls import to_flint
 from ..support.parsing import read_fraction
 from ..support.quads import to_decimal
 from .dependent.composition import MidpointSteps
@@ -230,7 +230,7 @@ def _deviations(words: Sequence[Word], layout: Layout, y: Sequence[arb]) -> NDAr
 
 def _ratio(word: Word, bush: Word) -> Any:
     ratio = reciprocal_density(word) / reciprocal_density(bush)
-    return to_fmpq(ratio)
+    return to_flint(ratio)
 
 
 def names_of_left_out(conditions: Sequence[Condition], structure: str = "") -> tuple[str, ...]:

@@ -7,8 +7,8 @@ from importlib.resources.abc import Traversable
 from os import PathLike
 from pathlib import Path
 
-from ..catalogue import methods, packaged
-from ..catalogue.own import proof_beside
+from ..catalogue import methods
+from ..catalogue.entries import certificate_path
 from ..method.method import Method
 from .certificate import Certificate, CertificationError
 from .prove import check
@@ -36,10 +36,7 @@ def certificate_names() -> list[str]:
 
 
 def certificate_of(method: Method) -> Certificate:
-    """Return the certificate of a method of the catalogue, or of one of the user's.
-
-    That of a method in a folder of the user is beside its file, which has the same name but for
-    ``.certificate.toml`` at its end. It isn't proved again here: see `check`.
+    """Return the certificate of a method of the catalogue. It isn't proved again: see `check`.
 
     Raises
     ------
@@ -52,16 +49,13 @@ def certificate_of(method: Method) -> Certificate:
     name = method.name
     if name not in methods or methods[name] != method:
         raise CertificationError(f"{name or 'the method'} isn't in the catalogue: see cg.certify")
-    path = folder() / f"{name}.toml" if name in packaged else methods.own.proof(name)
+    path = folder() / f"{name}.toml"
     if not path.is_file():
         raise CertificationError(f"{name} has no certificate")
     if isinstance(path, Path):
-        certificate = Certificate.load(path)
-    else:  # of a package that isn't a folder
-        certificate = Certificate.loads(path.read_text(encoding="utf-8"))
-    if name not in packaged:
-        fitting(certificate, method)
-    return certificate
+        return Certificate.load(path)
+    # of a package that isn't a folder
+    return Certificate.loads(path.read_text(encoding="utf-8"))
 
 
 def proved(method: Method) -> str:
@@ -71,13 +65,10 @@ def proved(method: Method) -> str:
     -------
     str
         ``"whole"``; ``"partly"`` if some conditions are only shown to be small; ``"no"`` without
-        a certificate. That of a method of the user's is proved again, since nothing of it is
-        believed.
+        a certificate.
     """
     try:
         certificate = certificate_of(method)
-        if method.name not in packaged:
-            check(certificate, method)
     except CertificationError:
         return "no"
     return "whole" if certificate.complete else "partly"
@@ -91,7 +82,8 @@ def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate
     Parameters
     ----------
     file : path
-        Of the method; see `certificate_of` for the name of the other.
+        Of the method. The certificate has the same name with ``.certificate.toml`` at its end, or
+        is in a folder ``certificates`` beside it.
     method : Method
 
     Raises
@@ -99,7 +91,7 @@ def certificate_beside(file: str | PathLike[str], method: Method) -> Certificate
     CertificationError
         If the file is no certificate, or another method's.
     """
-    path = proof_beside(Path(file))
+    path = certificate_path(Path(file))
     if not path.is_file():
         return None
     certificate = Certificate.load(path)

@@ -12,7 +12,7 @@ from ..method.coefficients import Coefficient
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..structure.layout import Layout
-from ..support.balls import to_arb
+from ..support.balls import to_ball
 from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Condition
 from .dependent.parametric import RELATION_RADIUS
@@ -72,7 +72,7 @@ class Packed:
 
     def balls(self) -> list[arb]:
         """Return balls, as small as the precision allows, that hold the values."""
-        return [to_arb(v) for v in self.values]
+        return [to_ball(v) for v in self.values]
 
     def zeros(self) -> list[frozenset[int]]:
         """Return at which stages each row of weights is exactly zero."""
@@ -180,7 +180,7 @@ def names_of(packed: Packed, certificate: Certificate) -> list[str]:
 def start(packed: Packed, certificate: Certificate) -> list[arb]:
     """Return the stored coefficients, and the parameters of identities, as balls."""
     parameters = [p for identity in _identities(certificate) for p in identity.parameters]
-    return packed.balls() + [to_arb(p) for p in parameters]
+    return packed.balls() + [to_ball(p) for p in parameters]
 
 
 def orders_of(certificate: Certificate) -> list[int]:

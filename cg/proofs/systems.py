@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from flint import arb, arb_mat
 
 from ..structure.layout import Layout
-from ..support.balls import to_arb, to_fmpq
+from ..support.balls import to_ball, to_flint
 from .dependent.words import Word, condition_words, reciprocal_density, text
 from .weights import Quantity, Weights
 
@@ -92,7 +92,7 @@ class EquationSystem:
         for equation in self.equations:
             row = [arb(0)] * self.unknowns
             for term in equation.terms:
-                factor = to_arb(term.factor)
+                factor = to_ball(term.factor)
                 outer = factor if term.parameter is None else factor * rest[term.parameter]
                 known = [found[self._position[quantity]] for quantity in term.weights]
                 for k, quantity in enumerate(term.weights):
@@ -112,12 +112,12 @@ class EquationSystem:
         rest = list(z[self.layout.size :])
         values = []
         for equation in self.equations:
-            total = to_arb(equation.constant)
+            total = to_ball(equation.constant)
             for term in equation.terms:
                 factors = [found[self._position[quantity]] for quantity in term.weights]
                 if term.parameter is not None:
                     factors.append(rest[term.parameter])
-                total = total + _product([to_arb(term.factor), *factors])
+                total = total + _product([to_ball(term.factor), *factors])
             values.append(total)
         return values, weights, found
 
@@ -139,7 +139,7 @@ def exact_residuals(
 ) -> list[Fraction]:
     """Return ``Φ(t) - 1/γ(t)`` in rational arithmetic, for packed rational entries."""
     weights = Weights(layout, [Quantity(row, word) for word in words])
-    found = weights.evaluate([to_fmpq(entry) for entry in x])
+    found = weights.evaluate([to_flint(entry) for entry in x])
     return [
         Fraction(int(value.p), int(value.q)) - reciprocal_density(word)
         for value, word in zip(found, words, strict=True)

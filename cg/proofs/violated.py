@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from ..support.balls import to_arb
+from ..support.balls import to_ball
 from ..support.quads import to_decimal
 from .certificate import Beyond, Certificate, CertificationError
 from .dependent.words import Word, condition_words, nodes, parse, reciprocal_density, text
@@ -68,7 +68,7 @@ def _bounds(
     bounds = []
     for value, word in zip(weights.evaluate(box(packed, certificate)), words, strict=True):
         target = reciprocal_density(word)
-        lower = (value - to_arb(target)).abs_lower()
+        lower = (value - to_ball(target)).abs_lower()
         mantissa, exponent = lower.man_exp()
         bounds.append(int(mantissa) * Fraction(2) ** int(exponent))
     return bounds

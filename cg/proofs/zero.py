@@ -8,7 +8,7 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ..method.method import TOLERANCE_FACTOR
-from ..support.balls import to_arb
+from ..support.balls import to_ball
 from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Condition, follow
 from .dependent.words import condition_words, text
@@ -70,7 +70,7 @@ def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTe
     bound = bound_of(certificate)
     if bound is not None:
         largest = largest_residual(packed, left_out, zero)
-        if not largest < to_arb(bound):
+        if not largest < to_ball(bound):
             raise CertificationError(
                 f"{certificate.name}: that conditions are small is not proved",
                 residual=float(largest),

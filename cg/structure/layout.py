@@ -1,4 +1,4 @@
-"""Where the weights of a method stand in a packed vector, and which flow each belongs to."""
+"""The layout of a method: which weights it has, and their positions in a packed vector."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class Rows(IntEnum):
 
 
 def check_rows(rows: Rows | str | int) -> Rows:
-    """Return a pattern given by itself, its name or its number.
+    """Return the pattern with a name or a number.
 
     Raises
     ------
     ValueError
-        If it is none of these.
+        If `rows` is neither a pattern nor the name or number of one.
 
     Examples
     --------
@@ -81,23 +81,24 @@ def rows_of(a: Sequence[Sequence[Any]] | NDArray[Any]) -> Rows:
 
 @dataclass(frozen=True)
 class Layout:
-    """The shape of a method without its numbers: flows, and the stages that each one uses.
+    """The structure of a method without its numbers: flows, and the stages of each flow.
 
-    The unknowns are the weights, packed point after point. In the layout of a tableau each
-    entry is a point of its own, zeros included: the rows of ``a``, then ``b``, then the second
-    weights of a pair. Then `rows` says which entries there are; otherwise it is None.
+    The unknowns are the weights, packed point by point. In the layout of a tableau each entry,
+    also a zero, is a point of its own: the rows of ``a``, then ``b``, then the second weights of a
+    pair.
 
     Attributes
     ----------
     parents : tuple of int
-        The point that each point's flow starts from, `START` for the initial point.
+        The point where the flow to each point starts, `START` for the initial point.
     weights : tuple of tuples of int
-        The stages (from 0) that each point has weights on, increasing.
+        The stages (from 0) of the weights of each point, increasing.
     stage_points : tuple of int
-        The point that each stage is at.
+        The point of each stage.
     results : tuple of one or two ints
-        The point that the step leads to, and for pairs the second result.
+        The point of the result, and for pairs that of the second result.
     rows : Rows or None
+        The pattern of a tableau; None for other methods.
     """
 
     parents: tuple[int, ...]
@@ -115,13 +116,13 @@ class Layout:
         Raises
         ------
         TypeError, ValueError
-            If `stages` isn't a positive integer, or `rows` is no pattern.
+            If `stages` isn't a positive integer, or `rows` isn't a pattern.
         """
         return _tableau(check_integer("stages", stages, 1), check_rows(rows), bool(pair))
 
     @classmethod
     def of_tree(cls, tree: PointTree) -> Layout:
-        """Return the layout of a tree of points: their weights that aren't zero."""
+        """Return the layout of the nonzero weights of a tree of points."""
         second = () if tree.embedded_result is None else (tree.embedded_result,)
         return cls(
             tuple(point.parent for point in tree.points),
@@ -147,17 +148,17 @@ class Layout:
 
     @cached_property
     def stage_of(self) -> NDArray[np.intp]:
-        """The stage (from 0) that each unknown is the weight of; shape (size,)."""
+        """The stage (from 0) of each unknown; shape (size,)."""
         return np.array([stage for weights in self.weights for stage in weights], dtype=np.intp)
 
     @cached_property
     def starts(self) -> tuple[int, ...]:
-        """Index of the first unknown of each point, and `size` last."""
+        """Index of the first unknown of each point, then `size`."""
         return tuple(np.cumsum([0, *map(len, self.weights)]).tolist())
 
     @property
     def ends(self) -> tuple[int, ...]:
-        """The points of the stages, then of the results: what each row of a tableau leads to."""
+        """The points of the stages, then those of the results: the end of each row of a tableau."""
         return *self.stage_points, *self.results
 
     @property
@@ -167,27 +168,27 @@ class Layout:
         return self.rows
 
     def path(self, point: int) -> list[int]:
-        """Return the points from the start to `point`, the start left out."""
-        found: list[int] = []
+        """Return the points from the initial point to `point`, without the initial point."""
+        path: list[int] = []
         while point != START:
-            found.append(point)
+            path.append(point)
             point = self.parents[point]
-        return found[::-1]
+        return path[::-1]
 
     def row(self, r: int) -> list[int]:
-        """Return the unknowns on the path to a stage (from 0), or to a result after them."""
+        """Return the unknowns on the path of row r: of a stage (from 0), or of a result."""
         return [
             k for m in self.path(self.ends[r]) for k in range(self.starts[m], self.starts[m + 1])
         ]
 
     @property
     def lengths(self) -> tuple[int, ...]:
-        """How many unknowns each row has."""
+        """Number of unknowns of each row."""
         return tuple(len(self.row(r)) for r in range(len(self.ends)))
 
     @property
     def names(self) -> list[str]:
-        """Names of the unknowns, which count points and stages from 1.
+        """Names of the unknowns, with points and stages counted from 1.
 
         Those of a tableau are ``a_3,1``, ``b_2`` and ``b_embedded_2``, other weights
         ``w_3,1`` for point 3 and stage 1.
@@ -207,21 +208,22 @@ class Layout:
 
     @property
     def held(self) -> list[int]:
-        """The unknowns that are zero by definition: the second weight of a pair's last stage.
+        """The unknowns that are fixed at zero: the second weight of the last stage of a pair.
 
-        The error estimate would not see that stage otherwise.
+        Otherwise both weights of this stage could be equal, and the error estimate would not
+        depend on it.
         """
         if self.rows is None or not self.pair:
             return []
         return [self.row(self.stages + 1)[-1]]
 
     def column(self, stage: int) -> NDArray[np.intp]:
-        """Return the unknowns by which a stage (from 0) acts on others and on results."""
+        """Return the weights of a stage (from 0) in other stages and in results."""
         own = self.row(stage)
         return np.setdiff1d(np.flatnonzero(self.stage_of == stage), own)
 
     def without(self, stage: int) -> tuple[Layout, list[int]]:
-        """Return the layout of a tableau without a stage (from 0), and the unknowns it keeps.
+        """Return the layout of a tableau without a stage (from 0), and the remaining unknowns.
 
         Raises
         ------
@@ -246,23 +248,23 @@ class Layout:
         return [[x[k] for k in self.row(r)] for r in range(len(self.ends))]
 
     def full_rows(self, x: Sequence[T] | NDArray[Any]) -> list[list[T | int]]:
-        """Return what `cut` does, each row filled up with zeros to the number of stages."""
+        """Return the rows of `cut`, padded with zeros to the number of stages."""
         return [[*row, *[0] * (self.stages - len(row))] for row in self.cut(x)]
 
     def packed(self, rows: Sequence[Sequence[T]]) -> list[T]:
-        """Return the unknowns of a tableau: the rows of ``a``, ``b`` and second weights, cut."""
+        """Return the packed unknowns of full rows: those of ``a``, ``b`` and the second weights."""
         lengths = _row_lengths(self.stages, self._tableau_rows, self.pair)
         return [entry for row, length in zip(rows, lengths, strict=True) for entry in row[:length]]
 
     def point_weights(self, x: Sequence[T]) -> list[dict[int, T]]:
-        """Return the packed unknowns point by point, as mappings from stages."""
+        """Return the weights of each point as a mapping from stages."""
         return [
             {stage: x[begin + k] for k, stage in enumerate(weights)}
             for begin, weights in zip(self.starts, self.weights, strict=False)
         ]
 
     def tree(self, x: Sequence[Fraction]) -> PointTree:
-        """Return the points with these packed weights; zeros of a tableau make none."""
+        """Return the tree of points with packed weights; zeros of a tableau make no points."""
         if self.rows is not None:
             rows: list[Any] = self.full_rows(x)
             return tree_of_rows(rows[: self.stages], *rows[self.stages :])
@@ -271,14 +273,14 @@ class Layout:
 
     @cached_property
     def segments(self) -> int:
-        """At most so many runs of points without a branch, a stage or a result between them."""
+        """Upper bound of the number of runs of points without branch, stage or result inside."""
         after = {m - 1 for m, parent in enumerate(self.parents) if parent != m - 1}
         branches = {parent for m, parent in enumerate(self.parents) if parent != m - 1}
         return len(({*self.ends, len(self.parents) - 1} | after | branches) - {START})
 
     @cached_property
     def code(self) -> NDArray[np.intc]:
-        """What the compiled core reads the layout from: see ``read_layout`` there."""
+        """The layout as integers for the compiled core; see ``read_layout`` there."""
         second = self.results[1] + 1 if self.pair else 0
         numbers = [
             self.stages,
@@ -311,7 +313,7 @@ def _tableau(stages: int, rows: Rows, pair: bool) -> Layout:
 
 
 def check_length(x: Any, size: int) -> None:
-    """Raise ValueError unless `x` is a sequence of so many numbers."""
+    """Raise ValueError unless `x` is a sequence of length `size`."""
     scalar = isinstance(x, str | bytes) or not isinstance(x, Sized)
     if scalar or (isinstance(x, np.ndarray) and x.ndim != 1):
         raise ValueError(f"x must be a sequence of numbers, got {x!r}")

@@ -1,4 +1,4 @@
-"""Trees of points: what a method does on a manifold, flow by flow."""
+"""Trees of points: the flows of a step of a method on a manifold."""
 
 from __future__ import annotations
 
@@ -9,14 +9,23 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
-__all__ = ["START", "MethodError", "Point", "PointTree", "check_tree", "points_of", "tree_of_rows"]
+__all__ = [
+    "START",
+    "MethodError",
+    "Point",
+    "PointTree",
+    "check_tree",
+    "points_of",
+    "tree_of_flat_rows",
+    "tree_of_rows",
+]
 
 START = -1
-"""The index of the point that a step starts from."""
+"""Index of the initial point of a step."""
 
 
 class MethodError(ValueError):
-    """Points or coefficients don't make a method; the message names what is at fault.
+    """Raised if points or coefficients don't make a method; the message names the wrong one.
 
     Examples
     --------
@@ -31,16 +40,16 @@ class MethodError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    r"""A point of a step: the flow of a combination of frozen fields from an earlier point.
+    r"""A point of a step, reached from an earlier point by one flow.
 
     .. math:: y_m = \exp\Bigl(h \sum_k \alpha_{m,k} F_k\Bigr) y_{\mathrm{parent}(m)}
 
     Attributes
     ----------
     parent : int
-        Index of the point that the flow starts from, `START` for the initial point.
+        Index of the point where the flow starts, `START` for the initial point.
     weights : mapping from int to Fraction
-        The numbers α by the stages (from 0) whose fields they multiply, none of them zero.
+        The nonzero weights α by the stages (from 0) whose frozen fields they multiply.
     """
 
     parent: int
@@ -70,16 +79,16 @@ class Point:
 
 @dataclass(frozen=True)
 class PointTree:
-    """The points of a step, which of them are stages, and which are results.
+    """The points of a step, with the points of its stages and results.
 
     Attributes
     ----------
     points : tuple of Point
         Parents come before their children.
     stage_points : tuple of int
-        The point that each stage is at; of explicit methods, the first stage is at `START`.
+        The point of each stage; the first stage of an explicit method is at `START`.
     result : int
-        The point that the step leads to.
+        The result of the step.
     embedded_result : int or None
         The second result of a pair.
     """
@@ -91,36 +100,40 @@ class PointTree:
 
     @property
     def tree(self) -> PointTree:
-        """The tree itself: a method has one too."""
+        """The tree itself, so that methods and trees have the same interface."""
         return self
 
     def path(self, point: int) -> tuple[int, ...]:
-        """Return the points from the start to `point`, the start left out."""
-        found: list[int] = []
+        """Return the points from the initial point to `point`, without the initial point."""
+        path: list[int] = []
         while point != START:
-            found.append(point)
+            path.append(point)
             point = self.points[point].parent
-        return tuple(reversed(found))
+        return tuple(reversed(path))
 
     def flat_row(self, point: int) -> tuple[Fraction, ...]:
-        """Return the sums of the weights on the path to a point, by stage: its flat tableau."""
+        """Return the sums of the weights on the path to a point, by stage."""
         row = [Fraction(0)] * len(self.stage_points)
         for m in self.path(point):
             for stage, weight in self.points[m].weights.items():
                 row[stage] += weight
         return tuple(row)
 
-    def flows(self, ends: Iterable[int]) -> int:
-        """Return how many different flows lead to some points.
+    @property
+    def flat_tableau(self) -> tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]:
+        """The tableau ``(a, b)`` for commuting flows: rows of the stages, row of the result."""
+        return tuple(map(self.flat_row, self.stage_points)), self.flat_row(self.result)
 
-        Points with the same parent and weights count once, and those that have no weights
-        only repeat their parents.
+    def flows(self, ends: Iterable[int]) -> int:
+        """Return the number of different flows on the paths to some points.
+
+        Points with the same parent and weights count once; points without weights don't count.
         """
         return len({self.merged[m] for end in ends for m in self.path(end)} - {START})
 
     @property
     def flow_between(self) -> Mapping[int, Fraction] | None:
-        """The weights of the flow from the result to the second one; None if it isn't one flow."""
+        """The weights of the flow between both results; None unless it is a single flow."""
         if self.embedded_result is None:
             return None
         second = self.merged[self.embedded_result]
@@ -129,7 +142,7 @@ class PointTree:
         return self.points[second].weights
 
     def same(self, one: int, other: int) -> bool:
-        """Tell whether the same flows lead to two points."""
+        """Return whether the same flows lead to two points."""
         return self.merged[one] == self.merged[other]
 
     def roles(self) -> dict[int, list[str]]:
@@ -144,7 +157,7 @@ class PointTree:
 
     @cached_property
     def merged(self) -> dict[int, int]:
-        """By each point, the first one that is the same, `START` among them."""
+        """The first point with the same path, for each point and `START`."""
         first: dict[Point, int] = {}
         merged = {START: START}
         for m, point in enumerate(self.points):
@@ -155,7 +168,7 @@ class PointTree:
 
 
 def points_of(method: Any) -> PointTree:
-    """Return the points of a method or of a tree of points; TypeError if it is anything else."""
+    """Return the tree of a method or of a tree itself; TypeError for other objects."""
     tree = getattr(method, "tree", None)
     if not isinstance(tree, PointTree):
         raise TypeError(f"method must be a Method or a PointTree, got {method!r}")
@@ -163,14 +176,14 @@ def points_of(method: Any) -> PointTree:
 
 
 def check_tree(tree: PointTree) -> None:
-    """Refuse points that don't make an explicit method.
+    """Check that points make an explicit method.
 
     Raises
     ------
     MethodError
-        If a parent or a stage is no point, a parent comes after its child, the first stage
-        isn't at the initial point, a weight is on a stage that isn't evaluated by then, or no
-        stage influences a result.
+        If a parent or a stage isn't a point, a parent comes after its child, the first stage isn't
+        at the initial point, a weight is on a stage that is evaluated later, or a result depends
+        on no stage.
     """
     _check_shape(tree)
     _check_sequence(tree)
@@ -207,20 +220,20 @@ def _check_shape(tree: PointTree) -> None:
 
 
 def _check_sequence(tree: PointTree) -> None:
-    """Refuse weights on stages that aren't evaluated by then, point by point or stage by stage."""
+    """Check that weights are on earlier stages, in the order of points and in that of stages."""
     for m, point in enumerate(tree.points):
         for stage in point.weights:
             if tree.stage_points[stage] >= m:
                 raise MethodError(
-                    f"point {m} has a weight on stage {stage}, which isn't evaluated by then: "
+                    f"point {m} must have weights on earlier stages, got one on stage {stage}: "
                     f"it is at point {tree.stage_points[stage]}"
                 )
     for stage, at in enumerate(tree.stage_points):
         late = [k for m in tree.path(at) for k in tree.points[m].weights if k >= stage]
         if late:
             raise MethodError(
-                f"stage {stage} is at point {at}, which depends on stage {late[0]}: "
-                "that isn't evaluated by then"
+                f"stage {stage} must depend on earlier stages, but its point {at} depends on "
+                f"stage {late[0]}"
             )
 
 
@@ -238,15 +251,14 @@ def tree_of_rows(
     b: Sequence[Fraction],
     b_embedded: Sequence[Fraction] | None = None,
 ) -> PointTree:
-    """Return the tree of a Crouch–Grossman tableau: each row is a chain of one weight a point.
+    """Return the tree of a Crouch–Grossman tableau: each nonzero entry of a row is a point.
 
-    Rows that begin alike share their first points; a zero makes no point.
+    Rows with equal first entries share the points of these.
 
     Parameters
     ----------
     a : s rows of s numbers
-        Strictly lower for an explicit method. Otherwise points have weights on stages that
-        only equations determine.
+        Strictly lower for an explicit method.
     b, b_embedded : s numbers
     """
     index: dict[Point, int] = {}
@@ -265,9 +277,9 @@ def tree_of_rows(
 
 
 def tree_of_flat_rows(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) -> PointTree:
-    """Return the tree of a Munthe-Kaas method: each row is one flow from the initial point.
+    """Return the tree of a Munthe-Kaas method: one flow from the start to each stage and result.
 
-    Equal rows share a point; a row of zeros is the initial point.
+    Equal rows share a point; a row of zeros makes none.
 
     Parameters
     ----------
@@ -279,6 +291,6 @@ def tree_of_flat_rows(a: Sequence[Sequence[Fraction]], b: Sequence[Fraction]) ->
     def point(row: Sequence[Fraction]) -> int:
         return index.setdefault(tuple(row), len(index)) if any(row) else START
 
-    stages, result = tuple(map(point, a)), point(b)
-    points = tuple(Point(START, dict(enumerate(row))) for row in index)
-    return PointTree(points, stages, result)
+    stages = tuple(map(point, a))
+    result = point(b)
+    return PointTree(tuple(Point(START, dict(enumerate(row))) for row in index), stages, result)

@@ -1,4 +1,4 @@
-"""Numbers of python-flint: rational numbers, balls, and the precision of the whole process."""
+"""Numbers of python-flint: conversions, and the precision of balls in the whole process."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from .forks import in_children
 if TYPE_CHECKING:
     from flint import arb, fmpq
 
-__all__ = ["to_arb", "to_fmpq", "working_precision"]
+__all__ = ["to_ball", "to_flint", "to_fraction", "working_precision"]
 
 _lock = threading.RLock()
-_holders: list[tuple[int, int]] = []  # threads, and the precision before: the outermost first
+_holders: list[tuple[int, int]] = []  # threads and their previous precisions, the outermost first
 
 
 def _take_over() -> None:
-    """Free the lock in a forked child, if a thread had it that isn't there."""
+    """Replace the lock in a forked child, in which the thread that holds it doesn't exist."""
     global _lock  # noqa: PLW0603
     if _holders and _holders[0][0] == threading.get_ident():
         return
@@ -37,12 +37,12 @@ in_children(_take_over)
 
 @contextmanager
 def working_precision(bits: int) -> Iterator[None]:
-    """Set the precision of balls; computations in other threads that set it too wait.
+    """Set the precision of balls for a ``with`` block; other threads that set it wait.
 
     Parameters
     ----------
     bits : int
-        Of the midpoints.
+        Precision of the midpoints.
     """
     from flint import ctx
 
@@ -57,15 +57,20 @@ def working_precision(bits: int) -> Iterator[None]:
             _holders.pop()
 
 
-def to_fmpq(value: Fraction | int) -> fmpq:
-    """Return a rational number as one of python-flint."""
+def to_flint(value: Fraction | int) -> fmpq:
+    """Return a rational of python-flint, many times faster than Fractions with many digits."""
     from flint import fmpq
 
     return fmpq(value.numerator, value.denominator)
 
 
-def to_arb(value: Fraction | int | arb) -> arb:
-    """Return the ball around a rational number at the working precision; a ball as it is."""
+def to_ball(value: Fraction | int | arb) -> arb:
+    """Return a ball around a rational, in the current precision; a ball as it is."""
     from flint import arb
 
-    return value if isinstance(value, arb) else arb(to_fmpq(value))
+    return value if isinstance(value, arb) else arb(to_flint(value))
+
+
+def to_fraction(value: fmpq) -> Fraction:
+    """Return a rational of python-flint as a Fraction."""
+    return Fraction(int(value.p), int(value.q))

@@ -12,37 +12,35 @@ import numpy as np
 
 __all__ = [
     "MAX_COUNT",
+    "MAX_HALF_WIDTH",
     "MAX_STAGES",
-    "WIDEST",
     "check_flag",
     "check_generator",
     "check_integer",
     "check_real",
-    "memory",
+    "total_memory",
 ]
 
 MAX_COUNT = 2**31 - 1
-"""Counts cross into Fortran as integers of 32 bits."""
-
+"""Largest count; counts are 32-bit integers in Fortran."""
 
 MAX_STAGES = 1000
-"""Solvers hold a matrix with a column for each of the s (s + 1) / 2 coefficients: beyond this
-many stages it wouldn't fit into memory."""
+"""Largest number of stages s; matrices of solvers have s (s + 1) / 2 columns and must fit into
+memory."""
 
-
-WIDEST = 1e300
-"""Of the cubes that random guesses are in: twice that must be finite."""
+MAX_HALF_WIDTH = 1e300
+"""Largest half-width of initial guesses; twice this must not overflow."""
 
 
 def check_flag(name: str, value: Any) -> bool:
-    """Return `value` as a bool; TypeError, which names the argument, if it is anything else."""
+    """Return `value` as a bool; TypeError if it isn't True or False."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} must be True or False, got {value!r}")
     return bool(value)
 
 
 def check_generator(name: str, value: Any) -> np.random.Generator:
-    """Return `value` if it draws random numbers; TypeError, which names the argument, if not."""
+    """Return `value`; TypeError unless it is a `numpy.random.Generator`."""
     if not isinstance(value, np.random.Generator):
         raise TypeError(
             f"{name} must be a generator such as numpy.random.default_rng(0), got {value!r}"
@@ -96,8 +94,8 @@ def check_integer(name: str, value: Any, least: int, most: int | None = None) ->
     return checked
 
 
-def memory() -> float:
-    """Return the bytes of memory of the machine, infinite if it doesn't tell."""
+def total_memory() -> float:
+    """Return the bytes of memory of the machine, infinity if they are unknown."""
     try:
         return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):

@@ -1,4 +1,4 @@
-"""Locks in children that a process forks: the threads that hold them aren't there."""
+"""Locks in forked processes, in which the threads that held them don't exist."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ __all__ = ["at_forks", "in_children"]
 
 
 def in_children(call: Callable[[], object]) -> None:
-    """Call a function in each process that is forked from this one, where there are forks."""
+    """Register a function to be called in each process forked from this one."""
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=call)
 
 
 def at_forks(lock: Any, in_child: Callable[[], object]) -> None:
-    """Fork only while no other thread has a lock, which none may keep for long.
+    """Let this process fork only while no other thread holds a lock.
 
     Parameters
     ----------
     lock : threading.RLock or threading.Condition
-        One that a thread may acquire twice: a signal handler may fork.
+        It must be reentrant, since a signal handler may fork. No thread may hold it for long.
     in_child : callable
-        Called in the child, in which the lock is free.
+        Called in the child, after the lock is released.
     """
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(before=lock.acquire, after_in_parent=lock.release)
@@ -35,7 +35,7 @@ def at_forks(lock: Any, in_child: Callable[[], object]) -> None:
 
 
 def _free_properties() -> None:
-    """Give cached properties of the package, each of which has a lock, new ones."""
+    """Replace the locks of all cached properties of the package."""
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] == "cg":
             for kind in list(vars(module).values()):

@@ -1,7 +1,8 @@
-"""Whether this package has its folder to itself: an unrelated distribution installs a `cg` as well.
+"""Check that no unrelated distribution has installed files into the folder of this package.
 
-That distribution, on the public index under the name ``cg``, puts its files into the same folder.
-Where it came after this one, ``cg/__init__.py`` is its own, and `crouch_grossman` finds that out.
+An unrelated distribution on the public index is named ``cg`` and installs a package `cg` as well.
+If it was installed later, it has replaced ``cg/__init__.py``, and `crouch_grossman` raises the
+error.
 """
 
 from __future__ import annotations
@@ -18,22 +19,22 @@ _REPAIR = (
 
 
 def check_folder(folder: str) -> None:
-    """Refuse a folder that an unrelated distribution named ``cg`` is installed in.
+    """Raise ImportError if the unrelated distribution ``cg`` is installed in a folder.
 
     Parameters
     ----------
     folder : str
-        Of the package. Only the names of its neighbours are read.
+        Folder of the package. Only the names beside it are read.
 
     Raises
     ------
     ImportError
-        If the other distribution is there; it says how to put things right.
+        If the other distribution is there; the message says how to remove it.
     """
     folder = os.path.abspath(folder)
     try:
         names = os.listdir(os.path.dirname(folder))
-    except OSError:  # an archive, for one
+    except OSError:  # for example inside an archive
         return
     for name in names:
         stem, ending = os.path.splitext(name.lower())

@@ -10,7 +10,7 @@ import threading
 
 import numpy as np
 
-from .checks import memory
+from .checks import total_memory
 from .forks import at_forks
 
 __all__ = ["reserved"]
@@ -70,7 +70,7 @@ class reserved:
 
 
 def _available(needed: int) -> bool:
-    if needed > memory():
+    if needed > total_memory():
         return False
     try:
         np.empty(needed, dtype=np.uint8)  # asks for addresses; untouched, it takes no memory

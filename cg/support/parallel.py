@@ -1,9 +1,9 @@
-"""Compiled calls that can be stopped, and one thread of linear algebra for each piece of work.
+"""Compiled calls that can be interrupted, and single-threaded linear algebra.
 
-Python's signal handlers run between bytecodes of the main thread only, so that an interrupt
-would wait for a compiled call there, and the end of a pool for those in its workers. Calls
-that may take long therefore go through `stoppable`: they watch a flag, and return soon after
-it is set.
+Python runs signal handlers between bytecodes of the main thread only, so that an interrupt would
+wait until a compiled call in the main thread returns, and the end of a pool would wait for those in
+its workers. Long calls therefore go through `stoppable`: they read a flag, and return soon after it
+is set.
 """
 
 from __future__ import annotations
@@ -36,35 +36,35 @@ __all__ = [
 Result = TypeVar("Result")
 
 StopFlag = NDArray[np.intc]
-"""Shape (1,); not zero once the calls that watch it are to end."""
+"""Flag of shape (1,); compiled calls that read it return soon after it is not zero."""
 
 
 class Stopped(BaseException):
-    """The run to which a piece of work belongs has ended; what the work came to is void."""
+    """Raised in a worker whose run has ended; its result is discarded."""
 
 
 class _Worker(threading.local):
-    stop_flag: StopFlag | None = None  # of the run that the thread works for
+    stop_flag: StopFlag | None = None  # of the run of this thread
 
 
 _worker = _Worker()
 
 
 def available_cores() -> int:
-    """Return the number of cores that this process may use; of all where that isn't told."""
+    """Return the number of cores that this process may use, or of all cores if unknown."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 class _Limit:
-    """The limit of one thread: set by the first user in a process, lifted by the last one."""
+    """The limit of one thread of linear algebra, set by its first and lifted by its last user."""
 
     lock = threading.RLock()
 
     def __init__(self) -> None:
         self.users = 0
-        self._before: list[tuple[Any, int]] = []  # libraries, numbers of their threads
+        self._before: list[tuple[Any, int]] = []  # libraries and their previous numbers of threads
 
     def begin(self) -> None:
         with self.lock:
@@ -84,7 +84,7 @@ class _Limit:
                 self.lift()
 
     def lift(self) -> None:
-        """Set the numbers that were there before, except where someone else has set another."""
+        """Restore the previous numbers of threads, unless other code has changed them."""
         _take_control()
         for library, threads in self._before:
             if library.num_threads == 1:
@@ -98,13 +98,12 @@ _limit = _Limit()
 
 @contextmanager
 def single_threads() -> Iterator[None]:
-    """Keep linear algebra to one thread each, so that results don't depend on their number.
+    """Limit linear algebra to one thread, so that results don't depend on the number of threads.
 
-    The limit is one for the whole process: the first user sets it, the last one lifts it. A limit
-    that someone else sets meanwhile holds instead, and isn't touched. In a forked child it is
-    lifted.
+    The limit holds for the whole process; the first user sets it, and the last one lifts it. A
+    limit that other code sets in the meantime is kept. A forked child lifts the limit.
     """
-    limit = _limit  # a child of a fork has another
+    limit = _limit  # a forked child replaces the global one
     limit.begin()
     try:
         yield
@@ -123,23 +122,28 @@ at_forks(_Limit.lock, _lift_in_child)
 
 
 def _take_control() -> None:
-    """Let any thread set the limit next: newer threadpoolctl ignores all but one thread."""
+    """Let any thread set the next limit; newer threadpoolctl allows only one thread to do so."""
     release = getattr(threadpoolctl.OpenBLASController, "clear_controlling_thread", None)
     if release is not None:
         release(force=True)
 
 
 def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Result:
-    """Return ``call(flag)`` of a compiled call that watches the flag and frees the lock.
+    """Return ``call(flag)`` for a compiled call that reads the flag and releases the GIL.
 
-    In a worker of `cg.runs.completed` the flag is that of its run. In the main thread the call
-    goes to a thread of its own, so that an interrupt is noticed at once; not if it is `brief`,
-    since on a busy machine the detour takes a millisecond. An interrupt can't reach other threads.
+    In a worker of `cg.runs.completed` the flag is that of its run. Otherwise, in the main thread,
+    the call runs in a new thread, so that an interrupt takes effect at once.
+
+    Parameters
+    ----------
+    call : callable
+    brief : bool, optional
+        Call in the main thread itself; a new thread may take a millisecond on a busy machine.
 
     Raises
     ------
     Stopped
-        In a worker whose run has ended: the call may have been cut short.
+        In a worker whose run has ended, after which the call may be incomplete.
     """
     if _worker.stop_flag is not None:
         result = call(_worker.stop_flag)
@@ -148,17 +152,17 @@ def stoppable(call: Callable[[StopFlag], Result], *, brief: bool = False) -> Res
     stop_flag = new_flag()
     if brief or threading.current_thread() is not threading.main_thread():
         return call(stop_flag)
-    outcome: Future[Result] = Future()
+    future: Future[Result] = Future()
 
     def run() -> None:
         try:
-            outcome.set_result(call(stop_flag))
+            future.set_result(call(stop_flag))
         except BaseException as error:
-            outcome.set_exception(error)
+            future.set_exception(error)
 
     try:
         threading.Thread(target=run, name="stoppable").start()
-        return outcome.result()
+        return future.result()
     finally:
         stop_flag[0] = 1
 
@@ -170,19 +174,19 @@ def raise_if_stopped() -> None:
 
 
 def new_flag() -> StopFlag:
-    """Return the flag of a run that has begun."""
+    """Return a new flag, not set."""
     return np.zeros(1, dtype=np.intc)
 
 
 def work_for(stop_flag: StopFlag) -> None:
-    """Make the current thread a worker of the run with this flag."""
+    """Make the current thread a worker of the run with a flag."""
     _worker.stop_flag = stop_flag
 
 
 def end_with_parent() -> None:
-    """End this process when the one that started it has ended, even if that was killed.
+    """End this process when its parent process ends, even if the parent was killed.
 
-    Workers of a pool would wait for work for ever.
+    Otherwise workers of a pool would wait for work forever.
     """
     from multiprocessing import parent_process
 

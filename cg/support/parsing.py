@@ -1,4 +1,4 @@
-"""Texts that are read and written: bounded, escaped, or a clear error."""
+"""Reading and writing of numbers, TOML, JSON and files, with bounds and clear errors."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ __all__ = [
 ]
 
 MAX_CHARACTERS = 10_000_000
-"""Of a file; a method of 200 stages whose coefficients have 200 digits has four million."""
+"""Largest length of a file; 200 stages with coefficients of 200 digits need four million."""
 
 MAX_POWER_OF_TEN = 9999
-"""Of ten, in a number: binary128 ends at 4932, and larger powers only take time and memory."""
+"""Largest absolute exponent of a number; binary128 ends at 4932."""
 
 _EXPONENT = re.compile(r"[eE]([+-]?[\d_]+)\s*$")
-_DEEPEST = 20
+_MAX_DEPTH = 20
 _MAX_NAME = 200  # bytes; file systems take 255, with suffixes
 _UNFIT = re.compile(r'[/\\:*?"<>|\x00-\x1f\x7f]')
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
 def visible(text: str) -> str:
-    r"""Return a text in which what isn't printable, line breaks too, is escaped.
+    r"""Return a text with all characters escaped that aren't printable, also line breaks.
 
     Examples
     --------
@@ -62,12 +62,12 @@ def visible(text: str) -> str:
 
 
 def visible_lines(text: str) -> str:
-    """Return a text in which only line breaks are as they were, and the rest is `visible`."""
+    """Return a text with all characters escaped that aren't printable, except line breaks."""
     return "\n".join(map(visible, text.split("\n")))
 
 
 def quoted(text: str) -> str:
-    """Return a text as a string of TOML in which everything is printable."""
+    """Return a text as a TOML string of printable characters."""
     if text.isprintable():
         return json.dumps(text, ensure_ascii=False)
     return "".join(
@@ -77,7 +77,7 @@ def quoted(text: str) -> str:
 
 
 def to_json(data: Any, **options: Any) -> str:
-    """Return data as JSON in which everything but line breaks is printable.
+    """Return data as JSON of printable characters and line breaks.
 
     Parameters
     ----------
@@ -109,9 +109,9 @@ def read_fraction(value: Any) -> Fraction:
     """
     exponent = 0
     if isinstance(value, str):
-        found = _EXPONENT.search(value)
-        if found:
-            digits = found[1].lstrip("+-").replace("_", "").lstrip("0")
+        match = _EXPONENT.search(value)
+        if match:
+            digits = match[1].lstrip("+-").replace("_", "").lstrip("0")
             exponent = int(digits or 0) if len(digits) < 10 else 10**10
     elif isinstance(value, Decimal) and value.is_finite():
         exponent = abs(int(value.as_tuple().exponent))
@@ -121,14 +121,14 @@ def read_fraction(value: Any) -> Fraction:
 
 
 def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, Any]:
-    """Return the table that a TOML text is.
+    """Return the table of a TOML text.
 
     Parameters
     ----------
     text : str
     error : type of exception
-        Raised where the text isn't TOML, is longer than `MAX_CHARACTERS`, has a number of too
-        many digits, or is nested too deeply.
+        Raised if the text isn't TOML, is longer than `MAX_CHARACTERS`, is nested too deeply, or
+        has a number with too many digits.
     **options
         Those of `tomllib.loads`.
     """
@@ -146,14 +146,14 @@ def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, An
 
 
 def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
-    """Return the object that a JSON text is; numbers that aren't integers stay texts.
+    """Return the object of a JSON text, with numbers that aren't integers as strings.
 
     Parameters
     ----------
     text : str
     error : type of exception
-        Raised where the text isn't a JSON object, is longer than `MAX_CHARACTERS`, gives a key
-        twice, has a number that isn't finite or of too many digits, or is nested too deeply.
+        Raised if the text isn't a JSON object, is longer than `MAX_CHARACTERS`, is nested too
+        deeply, has a key twice, or has a number that isn't finite or has too many digits.
     """
     if len(text) > MAX_CHARACTERS:
         raise error(f"a file must have at most {MAX_CHARACTERS} characters, got {len(text)}")
@@ -182,9 +182,9 @@ def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
 
 
 def _shallow(table: dict[str, Any], error: type[Exception]) -> dict[str, Any]:
-    """Return a table; raise the error if it is nested so deeply that to show it would fail."""
+    """Return a table; raise the error if it is nested too deeply to be printed."""
     level: list[Any] = [table]
-    for _ in range(_DEEPEST):
+    for _ in range(_MAX_DEPTH):
         level = [
             part
             for whole in level
@@ -197,12 +197,12 @@ def _shallow(table: dict[str, Any], error: type[Exception]) -> dict[str, Any]:
 
 
 def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Path:
-    """Return the path of the file in a folder that is named like something.
+    """Return the path of the file with a name in a folder.
 
     Raises
     ------
     ValueError
-        If the name can't be a file's on some system, or would lead out of the folder.
+        If some system doesn't allow the name, or it would lead out of the folder.
     """
     fit = (
         0 < len(name.encode("utf-8", "replace")) <= _MAX_NAME
@@ -218,10 +218,11 @@ def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Pa
 
 
 def write_file(path: str | PathLike[str], data: str | bytes) -> None:
-    """Write a file as a whole: whatever goes wrong on the way leaves the old one as it was.
+    """Write a file atomically: after an error the old file is unchanged.
 
-    The data go to a file beside it, which takes its place then. Links and permissions stay. What
-    is there and is no regular file, such as a device, is written to.
+    The data are written to a temporary file beside it, which then replaces it. Symbolic links and
+    permissions are kept. An existing path that isn't a regular file, such as a device, is written
+    directly.
 
     Parameters
     ----------
@@ -245,7 +246,7 @@ def write_file(path: str | PathLike[str], data: str | bytes) -> None:
     try:
         with part.open("xb") as file:
             if target.exists():
-                target.open("ab").close()  # one that may not be written isn't replaced either
+                target.open("ab").close()  # raises if the file is read-only
                 shutil.copymode(target, part)
             file.write(content)
             file.flush()

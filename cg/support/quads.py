@@ -1,8 +1,8 @@
-"""IEEE binary128 numbers as bytes, and their exact values.
+"""Conversions between IEEE binary128 numbers as bytes and exact values.
 
-The compiled core with ``real(16)`` takes and gives 16 bytes a number, since neither
-NumPy nor C has a portable type for it. Here an array of such numbers is an ``int8``
-array whose last axis has length 16, in the machine's little-endian order.
+The compiled core passes ``real(16)`` numbers as 16 bytes, since neither NumPy nor C has a
+portable type for them. An array of such numbers is an ``int8`` array whose last axis has
+length 16, in little-endian byte order.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ Quads = NDArray[np.int8]
 """Array of binary128 numbers, shape (..., 16)."""
 
 DECIMAL_DIGITS = 36
-"""Significant decimal digits that tell any two binary128 numbers apart."""
+"""Number of significant decimal digits that distinguish all binary128 numbers."""
 
 _PRECISION = 113
 _MIN_EXPONENT = -16494  # of the last bit of the smallest subnormal
 _MAX_EXPONENT = 16383 - 112
 _MAX_DIGITS = 100_000
-_LONGEST = 100  # decimal places up to which numbers are written without an exponent
+_MAX_PLACES = 100  # with more decimal places numbers are written with an exponent
 
 
 class MissingQuadsError(RuntimeError):
-    """What was asked for needs quadruple precision, and this build has none.
+    """Raised if an operation needs quadruple precision, but the build has none.
 
     Examples
     --------
@@ -73,20 +73,20 @@ def core(what: str) -> Any:
     Parameters
     ----------
     what : str
-        Who asks, for the error.
+        The operation, for the error message.
 
     Raises
     ------
     MissingQuadsError
-        If the package was built without, by ``-Dquad=disabled``.
+        If the package was built with ``-Dquad=disabled``.
     """
-    found = _compiled()
-    if found is None:
+    compiled = _compiled()
+    if compiled is None:
         raise MissingQuadsError(
             f"{what} needs quadruple precision, which this build of crouch-grossman was made "
             "without (-Dquad=disabled); build it with gfortran to have it"
         )
-    return found
+    return compiled
 
 
 def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
@@ -95,7 +95,7 @@ def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
     Parameters
     ----------
     values : iterable of Fraction, int, float or str
-        Strings as `fractions.Fraction` reads them: decimal or rational.
+        Strings are decimal or rational, as for `fractions.Fraction`.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def encode(values: Iterable[Fraction | int | float | str]) -> Quads:
     ValueError
         If a value isn't a finite number.
     TypeError
-        If there is no sequence of values.
+        If `values` isn't a sequence.
     """
     if not isinstance(values, Iterable) or (isinstance(values, np.ndarray) and values.ndim == 0):
         raise TypeError(f"values must be a sequence of numbers, got {values!r}")
@@ -131,7 +131,7 @@ def _encode_one(value: Fraction) -> bytes:
     exponent = value.numerator.bit_length() - value.denominator.bit_length() - _PRECISION
     exponent = max(exponent, _MIN_EXPONENT)
     significand = round(value / Fraction(2) ** exponent)
-    while significand >= 1 << _PRECISION:  # the estimate of the exponent is one too small at most
+    while significand >= 1 << _PRECISION:  # the estimated exponent may be one too small
         exponent += 1
         significand = round(value / Fraction(2) ** exponent)
     if exponent > _MAX_EXPONENT:
@@ -170,7 +170,7 @@ def _decode_one(data: bytes) -> Fraction:
 
 
 def _checked(quads: Any, lead: str) -> Quads:
-    # other kinds of numbers would be cut to their lowest byte
+    # a cast of other dtypes would keep the lowest byte only
     if not isinstance(quads, np.ndarray) or quads.dtype != np.int8:
         kind = quads.dtype if isinstance(quads, np.ndarray) else repr(quads)
         raise TypeError(f"quads must be an array of int8, got {kind}")
@@ -219,15 +219,15 @@ def from_float(values: Any) -> Quads:
 
 
 def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = False) -> str:
-    """Write an exact value in decimal, rounded to so many significant digits.
+    """Return an exact value in decimal, rounded to significant digits.
 
     Parameters
     ----------
     value : Fraction or int
     digits : int, optional
-        From 1 to 100000; 36 keep a binary128 number apart from all others.
+        From 1 to 100000; 36 distinguish all binary128 numbers.
     zeros : bool, optional
-        Keep zeros after the point that are significant digits.
+        Keep trailing zeros that are significant.
 
     Returns
     -------
@@ -243,7 +243,7 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = F
     magnitude = abs(value)
     exponent = _decimal_exponent(magnitude)
     sign = "-" if value < 0 else ""
-    if abs(exponent) > _LONGEST:
+    if abs(exponent) > _MAX_PLACES:
         significand = to_decimal(magnitude / Fraction(10) ** exponent, digits, zeros=zeros)
         return f"{sign}{significand}e{exponent}"
     places = digits - exponent - 1
@@ -260,7 +260,7 @@ def to_decimal(value: Fraction, digits: int = DECIMAL_DIGITS, *, zeros: bool = F
 
 
 def _decimal_exponent(value: Fraction) -> int:
-    # from bits, since Python limits how many digits an integer may be written with
+    # from bits, since Python limits the number of digits of str(int)
     bits = value.numerator.bit_length() - value.denominator.bit_length()
     exponent = math.floor((bits - 1) * math.log10(2)) - 1
     while value >= Fraction(10) ** (exponent + 1):

@@ -1,7 +1,7 @@
 """Write the Fortran source that sets up the tables of ordered trees.
 
-The build runs this file as a script, so it needs nothing but the standard library.
-It takes the place of the Maple program of the paper, Section 3.1.
+The build runs this file as a script, so it imports only the standard library.
+It replaces the Maple program of the paper, Section 3.1.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ def fortran_tables(trees: Forest) -> str:
     Parameters
     ----------
     trees : Forest
-        The trees; order q needs those with up to q + 1 nodes.
+        The trees; conditions of order q need trees with q + 1 nodes.
 
     Returns
     -------
     str
-        Source text. The table ``condition`` holds a tree's own index, or zero where
-        its order condition follows from those of lower order (Section 3.1).
+        Source text. The table ``condition`` has the index of each tree, or 0 if its order
+        condition follows from conditions of lower order (Section 3.1).
     """
     total = len(trees)
     child_start = [1]
@@ -51,7 +51,7 @@ def fortran_tables(trees: Forest) -> str:
     condition = [index if trees.is_independent(index) else 0 for index in range(1, total + 1)]
     tree_start = [trees.with_nodes(n).start for n in range(1, trees.max_nodes + 1)] + [total + 1]
     integers: list[tuple[str, str, Sequence[int]]] = [
-        ("tree_start", "first index with so many nodes", tree_start),
+        ("tree_start", "first index of the trees with n nodes", tree_start),
         ("node_count", "nodes of a tree", trees.nodes),
         ("child_start", "where a tree's children begin in child", child_start),
         ("child", "indices of the children, tree after tree", letters),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cg.catalogue import packaged
+from cg.catalogue import methods
 from cg.conditions import count, jacobian_at
 from cg.method.method import Method
 from cg.proofs import certificate_of
@@ -45,8 +45,8 @@ def compute(context: Context) -> Data:
         ``methods``: a list of what `describe` returns.
     """
     entries = []
-    for done, method in enumerate(packaged.values()):
-        context.progress(done, len(packaged))
+    for done, method in enumerate(methods.values()):
+        context.progress(done, len(methods))
         entries.append(describe(method))
     return {"methods": sorted(entries, key=_place)}
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
-from cg.support.balls import to_fmpq
+from cg.support.balls import to_flint
 
 __all__ = ["Polynomial", "Ring"]
 
@@ -48,7 +48,7 @@ class Ring:
     def number(self, value: Fraction | int | Polynomial) -> Polynomial:
         """Return a constant; a polynomial is returned as it is."""
         if isinstance(value, Fraction):
-            return self._context.constant(to_fmpq(value))
+            return self._context.constant(to_flint(value))
         return self._context.constant(value) if isinstance(value, int) else value
 
     def read(self, text: str) -> Polynomial:
@@ -88,7 +88,7 @@ class Ring:
             power = _POWER.fullmatch(factor)
             if _NUMBER.fullmatch(factor):
                 value = Fraction(factor)
-                coefficient *= to_fmpq(value)
+                coefficient *= to_flint(value)
             elif power and power[1] in self._place:
                 exponents[self._place[power[1]]] += int(power[2] or 1)
             else:

@@ -47,18 +47,7 @@ def test_show_and_export_find_it(suffix: str, proof: Path, run: Run, tmp_path: P
     assert proof.is_file()
 
 
-def test_own_methods_find_it(
-    proof: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    save(METHOD, tmp_path / "mine.toml")
-    monkeypatch.setenv("CG_METHODS", str(tmp_path))
-    assert len(cg.methods["Mine"].digits(60)[1][0]) > 60
-    assert str(certify(METHOD)) in run("show", "Mine")[1]
-    assert run("export", "Mine", "c", "--digits", "60")[0] == 0
-    assert proof.is_file()
-
-
-def test_nothing_of_it_is_believed(proof: Path, run: Run, tmp_path: Path) -> None:
+def test_certificate_is_proved_again(proof: Path, run: Run, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     save(METHOD, file)
 

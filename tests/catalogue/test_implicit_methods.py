@@ -124,7 +124,7 @@ def slope(problem, method, steps):
 
 
 class TestCatalogue:
-    def test_all_are_there(self):
+    def test_catalogue_has_all(self):
         assert {name for name, method in methods.items() if not method.explicit} >= set(KNOWN)
 
     @pytest.mark.parametrize("name", KNOWN)
@@ -148,13 +148,13 @@ class TestCatalogue:
         assert found.order == pytest.approx(order, abs=0.15)
 
     @pytest.mark.parametrize("name", ["DICG3", "DICG4", "DICG4b"])
-    def test_rows_in_reverse_order_lose_it(self, problem, name):
+    def test_reversed_rows_lose_the_order(self, problem, name):
         method = methods[name]
         reverse = Tableau([row[::-1] for row in method.a[::-1].tolist()], method.b[::-1].tolist())
         assert slope(problem, reverse, (32, 64)).order < 2.5
 
     @pytest.mark.parametrize("name", ["ImplicitMidpoint", "DICG4b"])
-    def test_rational_methods_have_no_residual_at_all(self, name):
+    def test_rational_methods_have_zero_residuals(self, name):
         method = methods[name]
         assert set(residuals_exact(*method.exact, method.order)) == {Fraction(0)}
 
@@ -197,7 +197,7 @@ class TestSelfAdjoint:
         assert equation.frame.distance(there, equation.y0) > 0.01
         assert equation.frame.distance(back, equation.y0) < 1e-14
 
-    def test_not_so_the_others(self, problem):
+    def test_other_methods_are_not_self_adjoint(self, problem):
         equation, _ = problem
         there = step(equation.frame, equation.f, methods["DICG3"], 0.2, equation.y0, 0.05)
         back = step(equation.frame, equation.f, methods["DICG3"], 0.25, there, -0.05)
@@ -212,7 +212,7 @@ class TestSelfAdjoint:
         assert all(abs(p - q) < near for p, q in zip(b, reversed(b), strict=True))
         assert all(abs(p + q) < near for p, q in zip(offsets, reversed(offsets), strict=True))
 
-    def test_two_equations_are_left_of_order_four(self):
+    def test_order_four_leaves_two_equations(self):
         """Residuals of any self-adjoint tableau on the path, by the two equations of the docs."""
         rng = np.random.default_rng(8)
         for stages in (3, 4, 5):

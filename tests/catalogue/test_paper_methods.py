@@ -20,8 +20,8 @@ def dot(u, v):
     return sum(x * y for x, y in zip(u, v, strict=True))
 
 
-class TestAgainstThePrint:
-    def test_the_print_is_complete(self):
+class TestPublishedCoefficients:
+    def test_all_coefficients_are_printed(self):
         found = {name: (len(p.a), len(p.b), len(p.c)) for name, p in printed().items()}
         assert found == {"CG4a": (5, 5, 5), "CG5a": (9, 9, 9), "CG6a": (16, 16, 16)}
         for name, count in (("CG4a", 15), ("CG5a", 45), ("CG6a", 136)):
@@ -30,12 +30,12 @@ class TestAgainstThePrint:
             assert len(set(labels)) == len(labels) == count + len(printed()[name].c)
 
     @pytest.mark.parametrize(("name", "places"), [("CG4a", 16), ("CG5a", 16), ("CG6a", 8)])
-    def test_the_print_has_so_many_places(self, name, places):
+    def test_number_of_printed_places(self, name, places):
         for _, text in printed()[name].labelled():
             assert text == "0.0" or len(text.partition(".")[2]) == places
 
     @pytest.mark.parametrize("name", REFINED)
-    def test_ours_agree(self, name):
+    def test_catalogue_agrees(self, name):
         for comparison in compare(name):
             assert abs(comparison.difference) <= 2 * UNIT, comparison
             assert comparison.kept_zero, comparison
@@ -47,7 +47,7 @@ class TestAgainstThePrint:
 
     @pytest.mark.parametrize("name", REFINED)
     @pytest.mark.parametrize("rounding", [ROUND_DOWN, ROUND_HALF_EVEN])
-    def test_what_is_truncated_can_be_told(self, name, rounding):
+    def test_truncation_is_detected(self, name, rounding):
         """Digits of an exact method, cut off in either way, are found to be so."""
         texts = [
             str(Decimal(entry.text).quantize(Decimal("1e-16"), rounding))
@@ -62,7 +62,7 @@ class TestAgainstThePrint:
         assert b[1] == 0
         assert methods["CG5a"].exponentials == 43
 
-    def test_cg6a_is_the_print(self):
+    def test_cg6a_equals_the_printed_coefficients(self):
         for comparison in compare("CG6a"):
             if comparison.label[0] == "c":
                 assert abs(comparison.difference) <= Fraction(2, 10**8)
@@ -71,7 +71,7 @@ class TestAgainstThePrint:
         texts = [entry.text for entry in methods["CG6a"].weights]
         assert texts == list(printed()["CG6a"].b)
 
-    def test_the_last_digits_of_a54_are_told_by_c5(self):
+    def test_c5_determines_the_last_digits_of_a54(self):
         # many codes carry ...3565
         assert methods["CG4a"].entries[4][3].text.startswith("-1.10929793921134")
         paper = printed()["CG4a"]
@@ -98,7 +98,7 @@ class TestResiduals:
         assert max(map(abs, every)) < FLOOR
 
     @pytest.mark.parametrize("name", REFINED)
-    def test_the_prints_residuals_are_those_of_16_places(self, name):
+    def test_printed_coefficients_have_residuals_of_16_places(self, name):
         paper = printed()[name]
         stages = len(paper.b)
         a = [[*row, *["0"] * (stages - len(row))] for row in paper.a]

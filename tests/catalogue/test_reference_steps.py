@@ -39,14 +39,14 @@ def step_of(method):
     return run.y[-1]
 
 
-def test_every_method_has_one():
+def test_every_method_has_a_reference_step():
     """If this fails, `make catalogue` hasn't been run since a method was added."""
     assert list(REFERENCE["steps"]) == list(METHODS)
     pairs = {name for name, method in METHODS.items() if method.embedded is not None}
     assert {name for name, entry in REFERENCE["steps"].items() if "embedded" in entry} == pairs
 
 
-def test_the_problem_is_that_of_the_package():
+def test_problem_equals_that_of_the_package():
     problem = REFERENCE["problem"]
     assert tuple(problem["constant"]) == problem_module._CONSTANT
     assert tuple(problem["slope"]) == problem_module._TIME
@@ -57,12 +57,12 @@ def test_the_problem_is_that_of_the_package():
 @pytest.mark.parametrize(
     "name", ["LieEuler", "CG3", "CG4a", "CG4(3)", "CF5a", "CF5(4)", "DICG3", "RKMK4", "DOP853"]
 )
-def test_the_tool_makes_them_again(tool, name):
+def test_tool_reproduces_the_steps(tool, name):
     assert tool.entry_of(METHODS[name]) == REFERENCE["steps"][name]
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_the_core_takes_them(name):
+def test_core_agrees_with_reference_steps(name):
     method, entry = METHODS[name], REFERENCE["steps"][name]
     # a few roundings a flow, and what they grow by
     largest = max(abs(float(weight.value)) for weight in method.coefficients)
@@ -75,7 +75,7 @@ def test_the_core_takes_them(name):
 
 
 @pytest.mark.slow
-def test_they_are_near_the_solution():
+def test_steps_are_near_the_solution():
     exact = StateDependentRotation().reference([0, H])
     end = np.array([float(x) for x in exact.values[-1][:9]]).reshape(3, 3)
     for name, method in METHODS.items():

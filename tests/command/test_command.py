@@ -12,7 +12,7 @@ from watching import interrupted_search
 
 import cg
 from cg.catalogue import dumps, loads, munthe_kaas
-from cg.catalogue.summary import compute_facts, facts_of
+from cg.catalogue.summary import compute_summary, summary_of
 from cg.command import main, proving, searching
 
 pytestmark = pytest.mark.no_core
@@ -103,9 +103,9 @@ class TestList:
     @pytest.mark.parametrize("name", QUICK)
     def test_stored_facts_equal_computed(self, name):
         method = {**cg.methods, **munthe_kaas}[name]
-        text = (files("cg.catalogue") / "facts.json").read_text("utf-8")
+        text = (files("cg.catalogue") / "summaries.json").read_text("utf-8")
         (kept,) = (entry for entry in json.loads(text) if entry["name"] == name)
-        assert kept == facts_of(method).as_dict() == compute_facts(method).as_dict()
+        assert kept == summary_of(method).as_dict() == compute_summary(method).as_dict()
 
     @pytest.mark.parametrize(
         ("name", "counts", "error", "limits"),
@@ -116,7 +116,7 @@ class TestList:
         ],
     )
     def test_facts(self, name, counts, error, limits):
-        facts = facts_of(cg.methods[name])
+        facts = summary_of(cg.methods[name])
         assert (facts.order, facts.evaluations, facts.flows) == counts
         assert facts.principal_error == pytest.approx(error, rel=1e-3)
         assert (facts.real_stability, facts.imaginary_stability) == pytest.approx(limits, rel=1e-3)
@@ -242,7 +242,7 @@ class TestPlot:
     [
         (["show", "CG44a"], "NAME|FILE"),
         (["show", "missing.toml"], "NAME|FILE"),
-        (["check", "cf5"], "near it are CF5r, CF5e, CF5d"),
+        (["check", "cf5"], "similar names are CF5r, CF5e, CF5d"),
         (["list", "--order", "x"], "--order"),
         (["list", "--order", "0"], "--order"),
         (["list", "--kind", "x"], "--kind"),

@@ -93,7 +93,7 @@ class TestCounts:
 
 class TestCompiledTables:
     @pytest.mark.parametrize("core", [_core_r64, _core_r128], ids=["r64", "r128"])
-    def test_they_equal_the_generator(self, core):
+    def test_tables_equal_those_of_python(self, core):
         trees = forest(conditions.MAX_ORDER + 1)
         first, rest, prefix, last, condition, density = core.tables(len(trees))
         assert tuple(first) == trees.first
@@ -103,7 +103,7 @@ class TestCompiledTables:
         assert tuple(density) == trees.density
         assert tuple(condition[1:]) == conditions.table_rows(conditions.MAX_ORDER)
 
-    def test_the_kinds_have_their_digits(self):
+    def test_digits_of_kinds(self):
         assert _core_r64.digits() == 53
         assert _core_r128.digits() == 113
 
@@ -125,7 +125,7 @@ class TestCompiledTables:
 class TestExactOracle:
     @given(tableaux(rationals, max_stages=3))
     @settings(max_examples=40, deadline=None)
-    def test_it_is_the_definition(self, tableau):
+    def test_equals_the_definition(self, tableau):
         a, b = tableau
         trees = forest(5)
         expected = [
@@ -134,7 +134,7 @@ class TestExactOracle:
         ]
         assert list(conditions.residuals_exact(a, b, 4)) == expected
 
-    def test_independent_residuals_are_some_of_all(self):
+    def test_independent_residuals_are_a_subset(self):
         a, b = [[0, 0], ["2/3", "1/7"]], ["1/4", "3/4"]
         residuals = dict(
             zip(conditions.condition_trees(5), conditions.residuals_exact(a, b, 5), strict=True)
@@ -143,7 +143,7 @@ class TestExactOracle:
         chosen = conditions.condition_trees(5, independent=True)
         assert independent == tuple(residuals[t] for t in chosen)
 
-    def test_it_goes_beyond_the_compiled_tables(self):
+    def test_orders_beyond_the_compiled_tables(self):
         order = conditions.MAX_ORDER + 1
         found = conditions.residuals_exact([[0]], [1], order)
         assert len(found) == conditions.count(order)
@@ -203,7 +203,7 @@ class TestCompiledCore:
 
     @given(tableaux(), st.integers(1, 5))
     @settings(max_examples=30, deadline=None)
-    def test_wider_patterns_give_the_same(self, tableau, order):
+    def test_wider_patterns_have_equal_residuals(self, tableau, order):
         a, b = tableau
         found = [
             residuals_quad(layout, layout.packed([*a, b]), order)
@@ -277,7 +277,7 @@ class TestPacking:
         assert conditions.rows_of([[0, 0], [0, 1]]) is Rows.DIAGONAL
         assert conditions.rows_of([[0, 1], [0, 0]]) is Rows.FULL
 
-    def test_nothing_nonzero_is_lost(self):
+    def test_refuses_nonzero_entries_outside_the_pattern(self):
         with pytest.raises(ValueError, match="outside the pattern explicit"):
             conditions.pack([[1]], [1], Rows.EXPLICIT)
         with pytest.raises(ValueError, match="outside the pattern explicit"):

@@ -84,7 +84,7 @@ def test_the_core_agrees_with_the_oracle_on_ten_thousand(part):
 
 
 @pytest.mark.parametrize("change", ["a weight", "an order"])
-def test_the_comparison_can_fail(change, monkeypatch):
+def test_comparison_detects_a_difference(change, monkeypatch):
     right = conditions.residuals_at
 
     def wrong(layout, x, order, independent):

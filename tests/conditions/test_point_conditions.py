@@ -65,7 +65,7 @@ def nondecreasing(length, choices, least=0):
 class TestResiduals:
     @settings(deadline=None, max_examples=30)
     @given(point_trees(dyadics, most_points=4))
-    def test_the_oracle_is_the_definition(self, tree):
+    def test_exact_weights_equal_the_definition(self, tree):
         found = conditions.exact_residuals_of(tree, 3)
         trees = forest(4)
         expected = [
@@ -88,7 +88,7 @@ class TestResiduals:
 
     @settings(deadline=None, max_examples=40)
     @given(tableaux(rationals))
-    def test_tableaux_are_their_points(self, tableau):
+    def test_tableau_equals_its_points(self, tableau):
         a, b = tableau
         tree = tree_of_rows(a, b)
         assert conditions.exact_residuals_of(tree, 4) == conditions.residuals_exact(a, b, 4)
@@ -161,7 +161,7 @@ class TestBalls:
 
     @settings(deadline=None, max_examples=20)
     @given(point_trees(), st.integers(0, 2**32 - 1))
-    def test_they_hold_what_is_inside(self, tree, seed):
+    def test_balls_contain_exact_values(self, tree, seed):
         layout = Layout.of_tree(tree)
         words = condition_words(4)
         quantities = [Quantity(layout.stages, word) for word in words]

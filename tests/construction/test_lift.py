@@ -13,7 +13,7 @@ from cg import conditions
 from cg.catalogue import methods
 from cg.construction.lifting.splitting import FlatRows, Splitting, chains_layout, random_layout
 from cg.integration.step.plan import error_exponent
-from cg.method.flat import flat_order, rooted_trees, stage_orders
+from cg.method.flat import flat_order, stage_orders
 from cg.structure.layout import Layout
 
 KUTTA = cg.Tableau([[], ["1/2"], [-1, 2]], ["1/6", "2/3", "1/6"], name="Kutta")
@@ -51,11 +51,6 @@ def pair(name):
 
 
 class TestFlat:
-    def test_rooted_trees_are_counted(self):
-        assert [len(set(rooted_trees(n))) for n in range(1, 10)] == [
-            1, 1, 2, 4, 9, 20, 48, 115, 286,
-        ]  # fmt: skip
-
     @pytest.mark.parametrize(
         ("method", "order", "second"),
         [(KUTTA, 3, None), (CLASSICAL, 4, None), (FEHLBERG, 5, 4)],

@@ -14,11 +14,6 @@ import cg
 pytestmark = pytest.mark.no_core
 
 
-@pytest.fixture(autouse=True)
-def _own_folder(monkeypatch):
-    monkeypatch.setenv("CG_METHODS", "")  # what the page sets is taken back
-
-
 def test_export_page():
     names = run("docs/export.md")
     assert names["difference"] < 1e-14

@@ -80,7 +80,7 @@ def test_spans_of_all_numbers(t_span):
         ({"h": np.float32("inf")}, ValueError, "h must be positive and finite, got .*inf"),
         ({"h": np.longdouble("1e4000")}, ValueError, "h must be positive and finite, got"),
         ({"h": Fraction(1, 10**400)}, ValueError, "h must be positive and finite, got"),
-        ({"max_steps": True}, ValueError, "max_steps must be a positive integer, got True"),
+        ({"max_steps": True}, TypeError, "max_steps must be an integer, got True"),
     ],
 )
 def test_options(changes, error, message):
@@ -107,14 +107,14 @@ def test_numbers_of_numpy_mean_what_they_hold():
         ({"h": np.True_}, "h must be a finite number, got np.True_"),
         ({"steps": 10**12}, "steps = 1000000000000 need .* GiB of memory, and there are"),
         ({"steps": 10**30}, "steps = 10{30} need .* GiB of memory, and there are"),
-        ({"steps": True}, "steps must be a positive integer, got True"),
+        ({"steps": True}, "steps must be an integer, got True"),
     ],
 )
 @pytest.mark.parametrize("kind", ["real64", "real128"])
 def test_built_in_problems(changes, message, kind):
     problem = AffineField(Euclidean(1), [1.0])
     options = {"method": "CG2", "h": 0.5, "steps": 3, "kind": kind} | changes
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         integrate_affine(problem, **options)
 
 
@@ -184,5 +184,5 @@ def test_rotations_among_points_of_factors_are_to_be_joined():
 
 
 def test_a_name_in_other_letters_is_recognised():
-    with pytest.raises(KeyError, match=r"no method is named 'CG4A'; .*; near it are CG4a"):
+    with pytest.raises(KeyError, match=r"no method is named 'CG4A'; .*; similar names are CG4a"):
         cg.methods["CG4A"]

@@ -16,12 +16,12 @@ PAIRS = [
 ]
 
 
-def test_there_are_some():
+def test_catalogue_has_free_pairs():
     assert {"CF4(3)", "CF5(4)"} <= set(PAIRS)
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_estimates_vanish_neither_on_quadratures_nor_on_linear_problems(name):
+def test_estimates_do_not_vanish_on_quadratures_and_linear_problems(name):
     pair = cg.methods[name]
     p, second = pair.order, pair.embedded
     assert second.order == pair.embedded_order
@@ -39,7 +39,7 @@ def test_estimates_vanish_neither_on_quadratures_nor_on_linear_problems(name):
 
 @pytest.mark.parametrize("name", PAIRS)
 @pytest.mark.parametrize("f", [lambda t, y: [np.cos(3 * t)], lambda t, y: [-y[0]]])
-def test_steps_follow_the_estimate_on_both(name, f):
+def test_steps_follow_the_estimate(name, f):
     """An estimate that vanished would let steps grow to the whole interval."""
     run = cg.solve_ivp(f, (0, 3), [1.0], frame=Euclidean(1), method=name, rtol=1e-8, atol=1e-8)
     exact = 1 + np.sin(9) / 3 if f(0.0, [0.0]) == [1.0] else np.exp(-3)
@@ -49,7 +49,7 @@ def test_steps_follow_the_estimate_on_both(name, f):
 
 @pytest.mark.parametrize("name", PAIRS)
 @pytest.mark.parametrize("rtol", [1e-5, 1e-7, 1e-9])
-def test_the_error_is_of_the_size_of_the_tolerance(name, rtol):
+def test_error_is_of_the_order_of_the_tolerance(name, rtol):
     top = HeavyTop()
     options = {"frame": top.frame, "rtol": rtol, "atol": rtol}
     run = cg.solve_ivp(top.f, (0, 2), top.y0, method=name, **options)

@@ -46,7 +46,7 @@ def with_idle_points(method, choose):
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=10, deadline=None)
 @given(data=st.data())
-def test_steps_are_those_without_them(frame, name, data):
+def test_idle_points_do_not_change_steps(frame, name, data):
     method = cg.methods[name]
     padded = with_idle_points(method, lambda low, high: data.draw(st.integers(low, high)))
     y0 = frame.random_point(np.random.default_rng(1))
@@ -62,7 +62,7 @@ def test_steps_are_those_without_them(frame, name, data):
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=repr)
-def test_points_of_one_flow_that_a_stage_shares(frame):
+def test_stage_shares_points_of_a_flow(frame):
     """All flows of a path that is kept are those of another, or none."""
     idle = cg.CommutatorFree([(START, {}), (START, {0: "1/2", 1: "1/2"})], [START, 0], 1)
     plain = cg.CommutatorFree([(START, {0: "1/2", 1: "1/2"})], [START, START], 0)
@@ -74,7 +74,7 @@ def test_points_of_one_flow_that_a_stage_shares(frame):
     np.testing.assert_array_equal(runs[0].y, runs[1].y)
 
 
-def test_a_lifted_method_with_a_stage_at_the_start():
+def test_lifted_method_with_a_stage_at_the_start():
     lifted = cg.lift(cg.Tableau([[], [0], ["1/4", "1/4"]], ["-1/4", "1/4", 1])).method
     problem = cg.problems.StateDependentRotation()
     fine = cg.integrate(

@@ -1,6 +1,5 @@
 """Methods of many stages: nothing computes more than it shows, and what it doesn't is said."""
 
-import json
 import random
 import time
 from pathlib import Path
@@ -9,8 +8,7 @@ import pytest
 
 import cg
 from cg.catalogue import save
-from cg.catalogue import summary as facts
-from cg.catalogue.summary import compute_facts
+from cg.catalogue.summary import compute_summary
 from cg.command import main
 from cg.method.stability import too_large
 
@@ -25,32 +23,8 @@ def dense(stages: int) -> cg.Tableau:
     return cg.Tableau([row(i) for i in range(stages)], row(stages), name=f"dense {stages}")
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("CG_METHODS", str(tmp_path))
-    return tmp_path
-
-
-def test_a_list_needs_no_stability(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    save(cg.Tableau([[], ["2/3"]], ["1/4", "3/4"], name="Ralston"), folder)
-    save(dense(60), folder)
-    with monkeypatch.context() as patch:
-        patch.setattr(facts, "stability_limits", None)  # to call it would fail
-        assert main(["list"]) == 0
-    assert "Ralston" in capsys.readouterr().out
-    assert main(["list", "--json"]) == 0
-    found = {entry["name"]: entry for entry in json.loads(capsys.readouterr().out)}
-    assert found["Ralston"]["real_stability"] == pytest.approx(2.0)
-    assert found["Ralston"]["not_computed"] is None
-    assert found["CG3"]["not_computed"] is None
-    assert found["dense 60"]["real_stability"] is None
-    assert found["dense 60"]["not_computed"].startswith("limits of stability, since with 60 stages")
-
-
 @pytest.mark.parametrize("stages", [60, 150])
-def test_what_is_not_computed_is_said(
+def test_show_says_what_is_not_computed(
     stages: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "dense.toml"
@@ -66,20 +40,20 @@ def test_what_is_not_computed_is_said(
         cg.plot.stability_region(dense(stages))
 
 
-def test_stages_alone_are_no_reason() -> None:
-    assert compute_facts(dense(12)).not_computed is None
+def test_small_coefficients_with_many_stages() -> None:
+    assert compute_summary(dense(12)).not_computed is None
     # Euler's method, 60 times
     assert too_large(cg.Tableau([["1/60"] * i for i in range(60)], ["1/60"] * 60)) is None
 
 
-def test_steps_of_many_flows_are_written_soon() -> None:
+def test_export_of_many_flows_is_fast() -> None:
     begin = time.process_time()
     text = cg.export(dense(150), "c", digits=5)
     assert time.process_time() - begin < 10
     assert text.count("_NUMBER(") > 150 * 151 / 2
 
 
-def test_a_notebook_is_given_the_numbers_that_it_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notebook_output_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     from cg.formats import latex
 
     written: list[object] = []

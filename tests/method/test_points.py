@@ -52,12 +52,12 @@ class TestMethods:
         np.testing.assert_allclose(methods["CF3b"].c, [0, 1 / 4, 2 / 3], rtol=1e-15)
         np.testing.assert_allclose(methods["CF3b"].b, [1 / 4, 0, 3 / 4], rtol=0)
 
-    def test_flat_tableaux_are_not_the_methods(self):
+    def test_flat_tableau_has_another_order(self):
         # what holds where flows commute says nothing of manifolds
         a, b = methods["CF4"].exact
         assert Tableau(a, b).order == 2 < methods["CF4"].order
 
-    def test_one_weight_a_point_is_a_tableau(self):
+    def test_one_weight_per_point_equals_tableau(self):
         for name in ("CG4a", "CG6g", "CG7b"):
             tableau = methods[name]
             same = CommutatorFree(tableau.points, tableau.stage_points, tableau.result)
@@ -67,7 +67,7 @@ class TestMethods:
             found = conditions.residuals_of(same, 4)
             np.testing.assert_allclose(found, 0, atol=1e-14)
 
-    def test_first_flows_are_shared(self):
+    def test_shared_flows_count_once(self):
         # rows (x), (x, y), (x, y) and b = (x, y, z): three flows, and one for b's second weights
         a = [[], ["1/3"], ["1/3", "1/4"], ["1/3", "1/4", 0]]
         method = Tableau(a, ["1/3", "1/4", "1/5", 0], b_embedded=["1/3", "1/2", 0, 0])
@@ -76,14 +76,14 @@ class TestMethods:
         assert (method.result, method.embedded_result) == (2, 3)
         assert (method.exponentials, method.pair_exponentials) == (3, 4)
 
-    def test_points_that_repeat_others_are_no_flows(self):
+    def test_repeated_points_count_once(self):
         once = CommutatorFree(CF3, [-1, 0, 1])
         points = [CF3[0], (0, {0: "0"}), CF3[1], (-1, {0: "1/3"}), (3, {0: "-1/12", 2: "3/4"})]
         again = CommutatorFree(points, [-1, 1, 2])
         assert (once.exponentials, again.exponentials) == (3, 3)
         assert again.order == 3
 
-    def test_unused_points_are_no_flows(self):
+    def test_unused_points_do_not_count(self):
         method = CommutatorFree([*CF3, (2, {0: 1})], [-1, 0, 1], result=2)
         assert method.exponentials == method.pair_exponentials == 3
 
@@ -100,7 +100,7 @@ class TestMethods:
         assert (certificate.order, certificate.embedded_order) == (3, 2)
         assert loads(dumps(pair)) == pair
 
-    def test_indices_of_numpy(self):
+    def test_numpy_indices(self):
         points = [
             (np.int64(parent), {np.int8(k): w for k, w in row.items()}) for parent, row in CF3
         ]
@@ -142,7 +142,7 @@ class TestMethods:
 
     @settings(deadline=None, max_examples=30)
     @given(point_trees(rationals))
-    def test_files_hold_all(self, tree):
+    def test_file_round_trip(self, tree):
         points = [(point.parent, point.weights) for point in tree.points]
         method = CommutatorFree(points, tree.stage_points, tree.result, name="x", source="y")
         found = loads(dumps(method))
@@ -198,13 +198,13 @@ class TestBadInput:
                 [(-1, {1: 1})],
                 [-1, 0],
                 {},
-                "point 0 has a weight on stage 1, which isn't",
+                "point 0 must have weights on earlier stages, got one on stage 1",
             ),
             (
                 [(-1, {0: 1}), (-1, {2: 1}), (1, {1: 1})],
                 [-1, 1, 0],
                 {},
-                "stage 1 is at point 1, which depends on stage 2: that isn't evaluated by then",
+                "stage 1 must depend on earlier stages, but its point 1 depends on stage 2",
             ),
             ([(-1, {0: 0})], [-1], {}, "result must depend on a stage: no weights lead to point 0"),
             ([(-1, {0: 1})], [-1], {"result": -1}, "result must depend on a stage"),
@@ -249,11 +249,11 @@ class TestBadInput:
                 [(-1, {0: 1})],
                 [-1],
                 {"nominal_order": 2, "nominal_residual": "0.1"},
-                "nominal_order 2 is not borne out",
+                "residuals through nominal_order 2 reach",
             ),
         ],
     )
-    def test_it_is_named(self, points, stages, options, message):
+    def test_message_names_the_argument(self, points, stages, options, message):
         with pytest.raises(MethodError, match=f"^{message}"):
             CommutatorFree(points, stages, **options)
 
@@ -277,13 +277,13 @@ class TestBadInput:
         with pytest.raises(MethodError, match=message):
             loads(text.replace(old, new, 1))
 
-    def test_tables_of_points_only(self):
+    def test_points_must_be_tables(self):
         with pytest.raises(MethodError, match="points must be an array of tables, got 3"):
             loads('name = "x"\nsource = "y"\npoints = 3\nstage_points = [-1]\nresult = 0\n')
 
 
 class TestWarnings:
-    def test_dormand_prince_is_no_pair_on_manifolds(self):
+    def test_dormand_prince_tableau_warns(self):
         a = [
             [],
             ["1/5"],
@@ -302,14 +302,14 @@ class TestWarnings:
         with pytest.warns(UserWarning, match="DP: both its results have order 2"):
             check_pair(pair)
 
-    def test_results_that_nearly_coincide(self):
+    def test_nearly_equal_results_warn(self):
         a, b = methods["CG3"].exact
         nearly = [b[0] + Fraction(1, 10**8), b[1] - Fraction(1, 10**8), b[2]]
         pair = Tableau(a, b, b_embedded=nearly, name="almost")
         with pytest.warns(UserWarning, match="almost: its results nearly coincide"):
             check_pair(pair)
 
-    def test_order_zero(self):
+    def test_order_zero_warns(self):
         with pytest.warns(UserWarning, match="half has order 0: its solutions don't converge"):
             check_order(Tableau([[]], ["1/2"], name="half"))
         pair = Tableau([[], ["1/2"]], [0, 1], b_embedded=["1/2", 0])
@@ -319,17 +319,17 @@ class TestWarnings:
     @pytest.mark.parametrize(
         "name", [name for name, method in methods.items() if method.embedded_order is not None]
     )
-    def test_pairs_of_the_catalogue_are_good(self, name):
+    def test_catalogue_pairs_do_not_warn(self, name):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             check_pair(methods[name])
 
-    def test_what_is_no_pair(self):
+    def test_check_pair_refuses_other_methods(self):
         with pytest.raises(ValueError, match="method must be a pair, got <Tableau CG3"):
             check_pair(methods["CG3"])
 
 
-def test_points_are_values():
+def test_points_compare_by_value():
     one = Point(-1, {1: Fraction(1, 2), 0: Fraction(0)})
     assert one == Point(-1, {1: Fraction(1, 2)})
     assert hash(one) == hash(Point(-1, {1: Fraction(1, 2)}))
@@ -348,7 +348,7 @@ class TestThirdWeights:
         points = zip(parents, pair.point_coefficients, strict=True)
         return CommutatorFree(points, pair.stage_points, third=third, **given)
 
-    def test_they_make_an_estimate(self, tmp_path):
+    def test_error_weights(self, tmp_path):
         third = ["1", *["0"] * 8]
         pair = self.make(third)
         first, second = pair.error_weights
@@ -372,6 +372,6 @@ class TestThirdWeights:
             ([1] * 9, {"embedded_result": None}, "third must be None unless embedded_result"),
         ],
     )
-    def test_bad_ones(self, third, options, message):
+    def test_bad_input(self, third, options, message):
         with pytest.raises(MethodError, match=message):
             self.make(third, **options)

@@ -45,7 +45,7 @@ SHORT = [name for name, m in cg.methods.items() if m.explicit and m.stages <= 17
 
 
 @pytest.mark.parametrize("name", [*SHORT, "CG7b"])
-def test_limits_are_where_steps_begin_to_grow(name):
+def test_steps_grow_beyond_the_limits(name):
     method = cg.methods[name]
     limits = stability_limits(method)
 

@@ -56,7 +56,7 @@ class TestCoefficient:
             assert read.unit == unit
 
     @given(st.one_of(rationals, st.floats(allow_nan=False, allow_infinity=False)))
-    def test_text_says_all(self, number):
+    def test_text_round_trip(self, number):
         read = Coefficient.read(number)
         assert read.value == Fraction(number)
         assert Coefficient.read(read.text) == read
@@ -67,7 +67,7 @@ class TestCoefficient:
         ["", "x", "1/0", "1/2/3", "nan", "-inf", "1_0", "٣", "0.1.2", "1e", ".", "0.5/2", None,
          float("nan"), float("inf"), 1j, [1], b"1", True, Decimal("NaN"), "0x1p99999"],
     )  # fmt: skip
-    def test_what_is_no_finite_number_is_refused(self, number):
+    def test_rejects_values_that_are_not_finite_numbers(self, number):
         with pytest.raises(ValueError, match="finite real number"):
             Coefficient.read(number)
 
@@ -110,7 +110,7 @@ class TestDerived:
         assert method.order == 2
 
     @given(tableaux(rationals))
-    def test_exponentials_are_the_first_parts_of_rows(self, tableau):
+    def test_exponentials_share_first_parts_of_rows(self, tableau):
         method = Tableau(*tableau)
         assert method.rows is conditions.rows_of(tableau[0])
         rows = [[(j, w) for j, w in enumerate(row) if w] for row in (*method.exact[0], tableau[1])]
@@ -126,10 +126,10 @@ class TestOrder:
         assert decimal_euler("1/2").order == 0
         assert decimal_euler(1).order == 1
 
-    def test_rationals_get_no_tolerance(self):
+    def test_rationals_have_no_tolerance(self):
         assert decimal_euler(1 - Fraction(1, 10**40)).order == 0
 
-    def test_decimals_get_their_last_place(self):
+    def test_tolerance_of_decimals(self):
         assert decimal_euler("0.99999999").order == 1
         assert decimal_euler("0.99999997").order == 0
         assert decimal_euler("0." + "9" * 36).order == 1
@@ -140,11 +140,11 @@ class TestOrder:
         assert decimal_euler("0.9999999").order == 0
         assert Tableau([[], ["0.5"]], ["0.0", "1.0"]).order == 2
 
-    def test_decimals_are_good_for_binary128_at_most(self):
+    def test_unit_is_at_least_that_of_binary128(self):
         assert Coefficient.read("0." + "3" * 60).unit == Fraction("0." + "3" * 60) / 2**112
         assert decimal_euler("0." + "9" * 34 + "0001").order == 1
 
-    def test_floats_get_their_rounding(self):
+    def test_tolerance_of_floats(self):
         b = [0.1] * 10
         method = Tableau(np.zeros((10, 10)), b)
         assert sum(method.exact[1]) != 1
@@ -169,7 +169,7 @@ class TestOrder:
         assert MIDPOINT.largest_residual() == 0
         assert MIDPOINT.largest_residual(3) == pytest.approx(1 / 6)
 
-    def test_huge_coefficients_end_with_an_answer(self):
+    def test_huge_coefficients(self):
         assert Tableau([[], [1e200]], [1 - 1e-200, 1e300]).order == 0
 
 
@@ -177,18 +177,18 @@ class TestNominalOrder:
     def make(self, **nominal):
         return Tableau([[], ["0.5001"]], [0, 1], **nominal)
 
-    def test_it_is_marked(self):
+    def test_attributes(self):
         method = self.make(nominal_order=2, nominal_residual="0.001")
         assert (method.order, method.exact_order, method.approximate) == (2, 1, True)
         assert not MIDPOINT.approximate
 
-    def test_it_must_be_borne_out(self):
-        with pytest.raises(TableauError, match="nominal_order 2 is not borne out"):
+    def test_residuals_above_the_bound_are_refused(self):
+        with pytest.raises(TableauError, match="residuals through nominal_order 2 reach"):
             self.make(nominal_order=2, nominal_residual="0.00001")
-        with pytest.raises(TableauError, match="nominal_order 3 is not borne out"):
+        with pytest.raises(TableauError, match="residuals through nominal_order 3 reach"):
             self.make(nominal_order=3, nominal_residual="0.001")
 
-    def test_both_are_needed(self):
+    def test_order_and_residual_must_come_together(self):
         for nominal in ({"nominal_order": 2}, {"nominal_residual": "0.001"}):
             with pytest.raises(TableauError, match="must be given together"):
                 self.make(**nominal)
@@ -208,7 +208,7 @@ class TestPairs:
         assert pair.embedded == Tableau([[], ["1/2"]], [1, 0])
         assert pair != MIDPOINT
 
-    def test_equal_weights_estimate_nothing(self):
+    def test_equal_weights_are_refused(self):
         with pytest.raises(TableauError, match="b_embedded must differ from b"):
             Tableau([[], ["1/2"]], [0, 1], b_embedded=["0.0", "2/2"])
 
@@ -239,7 +239,7 @@ class TestImmutability:
             with pytest.raises(ValueError, match="read-only"):
                 array[...] = 1
 
-    def test_what_is_given_is_copied(self):
+    def test_input_is_copied(self):
         a, b = [[0, 0], [0.5, 0]], np.array([0.0, 1.0])
         method = Tableau(a, b)
         a[1][0], b[0] = 3, 4
@@ -286,12 +286,12 @@ class TestBadInput:
             ([["2"], [1, 0]], "explicit tableau, but a_11 = 2"),
         ],
     )
-    def test_explicit_is_insisted_on(self, a, message):
+    def test_explicit_argument(self, a, message):
         with pytest.raises(TableauError, match=re.escape(message)):
             Tableau(a, [0, 1], explicit=True)
         assert not Tableau(a, [0, 1]).explicit
 
-    def test_two_digit_indices_are_told_apart(self):
+    def test_labels_of_two_digit_indices(self):
         a = [[0] * 11 for _ in range(11)]
         a[0][10] = 1
         with pytest.raises(TableauError, match="a_1,11 = 1"):
@@ -303,7 +303,7 @@ class TestBadInput:
         with pytest.raises(TableauError, match="source must be a str, got None"):
             Tableau([[]], [1], source=None)
 
-    def test_it_is_a_value_error(self):
+    def test_tableau_error_is_a_value_error(self):
         assert issubclass(TableauError, ValueError)
 
 

@@ -242,6 +242,7 @@ RETURNED = {
         "MatrixGroup",
         "Method",
         "MethodError",
+        "MissingQuadsError",
         "TableauError",
         "CertificationError",
         "ConvergenceError",

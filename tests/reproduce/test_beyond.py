@@ -120,7 +120,7 @@ def test_recommended_methods_are_best_in_their_class(catalogue, name, by, among)
 
 def test_report_has_the_catalogue_section(tmp_path, monkeypatch):
     listed = {name: methods[name] for name in ("CG4a", "CG2(3)", "ImplicitMidpoint")}
-    monkeypatch.setattr(beyond_catalogue, "packaged", listed)
+    monkeypatch.setattr(beyond_catalogue, "methods", listed)
     assert main(["--only", "beyond.catalogue", "--out", str(tmp_path)]) == 0
     found = read(tmp_path)["items"]["beyond.catalogue"]["methods"]
     assert [entry["name"] for entry in found] == ["CG2(3)", "CG4a", "ImplicitMidpoint"]

@@ -145,7 +145,7 @@ def test_the_refusal_says_what_was_asked_for() -> None:
 def test_a_call_waits_for_others_if_there_is_too_little_for_both(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("cg.support.memory.memory", lambda: 100e6)
+    monkeypatch.setattr("cg.support.memory.total_memory", lambda: 100e6)
     running, most = 0, 0
 
     def call() -> None:

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 import cg
-from cg.catalogue import save
-from cg.catalogue import summary as facts
+from cg.catalogue import save, summary
 from cg.command import main
 from cg.proofs import certificate_of
 from cg.support import parsing as texts
@@ -18,7 +17,7 @@ METHOD = cg.methods["CG3"]
 WRITERS: dict[str, Callable[[Path], object]] = {
     "save": lambda path: save(METHOD, path),
     "certificate": lambda path: certificate_of(METHOD).save(path),
-    "facts": facts.write_facts,
+    "summaries": summary.write_summaries,
 }
 COMMANDS = {
     "export": ["export", "CG3", "c"],
@@ -48,7 +47,7 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_full_disk_leaves_the_old_file(
     what: str, old: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(facts, "compute_facts", facts.facts_of)  # what is kept is as good here
+    monkeypatch.setattr(summary, "compute_summary", summary.summary_of)  # stored ones are faster
     with pytest.raises(OSError, match="No space left"):
         WRITERS[what](old)
     assert old.read_text(encoding="utf-8") == "old"

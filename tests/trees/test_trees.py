@@ -79,7 +79,7 @@ def test_reciprocal_densities_sum_to_one(nodes):
 
 
 @given(trees)
-def test_index_is_found_again(tree):
+def test_index_round_trip(tree):
     made = forest(8)
     if tree.nodes > 8:
         with pytest.raises(KeyError, match="more than 8"):
@@ -108,7 +108,7 @@ def test_tables_agree_with_the_trees():
         assert made.children[made.prefix[index - 1] - 1] == word[:-1]
 
 
-def test_indices_do_not_depend_on_how_many_are_made():
+def test_indices_do_not_depend_on_max_nodes():
     assert list(forest(9))[: len(forest(6))] == list(forest(6))
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...catalogue import resolve_method
-from ...method.coefficients import Coefficient
-from ...method.method import Method, read_coefficient
+from ...method.coefficients import Coefficient, read_coefficient
+from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...structure.points import MethodError
 from ...support.parsing import visible

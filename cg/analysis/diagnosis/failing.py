@@ -8,10 +8,11 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from ... import conditions
-from ...method.flat import Rooted, failing_rooted, rooted_trees
+from ...method.flat import failing_rooted
 from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...trees.ordered import OrderedTree, forest
+from ...trees.rooted import RootedTree, rooted_trees
 from .drawing import draw_tree
 
 if TYPE_CHECKING:
@@ -119,5 +120,5 @@ def _first_flat(method: MuntheKaas, order: int) -> FailingCondition:
     return FailingCondition(order, _planted(tree), residual, side, len(failing), trees)
 
 
-def _planted(tree: Rooted) -> OrderedTree:
+def _planted(tree: RootedTree) -> OrderedTree:
     return OrderedTree(tuple(map(_planted, tree)))

@@ -13,7 +13,7 @@ from ...method.munthe_kaas import MuntheKaas
 from ...structure.points import MethodError
 from .findings import Finding
 from .matching import CatalogueMatch, closest_match
-from .variants import order_on_vector_spaces, reversals, transposed, with_coefficients
+from .variants import order_on_vector_spaces, reversals, transposed
 
 __all__ = ["recognise_all"]
 
@@ -104,7 +104,7 @@ def _truncated_digits(method: Method, order: int, place: Fraction | None) -> lis
             Coefficient(k.value, k.text, max(k.unit, _unit(k, place))) for k in method.coefficients
         ]
         try:
-            full = with_coefficients(method, rounded).exact_order
+            full = method.with_coefficients(rounded).exact_order
         except MethodError:
             return []
         if full > order:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from ...conditions import condition_trees, exact_weights, right_sides
-from ...support.balls import to_arb, working_precision
+from ...support.balls import to_ball, working_precision
 from ...support.quads import DECIMAL_DIGITS, to_decimal
 from .splitting import Splitting
 
@@ -106,12 +106,12 @@ def _residuals(splitting: Splitting, free: Sequence[Fraction]) -> list[Fraction]
             trees = condition_trees(order, independent=True)
             ended = replace(tree, result=end, embedded_result=None)
             for phi, side, index in zip(
-                exact_weights(ended, order, trees, to_arb),
+                exact_weights(ended, order, trees, to_ball),
                 right_sides(order, independent=True),
                 trees,
                 strict=True,
             ):
-                value = phi - to_arb(side * c ** splitting.nodes(index))
+                value = phi - to_ball(side * c ** splitting.nodes(index))
                 mantissa, exponent = value.mid().man_exp()
                 found.append(int(mantissa) * Fraction(2) ** int(exponent))
         return found

@@ -6,8 +6,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...catalogue import munthe_kaas, packaged, save
-from ...catalogue.own import PROOF
+from ...catalogue import methods, munthe_kaas, save
+from ...catalogue.entries import CERTIFICATE_SUFFIX
 from ...method.method import Method
 from ...proofs import Certificate, CertificationError, certify
 from ...runs import StoredRun
@@ -101,11 +101,11 @@ def promote(
     folder = Path(folder)
     if not folder.is_dir():
         raise NotADirectoryError(f"folder must be one that exists, got {str(folder)!r}")
-    if name in packaged or name in munthe_kaas:
+    if name in methods or name in munthe_kaas:
         raise ValueError(f"name must be a new one, got {name!r}, which the package has")
     proofs = folder / "certificates"
     file = file_in(folder, name)
-    proof = file_in(proofs, name) if proofs.is_dir() else file_in(folder, name, PROOF)
+    proof = file_in(proofs, name) if proofs.is_dir() else file_in(folder, name, CERTIFICATE_SUFFIX)
     for path in (file, proof):
         if path.exists():
             raise ValueError(f"name must be a new one, got {name!r}: {path} is there already")

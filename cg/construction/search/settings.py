@@ -9,8 +9,8 @@ from ...conditions import Rows, check_rows, count, unknowns
 from ...structure.layout import Layout
 from ...support.checks import (
     MAX_COUNT,
+    MAX_HALF_WIDTH,
     MAX_STAGES,
-    WIDEST,
     check_flag,
     check_integer,
     check_real,
@@ -102,7 +102,7 @@ def checked_settings(
     if width is None:
         best_width = _TREE_WIDTH if of_points else _BEST_WIDTHS.get(order, _WIDTH_ABOVE)
         width = 1.0 if algorithm == "lmdif" else best_width
-    width = check_real("width", width, most=WIDEST)
+    width = check_real("width", width, most=MAX_HALF_WIDTH)
     refine_below = check_real("refine_below", refine_below)
     if maxfev is None:
         best = _TREE_BOUND if of_points else _BEST_BOUNDS.get(order, _BOUND_ABOVE)

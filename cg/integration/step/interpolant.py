@@ -74,9 +74,9 @@ from numpy.polynomial import Legendre, Polynomial
 
 from cg.frames.arrays import Array
 from cg.integration.step.paths import paths_of
-from cg.method.low_storage import rooted_trees
-from cg.method.method import Method, remembered
+from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
+from cg.trees.rooted import rooted_trees_through
 
 __all__ = [
     "Extension",
@@ -179,7 +179,7 @@ class Extension:
     basis: Array
 
 
-@remembered
+@cached
 def extension_of(method: Method) -> Extension:
     """Return the interpolant in coordinates for steps of a method."""
     if isinstance(method, MuntheKaas):
@@ -259,7 +259,7 @@ class _Trees:
     """The conditions of rooted trees on derivatives k, for interpolants through an order."""
 
     def __init__(self, order: int) -> None:
-        trees = rooted_trees(order)
+        trees = rooted_trees_through(order)
         place = {tree: i for i, tree in enumerate(trees)}
         self.children = [[place[child] for child in tree] for tree in trees]
         size, density = [0] * len(trees), [0] * len(trees)
@@ -356,7 +356,7 @@ class ResultFlows:
         return len(self.weights)
 
 
-@remembered
+@cached
 def result_flows(method: Method) -> ResultFlows:
     """Return the flows that lead to the result of a method."""
     return ResultFlows(method)

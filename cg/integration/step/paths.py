@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.method.low_storage import Registers, two_registers
-from cg.method.method import Method, remembered
+from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.tableau import Tableau
 from cg.structure.points import START
@@ -138,7 +138,7 @@ class MethodPaths:
         return np.array(numbers, dtype=np.intc)
 
 
-@remembered
+@cached
 def paths_of(method: Method) -> MethodPaths:
     """Return the paths of a method; of an implicit one those to its results alone."""
     if isinstance(method, Tableau) and not method.explicit:

@@ -20,7 +20,7 @@ from cg.integration.step.interpolant import (
     series_order,
 )
 from cg.integration.step.paths import paths_of
-from cg.method.method import Method, remembered
+from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 from cg.support.shared_numbers import BlockKind
 
@@ -184,7 +184,7 @@ def plan_of(frame: Frame, method: Method) -> Plan:
         return Plan(frame, method)
 
 
-@remembered
+@cached
 def _plans(method: Method) -> dict[Frame, Plan]:
     return {}
 

@@ -21,7 +21,7 @@ from typing import ClassVar
 from flint import fmpq_mat
 
 from ...structure.layout import Layout, Rows
-from ...support.balls import to_fmpq
+from ...support.balls import to_flint
 from ..systems import Equation, Term, exact_residuals
 from ..weights import Quantity
 from .relations import Relation
@@ -117,7 +117,7 @@ def _expansions(grade: int) -> dict[Word, dict[Word, Fraction]]:
     if not spanning:
         return {word: {} for word in words}
     entries = [f.get(w, Fraction(0)) for f in spanning for w in words]
-    matrix = fmpq_mat(len(spanning), len(words), [to_fmpq(v) for v in entries])
+    matrix = fmpq_mat(len(spanning), len(words), [to_flint(v) for v in entries])
     reduced, rank = matrix.rref()
     rows = [[Fraction(int(v.p), int(v.q)) for v in row] for row in reduced.tolist()[:rank]]
     pivots = [words[next(k for k, value in enumerate(row) if value)] for row in rows]

@@ -27,7 +27,7 @@ from flint import arb, arb_mat
 from numpy.typing import NDArray
 
 from ...structure.layout import Layout
-from ...support.balls import to_arb
+from ...support.balls import to_ball
 from ..weights import Quantity, Weights
 from .pairings import Pairing, pairings
 from .reduction import Reduction
@@ -280,7 +280,7 @@ class _Relations:
             if isinstance(one, _Choice):
                 by_frame.setdefault(id(one.frame), []).append(one)
             else:
-                found.append(self._reduced({key: to_arb(value) for key, value in one.items()}))
+                found.append(self._reduced({key: to_ball(value) for key, value in one.items()}))
         for group in by_frame.values():
             frame = group[0].frame
             us = sorted({one.surrounding for one in group})
@@ -312,7 +312,7 @@ class _Relations:
             quantities = [Quantity(self._layout.stages + row, word) for word in words]
             values = Weights(self._layout, quantities).evaluate(self._y[: self._layout.size])
             known = dict(zip(words, values, strict=True))
-            found.append(Reduction(to_arb, known.__getitem__))
+            found.append(Reduction(to_ball, known.__getitem__))
         return found
 
     def _combined(

@@ -15,7 +15,7 @@ from typing import Any
 from flint import arb
 
 from ...structure.layout import Layout
-from ...support.balls import to_arb
+from ...support.balls import to_ball
 from ..systems import Equation, Term
 from ..weights import Quantity
 from .relations import Relation, fill, places, without
@@ -36,7 +36,7 @@ def _add(relation: Relation, word: Word, coefficient: Any) -> None:
 
 
 def _ball(value: Fraction) -> arb:
-    return to_arb(value) + arb(0, RELATION_RADIUS)
+    return to_ball(value) + arb(0, RELATION_RADIUS)
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class Letters:
         for factor, other in ((arb(1), self.pivot), *zip(self._factors, self.others, strict=True)):
             if nodes(other) == nodes(self.pivot):
                 for f, w in self._parts(other):
-                    combination[w] = combination.get(w, arb(0)) + factor * to_arb(f)
+                    combination[w] = combination.get(w, arb(0)) + factor * to_ball(f)
         for context, letter in places(word):
             for y in set[Word]().union(*(without(letter, piece) for piece in combination)):
                 relation: Relation = {}

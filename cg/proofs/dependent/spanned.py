@@ -11,7 +11,7 @@ import numpy as np
 from flint import arb, fmpq, fmpq_mat
 from numpy.typing import NDArray
 
-from ...support.balls import to_fmpq
+from ...support.balls import to_flint
 from .pairings import Pairing
 from .words import Word, reciprocal_density
 
@@ -93,7 +93,7 @@ class Spanned:
 def _exact(words: dict[tuple[int, Word], int]) -> fmpq:
     terms = (reciprocal_density(word) * m for (_, word), m in words.items())
     total = sum(terms, start=Fraction(0))
-    return to_fmpq(total)
+    return to_flint(total)
 
 
 def _independent(vectors: dict[int, list[arb]]) -> list[int]:

@@ -1,0 +1,217 @@
+"""Files of methods and of their certificates."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cg
+from cg.command import main
+from cg.proofs import CertificationError, check
+from cg.proofs.files import certificate_beside
+from cg.structure.points import MethodError
+
+pytestmark = pytest.mark.no_core
+
+MIDPOINT = cg.Tableau([[], ["1/2"]], [0, 1], name="mine", source="a book")
+
+
+class TestFiles:
+    @pytest.mark.parametrize("suffix", [".toml", ".json"])
+    @pytest.mark.parametrize("name", ["CG2(3)", "CG5a", "CG6a", "CF5(4)", "DP5(4)", "RKMK8(5,3)"])
+    def test_save_and_load(self, name, suffix, tmp_path):
+        method = cg.catalogue.resolve_method(name)
+        path = tmp_path / f"method{suffix}"
+        method.save(path)
+        assert path.read_text(encoding="utf-8").startswith("{" if suffix == ".json" else "name")
+        found = type(method).load(path)
+        assert found == method
+        assert type(found) is type(method)
+        assert [c.text for c in found.coefficients] == [c.text for c in method.coefficients]
+        assert (found.name, found.source) == (method.name, method.source)
+        assert found.nominal_order == method.nominal_order
+        assert cg.Method.load(str(path)) == method
+
+    def test_load_refuses_another_class(self, tmp_path):
+        MIDPOINT.save(tmp_path)
+        path = tmp_path / "mine.toml"
+        with pytest.raises(MethodError, match=r"mine.toml must be .* of a CommutatorFree, got"):
+            cg.CommutatorFree.load(path)
+        assert cg.Tableau.load(path) == MIDPOINT
+
+    def test_save_to_a_folder(self, tmp_path):
+        MIDPOINT.save(tmp_path)
+        assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+        with pytest.raises(TypeError, match="path must be a path, got 3"):
+            MIDPOINT.save(3)
+        with pytest.raises(TypeError, match="path must be a path, got None"):
+            cg.Tableau.load(None)
+
+    def test_numbers_in_json_keep_their_digits(self):
+        text = '{"name": "x", "source": "", "a": [[], [0.30000000000000000004]], "b": [0, 1]}'
+        method = cg.catalogue.loads(text)
+        assert method.coefficients[0].text == "0.30000000000000000004"
+        assert json.loads(cg.export(method, "json"))["a"][1] == ["0.30000000000000000004"]
+
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            ("{", "not a JSON file"),
+            ('{"name": "x"}', "lacks a, b, source"),
+            ('{"name": "x", "name": "y"}', "'name' is there twice"),
+            ('{"a": NaN}', "NaN is no number"),
+            ('{"a": 1' + "0" * 5000 + "}", "not a file of this kind"),
+            ('{"a": ' + "[" * 50 + "]" * 50 + "}", "nested too deeply"),
+            ('{"a": ' + "[" * 100000 + "]" * 100000 + "}", "nested too deeply"),
+            ('{"name": 1, "source": "", "a": [[]], "b": [1]}', "name must be a str"),
+        ],
+    )
+    def test_bad_json(self, text, message):
+        with pytest.raises(MethodError, match=message):
+            cg.catalogue.loads(text)
+
+
+class TestPaths:
+    @pytest.mark.parametrize("suffix", [".toml", ".json"])
+    def test_a_path_serves_as_a_method(self, tmp_path, suffix):
+        path = tmp_path / f"mine{suffix}"
+        MIDPOINT.save(path)
+        for method in (path, str(path)):
+            run = cg.integrate(
+                lambda t, y: [0, 0, t],
+                (0, 1),
+                np.eye(3),
+                frame=cg.frames.SO3(),
+                method=method,
+                h=0.1,
+            )
+            assert run.method == MIDPOINT
+            assert cg.export(method, "c").startswith("// mine: order 2")
+
+    def test_a_name_in_the_working_directory(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        MIDPOINT.save("mine.toml")
+        assert cg.catalogue.resolve_method("mine.toml") == MIDPOINT
+        assert "mine" not in cg.methods
+
+    def test_bad_paths(self, tmp_path):
+        (tmp_path / "broken.toml").write_text("name = 3")
+        (tmp_path / "binary.toml").write_bytes(b"\xff")
+        with pytest.raises(MethodError, match=r"broken.toml: the entry lacks a, b, source"):
+            cg.catalogue.resolve_method(tmp_path / "broken.toml")
+        with pytest.raises(MethodError, match=r"binary.toml: not UTF-8"):
+            cg.catalogue.resolve_method(str(tmp_path / "binary.toml"))
+        with pytest.raises(FileNotFoundError, match=r"missing\.toml"):
+            cg.catalogue.resolve_method("missing.toml")
+        with pytest.raises(IsADirectoryError):
+            cg.catalogue.resolve_method(tmp_path)
+
+
+class TestNotebooks:
+    def test_a_tableau(self):
+        html = cg.methods["CG2(3)"]._repr_html_()
+        assert "<b>CG2(3)</b>: order 3(2), 3 evaluations, 6 flows" in html
+        assert html.count("<tr") == 5
+        assert "119/216" in html
+        formula = cg.methods["CG2(3)"]._repr_latex_()
+        assert formula.startswith(r"$\displaystyle \begin{array}{c|ccc}")
+        assert r"\frac{17}{24} & \frac{119}{216} & \frac{17}{108} &  \\ \hline" in formula
+
+    def test_points(self):
+        html = cg.methods["CF4"]._repr_html_()
+        assert html.count("<tr>") == 7
+        assert "1/4 F<sub>1</sub> + 1/6 F<sub>2</sub>" in html
+        formula = cg.methods["CF3"]._repr_latex_()
+        wanted = r"y_{3} &= \exp\bigl(h(-\frac{1}{12}\,F_{1}+\frac{3}{4}\,F_{3})\bigr)\,y_{1}"
+        assert wanted in formula
+
+    def test_names_are_escaped(self):
+        method = cg.Tableau([[]], [1], name="<b>&", source="<i>")
+        html = method._repr_html_()
+        assert "&lt;b&gt;&amp;" in html
+        assert "<i>" not in html
+
+    def test_large_methods_are_cut(self):
+        assert (
+            "more</td>" in cg.methods["CF7a"]._repr_html_() or len(cg.methods["CF7a"].points) < 40
+        )
+        assert "0.0000" not in cg.methods["CG5d"]._repr_html_()
+
+
+def test_repr():
+    assert repr(cg.methods["CG4(3)b"]) == "<Tableau CG4(3)b: order 4(3), 5 evaluations, 15 flows>"
+    assert repr(cg.methods["LieEuler"]) == "<Tableau LieEuler: order 1, 1 evaluation, 1 flow>"
+    assert repr(cg.methods["ImplicitMidpoint"]).endswith("2 flows, implicit>")
+    assert repr(cg.methods["CG6a"]).startswith("<Tableau CG6a: order 6 (nominal), 16 eval")
+    large = cg.Tableau([["1/3"] * k for k in range(30)], ["1/30"] * 30)
+    assert repr(large) == "<Tableau without name: 30 evaluations, 59 flows>"
+    assert large.description(complete=True).startswith("order ")
+    assert repr(large).startswith("<Tableau without name: order ")
+
+
+class TestCertificatesBesideFiles:
+    """``show`` proves them again."""
+
+    def shown(self, folder, capsys):
+        assert main(["show", str(folder / "mine.toml")]) == 0
+        (line,) = re.findall("^  certificate +(.*)$", capsys.readouterr().out, re.MULTILINE)
+        return line
+
+    def test_valid_certificate(self, tmp_path, capsys):
+        MIDPOINT.save(tmp_path)
+        assert self.shown(tmp_path, capsys) == "none"
+        cg.certify(MIDPOINT).save(tmp_path / "mine.certificate.toml")
+        assert self.shown(tmp_path, capsys).startswith("mine: order 2 by its rational coefficients")
+
+    def test_certificate_of_other_coefficients(self, tmp_path, capsys):
+        cg.certify(MIDPOINT).save(tmp_path / "mine.certificate.toml")
+        cg.Tableau([[], ["1/3"]], [0, 1], name="mine").save(tmp_path)
+        assert self.shown(tmp_path, capsys).startswith("proves nothing: ")
+
+    def test_changed_radius(self, tmp_path, capsys):
+        method = cg.methods["CG4a"]
+        cg.Tableau(*texts(method), name="mine", source="x").save(tmp_path)
+        proof = replace(cg.certify("CG4a"), name="mine", radius="1e-60")
+        proof.save(tmp_path / "mine.certificate.toml")
+        assert self.shown(tmp_path, capsys).startswith("proves nothing: ")
+
+    def test_binary_file(self, tmp_path):
+        MIDPOINT.save(tmp_path)
+        (tmp_path / "mine.certificate.toml").write_bytes(b"\xff\xfe")
+        with pytest.raises(CertificationError, match=r"mine\.certificate\.toml: not UTF-8"):
+            certificate_beside(tmp_path / "mine.toml", MIDPOINT)
+
+
+def texts(method):
+    coefficients = iter(method.coefficients)
+    a = [[next(coefficients).text for _ in range(i)] for i in range(method.stages)]
+    return a, [next(coefficients).text for _ in range(method.stages)]
+
+
+def test_certificate_of_a_munthe_kaas_method_is_refused():
+    """Coefficients are the same, conditions aren't."""
+    tableau = cg.Tableau([[], ["1/2"]], [0, 1], name="X")
+    with pytest.raises(CertificationError, match="method must be a Tableau or CommutatorFree"):
+        check(cg.certify(tableau), cg.MuntheKaas(tableau))
+
+
+@pytest.mark.parametrize("radius", ["1_0e-37", "\u0663e-36", "1e-36 ", "1/3", "0x1p-3", "nan"])
+def test_a_radius_is_a_plain_decimal(radius):
+    with pytest.raises(CertificationError, match="expected a decimal number"):
+        replace(cg.certify("CF4"), radius=radius)
+
+
+@pytest.mark.parametrize("bits", ["320", 320.0, True, None])
+def test_bits_are_an_integer(bits):
+    with pytest.raises(CertificationError, match="bits must be an integer, got"):
+        replace(cg.certify("CF4"), bits=bits)
+
+
+def test_orders_of_principal_errors():
+    method = cg.methods["CF4"]
+    with pytest.raises(ValueError, match=r"order must be .* 8.*, got 9"):
+        method.principal_error(9)
+    still = cg.Tableau([[], ["1/2"]], [0, 0])
+    assert still.largest_residual() == 1.0
