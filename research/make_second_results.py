@@ -27,7 +27,6 @@ from cg.catalogue import save
 from cg.conditions import compiled as compiled_conditions
 from cg.conditions import condition_trees
 from cg.construction.lifting.exact import refined
-from cg.construction.lifting.lift import split_method
 from cg.construction.lifting.solver import fit
 from cg.construction.lifting.splitting import FlatRows, Splitting, _equations, _solved
 from cg.structure.layout import Layout
@@ -126,7 +125,9 @@ def make(method: cg.CommutatorFree, recipe: Recipe) -> tuple[cg.CommutatorFree, 
     first = [w.text for row in method.point_coefficients[: method.result + 1] for w in row.values()]
     weights[: len(first)] = first
     source = method.source.removesuffix(NOTE) + NOTE
-    return split_method(splitting.layout, weights, method.name, source), error, len(found)
+    layout = splitting.layout
+    pair = cg.CommutatorFree.from_layout(layout, weights, name=method.name, source=source)
+    return pair, error, len(found)
 
 
 def main() -> None:

@@ -225,13 +225,10 @@ def to_method(
         )
     polished = polish_zeros(quads.decode(refined.x), system, free)
     decimals = [quads.to_decimal(entry) for entry in polished.x]
-    return _method(system.layout, decimals, name, source)
+    return method_of(system.layout, decimals, name, source)
 
 
-def _method(layout: Layout, texts: Sequence[str], name: str, source: str) -> Method:
-    if layout.rows is None:
-        return CommutatorFree.from_packed(texts, layout, name=name, source=source)
-    rows = layout.full_rows(texts)
-    second = rows[-1] if layout.pair else None
-    a, b = rows[: layout.stages], rows[layout.stages]
-    return Tableau(a, b, name=name, source=source, b_embedded=second)
+def method_of(layout: Layout, decimals: Sequence[str], name: str, source: str) -> Method:
+    """Return the method of a layout with these packed coefficients."""
+    kind = CommutatorFree if layout.rows is None else Tableau
+    return kind.from_layout(layout, decimals, name=name, source=source)

@@ -123,27 +123,16 @@ class CommutatorFree(Method):
             self._check_nominal_order(MethodError)
 
     @classmethod
-    def from_packed(
-        cls, x: Sequence[Fraction | str], layout: Layout, *, name: str = "", source: str = ""
+    def from_layout(
+        cls, layout: Layout, coefficients: Sequence[Any], **names: Any
     ) -> CommutatorFree:
-        """Return the method with these weights, point after point; fractions get 36 digits.
-
-        Parameters
-        ----------
-        x : sequence of Fraction or str
-            As many as ``layout.size``.
-        layout : Layout
-            Of a tree of points.
-        name, source : str, optional
-        """
-        texts = [entry if isinstance(entry, str) else quads.to_decimal(entry) for entry in x]
+        """Return the method with these weights, point after point."""
         return cls(
-            zip(layout.parents, layout.point_weights(texts), strict=True),
+            zip(layout.parents, layout.point_weights(coefficients), strict=True),
             layout.stage_points,
             layout.results[0],
             embedded_result=layout.results[1] if layout.pair else None,
-            name=name,
-            source=source,
+            **names,
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -236,6 +236,45 @@ class Method(ABC):
         """Abscissae, the exact row sums of a rounded to double; shape (s,), read-only."""
         return _frozen(tuple(sum(row, Fraction(0)) for row in self.exact[0]))
 
+    @classmethod
+    @abstractmethod
+    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **names: Any) -> Self:
+        """Return the method with these packed coefficients.
+
+        Parameters
+        ----------
+        layout : Layout
+            The shape of the method: where each coefficient stands.
+        coefficients : sequence of numbers, length ``layout.size``
+            What `cg.method.coefficients.Coefficient.read` takes; kept as given.
+        **names
+            Further keyword arguments of the class, such as `name` and `source`.
+
+        Raises
+        ------
+        MethodError
+            If they don't make a method.
+        """
+
+    def with_coefficients(self, coefficients: Sequence[Any], **names: Any) -> Self:
+        """Return a method of the same shape with other coefficients, third weights left out.
+
+        Parameters
+        ----------
+        coefficients : sequence of numbers
+            In the order of `coefficients`.
+        **names
+            Further keyword arguments of the class, such as `name` and `source`.
+
+        Examples
+        --------
+        >>> import cg
+        >>> midpoint = cg.Tableau([[], ["1/2"]], [0, 1])
+        >>> midpoint.with_coefficients(["2/3", "1/4", "3/4"]).order
+        2
+        """
+        return self.from_layout(self.layout, coefficients, **names)
+
     @property
     def order(self) -> int:
         """The order: `nominal_order` if the method is `approximate`, else `exact_order`."""

@@ -108,6 +108,11 @@ class MuntheKaas(Method):
             object.__setattr__(self, field, value)
         check_tree(self.tree)
 
+    @classmethod
+    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **names: Any) -> MuntheKaas:
+        """Return the method of a tableau with these entries, row by row."""
+        return cls(Tableau.from_layout(layout, coefficients), **names)
+
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what was derived: arrays would come back writeable."""
         return {field.name: self.__dict__[field.name] for field in fields(self)}

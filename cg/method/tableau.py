@@ -164,6 +164,13 @@ class Tableau(Method):
             raise TableauError(str(error)) from None
         return cls(a, b, **names)
 
+    @classmethod
+    def from_layout(cls, layout: Layout, coefficients: Sequence[Any], **names: Any) -> Tableau:
+        """Return the tableau with these entries, row by row, b and second weights last."""
+        rows = layout.full_rows(coefficients)
+        a, weights = rows[: layout.stages], rows[layout.stages :]
+        return cls(a, weights[0], b_embedded=weights[1] if layout.pair else None, **names)
+
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what was derived: arrays would come back writeable."""
         return {field.name: self.__dict__[field.name] for field in fields(self)}

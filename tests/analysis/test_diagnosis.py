@@ -10,7 +10,6 @@ import pytest
 
 import cg
 from cg.analysis.diagnosis import diagnose_file, draw_points, draw_tree
-from cg.analysis.diagnosis.variants import with_coefficients
 from cg.catalogue import dumps, munthe_kaas
 from cg.method.coefficients import Coefficient
 from cg.method.tableau import TableauError
@@ -43,7 +42,7 @@ def cut(text, places):
 def changed(method, k, value):
     coefficients = list(method.coefficients)
     coefficients[k] = Coefficient.read(value)
-    return with_coefficients(method, coefficients)
+    return method.with_coefficients(coefficients)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +100,7 @@ def test_the_slip_of_cg4a():
     double = changed(planted, 0, CG4A.a[1, 0])
     assert kinds(double) == {"slip"}
     # from doubles it is no other method, and this wrong digit is a different mistake
-    rounded = with_coefficients(CG4A, [Coefficient.read(float(k.value)) for k in CG4A.coefficients])
+    rounded = CG4A.with_coefficients([Coefficient.read(float(k.value)) for k in CG4A.coefficients])
     assert kinds(rounded) == set()
     other = changed(CG4A, CG4A.layout.names.index("a_5,4"), "-1.1092979392113865")
     assert kinds(other) == {"changed"}

@@ -13,7 +13,7 @@ from ...method.munthe_kaas import MuntheKaas
 from ...structure.points import MethodError
 from .findings import Finding
 from .likeness import Likeness, likeness
-from .variants import order_on_vector_spaces, reversals, transposed, with_coefficients
+from .variants import order_on_vector_spaces, reversals, transposed
 
 __all__ = ["find_all"]
 
@@ -101,7 +101,7 @@ def _digits(method: Method, order: int, place: Fraction | None) -> list[Finding]
             Coefficient(k.value, k.text, max(k.unit, _unit(k, place))) for k in method.coefficients
         ]
         try:
-            meant = with_coefficients(method, rounded).exact_order
+            meant = method.with_coefficients(rounded).exact_order
         except MethodError:
             return []
         if meant > order:

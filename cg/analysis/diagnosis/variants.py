@@ -1,8 +1,8 @@
-"""Methods made of a method: with other coefficients, transposed, flows the other way round."""
+"""Methods made of a method: transposed, flows the other way round."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from fractions import Fraction
 
 from ...method.coefficients import Coefficient
@@ -14,26 +14,7 @@ from ...method.tableau import Tableau
 from ...structure.points import START, MethodError
 from ...support.quads import to_decimal
 
-__all__ = ["flat_tableau", "order_on_vector_spaces", "reversals", "transposed", "with_coefficients"]
-
-
-def with_coefficients(method: Method, coefficients: Sequence[Coefficient]) -> Method:
-    """Return the method with other coefficients in the same places, third weights left out."""
-    if isinstance(method, CommutatorFree):
-        tree, weights = method.tree, method.layout.point_weights(coefficients)
-        parents = (point.parent for point in tree.points)
-        return CommutatorFree(
-            zip(parents, weights, strict=True),
-            tree.stage_points,
-            tree.result,
-            embedded_result=tree.embedded_result,
-        )
-    *rows, last = method.layout.full_rows(coefficients)
-    if method.layout.pair:
-        tableau = Tableau(rows[:-1], rows[-1], b_embedded=last)
-    else:
-        tableau = Tableau(rows, last)
-    return MuntheKaas(tableau) if isinstance(method, MuntheKaas) else tableau
+__all__ = ["flat_tableau", "order_on_vector_spaces", "reversals", "transposed"]
 
 
 def transposed(method: Method) -> Tableau | None:

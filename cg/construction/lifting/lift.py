@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from ...conditions import MAX_ORDER
 from ...method.commutator_free import CommutatorFree
 from ...method.flat import flat_order, stage_orders
 from ...method.tableau import Tableau
-from ...structure.layout import Layout
 from ...support.checks import MAX_STAGES, check_flag, check_integer
 from ...support.parallel import raise_if_stopped
 from .exact import refined
@@ -228,11 +226,11 @@ def lift(
     for _, start, splitting, end in sorted(found, key=lambda hit: hit[:2]):
         exact = refined(splitting, end.x)
         if exact.largest_residual < _EXACT:
-            method = split_method(
+            method = CommutatorFree.from_layout(
                 splitting.layout,
                 exact.weights,
-                tableau.name if name is None else name,
-                tableau.source if source is None else source,
+                name=tableau.name if name is None else name,
+                source=tableau.source if source is None else source,
             )
             return Lifted(
                 method, start, index + 1, len(found), splitting.free.size, exact.rank,
@@ -290,14 +288,3 @@ def _check_shape(
 def _start(splitting: Splitting, generator: np.random.Generator) -> NDArray[np.float64]:
     # the last weights of chains make up for all others, so that flows are far from commuting
     return splitting.from_unknowns(generator.uniform(-_WIDTH, _WIDTH, splitting.free.size))
-
-
-def split_method(layout: Layout, weights: Sequence[Any], name: str, source: str) -> CommutatorFree:
-    return CommutatorFree(
-        zip(layout.parents, layout.point_weights(weights), strict=True),
-        layout.stage_points,
-        layout.results[0],
-        embedded_result=layout.results[1] if layout.pair else None,
-        name=name,
-        source=source,
-    )

@@ -10,13 +10,12 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, overload
 
-from ...method.commutator_free import CommutatorFree
 from ...method.method import Method
-from ...method.tableau import Tableau
 from ...runs import Failure, Store
 from ...structure.layout import Layout
 from ...support import quads
 from ...support.parallel import single_threads
+from ..candidate import method_of
 from ..solvers.polish import polish_zeros
 from ..solvers.system import ConditionSystem
 from .records import RandomStart
@@ -144,13 +143,4 @@ class SearchResult:
         # the last places that real(16) leaves may not be right to the digits that are written
         system = ConditionSystem(settings.order, layout)
         x = polish_zeros(list(map(Fraction, start.x)), system, system.free).x
-        if layout.rows is None:
-            return CommutatorFree.from_packed(x, layout, name=name, source=source)
-        return Tableau.from_packed(
-            x,
-            settings.stages,
-            settings.rows,
-            digits=quads.DECIMAL_DIGITS,
-            name=name,
-            source=source,
-        )
+        return method_of(layout, list(map(quads.to_decimal, x)), name, source)
