@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from ...support.parallel import raise_if_stopped
@@ -45,7 +44,8 @@ def improved(splitting: Splitting, end: Fit) -> Fit:
     error, damping = float(residual @ residual), 1e-3
     for _ in range(_MAX_STEPS):
         raise_if_stopped()
-        moves = _moves(splitting, x)
+        kernel = linalg.null_space(splitting.jacobian(x), rcond=_GAP)
+        moves = splitting.directions @ kernel  # they change no condition to first order
         if moves.shape[1] == 0:
             break
         jacobian = splitting.principal_jacobian(x) @ moves
@@ -68,10 +68,3 @@ def improved(splitting: Splitting, end: Fit) -> Fit:
         if gain < _MIN_GAIN:
             break
     return end
-
-
-def _moves(splitting: Splitting, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return orthonormal moves that change no condition to first order, shape (size, moves)."""
-    _, values, right = linalg.svd(splitting.jacobian(x))
-    rank = int(np.sum(values > _GAP * values[0])) if values.size else 0
-    return np.asarray(splitting.directions @ right[rank:].T)

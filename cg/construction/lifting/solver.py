@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from ..solvers.damped import PROBE, DampedSteps, is_straight
 from .splitting import Splitting
 
 __all__ = ["SOLVED", "Fit", "fit"]
@@ -29,8 +30,6 @@ SOLVED = 1e-23
 """Sum of the squared, scaled residuals below which weights are next to a solution."""
 
 _CLOSE = 1e-10  # the sum from which on steps are made of singular values
-_PROBE = 0.1  # fraction of a step for the second derivative along it
-_MAX_BEND = 0.75  # largest ratio of acceleration and step that is trusted far from a solution
 _MIN_DAMPING, _MAX_DAMPING = 1e-30, 1e8  # relative to the largest derivative
 _MIN_GAIN = 1e-6
 _MANY = 600  # conditions from which on some are chosen: those of order eight
@@ -89,7 +88,7 @@ def fit(
     if directions.shape[1] == 0:  # the rows leave nothing to choose
         return Fit(x, f, 0)
     damping, iterations = 1e-2, 0
-    steps: _Steps | None = None
+    steps: DampedSteps | None = None
     reached = [f]
     chosen, taken = _chosen(splitting, x, residual), 0
     while iterations < max_iterations and f < np.inf and damping < _MAX_DAMPING:
@@ -98,17 +97,15 @@ def fit(
         if _outdated(chosen, taken, residual):
             chosen, taken, steps = _chosen(splitting, x, residual), 0, None
         if steps is None:
-            steps = _Steps(splitting.jacobian(x, chosen), close)
+            steps = DampedSteps(splitting.jacobian(x, chosen), close)
         if not steps.damp(damping):
             damping *= 10
             continue
         now = residual[chosen]
         v = steps.step(now)
         moved = directions @ v
-        ahead = splitting.residual(x + _PROBE * moved)[chosen]
-        a = steps.step(2 / _PROBE * ((ahead - now) / _PROBE - steps.jacobian @ v))
-        straight = np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v)
-        trials = [x + moved + directions @ a / 2] if straight else []
+        a = steps.acceleration(v, now, splitting.residual(x + PROBE * moved)[chosen])
+        trials = [x + moved + directions @ a / 2] if is_straight(v, a) else []
         if close:
             trials.append(x + moved)
         before_f = best_f = float(now @ now)
@@ -154,38 +151,3 @@ def _outdated(chosen: NDArray[np.intp] | slice, taken: int, residual: Vector) ->
     part = residual[chosen]
     bound = _LEFT_BEHIND * float(part @ part) + SOLVED / _LEFT_BEHIND
     return taken >= _CHOSEN_FOR or float(residual @ residual) > bound
-
-
-class _Steps:
-    """Damped steps at one point: solutions of ``(Jᵀ J + λ) p = -Jᵀ r``."""
-
-    def __init__(self, jacobian: Vector, close: bool) -> None:
-        self.jacobian = jacobian
-        self._close = close
-        if close:
-            self._left, self._values, self._right = linalg.svd(
-                jacobian, full_matrices=False, check_finite=False
-            )
-            self._size = float(self._values[0]) ** 2
-        else:
-            self._gram = jacobian.T @ jacobian
-            self._size = float(np.max(np.diag(self._gram)))
-
-    def damp(self, damping: float) -> bool:
-        """Set λ, relative to the largest derivative; tell whether that is regular."""
-        if self._close:
-            self._factors = self._values / (self._values**2 + damping * self._size)
-            return True
-        shifted = self._gram + damping * self._size * np.eye(len(self._gram))
-        try:
-            self._cholesky = linalg.cho_factor(shifted, check_finite=False)
-        except linalg.LinAlgError:
-            return False
-        return True
-
-    def step(self, residual: Vector) -> Vector:
-        """Return p."""
-        if self._close:
-            return np.asarray(-self._right.T @ (self._factors * (self._left.T @ residual)))
-        right = -self.jacobian.T @ residual
-        return np.asarray(linalg.cho_solve(self._cholesky, right, check_finite=False))

@@ -14,9 +14,10 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import linalg
 
 from ...conditions import exact_residuals_of
+from .rational import refine_rational
+from .singular import pseudo_inverse
 from .system import ConditionSystem, Structure
 
 __all__ = ["Polished", "polish", "polish_zeros"]
@@ -85,34 +86,32 @@ def polish(
     ValueError
         If x or `directions` don't fit the number of unknowns.
     """
-    best = tuple(map(Fraction, x))
-    if len(best) != system.size:
-        raise ValueError(f"x must have {system.size} entries, got {len(best)}")
+    start = tuple(map(Fraction, x))
+    if len(start) != system.size:
+        raise ValueError(f"x must have {system.size} entries, got {len(start)}")
     system = replace(system, structure=Structure.GENERAL)
-    jac = system.jacobian(np.array([float(entry) for entry in best]))
+    jac = system.jacobian(np.array([float(entry) for entry in start]))
     span = _directions(
-        np.eye(len(best))[:, system.free] if directions is None else directions, len(best)
+        np.eye(len(start))[:, system.free] if directions is None else directions, len(start)
     )
-    left, values, right = linalg.svd(jac @ span, full_matrices=False, lapack_driver="gesdd")
-    rank = int(np.sum(values > rcond * values[0]))
-    inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+    inverse, rank = pseudo_inverse(jac @ span, rcond)
 
-    best_residuals = _residuals(best, system)
-    size, iterations = max(map(abs, best_residuals)), 0
-    while size > below and iterations < max_iterations:
-        scaled = inverse @ [float(residual / size) for residual in best_residuals]
-        moves = [Fraction(round(Fraction(move) * size * _GRID), _GRID) for move in scaled]
-        trial = tuple(
-            entry - sum((Fraction(d) * m for d, m in zip(row, moves, strict=True) if d), Fraction())
-            for entry, row in zip(best, span.tolist(), strict=True)
+    def moved(steps: Sequence[Fraction]) -> tuple[Fraction, ...]:
+        """Return the point after steps along the directions."""
+        return tuple(
+            entry + sum((Fraction(d) * m for d, m in zip(row, steps, strict=True) if d), Fraction())
+            for entry, row in zip(start, span.tolist(), strict=True)
         )
-        trial_residuals = _residuals(trial, system)
-        trial_size = max(map(abs, trial_residuals))
-        if trial_size >= size:
-            break
-        best, best_residuals, size = trial, trial_residuals, trial_size
-        iterations += 1
-    return Polished(best, size, rank, iterations)
+
+    end = refine_rational(
+        lambda steps: _residuals(moved(steps), system),
+        [Fraction()] * span.shape[1],
+        lambda residuals: inverse @ residuals,
+        below=below,
+        grid=_GRID,
+        max_iterations=max_iterations,
+    )
+    return Polished(moved(end.x), end.largest_residual, rank, end.iterations)
 
 
 def polish_zeros(

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from ...support import quads
 from ...support.parallel import raise_if_stopped
+from .singular import pseudo_inverse
 from .system import ConditionSystem
 
 __all__ = ["Refined", "refine"]
@@ -87,9 +87,7 @@ def refine(
     jac = system.jacobian(start, independent=False)[:, moving]
     rank, inverse = 0, np.zeros(jac.T.shape)
     if moving.size and np.isfinite(jac).all():  # else there is no correction
-        left, values, right = linalg.svd(jac, full_matrices=False, lapack_driver="gesdd")
-        rank = int(np.sum(values > rcond * values[0]))
-        inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+        inverse, rank = pseudo_inverse(jac, rcond)
 
     best, best_size, iterations = x, np.inf, 0
     for iterations in range(max_iterations + 1):  # noqa: B007

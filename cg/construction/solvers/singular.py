@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from .damped import PROBE, DampedSteps, is_straight
 from .system import ConditionSystem
 
-__all__ = ["Decomposition", "decompose", "finish", "retract"]
+__all__ = ["Decomposition", "decompose", "finish", "pseudo_inverse", "retract"]
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -24,8 +25,6 @@ Indices = NDArray[np.intp]
 _RANK_TOLERANCE = 1e-11  # of the largest singular value; rounding leaves 1e-15
 _FAR = 1e-4  # sum of squares above which Newton's steps aren't tried
 
-_PROBE = 0.1  # fraction of a step for the second derivative along it
-_MAX_BEND = 0.75  # largest ratio of acceleration and step that is trusted
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
 _PATIENCE, _MIN_GAIN = 15, 0.05  # so many steps must gain this fraction
 
@@ -49,6 +48,20 @@ class Decomposition:
     def rank(self) -> int:
         """Singular values that count."""
         return int(np.subtract(*self.kernel.shape))
+
+
+def pseudo_inverse(jac: Vector, rcond: float) -> tuple[Vector, int]:
+    """Return the pseudo-inverse of a matrix and its numerical rank.
+
+    Parameters
+    ----------
+    jac : ndarray, shape (m, n)
+    rcond : float
+        Singular values below this fraction of the largest count as zero.
+    """
+    left, values, right = linalg.svd(jac, full_matrices=False)
+    rank = int(np.sum(values > rcond * values.max(initial=0.0)))
+    return (right[:rank].T / values[:rank]) @ left[:, :rank].T, rank
 
 
 def decompose(jac: Vector) -> Decomposition:
@@ -149,38 +162,34 @@ def finish(
     """
     residual = system.residual(x)
     f = float(residual @ residual)
-    damping, history, new = _FIRST_DAMPING, [f], True
+    damping, history = _FIRST_DAMPING, [f]
+    steps: DampedSteps | None = None
+
+    def after(step: Vector) -> Vector:
+        moved = x.copy()
+        moved[free] += step
+        return moved
+
     for _ in range(max_iterations):
         if not ftol < f < np.inf or damping > _MAX_DAMPING:
             break
-        if new:
-            jac = system.jacobian(x)[:, free]
-            left, values, right = linalg.svd(jac, full_matrices=False, check_finite=False)
-        factors = values / (values**2 + damping * values[0] ** 2)
-        step = -right.T @ (factors * (left.T @ residual))
-        ahead = system.residual(_moved(x, free, _PROBE * step))
-        bend = 2 / _PROBE * ((ahead - residual) / _PROBE - jac @ step)
-        half = -0.5 * right.T @ (factors * (left.T @ bend))
-        new = False
+        if steps is None:
+            steps = DampedSteps(system.jacobian(x)[:, free], by_singular_values=True)
+        steps.damp(damping)
+        v = steps.step(residual)
+        a = steps.acceleration(v, residual, system.residual(after(PROBE * v)))
         best = x
-        for trial_step in (step + half, step):
-            if trial_step is not step and 2 * linalg.norm(half) > _MAX_BEND * linalg.norm(step):
-                continue
-            trial = _moved(x, free, trial_step)
+        for trial in (after(v + a / 2), after(v)) if is_straight(v, a) else (after(v),):
             trial_residual = system.residual(trial)
             trial_f = float(trial_residual @ trial_residual)
             if trial_f < f:
-                best, residual, f, new = trial, trial_residual, trial_f, True
+                best, residual, f, steps = trial, trial_residual, trial_f, None
         x = best
-        damping = max(damping / 5, _MIN_DAMPING) if new else 4 * max(damping, 1e-20)
-        if new:
-            history.append(f)
-            if len(history) > _PATIENCE and history[-_PATIENCE] < (1 + _MIN_GAIN) * f:
-                break
+        if steps is not None:
+            damping = 4 * max(damping, 1e-20)
+            continue
+        damping = max(damping / 5, _MIN_DAMPING)
+        history.append(f)
+        if len(history) > _PATIENCE and history[-_PATIENCE] < (1 + _MIN_GAIN) * f:
+            break
     return x, f
-
-
-def _moved(x: Vector, free: Indices, step: Vector) -> Vector:
-    moved = x.copy()
-    moved[free] += step
-    return moved
