@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,10 @@ from .search.shapes import held_weights
 from .solvers.singular import finish
 from .solvers.system import ConditionSystem, Structure
 
-__all__ = ["drop_stage", "held", "solve_start"]
+__all__ = ["drop_stage", "first_solved", "held", "solve_start"]
 
-_SPREAD = 0.6  # of the order in which stages are tried, in logarithms of f
+_SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
+_PROMISING = 1e-14  # sum of squares from which on the solver goes on after a stage was dropped
 
 
 def held(system: ConditionSystem) -> list[int]:
@@ -85,19 +86,48 @@ def drop_stage(
         If an argument is out of its range.
     """
     check_candidate(candidate)
-    check_generator("random", random)
     if candidate.system.embedded:
         raise ValueError("candidate must be one method, got a pair")
+    starts = list(_ways(candidate))
+    return first_solved(starts, random, largest, tries, iterations, accept, _PROMISING)
+
+
+def first_solved(
+    starts: Sequence[Candidate],
+    random: np.random.Generator,
+    largest: float,
+    tries: int,
+    iterations: int,
+    accept: Callable[[Candidate], bool],
+    promising: float,
+) -> Candidate | None:
+    """Solve from starts until one leads to an acceptable candidate; None if none does.
+
+    The starts with the smallest sums of squares come first, but for random changes of the order.
+
+    Parameters
+    ----------
+    starts : sequence of Candidate
+    random : numpy.random.Generator
+    largest : float
+        Bound on the magnitude of coefficients.
+    tries : int
+        Largest number of starts to solve from.
+    iterations, promising : int, float
+        As for `solve_start`.
+    accept : callable
+        A further test of solutions.
+    """
+    check_generator("random", random)
     tries = check_integer("tries", tries, 1)
     iterations = check_integer("iterations", iterations, 1)
     largest = check_real("largest", largest, positive=True)
-    ways = list(_ways(candidate))
-    if not ways:
+    if not starts:
         return None
-    closeness = np.log([max(way.f, 1e-300) for way in ways])
-    order = np.argsort(closeness + _SPREAD * random.standard_normal(len(ways)), kind="stable")
+    closeness = np.log([max(start.f, 1e-300) for start in starts])
+    order = np.argsort(closeness + _SPREAD * random.standard_normal(len(starts)), kind="stable")
     for k in order[:tries]:
-        smaller = solve_start(ways[k], iterations, promising=1e-14)
+        smaller = solve_start(starts[k], iterations, promising=promising)
         if solved(smaller) and smaller.largest <= largest and accept(smaller):
             return smaller
     return None

@@ -7,12 +7,13 @@ the exact remainder of the others, and those others are the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
+from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
 
 from ...conditions import MAX_ORDER, condition_trees
@@ -20,10 +21,20 @@ from ...conditions import compiled as compiled_conditions
 from ...structure.layout import Layout
 from ...structure.points import START
 from ...trees.ordered import forest
+from ..search.shapes import merge_point
 
-__all__ = ["FlatRows", "Splitting", "chains_layout", "random_layout"]
+__all__ = [
+    "FlatRows",
+    "Remainders",
+    "Splitting",
+    "chains_layout",
+    "path_sums",
+    "random_layout",
+    "solve_sums",
+]
 
 Vector = NDArray[np.float64]
+Remainders = dict[int, tuple[dict[int, Fraction], Fraction]]
 
 
 @dataclass(frozen=True)
@@ -159,58 +170,66 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
             return layout
 
 
-def _equations(rows: FlatRows, layout: Layout) -> list[tuple[dict[int, Fraction], Fraction]]:
-    """Return the sums of weights along paths, and what they must be."""
-    found: dict[frozenset[int], Fraction] = {}
+def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Fraction]]:
+    """Return the sets of weights that lie on one path and multiply one stage, and their sums.
+
+    Raises
+    ------
+    ArithmeticError
+        If the sums contradict each other.
+    """
+    sums: dict[frozenset[int], Fraction] = {}
     for end, row in rows.ends(layout):
-        sums: dict[int, list[int]] = {k: [] for k in range(rows.count)}
+        on_path: dict[int, list[int]] = {k: [] for k in range(rows.count)}
         for m in layout.path(end):
             for index, k in enumerate(layout.weights[m], layout.starts[m]):
-                sums[k].append(index)
-        for k, indices in sums.items():
-            key = frozenset(indices)
-            if (indices or row[k]) and found.setdefault(key, row[k]) != row[k]:
+                on_path[k].append(index)
+        for k, indices in on_path.items():
+            if sums.setdefault(frozenset(indices), row[k] if indices else Fraction(0)) != row[k]:
                 raise ArithmeticError("points can't lead to these rows")
-            if not indices and row[k]:
-                raise ArithmeticError("points can't lead to these rows")
-    return [(dict.fromkeys(sorted(key), Fraction(1)), value) for key, value in found.items() if key]
+    return [(indices, value) for indices, value in sums.items() if indices]
 
 
-def _solved(
-    equations: list[tuple[dict[int, Fraction], Fraction]],
-) -> dict[int, tuple[dict[int, Fraction], Fraction]]:
-    """Solve for the last unknown of each equation: ``x_k = value - Σ factor x_j``."""
-    solved: dict[int, tuple[dict[int, Fraction], Fraction]] = {}
+def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Remainders:
+    """Solve sums of unknowns for the last unknown of each.
 
-    def add(into: dict[int, Fraction], other: dict[int, Fraction], factor: Fraction) -> None:
-        for j, entry in other.items():
-            into[j] = into.get(j, Fraction(0)) + factor * entry
-            if not into[j]:
-                del into[j]
+    The reduced echelon form of the equations, with columns in reverse order, expresses each
+    pivot by unknowns with smaller indices that are no pivots themselves.
 
-    for left, right in sorted(equations, key=lambda equation: max(equation[0])):
-        row, value = dict(left), right
-        for k in sorted(set(row) & set(solved)):
-            if k not in row:
-                continue
-            factor = row.pop(k)
-            add(row, solved[k][0], -factor)
-            value -= factor * solved[k][1]
-        if not row:
-            if value:
-                raise ArithmeticError("points can't lead to these rows")
-            continue
-        pivot = max(row)
-        lead = row.pop(pivot)
-        row = {j: entry / lead for j, entry in row.items()}
-        value /= lead
-        for k, (other, known) in list(solved.items()):
-            if pivot in other:
-                factor = other.pop(pivot)
-                add(other, row, -factor)
-                solved[k] = other, known - factor * value
-        solved[pivot] = row, value
-    return solved
+    Parameters
+    ----------
+    sums : iterable of (indices, value)
+    size : int
+        Number of unknowns.
+
+    Returns
+    -------
+    dict
+        ``{k: (factors, value)}`` with ``x_k = value - Σ_j factors[j] x_j``.
+
+    Raises
+    ------
+    ArithmeticError
+        If the sums contradict each other.
+    """
+    rows = []
+    for indices, value in sums:
+        row = [fmpq(0)] * size + [fmpq(value.numerator, value.denominator)]
+        for k in indices:
+            row[size - 1 - k] = fmpq(1)
+        rows.append(row)
+    if not rows:
+        return {}
+    echelon, rank = fmpq_mat(rows).rref()
+    remainders: Remainders = {}
+    for row in echelon.tolist()[:rank]:
+        numbers = {j: Fraction(int(entry.p), int(entry.q)) for j, entry in enumerate(row) if entry}
+        value = numbers.pop(size, Fraction(0))
+        if not numbers:
+            raise ArithmeticError("points can't lead to these rows")
+        pivot, *others = numbers
+        remainders[size - 1 - pivot] = {size - 1 - j: numbers[j] for j in others}, value
+    return remainders
 
 
 @dataclass(frozen=True)
@@ -239,15 +258,15 @@ class Splitting:
     def reachable(rows: FlatRows, layout: Layout) -> bool:
         """Tell whether there are weights that add up to the rows."""
         try:
-            _solved(_equations(rows, layout))
+            solve_sums(path_sums(rows, layout), layout.size)
         except ArithmeticError:
             return False
         return True
 
     @cached_property
-    def remainders(self) -> dict[int, tuple[dict[int, Fraction], Fraction]]:
-        """By each dependent weight, the factors of others and a number: their difference."""
-        return _solved(_equations(self.rows, self.layout))
+    def remainders(self) -> Remainders:
+        """Dependent weights in terms of the unknowns; see `solve_sums`."""
+        return solve_sums(path_sums(self.rows, self.layout), self.layout.size)
 
     @cached_property
     def free(self) -> NDArray[np.intp]:
@@ -373,21 +392,6 @@ class Splitting:
         parent = layout.parents[point]
         if parent == START or parent in layout.ends or layout.parents.count(parent) > 1:
             return None
-        cut = layout.point_weights(x.tolist())
-        joined = dict(cut[parent])
-        for k, weight in cut[point].items():
-            joined[k] = joined.get(k, 0.0) + weight
-        cut[point] = {k: joined[k] for k in sorted(joined)}
-        kept = [m for m in range(len(cut)) if m != parent]
-        number = {START: START} | {m: i for i, m in enumerate(kept)}
-        number[parent] = number[point]
-        origins = [layout.parents[parent] if m == point else layout.parents[m] for m in kept]
-        smaller = Layout(
-            tuple(number[origin] for origin in origins),
-            tuple(tuple(cut[m]) for m in kept),
-            tuple(number[m] for m in layout.stage_points),
-            tuple(number[m] for m in layout.results),
-        )
-        start = np.array([weight for m in kept for weight in cut[m].values()])
-        found = replace(self, layout=smaller)
-        return found, found.nearest(start)
+        smaller, start = merge_point(layout, x.tolist(), parent)
+        merged = replace(self, layout=smaller)
+        return merged, merged.nearest(start)

@@ -22,7 +22,9 @@ __all__ = [
     "draw_layout",
     "held_weights",
     "layout_of",
+    "merge_point",
     "most_unknowns",
+    "select_points",
 ]
 
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
@@ -149,6 +151,65 @@ def draw_layout(
         for m in range(len(parents))
     )
     return Layout(tuple(parents), weights, stage_points, tuple(results))
+
+
+def select_points(
+    layout: Layout,
+    parents: Sequence[int],
+    weights: Sequence[dict[int, float]],
+    stage_points: Sequence[int],
+    kept: Sequence[int],
+) -> tuple[Layout, NDArray[np.float64]]:
+    """Return the layout of some points of a tree, numbered anew, and their packed weights.
+
+    Parameters
+    ----------
+    layout : Layout
+        The tree, which has the results.
+    parents, weights : sequences
+        Of all points of the tree, after changes.
+    stage_points : sequence of int
+    kept : sequence of int
+        The points to keep, increasing.
+    """
+    number = {START: START} | {m: k for k, m in enumerate(kept)}
+    rows = [dict(sorted(weights[m].items())) for m in kept]
+    smaller = Layout(
+        tuple(number[parents[m]] for m in kept),
+        tuple(tuple(row) for row in rows),
+        tuple(number[m] for m in stage_points),
+        tuple(number[m] for m in layout.results),
+    )
+    return smaller, np.array([weight for row in rows for weight in row.values()])
+
+
+def merge_point(
+    layout: Layout, x: Sequence[float], point: int
+) -> tuple[Layout, NDArray[np.float64]]:
+    """Leave out a point that is neither a stage nor a result.
+
+    Flows that start from it start from its parent instead, with its weights added to theirs.
+
+    Parameters
+    ----------
+    layout : Layout
+    x : sequence of float
+        Packed weights.
+    point : int
+
+    Returns
+    -------
+    layout : Layout
+    x : ndarray
+    """
+    parents, weights = list(layout.parents), layout.point_weights(x)
+    for m, parent in enumerate(layout.parents):
+        if parent == point:
+            parents[m] = layout.parents[point]
+            for stage, weight in weights[point].items():
+                weights[m][stage] = weights[m].get(stage, 0.0) + weight
+    kept = [m for m in range(len(parents)) if m != point]
+    return select_points(layout, parents, weights, layout.stage_points, kept)
 
 
 def held_weights(order: int, layout: Layout) -> list[int]:
