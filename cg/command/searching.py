@@ -102,7 +102,7 @@ def _run(
             raise click.UsageError(_of_options(str(problem), arguments)) from None
         except KeyboardInterrupt as interrupt:
             if arguments["store"] is None:
-                interrupt.add_note("with --store FILE it would go on from there")
+                interrupt.add_note("with --store FILE the same command would continue from here")
             raise
     for failure in result.failures:
         say(f"{piece} {failure.index} of seed {arguments['seed']}: {failure.message}", err=True)

@@ -4,24 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from ..method.method import Method
-from ..runs import (
-    ExecutorLike,
-    Failure,
-    Finished,
-    ProgressLine,
-    StoredRun,
-    Tally,
-    check_executor,
-    check_progress,
-    completed,
-    stored_run,
-)
+from ..runs import ExecutorLike, Failure, LongRun, ProgressLine, RunOptions, Score
 from ..support import quads
 from ..support.checks import MAX_COUNT, check_flag, check_integer
 from ..support.parallel import single_threads
@@ -79,7 +67,7 @@ def construct(
     workers: int | None = None,
     executor: ExecutorLike = None,
     store: str | os.PathLike[str] | None = None,
-    progress: Callable[[Attempt], None] | ProgressLine | bool | None = None,
+    progress: Callable[[int, int], None] | ProgressLine | bool | None = None,
     force: bool = False,
     tree: Any = None,
     flows: int | None = None,
@@ -128,9 +116,9 @@ def construct(
         File that receives every try, and from which an interrupted run goes on, as `cg.search`
         takes it.
     progress : callable, ProgressLine or bool, optional
-        Called with each `Attempt`. True tells on standard error how far it is:
-        `cg.runs.ProgressLine`. The time that is left is that of all tries, of which most may not
-        be needed.
+        Called with the numbers of finished and of all tries. True shows a
+        `cg.runs.ProgressLine` on standard error. Its remaining time is that of all tries, of
+        which most may not be needed.
     force : bool, optional
         Try even where there are fewer unknowns than independent conditions; for trees, than
         conditions where flows commute.
@@ -186,100 +174,51 @@ def construct(
         settings = tableau_settings(*common, width, iterations, force)
     quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, MAX_COUNT)
-    call, line = check_progress(progress)
-    executor, workers = check_executor(executor, workers)
-    told = partial(_Told, settings, call, Tally(line, "tries", tries))
-    if store is None:
-        return _construct(settings, tries, workers, executor, told(None))
-    with stored_run(store, "construct", asdict(settings)) as kept:
-        return _construct(settings, tries, workers, executor, told(kept))
+    return _construct(settings, tries, RunOptions.checked(workers, executor, store, progress))
 
 
-def _construct(
-    settings: ConstructionSettings,
-    tries: int,
-    workers: int | None,
-    executor: ExecutorLike,
-    told: _Told,
-) -> Construction:
-    done = told.known(tries)
-    missing = [index for index in range(tries) if index not in done]
-    work = partial(run_attempt, settings)
-    run = completed(
-        work, missing, len(missing), workers, executor, finish_on_interrupt=told.kept is not None
+def _construct(settings: ConstructionSettings, tries: int, options: RunOptions) -> Construction:
+    """Run tries until the first one by number succeeds."""
+    run = LongRun(
+        kind="construct",
+        pieces="tries",
+        settings=settings,
+        work=partial(run_attempt, settings),
+        to_record=Attempt.record,
+        from_record=lambda record: check_attempt(settings, Attempt.from_record(record)),
+        score=partial(_score, settings),
     )
-    ended: list[Attempt] = []
+    finished: dict[int, Attempt | Failure] = {}
+    attempts: list[Attempt] = []
     failures: list[Failure] = []
-    with closing(run) as running, told.tally:
+    with run.running(tries, options) as (_, results):
         for index in range(tries):
-            while index not in done:
-                finished = next(running)
-                done[finished.index] = told.ended(finished)
-            attempt = done[index]
+            while index not in finished:
+                number, result = next(results)
+                finished[number] = result
+            attempt = finished.pop(index)
             if isinstance(attempt, Failure):
                 failures.append(attempt)
                 continue
-            ended.append(attempt)
+            attempts.append(attempt)
             if attempt.solved and arrived(settings, attempt):
                 method = refined(settings, attempt)
                 if method is not None:
                     return Construction(settings, method, attempt, index + 1, tuple(failures))
-    if not ended:
+    if not attempts:
         raise RuntimeError(f"the workers of all {tries} tries died: {failures[0].message}")
-    best = min(ended, key=lambda one: (*_size(one), one.f))
+    best = min(attempts, key=lambda attempt: (*_size(attempt), attempt.f))
     return Construction(settings, None, best, tries, tuple(failures))
 
 
 def _size(attempt: Attempt) -> tuple[float, ...]:
-    """Return what makes an attempt a better one before f does, the smaller the better."""
+    """Return numbers by which attempts are compared before f; smaller is better."""
     return not attempt.solved, attempt.stages, attempt.flows or 0
 
 
-@dataclass
-class _Told:
-    """Who is to know of tries that end: a function, the line of progress, and a store."""
-
-    settings: ConstructionSettings
-    progress: Callable[[Attempt], None] | None
-    tally: Tally
-    kept: StoredRun | None
-
-    def known(self, tries: int) -> dict[int, Attempt | Failure]:
-        """Return the tries that the store has, checked."""
-        done: dict[int, Attempt | Failure] = {}
-        if self.kept is None:
-            return done
-        for record in self.kept.records():
-            attempt = check_attempt(self.settings, Attempt.from_record(record))
-            done[attempt.index] = attempt
-            if attempt.index < tries:
-                self.tally.had(*self._said(attempt))
-        for failure in self.kept.failures():
-            done[failure.index] = failure
-            if failure.index < tries:
-                self.tally.had_failed()
-        return done
-
-    def ended(self, finished: Finished[Attempt]) -> Attempt | Failure:
-        """Return how a try ended, after recording it."""
-        attempt = finished.result
-        if attempt is None:
-            failure = Failure(finished.index, str(finished.failure))
-            if self.kept is not None:
-                self.kept.fail(failure)
-            self.tally.add_failed()
-            return failure
-        if self.kept is not None:
-            self.kept.append([attempt.record(finished.seconds)])
-        self.tally.add(*self._said(attempt))
-        if self.progress:
-            self.progress(attempt)
-        return attempt
-
-    def _said(self, attempt: Attempt) -> tuple[float, bool, tuple[float, ...], str]:
-        """Return what the line says of a try."""
-        size = f"{attempt.stages} stages"
-        if attempt.flows is not None:
-            size += f" and {attempt.flows} flows"
-        solved = attempt.solved and arrived(self.settings, attempt)
-        return attempt.f, solved, _size(attempt), f" with {size}"
+def _score(settings: ConstructionSettings, attempt: Attempt) -> Score:
+    note = f" with {attempt.stages} stages"
+    if attempt.flows is not None:
+        note += f" and {attempt.flows} flows"
+    solved = attempt.solved and arrived(settings, attempt)
+    return Score(attempt.f, solved, _size(attempt), note)

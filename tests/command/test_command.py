@@ -338,8 +338,8 @@ class TestProcess:
         code, error = interrupted_search(command, file)
         assert code == 130
         assert error.endswith(
-            f"python -m cg: interrupted; what had ended is in {file}, and the same search goes on "
-            "from there, on any executor\n"
+            f"python -m cg: interrupted; finished results are in {file}; run the same search again "
+            "to continue, on any executor\n"
         )
 
     def test_completion_of_names(self):

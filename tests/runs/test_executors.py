@@ -234,7 +234,7 @@ class TestDeath:
         found = cg.search(3, 3, 3, 5)
         run = found.starts.__getitem__
         path = tmp_path / "runs.db"
-        monkeypatch.setattr(cg.construction.search.random_search, "completed", ended)
+        monkeypatch.setattr(cg.runs.long_run, "completed", ended)
         for store in (None, path):
             again = cg.search(3, 3, 3, 5, store=store)
             assert list(again.starts) == list(found.starts[1:])
@@ -267,16 +267,18 @@ class TestDeath:
         }
         assert ended == {index: 2 * index for index in range(40)}
         assert len(made) == 2
-        with pytest.raises(BrokenExecutor, match=r"pieces \[.*\] (that )?were at work"):
-            list(completed(double, range(40), 40, 2, Losing(3, moment)))
+        with (
+            Losing(3, moment) as pool,
+            pytest.raises(BrokenExecutor, match=r"pieces \[.*\] (that )?were at work"),
+        ):
+            list(completed(double, range(40), 40, 2, pool))
 
     def test_a_search_that_lost_its_executor_goes_on_with_another(self, tmp_path):
         path = tmp_path / "runs.db"
-        with pytest.raises(BrokenExecutor) as lost:
-            cg.search(**SEARCH, executor=Losing(3, "at work"), store=path)
-        assert lost.value.__notes__ == [
-            f"what had ended is in {path}, and the same search goes on from there, on any executor"
-        ]
+        with Losing(3, "at work") as pool, pytest.raises(BrokenExecutor) as lost:
+            cg.search(**SEARCH, executor=pool, store=path)
+        (note,) = lost.value.__notes__
+        assert note.startswith(f"finished results are in {path}; run the same search again")
         with Store(path) as opened:
             (run,) = opened.runs()
             before = set(opened.run(1).records())

@@ -260,7 +260,7 @@ def test_the_scheduler_of_dask(path, whole, tmp_path):
         assert (told is not None) == bool(killer.kills)
         if told is not None:
             assert "its scheduler has ended" in str(told)
-            assert f"what had ended is in {path}, and the same search" in told.__notes__[0]
+            assert f"finished results are in {path}; run the same search" in told.__notes__[0]
         kills += killer.kills
         after = recorded(path)
         assert before <= after

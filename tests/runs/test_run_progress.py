@@ -11,6 +11,7 @@ from watching import interrupted_search
 
 import cg
 from cg.command import main
+from cg.construction import run_attempt
 from cg.runs import Failure, ProgressLine, Store, stored_run
 from cg.runs.progress import duration
 
@@ -113,10 +114,12 @@ class TestSearch:
 
 class TestConstruction:
     def test_the_smallest_comes_first(self):
-        stream, attempts = io.StringIO(), []
+        stream, calls = io.StringIO(), []
         settings = {"order": 5, "stages": 8, "seed": 1, "tries": 3, "workers": 1, "restarts": 0}
         settings |= {"iterations": 60}
-        cg.construct(**settings, progress=attempts.append)
+        found = cg.construct(**settings, progress=lambda *counts: calls.append(counts))
+        assert calls == [(done, 3) for done in range(1, 4)]
+        attempts = [run_attempt(found.settings, index) for index in range(3)]
         cg.construct(**settings, progress=line(stream, every=0))
         lines = told(stream.getvalue())
         assert {one["pieces"] for one in lines} == {"tries"}
@@ -164,16 +167,17 @@ class TestCommand:
             raise KeyboardInterrupt
             yield
 
-        monkeypatch.setattr(cg.construction.search.random_search, "completed", interrupted)
+        monkeypatch.setattr(cg.runs.long_run, "completed", interrupted)
         path = tmp_path / "runs.db"
         assert main([*self.ARGUMENTS, "--store", str(path)]) == 130
         assert capsys.readouterr().err.splitlines()[-1] == (
-            f"crouch-grossman: interrupted; what had ended is in {path}, and the same search goes "
-            "on from there, on any executor"
+            f"crouch-grossman: interrupted; finished results are in {path}; run the same search "
+            "again to continue, on any executor"
         )
         assert main([*self.ARGUMENTS]) == 130
         assert capsys.readouterr().err.splitlines()[-1] == (
-            "crouch-grossman: interrupted; with --store FILE it would go on from there"
+            "crouch-grossman: interrupted; with --store FILE the same command would continue from "
+            "here"
         )
 
     def test_a_lost_executor_says_how_to_go_on(self, capsys, monkeypatch, tmp_path):
@@ -181,13 +185,13 @@ class TestCommand:
             raise BrokenExecutor("the executor is gone")
             yield
 
-        monkeypatch.setattr(sys.modules["cg.construction.construct"], "completed", lost)
+        monkeypatch.setattr(cg.runs.long_run, "completed", lost)
         path = tmp_path / "runs.db"
         command = ["construct", "--order", "3", "--stages", "3", "--store", str(path)]
         assert main(command) == 2
         assert capsys.readouterr().err == (
-            f"crouch-grossman: error: the executor is gone; what had ended is in {path}, and the "
-            "same construction goes on from there, on any executor\n"
+            f"crouch-grossman: error: the executor is gone; finished results are in {path}; run "
+            "the same construction again to continue, on any executor\n"
         )
         with Store(path) as store:
             assert not store.runs()[0].running
@@ -199,5 +203,5 @@ def test_a_signal_ends_a_search_of_a_script_with_a_way_to_go_on(tmp_path):
     _, error = interrupted_search([sys.executable, "-c", script, str(path)], path)
     assert error.splitlines()[-2:] == [
         "KeyboardInterrupt",
-        f"what had ended is in {path}, and the same search goes on from there, on any executor",
+        f"finished results are in {path}; run the same search again to continue, on any executor",
     ]

@@ -11,24 +11,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from contextlib import closing
-from dataclasses import asdict
 from functools import partial
 from operator import attrgetter
 from typing import Any
 
 from ...conditions import Rows
-from ...runs import (
-    ExecutorLike,
-    Failure,
-    ProgressLine,
-    StoredRun,
-    Tally,
-    check_executor,
-    check_progress,
-    completed,
-    stored_run,
-)
+from ...runs import ExecutorLike, Failure, LongRun, ProgressLine, Record, RunOptions, Score
 from ...support import quads
 from ...support.checks import MAX_COUNT, check_integer
 from .records import Phase, RandomStart
@@ -181,73 +169,37 @@ def search(
     )
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)
-    call, line = check_progress(progress)
-    executor, workers = check_executor(executor, workers)
-    run = partial(_run, settings, starts, workers, executor, call)
-    if store is not None:
-        with stored_run(store, "search", asdict(settings)) as kept:
-            return run(kept, Tally(line, "starts", starts))
-    return run(None, Tally(line, "starts", starts))
+    options = RunOptions.checked(workers, executor, store, progress)
+    return _run(settings, starts, options)
 
 
-def _run(
-    settings: SearchSettings,
-    starts: int,
-    workers: int | None,
-    executor: ExecutorLike,
-    progress: Callable[[int, int], None] | None,
-    kept: StoredRun | None,
-    tally: Tally,
-) -> SearchResult:
-    """Run the starts that a store doesn't have; with one, in which they stay."""
-    ended: dict[int, RandomStart] = {}
-    failures = [] if kept is None else [one for one in kept.failures() if one.index < starts]
-    known = _checked(settings, starts, kept, tally)
-    for failure in failures:
-        known[failure.index] = 1
-        tally.had_failed()
-    run = completed(
-        partial(run_start, settings),
-        (index for index in range(starts) if not known[index]),
-        starts - sum(known),
-        workers,
-        executor,
-        finish_on_interrupt=kept is not None,
-    )
+def _run(settings: SearchSettings, starts: int, options: RunOptions) -> SearchResult:
+    """Run the starts that the store doesn't have; keep them in memory only without a store."""
     drawn = settings.flows is not None
-    with closing(run) as running, tally:
-        for finished in running:
-            start = finished.result
-            if start is None:
-                failures.append(Failure(finished.index, str(finished.failure)))
-                if kept is not None:
-                    kept.fail(failures[-1])
-                tally.add_failed()
-            else:
-                if kept is None:
-                    ended[start.index] = start
-                else:
-                    layout = start_layout(settings, start.index)
-                    kept.append([start.record(layout, drawn=drawn, seconds=finished.seconds)])
-                tally.add(start.f, start.exact)
-            if progress:
-                progress(tally.done, starts)
-    failures.sort(key=attrgetter("index"))
-    found: Sequence[RandomStart] = (
-        tuple(ended[index] for index in sorted(ended)) if kept is None
-        else StoredStarts(kept.path, kept.number, starts)
-    )  # fmt: skip
-    return SearchResult(settings, found, tuple(failures))
 
+    def to_record(start: RandomStart, seconds: float) -> Record:
+        layout = start_layout(settings, start.index)
+        return start.record(layout, drawn=drawn, seconds=seconds)
 
-def _checked(
-    settings: SearchSettings, starts: int, kept: StoredRun | None, tally: Tally
-) -> bytearray:
-    """Return which starts a store has, a byte for each, after checking them all."""
-    known = bytearray(starts)
-    for record in () if kept is None else kept.records():
-        start = check_start(settings, RandomStart.from_record(record))
-        if start.index < starts:
-            known[start.index] = 1
-            tally.had(start.f, start.exact)
-    return known
+    run = LongRun(
+        kind="search",
+        pieces="starts",
+        settings=settings,
+        work=partial(run_start, settings),
+        to_record=to_record,
+        from_record=lambda record: check_start(settings, RandomStart.from_record(record)),
+        score=lambda start: Score(start.f, start.exact),
+    )
+    finished: list[RandomStart] = []
+    failures: list[Failure] = []
+    with run.running(starts, options) as (stored, results):
+        for _, result in results:
+            if isinstance(result, Failure):
+                failures.append(result)
+            elif stored is None:
+                finished.append(result)
+    index = attrgetter("index")
+    all_starts: Sequence[RandomStart] = tuple(sorted(finished, key=index))
+    if stored is not None:
+        all_starts = StoredStarts(stored.path, stored.number, starts)
+    return SearchResult(settings, all_starts, tuple(sorted(failures, key=index)))
