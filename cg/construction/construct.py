@@ -11,10 +11,10 @@ from typing import Any
 from ..method.method import Method
 from ..runs import ExecutorLike, Failure, LongRun, ProgressLine, RunOptions, Score
 from ..support import quads
-from ..support.checks import MAX_COUNT, check_flag, check_integer
+from ..support.checks import MAX_COUNT, check_integer
 from ..support.parallel import single_threads
 from .attempt import Attempt, arrived, check_attempt, refined, run_attempt
-from .settings import ConstructionSettings, tableau_settings, tree_settings
+from .settings import ConstructionArguments, ConstructionSettings
 from .solvers.system import Structure
 
 __all__ = ["Construction", "construct"]
@@ -152,26 +152,24 @@ def construct(
     >>> construct(order=3, stages=3, seed=1).method.order
     3
     """
-    common = (order, stages, seed, largest, restarts, full_rank, structure, first_stages)
-    of_points = tree is not None or flows is not None or first_flows is not None
-    if of_points:
-        settings = tree_settings(
-            *common,
-            width,
-            iterations,
-            force,
-            tree,
-            flows,
-            first_flows,
-            embedded,
-            first_same_as_last,
-        )
-    elif check_flag("embedded", embedded):
-        raise ValueError("embedded needs a number of flows, got a construction of tableaux")
-    elif check_flag("first_same_as_last", first_same_as_last):
-        raise ValueError("first_same_as_last needs a number of flows, got one of tableaux")
-    else:
-        settings = tableau_settings(*common, width, iterations, force)
+    settings = ConstructionArguments(
+        order=order,
+        stages=stages,
+        seed=seed,
+        largest=largest,
+        restarts=restarts,
+        full_rank=full_rank,
+        structure=structure,
+        first_stages=first_stages,
+        width=width,
+        iterations=iterations,
+        force=force,
+        tree=tree,
+        flows=flows,
+        first_flows=first_flows,
+        embedded=embedded,
+        first_same_as_last=first_same_as_last,
+    ).checked()
     quads.core("cg.construct")
     tries = check_integer("tries", tries, 1, MAX_COUNT)
     return _construct(settings, tries, RunOptions.checked(workers, executor, store, progress))

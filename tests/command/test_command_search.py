@@ -116,7 +116,7 @@ def test_a_search_with_a_tree(capsys):
         ("search --order 4 --tree CF4 --flows 5", "--flows must be None with a tree"),
         ("search --order 4 --stages 5 --rows round", "Invalid value for '--rows'"),
         ("search --order 4 --stages 5 --width -1", "Invalid value for '--width'"),
-        ("search --order 4 --stages 5 --embedded", "--embedded needs a number of flows"),
+        ("search --order 4 --stages 5 --embedded", "--embedded needs flows"),
         ("search --order 4 --stages 5 --first-same-as-last", "--first-same-as-last needs"),
         ("construct --order 5 --stages 9 --structure middle --full-rank", "--structure must be"),
         ("construct --order 5 --stages 9 --first-stages 3", "--first-stages must be at least 9"),

@@ -255,7 +255,7 @@ class TestArguments:
         ("change", "message"),
         [
             ({"order": 0}, "order must be at least 1, got 0"),
-            ({"order": 99}, f"order must be at most {MAX_ORDER} in this build, got 99"),
+            ({"order": 99}, f"order must be at most {MAX_ORDER}, the highest"),
             ({"stages": 0}, "stages must be at least 1, got 0"),
             ({"starts": 0}, "starts must be at least 1, got 0"),
             ({"starts": -3}, "starts must be at least 1, got -3"),

@@ -266,7 +266,7 @@ def test_catalogue_files(value, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"ftol": HUGE}, ValueError, "ftol must be finite, got 1000"),
+        ({"ftol": HUGE}, ValueError, "ftol must be a finite number, not negative, got 1000"),
         ({"x0": np.ma.masked_array([1.0], mask=[1])}, TypeError, "x0 must hold real numbers"),
         ({"x0": [True]}, TypeError, r"x0 must hold real numbers, got \[True\]"),
         (

@@ -21,7 +21,7 @@ from ...support import quads
 from ...support.checks import MAX_COUNT, check_integer
 from .records import Phase, RandomStart
 from .result import SearchResult, StoredStarts
-from .settings import SearchSettings, checked_settings
+from .settings import SearchArguments, SearchSettings
 from .start import EXACT, check_start, random_start, run_start, start_layout
 
 __all__ = [
@@ -151,22 +151,22 @@ def search(
     >>> search(order=4, stages=4, flows=5, starts=10, seed=1).methods[0].exponentials
     5
     """
-    settings = checked_settings(
-        order,
-        stages,
-        seed,
-        algorithm,
-        rows,
-        width,
-        maxfev,
-        refine_below,
-        refine_maxfev,
-        force,
-        tree,
-        flows,
-        embedded,
-        first_same_as_last,
-    )
+    settings = SearchArguments(
+        order=order,
+        stages=stages,
+        seed=seed,
+        algorithm=algorithm,
+        rows=rows,
+        width=width,
+        maxfev=maxfev,
+        refine_below=refine_below,
+        refine_maxfev=refine_maxfev,
+        force=force,
+        tree=tree,
+        flows=flows,
+        embedded=embedded,
+        first_same_as_last=first_same_as_last,
+    ).checked()
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)
     options = RunOptions.checked(workers, executor, store, progress)

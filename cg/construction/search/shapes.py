@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import MAX_ORDER
 from ...structure.layout import Layout
 from ...structure.points import START, MethodError, Point, PointTree, check_tree
 from ...support.checks import MAX_STAGES, check_flag, check_integer
@@ -16,8 +16,7 @@ from ...support.checks import MAX_STAGES, check_flag, check_integer
 __all__ = [
     "FLAT_CONDITIONS",
     "MIN_STAGES",
-    "check_order",
-    "check_points",
+    "ShapeArguments",
     "draw_guess",
     "draw_layout",
     "held_weights",
@@ -241,55 +240,63 @@ def most_unknowns(stages: int, flows: int) -> int:
     return sum(min(m + 1, stages) for m in range(flows))
 
 
-def check_order(order: Any) -> int:
-    """Return an order that this build has conditions of; TypeError or ValueError otherwise."""
-    number = check_integer("order", order, 1)
-    if number > MAX_ORDER:
-        raise ValueError(f"order must be at most {MAX_ORDER} in this build, got {number}")
-    return number
+@dataclass(frozen=True, kw_only=True)
+class ShapeArguments:
+    """Arguments of `cg.search` and `cg.construct` about the shape of methods, not yet checked."""
 
+    order: int
+    stages: int
+    force: bool
+    tree: Any
+    flows: int | None
+    embedded: bool
+    first_same_as_last: bool
 
-def check_points(
-    order: int,
-    stages: int,
-    tree: Any,
-    flows: Any,
-    embedded: Any,
-    force: bool,
-    first_same_as_last: Any = False,
-) -> tuple[Layout | None, int]:
-    """Return the layout of a given tree, None if trees are drawn, and the number of flows.
+    @property
+    def of_points(self) -> bool:
+        """Whether methods of points are meant, not tableaux."""
+        return self.tree is not None or self.flows is not None
 
-    Refused is what can't have the order where flows commute, and so not on a manifold: too few
-    stages, or fewer unknowns than conditions, unless `force` is true.
+    def check_tableau(self) -> None:
+        """Raise TypeError or ValueError if an argument is only for methods of points."""
+        for name in ("embedded", "first_same_as_last"):
+            if check_flag(name, getattr(self, name)):
+                raise ValueError(f"{name} needs flows; it is for commutator-free methods")
 
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument isn't what it should be; the message names it.
-    """
-    embedded = check_flag("embedded", embedded)
-    last = int(check_flag("first_same_as_last", first_same_as_last))
-    layout = None
-    if tree is not None:
-        if last:
-            raise ValueError("first_same_as_last must be False with a tree, whose stages tell")
-        if flows is not None:
-            raise ValueError(f"flows must be None with a tree, got {flows!r}")
-        layout = layout_of(tree)
-        if layout.stages != stages:
-            raise ValueError(f"stages must be those of the tree, {layout.stages}, got {stages}")
-        if embedded and not layout.pair:
-            raise ValueError("embedded must be False, as tree has no second result")
-        flows, unknowns = len(layout.parents), layout.size
-    else:
-        if last:
-            check_integer("stages", stages, 2)
-        flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
-        unknowns = most_unknowns(stages - last, flows)
-    if not force:
-        _check_counts(order, stages - last, unknowns)
-    return layout, flows
+    def check_points(self) -> tuple[Layout | None, int]:
+        """Return the layout of a given tree, None if trees are drawn, and the number of flows.
+
+        Shapes that can't have the order where flows commute, and so not on a manifold either,
+        are refused unless `force` is true: too few stages, or fewer unknowns than conditions.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is of the wrong type or out of range.
+        """
+        embedded, flows, stages = check_flag("embedded", self.embedded), self.flows, self.stages
+        last = int(check_flag("first_same_as_last", self.first_same_as_last))
+        force = check_flag("force", self.force)
+        layout = None
+        if self.tree is not None:
+            if last:
+                raise ValueError("first_same_as_last must be False with a tree")
+            if flows is not None:
+                raise ValueError(f"flows must be None with a tree, got {flows!r}")
+            layout = layout_of(self.tree)
+            if layout.stages != stages:
+                raise ValueError(f"stages must be those of the tree, {layout.stages}, got {stages}")
+            if embedded and not layout.pair:
+                raise ValueError("embedded must be False, as tree has no second result")
+            flows, unknowns = len(layout.parents), layout.size
+        else:
+            if last:
+                check_integer("stages", stages, 2)
+            flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
+            unknowns = most_unknowns(stages - last, flows)
+        if not force:
+            _check_counts(self.order, stages - last, unknowns)
+        return layout, flows
 
 
 def _check_counts(order: int, stages: int, unknowns: int) -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg._lmdif import lmdif as _compiled_lmdif
+from cg.support.checks import MAX_COUNT, check_integer, check_real
 from cg.support.shared_numbers import Status
 
 Vector = NDArray[np.float64]
@@ -145,16 +145,18 @@ def lmdif(
         raise TypeError(f"f must be callable, got {f!r}")
     start = _vector("x0", x0)
     scale = None if diag is None else _scale_factors(diag, start.size)
-    limit = 200 * (start.size + 1) if maxfev is None else _positive_integer("maxfev", maxfev)
+    limit = (
+        200 * (start.size + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
+    )
     arguments = (
-        _tolerance("ftol", ftol),
-        _tolerance("xtol", xtol),
-        _tolerance("gtol", gtol),
+        check_real("ftol", ftol),
+        check_real("xtol", xtol),
+        check_real("gtol", gtol),
         limit,
-        _tolerance("epsfcn", epsfcn),
+        check_real("epsfcn", epsfcn),
         np.ones(start.size) if scale is None else scale,
         _SCALE_BY_COLUMNS if scale is None else _SCALE_AS_GIVEN,
-        _positive("factor", factor),
+        check_real("factor", factor, positive=True),
     )
 
     callback = _Callback(f, start)
@@ -263,35 +265,3 @@ def _scale_factors(diag: ArrayLike, n: int) -> Vector:
     if not (array > 0).all():
         raise ValueError(f"diag must be positive, got {diag!r}")
     return array
-
-
-def _real(name: str, value: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a real number, got {value!r}")
-    try:
-        number = float(value)
-    except OverflowError:  # an int beyond all doubles
-        number = math.inf
-    if not math.isfinite(number):
-        raise ValueError(f"{name} must be finite, got {value!r}")
-    return number
-
-
-def _tolerance(name: str, value: float) -> float:
-    if (number := _real(name, value)) < 0:
-        raise ValueError(f"{name} must be at least 0, got {value!r}")
-    return number
-
-
-def _positive(name: str, value: float) -> float:
-    if (number := _real(name, value)) <= 0:
-        raise ValueError(f"{name} must be positive, got {value!r}")
-    return number
-
-
-def _positive_integer(name: str, value: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be an integer, got {value!r}")
-    if not 0 < value <= np.iinfo(np.intc).max:
-        raise ValueError(f"{name} must be between 1 and {np.iinfo(np.intc).max}, got {value!r}")
-    return int(value)

@@ -11,12 +11,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import MAX_ORDER, condition_trees
 from ...conditions import compiled as compiled_conditions
+from ...conditions import condition_trees
+from ...conditions.counts import check_order
 from ...structure.layout import Layout, Rows
 from ...structure.points import check_tree
 from ...support import quads
-from ...support.checks import check_integer
 from ...support.shared_numbers import ConditionOwner, StageEquation
 from ...trees.ordered import OrderedTree, forest
 
@@ -82,10 +82,7 @@ class ConditionSystem:
     structure: Structure = Structure.GENERAL
 
     def __post_init__(self) -> None:
-        # the compiled core trusts its callers with both
-        order = check_integer("order", self.order, 1)
-        if order > MAX_ORDER:
-            raise ValueError(f"order must be at most {MAX_ORDER} in this build, got {order}")
+        order = check_order(self.order)  # the compiled core checks neither order nor layout
         object.__setattr__(self, "order", order)
         if not isinstance(self.layout, Layout):
             raise TypeError(f"layout must be a Layout, got {self.layout!r}")
