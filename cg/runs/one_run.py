@@ -11,8 +11,8 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .database import named_errors
-from .owner import AT_WORK
+from .database import sqlite_errors
+from .owner import ACTIVE_OWNERS
 from .records import Failure, Record
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ class StoredRun:
                     (self.number, self._owner),
                 )
         finally:
-            AT_WORK.discard(self._owner)
+            ACTIVE_OWNERS.discard(self._owner)
 
     def _touch(self, now: float) -> None:
         self._store._connection.execute(
@@ -130,7 +130,7 @@ class StoredRun:
         )
 
     def _query(self, query: str, *values: Any) -> sqlite3.Cursor:
-        with named_errors(self._store.path):
+        with sqlite_errors(self._store.path):
             return self._store._connection.execute(query, (self.number, *values))
 
 

@@ -255,7 +255,11 @@ class TestArguments:
         ("change", "message"),
         [
             ({"order": 0}, "order must be at least 1, got 0"),
-            ({"order": 99}, f"order must be at most {MAX_ORDER}, the highest"),
+            (
+                {"order": 99},
+                f"order must be at most {MAX_ORDER}, the highest that the tables were built for "
+                "(build option highest_order), got 99",
+            ),
             ({"stages": 0}, "stages must be at least 1, got 0"),
             ({"starts": 0}, "starts must be at least 1, got 0"),
             ({"starts": -3}, "starts must be at least 1, got -3"),
