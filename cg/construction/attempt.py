@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from .candidate import Candidate, NotExactError, refinable, solved, to_method
 from .drop import solve_start
 from .drop_flow import drop_flow
 from .eliminate import eliminate, walk
-from .search.shapes import draw_layout
+from .search.shapes import draw_layout, layout_from_json
 from .settings import ConstructionSettings
 from .solvers.system import ConditionSystem
 from .start import random_candidate
@@ -83,15 +82,14 @@ class Attempt:
         """Make it again of what `record` returned; ValueError if it isn't that."""
         where = f"not the record of an attempt: try {record.number}"
         try:
-            bits = np.frombuffer(record.coefficients, np.int8).reshape(-1, 16)
             return cls(
                 index=record.number,
                 stages=record.stages,
                 solved=record.solved,
                 f=record.f,
-                x=tuple(quads.to_float(bits).tolist()),
+                x=tuple(quads.to_float(record.quads).tolist()),
                 flows=record.flows,
-                tree=None if record.tree is None else _layout(json.loads(record.tree)),
+                tree=None if record.tree is None else layout_from_json(record.tree),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{where}: {error}") from None
@@ -216,15 +214,6 @@ def refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
         )
     except NotExactError:
         return None
-
-
-def _layout(record: dict[str, Any]) -> Layout:
-    return Layout(
-        tuple(record["parents"]),
-        tuple(map(tuple, record["weights"])),
-        tuple(record["stage_points"]),
-        tuple(record["results"]),
-    )
 
 
 def _array(x: tuple[float, ...]) -> NDArray[np.float64]:

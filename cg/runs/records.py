@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 __all__ = ["Failure", "Record", "RunSummary"]
 
 
@@ -54,6 +57,17 @@ class Record:
     solved: bool
     coefficients: bytes
     seconds: float = 0.0
+
+    @property
+    def quads(self) -> NDArray[np.int8]:
+        """The coefficients in binary128, shape (n, 16), see `cg.support.quads`.
+
+        Raises
+        ------
+        ValueError
+            If the number of bytes isn't a multiple of 16.
+        """
+        return np.frombuffer(self.coefficients, np.int8).reshape(-1, 16)
 
 
 @dataclass(frozen=True)

@@ -300,10 +300,10 @@ def test_outputs_are_tried_before_any_work(run, arguments, tmp_path, monkeypatch
     assert list((tmp_path / "new").rglob("*.toml"))
 
 
-def test_a_promotion_is_tried_too(run, tmp_path):
+def test_publish_checks_folder_first(run, tmp_path):
     store = tmp_path / "runs.db"
     run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
-    code, _, err = run("runs", "promote", str(store), "1", "Mine", "--folder", "/proc")
+    code, _, err = run("runs", "publish", str(store), "1", "Mine", "--folder", "/proc")
     assert code == 2
     assert "--folder: /proc/Mine can't be written" in err
 

@@ -5,15 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 
-import numpy as np
-
 from ...runs import Record
 from ...structure.layout import Layout
 from ...support import quads
 
 __all__ = ["Phase", "RandomStart"]
-
-_BYTES = 16  # of a binary128 number
 
 
 @dataclass(frozen=True)
@@ -110,19 +106,16 @@ class RandomStart:
             If a field is missing or of the wrong kind.
         """
         where = f"not the record of a start: start {record.number}"
-        if len(record.coefficients) % _BYTES:
-            raise ValueError(f"{where} has {len(record.coefficients)} bytes of coefficients")
-        bits = np.frombuffer(record.coefficients, np.int8).reshape(-1, _BYTES)
         refined = None
         try:
             if record.phase == "quad":
                 refined = _phase(
                     record.refined_f, record.refined_status, record.refined_evaluations
                 )
-                x = tuple(map(quads.to_decimal, quads.decode(bits)))
+                x = tuple(map(quads.to_decimal, quads.decode(record.quads)))
             else:
                 # doubles, whose decimals take less time without fractions
-                x = tuple(f"{entry:.35e}" for entry in quads.to_float(bits).tolist())
+                x = tuple(f"{entry:.35e}" for entry in quads.to_float(record.quads).tolist())
             return cls(
                 index=record.number,
                 double=_phase(record.f, record.status, record.evaluations),

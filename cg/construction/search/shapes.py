@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ __all__ = [
     "draw_guess",
     "draw_layout",
     "held_weights",
+    "layout_from_json",
     "layout_of",
     "merge_point",
     "most_unknowns",
@@ -150,6 +152,23 @@ def draw_layout(
         for m in range(len(parents))
     )
     return Layout(tuple(parents), weights, stage_points, tuple(results))
+
+
+def layout_from_json(text: str | Mapping[str, Any]) -> Layout:
+    """Return the layout of a tree as the settings and records of a store have it.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If it isn't one.
+    """
+    fields = json.loads(text) if isinstance(text, str) else text
+    return Layout(
+        tuple(fields["parents"]),
+        tuple(map(tuple, fields["weights"])),
+        tuple(fields["stage_points"]),
+        tuple(fields["results"]),
+    )
 
 
 def select_points(

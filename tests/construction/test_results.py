@@ -13,7 +13,7 @@ import pytest
 import cg
 from cg.command import main
 from cg.construction.candidate import Candidate
-from cg.construction.results import best, families, promote, solutions
+from cg.construction.results import best, families, publish, solutions
 from cg.construction.results.solutions import OBJECTIVES, connected
 from cg.construction.solvers.singular import decompose, retract
 from cg.runs import Store
@@ -91,41 +91,41 @@ def test_solutions_of_other_shapes_are_not_connected(store):
 
 
 @pytest.mark.parametrize("run", [1, 2, 3])
-def test_promotion(store, run, tmp_path):
-    promoted = promote(store.run(run), "Mine", tmp_path)
-    assert promoted.method.exact
-    assert promoted.method.order == {1: 3, 2: 4, 3: 4}[run]
-    assert promoted.principal_error < promoted.before
-    assert promoted.certificate is not None, promoted.reason
-    assert [path.name for path in promoted.files] == ["Mine.toml", "Mine.certificate.toml"]
-    assert cg.catalogue.load(promoted.files[0]) == promoted.method
-    proof = cg.proofs.Certificate.load(promoted.files[1])
-    cg.proofs.check(proof, promoted.method)
+def test_publish_run(store, run, tmp_path):
+    publication = publish(store.run(run), "Mine", tmp_path)
+    assert publication.method.exact
+    assert publication.method.order == {1: 3, 2: 4, 3: 4}[run]
+    assert publication.principal_error < publication.initial_principal_error
+    assert publication.certificate is not None, publication.reason
+    assert [path.name for path in publication.files] == ["Mine.toml", "Mine.certificate.toml"]
+    assert cg.catalogue.load(publication.files[0]) == publication.method
+    proof = cg.proofs.Certificate.load(publication.files[1])
+    cg.proofs.check(proof, publication.method)
 
 
-def test_promotion_as_it_stands(store, tmp_path):
+def test_publish_without_optimisation(store, tmp_path):
     found = list(solutions(store.run(1)))[-1]
-    promoted = promote(
+    publication = publish(
         store.run(1), "Plain", tmp_path, number=found.record.number, max_iterations=0
     )
-    assert f"start {found.record.number}" in promoted.method.source
-    x = np.array([float(entry.value) for entry in promoted.method.coefficients])
+    assert f"start {found.record.number}" in publication.method.source
+    x = np.array([float(entry.value) for entry in publication.method.coefficients])
     np.testing.assert_allclose(x, found.candidate.x, atol=1e-15)
-    assert promoted.principal_error == promoted.before
+    assert publication.principal_error == publication.initial_principal_error
 
 
-def test_what_cannot_be_promoted(store, tmp_path):
-    with pytest.raises(ValueError, match="run 4 has no start that led to what was wanted"):
-        promote(store.run(4), "None", tmp_path)
+def test_publish_rejects_bad_arguments(store, tmp_path):
+    with pytest.raises(ValueError, match="run 4 has no start that led to a method"):
+        publish(store.run(4), "None", tmp_path)
     with pytest.raises(ValueError, match="number must be that of a solution"):
-        promote(store.run(1), "None", tmp_path, number=10**6)
+        publish(store.run(1), "None", tmp_path, number=10**6)
     with pytest.raises(ValueError, match="fit for a file's name"):
-        promote(store.run(1), "../up", tmp_path)
+        publish(store.run(1), "../up", tmp_path)
     (tmp_path / "There.toml").write_text("")
-    with pytest.raises(ValueError, match=r"name must be a new one, got 'There'"):
-        promote(store.run(1), "There", tmp_path)
-    with pytest.raises(NotADirectoryError, match="folder must be one that exists"):
-        promote(store.run(1), "New", tmp_path / "none")
+    with pytest.raises(ValueError, match=r"name must be new, got 'There'"):
+        publish(store.run(1), "There", tmp_path)
+    with pytest.raises(NotADirectoryError, match="folder must be an existing folder"):
+        publish(store.run(1), "New", tmp_path / "none")
     with pytest.raises(ValueError, match="objective must be one of principal-error"):
         best(store.run(1), "beauty")
     with pytest.raises(ValueError, match="count must be at least 1"):
@@ -153,7 +153,7 @@ class TestFromAStoreToTheCatalogue:
     @pytest.mark.filterwarnings("error")
     def test_a_method_of_the_user(self, store, own, capsys):
         found = best(store.run(1), "principal-error", 1)[0]
-        made = promote(store.run(1), "Mine", own, number=found.record.number)
+        made = publish(store.run(1), "Mine", own, number=found.record.number)
         assert cg.methods["Mine"] == made.method
         assert cg.proofs.certificate_of(cg.methods["Mine"]) == made.certificate
         assert made.method.digits(60) is not None
@@ -163,8 +163,8 @@ class TestFromAStoreToTheCatalogue:
         assert main(["export", "Mine", "json", "--digits", "60"]) == 0
 
     def test_the_certificate_of_another_method_is_none(self, store, own):
-        first = promote(store.run(1), "Mine", own)
-        promote(store.run(2), "Other", own)
+        first = publish(store.run(1), "Mine", own)
+        publish(store.run(2), "Other", own)
         (own / "Mine.certificate.toml").write_text((own / "Other.certificate.toml").read_text())
         with pytest.raises(cg.proofs.CertificationError):
             cg.proofs.certificate_of(first.method)
@@ -172,7 +172,7 @@ class TestFromAStoreToTheCatalogue:
     def test_a_method_for_the_package(self, store, tmp_path, monkeypatch):
         folder = tmp_path / "catalogue"
         (folder / "certificates").mkdir(parents=True)
-        made = promote(store.run(2), "CF4z", folder)
+        made = publish(store.run(2), "CF4z", folder)
         assert made.files == (folder / "CF4z.toml", folder / "certificates" / "CF4z.toml")
         catalogue = cg.catalogue.Catalogue(folder)
         assert catalogue["CF4z"] == made.method
@@ -185,7 +185,7 @@ class TestFromAStoreToTheCatalogue:
         import method_pages
 
         monkeypatch.setattr(method_pages, "FOLDER", tmp_path / "methods")
-        made = promote(store.run(2), "CF4z", own)
+        made = publish(store.run(2), "CF4z", own)
         text = method_pages.page(cg.methods["CF4z"])
         assert text.startswith("# CF4z\n")
         assert str(made.certificate).partition("within ")[2].partition(" ")[0] in text
@@ -194,7 +194,7 @@ class TestFromAStoreToTheCatalogue:
             assert list((tmp_path / "methods" / "files" / form).iterdir())
 
     def test_a_proof_in_part(self, store, tmp_path, monkeypatch):
-        module = sys.modules["cg.construction.results.publish"]
+        module = sys.modules["cg.construction.results.publishing"]
 
         def whole_only(method, *, small=False):
             if not small:
@@ -203,15 +203,15 @@ class TestFromAStoreToTheCatalogue:
 
         certify = module.certify
         monkeypatch.setattr(module, "certify", whole_only)
-        made = promote(store.run(1), "Part", tmp_path)
+        made = publish(store.run(1), "Part", tmp_path)
         assert made.certificate is not None
         assert made.reason == "two conditions are left"
         assert len(made.files) == 2
 
     def test_names_of_the_package_are_taken(self, store, tmp_path):
         for name in ("CF4", "RKMK4"):
-            with pytest.raises(ValueError, match=f"'{name}', which the package has"):
-                promote(store.run(1), name, tmp_path)
+            with pytest.raises(ValueError, match=f"'{name}', a method of the package"):
+                publish(store.run(1), name, tmp_path)
         assert not list(tmp_path.iterdir())
 
 
