@@ -1,4 +1,4 @@
-"""From random starts to an exact method with few stages."""
+"""Construction of exact methods with few stages or flows from random starts."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ __all__ = ["Construction", "construct"]
 
 @dataclass(frozen=True)
 class Construction:
-    """What a construction came to.
+    """The result of a construction.
 
     Attributes
     ----------
     settings : ConstructionSettings
     method : Method or None
-        The exact method, refined in real(16); None if the tries ran out.
+        The exact method, refined in real(16); None if no try succeeded.
     best : Attempt
-        The attempt that the method is from, else the one that came furthest: not a
-        method of the wanted order and stages.
+        The try that led to the method; without a method, the try with the fewest stages and
+        flows.
     tries : int
-        Attempts made.
+        Number of tries.
     failures : tuple of Failure
         Tries whose worker died.
     """
@@ -77,62 +77,60 @@ def construct(
 ) -> Construction:
     """Construct an exact explicit method from random starts.
 
-    Each try solves the order conditions from a random guess with enough stages and then
-    eliminates stages along the solution set; with `flows`, from a random tree of points with
-    enough flows, of which it eliminates flows. The method returned is the one of the
-    first successful try by number, whatever the number of workers.
+    Each try solves the order conditions from a random guess with enough stages, then eliminates
+    stages along the solution set. With `flows`, it starts from a random tree of points with enough
+    flows and eliminates flows. The method of the first successful try by number is returned,
+    whatever the number of workers.
 
     Parameters
     ----------
     order, stages : int
-        What is wanted.
+        Order and number of stages of the method.
     seed : int
-        Not negative; on one machine try k depends on (seed, k) alone.
+        Seed of all tries, not negative; on one machine try k depends on (seed, k) alone.
     tries : int, optional
-        Random starts at most.
+        Largest number of random starts.
     largest : float, optional
         Bound on the magnitude of coefficients.
     restarts : int, optional
-        Walks along the solution set where elimination gets stuck.
+        Largest number of walks along the solution set after elimination fails.
     full_rank : bool, optional
-        Accept only candidates at which all conditions are independent, which is what a
-        certificate without further identities needs.
+        Accept only candidates at which all conditions are independent, as a certificate without
+        further identities requires.
     structure : Structure, optional
-        Simplifying assumptions to look for methods with. By default those of
-        `Structure.MIDDLE` from order 6 on, and for fewer stages than the conditions of
-        a general method need; none with `full_rank`.
+        Simplifying assumptions. By default `Structure.MIDDLE` from order 6 on, and for fewer
+        stages than a general method needs; none with `full_rank`.
     first_stages : int, optional
-        Stages of the random starts; by default what order and structure make easy.
+        Number of stages of random starts; the default depends on order and structure.
     width : float, optional
-        Guesses are uniform in [-width, width]; by default what order and structure ask for.
+        Guesses are uniform in [-width, width]; the default depends on order and structure.
     iterations : int, optional
-        Bound on the solver's steps for a random start, and once more where they lead far
-        down; by default what order and structure ask for.
+        Largest number of steps of the solver in each run; the default depends on order and
+        structure.
     workers : int, optional
-        Number of workers; by default all cores, or as many as `executor` has.
+        Number of workers; by default that of `executor`, or of cores.
     executor : Executor, callable or str, optional
-        Where tries run, as `cg.search` takes it.
+        Where tries run, as for `cg.search`.
     store : path, optional
-        File that receives every try, and from which an interrupted run goes on, as `cg.search`
-        takes it.
+        File that stores every finished try, and from which an interrupted run is resumed, as for
+        `cg.search`.
     progress : callable, ProgressLine or bool, optional
         Called with the numbers of finished and of all tries. True shows a
         `cg.runs.ProgressLine` on standard error. Its remaining time is that of all tries, of
         which most may not be needed.
     force : bool, optional
-        Try even where there are fewer unknowns than independent conditions; for trees, than
+        Try even if there are fewer unknowns than independent conditions; for trees, fewer than
         conditions where flows commute.
     tree : PointTree, method, or sequence, optional
-        Look for a method with this tree of points, as `cg.search` takes it.
+        Tree of points of the method, as for `cg.search`.
     flows : int, optional
-        Look for a method of points, `cg.CommutatorFree`, with so many flows. Its tree is drawn,
-        or points of the given one are left out until so many remain. The flow to a second
-        result doesn't count.
+        Construct a `cg.CommutatorFree` method with this number of flows, from a random tree, or
+        from `tree` by dropping points. The flow to a second result doesn't count.
     first_flows : int, optional
-        Flows of the trees that are drawn, by default `flows`. Points are left out from there.
+        Number of flows of the random trees to start from; by default `flows`.
     embedded : bool, optional
-        With `flows`, whether one more flow, from the result, leads to a second result of order
-        one less.
+        With `flows`, whether to construct a pair: one more flow, from the result, leads to a
+        second result of order q - 1.
     first_same_as_last : bool, optional
         With `flows`, whether the last stage is at the result, where the next step begins.
 

@@ -1,4 +1,4 @@
-"""Fewer stages in one step: leave a stage out, then solve again from what remains."""
+"""Drop a stage of a tableau, then solve again from the remaining coefficients."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _PROMISING = 1e-14  # sum of squares from which on the solver goes on after a st
 
 
 def held(system: ConditionSystem) -> list[int]:
-    """Return the entries to hold while solving from starts that are no solutions.
+    """Return the entries to hold fixed while solving from a point that isn't a solution.
 
-    Close to a_21 = 0 lurks what looks like solutions: with c_2 = ε, c_3 ~ ε^(1/2),
-    c_4 ~ ε^(1/4) and so on, C(2) holds at all stages as ε tends to zero, and the solver
-    follows f to 1e-18 and below, but never to a zero.
+    This keeps the solver away from a degenerate limit at a_21 = 0: with c_2 = ε, c_3 ~ ε^(1/2),
+    c_4 ~ ε^(1/4) and so on, C(2) holds at all stages as ε tends to zero, and f falls below 1e-18
+    but has no zero.
     """
     if system.rows is None:
         return held_weights(system.order, system.layout)
@@ -33,7 +33,7 @@ def held(system: ConditionSystem) -> list[int]:
 
 
 def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> Candidate:
-    """Solve from a random start, once more if f is at most `promising` after the first run."""
+    """Solve from a start, a second time if f is at most `promising` after the first run."""
     frozen = held(candidate.system)
     options: dict[str, Any] = {"ftol": 1e-27, "max_iterations": iterations}
     first = correct(candidate, frozen, damping=1e-2, accurate=False, **options)
@@ -55,10 +55,10 @@ def drop_stage(
     iterations: int = 200,
     accept: Callable[[Candidate], bool] = solved,
 ) -> Candidate | None:
-    """Leave a stage out and solve again.
+    """Drop a stage and solve again.
 
-    Its column goes to a neighbour or is dropped. What is closest to the smaller solution
-    set is tried first, but for some chance.
+    The column of the stage is added to that of a neighbour, or dropped. Starts with the smallest
+    sums of squares come first, in a slightly random order.
 
     Parameters
     ----------
@@ -73,12 +73,12 @@ def drop_stage(
     iterations : int, optional
         Bound on the solver's steps in each, and once more where they lead far down.
     accept : callable, optional
-        A further test that the smaller candidate has to pass.
+        A further test of the smaller candidate.
 
     Returns
     -------
     Candidate or None
-        With one stage less, on its own solution set; None if all tries failed.
+        A candidate with one stage less, on the solution set; None if all tries failed.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def drop_stage(
     check_candidate(candidate)
     if candidate.system.embedded:
         raise ValueError("candidate must be one method, got a pair")
-    starts = list(_ways(candidate))
+    starts = list(_smaller_starts(candidate))
     return first_solved(starts, random, largest, tries, iterations, accept, _PROMISING)
 
 
@@ -103,7 +103,7 @@ def first_solved(
 ) -> Candidate | None:
     """Solve from starts until one leads to an acceptable candidate; None if none does.
 
-    The starts with the smallest sums of squares come first, but for random changes of the order.
+    Starts with the smallest sums of squares come first, in a slightly random order.
 
     Parameters
     ----------
@@ -133,10 +133,11 @@ def first_solved(
     return None
 
 
-def _ways(candidate: Candidate) -> Iterator[Candidate]:
-    """Yield what is left without each stage, its column given to none, the one before or after."""
+def _smaller_starts(candidate: Candidate) -> Iterator[Candidate]:
+    """Yield the starts without each stage, its column dropped or added to a neighbour."""
     system = candidate.system
-    first = 0 if system.structure is Structure.GENERAL else 2  # stages 1 and 2 are special
+    # a structure treats stages 1 and 2 differently
+    first = 0 if system.structure is Structure.GENERAL else 2
     for stage in range(first, system.stages):
         if system.stages - 1 < first + 1:
             return
@@ -146,7 +147,7 @@ def _ways(candidate: Candidate) -> Iterator[Candidate]:
             if receiver is not None:
                 if not first <= receiver < system.stages:
                     continue
-                _inherit(candidate, x, stage, receiver)
+                _add_column(candidate, x, stage, receiver)
             x[column] = 0.0
             smaller = Candidate(system, x).without(stage)
             kept = np.zeros(smaller.system.size)
@@ -154,8 +155,8 @@ def _ways(candidate: Candidate) -> Iterator[Candidate]:
             yield Candidate(smaller.system, kept)
 
 
-def _inherit(candidate: Candidate, x: NDArray[np.float64], stage: int, receiver: int) -> None:
-    """Add the column of a stage to that of its receiver, in the rows that have both."""
+def _add_column(candidate: Candidate, x: NDArray[np.float64], stage: int, receiver: int) -> None:
+    """Add the column of a stage to that of the receiver, in the rows that have both."""
     layout = candidate.system.layout
     for r in range(len(layout.ends)):
         row = layout.row(r)

@@ -1,4 +1,4 @@
-"""Fewer flows, or fewer stages, of a method of points: leave one out, then solve again."""
+"""Drop a flow or a stage of a commutator-free method, then solve again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .search.shapes import merge_point, select_points
 
 __all__ = ["drop_flow", "drop_point_stage"]
 
-_PROMISING = 1e-10  # sum of squares from which on the last stretch is tried
+_PROMISING = 1e-10  # sum of squares from which on the solver goes on after the first run
 
 
 def drop_flow(
@@ -26,30 +26,30 @@ def drop_flow(
     iterations: int = 400,
     accept: Callable[[Candidate], bool] = solved,
 ) -> Candidate | None:
-    """Leave a point out that is neither a stage nor a result, and solve again.
+    """Drop a point that is neither a stage nor a result, and solve again.
 
-    The flows from it start at its parent instead, with the sums of both flows' weights. What
-    is closest to the smaller solution set is tried first, but for some chance.
+    Flows that start from the point start from its parent instead, with the sums of the weights of
+    both flows. Starts with the smallest sums of squares come first, in a slightly random order.
 
     Parameters
     ----------
     candidate : Candidate
-        On the solution set, of a method of points.
+        A commutator-free method, on the solution set.
     random : numpy.random.Generator
-        Source of the order of tries.
+        Determines the order of tries.
     largest : float, optional
         Bound on the magnitude of weights.
     tries : int, optional
-        How many of the possibilities are tried.
+        Largest number of starts to solve from.
     iterations : int, optional
-        Bound on the solver's steps in each, and once more where they lead far down.
+        Largest number of steps of the solver in each run.
     accept : callable, optional
-        A further test that the smaller candidate has to pass.
+        A further test of the smaller candidate.
 
     Returns
     -------
     Candidate or None
-        With one flow less, on its own solution set; None if all tries failed.
+        A candidate with one flow less, on the solution set; None if all tries failed.
 
     Raises
     ------
@@ -73,9 +73,10 @@ def drop_point_stage(
     iterations: int = 400,
     accept: Callable[[Candidate], bool] = solved,
 ) -> Candidate | None:
-    """Leave a stage of a method of points out, and solve again.
+    """Drop a stage of a commutator-free method, and solve again.
 
-    Its weights go to a neighbour or are dropped; its point stays if other points start from it.
+    The weights on the stage are added to those on a neighbour, or dropped. The point of the stage
+    stays if flows start from it.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def drop_point_stage(
     Returns
     -------
     Candidate or None
-        With one stage less, on its own solution set; None if all tries failed.
+        A candidate with one stage less, on the solution set; None if all tries failed.
 
     Raises
     ------

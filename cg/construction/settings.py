@@ -114,8 +114,8 @@ class ConstructionArguments(ShapeArguments):
             kind = f" with structure {structure.name}" if structure else ""
             raise ValueError(
                 f"stages = {stages} gives {system.free.size} unknowns for {system.equations} "
-                f"independent conditions of order {order}{kind}; pass force=True to try all the "
-                "same"
+                f"independent conditions of order {order}{kind}; pass force=True to try "
+                "nevertheless"
             )
         return structure
 

@@ -71,7 +71,7 @@ class Store:
     def __init__(self, path: str | os.PathLike[str], *, read: bool = False) -> None:
         self.path, self._read_only = check_path(path), read
         if read and not self.path.exists():
-            raise FileNotFoundError(errno.ENOENT, "store must be a file that exists", str(path))
+            raise FileNotFoundError(errno.ENOENT, "store must be an existing file", str(path))
         with sqlite_errors(self.path):
             self._connection = connect(self.path, "?mode=ro" if read else "")
             try:

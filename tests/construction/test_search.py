@@ -317,7 +317,7 @@ class TestArguments:
             search(order, stages, 1, seed=1, rows=rows)
         assert str(caught.value) == (
             f"stages = {stages} gives {size} unknowns ({rows} rows) for {independent} independent "
-            f"conditions of order {order}; pass force=True to try all the same"
+            f"conditions of order {order}; pass force=True to try nevertheless"
         )
         forced = search(order, stages, 1, seed=1, rows=rows, force=True, maxfev=4)
         assert len(forced.best.x) == size

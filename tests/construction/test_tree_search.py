@@ -181,7 +181,7 @@ def test_bad_input_is_named(look, changes, error, message):
 
 @pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
 def test_what_is_impossible_by_counting_is_refused(look):
-    with pytest.raises(ValueError, match="stages = 5 is too few for order 5, which takes 6"):
+    with pytest.raises(ValueError, match="stages = 5 is too few for order 5, which needs 6"):
         look(order=5, stages=5, seed=0, flows=12)
     thin = ((-1, -1), (-1, 0))
     with pytest.raises(ValueError, match="3 unknowns for 4 conditions of order 3"):

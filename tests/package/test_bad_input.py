@@ -329,7 +329,6 @@ def test_tools_on_the_set_of_methods(call, error, message):
         ({"max_iterations": 1.5}, TypeError, r"max_iterations must be an integer, got 1\.5"),
         ({"max_iterations": -1}, ValueError, "max_iterations must be at least 0, got -1"),
         ({"tolerance": np.nan}, ValueError, "tolerance must be a finite number, not negative"),
-        ({"progress": 3}, TypeError, "progress must be callable, got 3"),
         ({"frozen": ["a"]}, ValueError, r"frozen must be .*, got \['a'\]"),
     ],
 )

@@ -222,7 +222,7 @@ class TestDeath:
     def test_an_executor_that_cannot_be_made_anew(self):
         with (
             processes() as pool,
-            pytest.raises(BrokenProcessPool, match=r"pieces \[.*7.*\] were at work; if `executor`"),
+            pytest.raises(BrokenProcessPool, match=r"pieces \[.*7.*\] were running; if `executor`"),
         ):
             list(completed(die_at_seven, range(12), 12, 2, pool))
 
@@ -269,7 +269,7 @@ class TestDeath:
         assert len(made) == 2
         with (
             Losing(3, moment) as pool,
-            pytest.raises(BrokenExecutor, match=r"pieces \[.*\] (that )?were at work"),
+            pytest.raises(BrokenExecutor, match=r"pieces \[.*\] (that )?were running"),
         ):
             list(completed(double, range(40), 40, 2, pool))
 
@@ -384,7 +384,7 @@ class TestInterrupt:
         with caplog.at_level(logging.WARNING, "cg"), pytest.raises(KeyboardInterrupt):
             collect(seen, run)
         assert set(seen) <= {0, 1, 2, 3}
-        assert "starts are being finished; interrupt again to drop them" in caplog.text
+        assert "interrupt again to discard them" in caplog.text
         waits = iter([KeyboardInterrupt, KeyboardInterrupt])
         dropped: list[int] = []
         run = completed(slow_double, range(100), 100, 2, finish_on_interrupt=True)

@@ -497,7 +497,7 @@ class TestFile:
         assert found.starts == wanted.starts
         assert repr(found) == repr(wanted)
         os.remove(tmp_path / "b" / "runs.db")
-        with pytest.raises(FileNotFoundError, match="store must be a file that exists"):
+        with pytest.raises(FileNotFoundError, match="store must be an existing file"):
             list(found.starts)
         assert not (tmp_path / "b" / "runs.db").exists()
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...conditions import MAX_ORDER
 from ...method.commutator_free import CommutatorFree

@@ -21,8 +21,8 @@ __all__ = ["ALGORITHMS", "SearchArguments", "SearchSettings"]
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
-# Half the side of the cube of guesses, and evaluations allowed, by order: where the fast solver
-# was measured to find most methods a second. Starts that are going to succeed do so early.
+# Half-widths of guesses and numbers of evaluations with which the minimum-norm solver found most
+# methods per second, by order.
 _BEST_WIDTHS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0, 5: 0.75}
 _WIDTH_ABOVE = 0.3
 _BEST_BOUNDS = {1: 120, 2: 120, 3: 120, 4: 120, 5: 500}
@@ -119,7 +119,7 @@ class SearchArguments(ShapeArguments):
                 raise ValueError(
                     f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for "
                     f"{conditions} independent conditions of order {order}; pass force=True to "
-                    "try all the same"
+                    "try nevertheless"
                 )
             return None, None, size
         layout, flows = self.check_points()

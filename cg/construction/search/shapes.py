@@ -1,4 +1,4 @@
-"""Shapes of trees of points for a search: given by their parents and stages, or drawn at random."""
+"""Trees of points for a search: given by their parents and stages, or drawn at random."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
-"""The least stages of explicit methods of orders 1, 2, ... where all flows commute [1]_.
+"""Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.
 
 References
 ----------
@@ -38,7 +38,7 @@ References
 """
 
 FLAT_CONDITIONS = (1, 2, 4, 8, 17, 37, 85, 200)
-"""How many order conditions orders 1, 2, ... have where all flows commute: unordered trees."""
+"""Numbers of order conditions of orders 1, 2, ... where flows commute: of unordered trees."""
 
 HELD_FIRST = (0.2, 0.8)
 """Range of the first weight of a tree, held while solving."""
@@ -46,8 +46,8 @@ HELD_FIRST = (0.2, 0.8)
 HELD_ESTIMATE = (0.1, 0.2)
 """Range of the last weight of an estimate, held while solving."""
 
-_HELD_FROM = 5  # the order from which on the first weight is held
-_BACK = 0.3  # how often a drawn flow starts from any earlier point instead of the one before
+_HELD_FROM = 5  # lowest order for which the first weight is held
+_BACK = 0.3  # probability that a flow starts from a random earlier point, not the last one
 
 
 def layout_of(tree: Any) -> Layout:
@@ -57,15 +57,15 @@ def layout_of(tree: Any) -> Layout:
     ----------
     tree : PointTree, Layout, method, or sequence
         A tree or a method has its nonzero weights as unknowns. A sequence is ``(parents,
-        stage_points)``, then the results if they aren't the last point; there, all stages
-        evaluated by then have weights.
+        stage_points)``, followed by the results if the last point isn't the result; each flow
+        then has weights on all stages before it.
 
     Raises
     ------
     TypeError
-        If it is none of these.
+        If `tree` is none of these.
     MethodError
-        If it doesn't make an explicit method, see `cg.structure.points.check_tree`.
+        If `tree` isn't that of an explicit method, see `cg.structure.points.check_tree`.
     """
     if isinstance(tree, Layout):
         layout = tree
@@ -81,14 +81,14 @@ def layout_of(tree: Any) -> Layout:
 
 
 def _layout_of_places(tree: Any) -> Layout:
-    wanted = "a PointTree, or its parents, the points of stages and maybe results"
+    expected = "a PointTree, or its parents, the points of stages and optional results"
     if isinstance(tree, str | bytes) or not isinstance(tree, Sequence):
-        raise TypeError(f"tree must be {wanted}, got {tree!r}")
+        raise TypeError(f"tree must be {expected}, got {tree!r}")
     if not 2 <= len(tree) <= 4:
-        raise TypeError(f"tree must be {wanted}, got {len(tree)} entries")
+        raise TypeError(f"tree must be {expected}, got {len(tree)} entries")
     parents, stage_points = _indices("parents", tree[0]), _indices("stage_points", tree[1])
     results = tuple(_plain(end) for end in tree[2:]) or (len(parents) - 1,)
-    # checked with the weights of the first stage alone: those on others need sound places
+    # checked with weights on the first stage only: other weights need valid stage points
     points = tuple(Point(parent, {0: 1} if stage_points else {}) for parent in parents)  # type: ignore[dict-item]
     check_tree(PointTree(points, stage_points, *results))
     weights = tuple(
@@ -115,17 +115,17 @@ def draw_layout(
     embedded: bool = False,
     first_same_as_last: bool = False,
 ) -> Layout:
-    """Draw a tree of points, in which every point leads to a stage or is the result.
+    """Draw a random tree of points, in which every point leads to a stage or the result.
 
     Parameters
     ----------
     stages : int
     flows : int
-        At least as many as stages: all stages but the first are at points of their own, and
-        the result is one more.
+        At least `stages`: all stages except the first have points of their own, and the result
+        is one more.
     random : numpy.random.Generator
     embedded : bool, optional
-        Whether one more flow, from the result, leads to the second result of a pair.
+        Whether to add a flow from the result to the second result of a pair.
     first_same_as_last : bool, optional
         Whether the last stage is at the result, where the next step begins.
 
@@ -231,11 +231,11 @@ def merge_point(
 
 
 def held_weights(order: int, layout: Layout) -> list[int]:
-    """Return the weights of a tree of points to hold while solving from a random start.
+    """Return the indices of the weights to hold fixed while solving from a random start.
 
-    Where the first one tends to zero are degenerate limits, from order 5 on. The last flow of a
-    pair that starts from the result has weights in which the conditions are homogeneous: it is
-    nothing, or as long as one likes.
+    From order 5 on, there are degenerate limits where the first weight tends to zero. If the
+    second result of a pair is one flow from the result, the conditions are homogeneous in the
+    weights of that flow, so that one of them is held to fix its length.
     """
     held = [0] if order >= _HELD_FROM else []
     last = len(layout.parents) - 1
@@ -247,7 +247,7 @@ def held_weights(order: int, layout: Layout) -> list[int]:
 def draw_guess(
     order: int, layout: Layout, width: float, random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return random weights of a tree, uniform in [-width, width] but for those to hold."""
+    """Return random weights of a tree, uniform in [-width, width] except for held ones."""
     guess = random.uniform(-width, width, layout.size)
     for k in held_weights(order, layout):
         guess[k] = random.uniform(*(HELD_ESTIMATE if k else HELD_FIRST))
@@ -255,7 +255,7 @@ def draw_guess(
 
 
 def most_unknowns(stages: int, flows: int) -> int:
-    """Return how many weights the flows of a drawn tree have at most, second results left out."""
+    """Return the largest number of weights of a drawn tree, without those to a second result."""
     return sum(min(m + 1, stages) for m in range(flows))
 
 
@@ -321,12 +321,12 @@ class ShapeArguments:
 def _check_counts(order: int, stages: int, unknowns: int) -> None:
     if stages < MIN_STAGES[order - 1]:
         raise ValueError(
-            f"stages = {stages} is too few for order {order}, which takes "
-            f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try all "
-            "the same"
+            f"stages = {stages} is too few for order {order}, which needs "
+            f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try "
+            "nevertheless"
         )
     if unknowns < FLAT_CONDITIONS[order - 1]:
         raise ValueError(
             f"the flows have {unknowns} unknowns for {FLAT_CONDITIONS[order - 1]} conditions of "
-            f"order {order} where flows commute; pass force=True to try all the same"
+            f"order {order} where flows commute; pass force=True to try nevertheless"
         )
