@@ -1,4 +1,4 @@
-"""Splittings beyond double precision: residuals in ball arithmetic, weights with all digits."""
+"""Refinement of splittings beyond double precision, with residuals in ball arithmetic."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ _GAP = 1e-10
 
 @dataclass(frozen=True)
 class Exact:
-    """A splitting with exact sums.
+    """Weights of a splitting whose sums are exact.
 
     Attributes
     ----------
     weights : tuple of str and Fraction
         The unknowns with 36 digits; remainders are exact.
     largest_residual : float
-        Of the conditions, before the unknowns were rounded.
+        Largest residual of the conditions, before the unknowns were rounded.
     rank : int
-        Singular values of the derivatives that count.
+        Numerical rank of the derivatives.
     """
 
     weights: tuple[str | Fraction, ...]
@@ -48,13 +48,13 @@ class Exact:
 
 
 def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
-    """Correct weights until the conditions hold to far more digits than are written.
+    """Refine weights until the conditions hold to more digits than are written.
 
     Parameters
     ----------
     splitting : Splitting
     x : ndarray, shape (size,)
-        Next to a solution.
+        Weights close to a solution.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def _residuals(splitting: Splitting, free: Sequence[Fraction]) -> list[Fraction]
         at = tree.stage_points[stage]
         claims.append((at, order, sum(tree.flat_row(at), Fraction(0))))
     with working_precision(_BITS):
-        found: list[Fraction] = []
+        residuals: list[Fraction] = []
         for end, order, c in claims:
             if order == 0:
                 continue
@@ -104,8 +104,8 @@ def _residuals(splitting: Splitting, free: Sequence[Fraction]) -> list[Fraction]
             ):
                 value = phi - _ball(side * c ** splitting.nodes(index))
                 mantissa, exponent = value.mid().man_exp()
-                found.append(int(mantissa) * Fraction(2) ** int(exponent))
-        return found
+                residuals.append(int(mantissa) * Fraction(2) ** int(exponent))
+        return residuals
 
 
 def _ball(value: Fraction) -> arb:

@@ -1,4 +1,4 @@
-"""Smaller errors: weights are moved along the set of solutions, down the principal error."""
+"""Reduction of the principal error of a splitting along the solution set."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _MAX_STEPS = 100
 _MIN_GAIN = 1e-3  # of the squared principal error, in one step
 _MAX_TRIALS = 14
 _CORRECTIONS = 40
-_GROWTH = 1.25  # what weights may be larger than the largest entry of the tableau
+_GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau
 
 
 def improved(splitting: Splitting, end: Fit) -> Fit:
-    """Move along the set of solutions until the principal error hardly gets smaller.
+    """Reduce the principal error along the solution set until it hardly gets smaller.
 
-    Each step is a Levenberg–Marquardt step for the residuals of the next order, among the moves
-    that leave the conditions as they are to first order; a fit then leads back to them. Weights
-    don't get larger than they were, or than a quarter above the entries of the tableau.
+    Each step is a Levenberg–Marquardt step for the residuals of the next order within the tangent
+    space of the solution set; a fit then returns to the set. The largest weight doesn't grow
+    beyond the larger of its initial value and 1.25 times the largest entry of the tableau.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ _SCALE_BY_COLUMNS, _SCALE_AS_GIVEN = 1, 2
 
 @dataclass(frozen=True, eq=False)
 class LmdifResult:
-    """Where ``lmdif`` stopped, and why. All arrays are read-only.
+    """The result of ``lmdif``. All arrays are read-only.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class LmdifResult:
     info : Status
         Why the solver stopped, MINPACK's code; compares equal to the integer.
     nfev : int
-        How often ``f`` was called, differences included.
+        Number of calls of ``f``, including those for differences.
     fjac : ndarray, shape (m, n)
         The last Jacobian ``J`` factored as ``J[:, ipvt] = Q R``: ``R`` in the upper triangle of
         the first ``n`` rows, diagonal elements of decreasing magnitude.
@@ -186,7 +186,7 @@ class _Callback:
 
     def __init__(self, f: Residual, start: Vector) -> None:
         self._f = f
-        # The solver's first call is at the start: what is known from here is not computed again.
+        # The solver's first call is at the start; its result is reused.
         self._first: Vector | None = _residuals(f, start, None)
         self.rows = self._first.size
         self._failure: BaseException | None = None
@@ -208,14 +208,14 @@ class _Callback:
         return values, 0
 
     def raise_failure(self) -> None:
-        """Raise again what ended the solve, if anything did."""
+        """Raise the exception that ended the solver, if there was one."""
         failure, self._failure = self._failure, None
         try:
             if failure is not None:
                 raise failure
         finally:
-            # Its traceback leads back here: kept, the solver's arrays would wait for the
-            # collector of cycles.
+            # The traceback refers to this frame: without this, the solver's arrays would be kept
+            # until the next collection of cycles.
             del failure
 
 

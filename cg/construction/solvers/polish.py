@@ -1,9 +1,7 @@
-"""Zeros of the order conditions beyond binary128: residuals in rational arithmetic.
+"""Refinement of zeros of the order conditions beyond binary128, in rational arithmetic.
 
-The residuals that `cg.construction.solvers.refine` sees carry the rounding of real(16), so its last
-digits are off by more than the places in which they are written. Here the residual is
-exact and each correction by the pseudo-inverse of the double Jacobian gains some ten
-digits.
+`cg.construction.solvers.refine` computes residuals in real(16), whose rounding errors exceed a
+unit in the last written digit of its results. Here residuals are exact.
 """
 
 from __future__ import annotations
@@ -22,25 +20,25 @@ from .system import ConditionSystem, Structure
 
 __all__ = ["Polished", "polish", "polish_zeros"]
 
-_NOTHING = Fraction(1, 10**33)  # real(16) leaves this much at most of a weight that is zero
+_ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _BELOW = Fraction(1, 10**44)
-_GRID = 10**60  # iterates are moved by multiples of 1/_GRID, so that they don't grow
+_GRID = 10**60  # corrections are multiples of 1/_GRID
 
 
 @dataclass(frozen=True)
 class Polished:
-    """A polished point.
+    """The result of `polish`.
 
     Attributes
     ----------
     x : tuple of Fraction, length n
         Packed weights.
     largest_residual : Fraction
-        Over the independent conditions, exact.
+        Largest residual of the independent conditions, exact.
     rank : int
-        Singular values of the Jacobian above the threshold.
+        Numerical rank of the Jacobian.
     iterations : int
-        Corrections that were applied.
+        Number of corrections.
     """
 
     x: tuple[Fraction, ...]
@@ -58,18 +56,18 @@ def polish(
     below: Fraction = _BELOW,
     max_iterations: int = 20,
 ) -> Polished:
-    """Correct packed weights until its exact residuals are small.
+    """Correct packed weights until the exact residuals are small.
 
     Parameters
     ----------
     x : sequence of n rationals
         Close to a zero.
     system : ConditionSystem
-        Its structure is left aside: the order conditions alone decide.
+        Only its order conditions are used, not its structure.
     directions : array_like, shape (n, k), optional
-        Corrections are combinations of its columns: columns of the identity leave the other
-        entries alone, and any linear relation between entries can be kept up. By default
-        all entries may change.
+        Corrections are linear combinations of the columns. Columns of the identity select the
+        entries that may change; other columns preserve linear relations between entries. By
+        default all free entries of the system may change.
     rcond : float, optional
         Singular values below this fraction of the largest count as zero.
     below : Fraction, optional
@@ -79,7 +77,7 @@ def polish(
     Returns
     -------
     Polished
-        The best point seen.
+        The point with the smallest residuals.
 
     Raises
     ------
@@ -117,9 +115,9 @@ def polish(
 def polish_zeros(
     x: Sequence[Fraction], system: ConditionSystem, free: Sequence[int] | NDArray[np.intp]
 ) -> Polished:
-    """Polish, with weights at zero that are zero but for the rounding of real(16).
+    """Polish, and set weights to zero that are zero up to the rounding errors of real(16).
 
-    They stay as they are where the conditions can't be solved without them.
+    If the conditions can't be solved with these zeros, the weights keep their values.
 
     Parameters
     ----------
@@ -133,14 +131,14 @@ def polish_zeros(
     Polished
     """
     unit = np.eye(system.size)
-    found = polish(x, system, directions=unit[:, free])
-    nothing = {k for k in free if 0 < abs(found.x[k]) <= _NOTHING}
-    rest = [k for k in free if k not in nothing]
-    if not nothing or not rest:
-        return found
-    without = [Fraction() if k in nothing else entry for k, entry in enumerate(found.x)]
-    again = polish(without, system, directions=unit[:, rest])
-    return again if again.largest_residual <= max(found.largest_residual, _BELOW) else found
+    polished = polish(x, system, directions=unit[:, free])
+    tiny = {k for k in free if 0 < abs(polished.x[k]) <= _ROUNDING}
+    rest = [k for k in free if k not in tiny]
+    if not tiny or not rest:
+        return polished
+    start = [Fraction() if k in tiny else entry for k, entry in enumerate(polished.x)]
+    sparse = polish(start, system, directions=unit[:, rest])
+    return sparse if sparse.largest_residual <= max(polished.largest_residual, _BELOW) else polished
 
 
 def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction, ...]:
