@@ -51,13 +51,13 @@ def test_solutions_are_the_methods_of_the_search(store):
 
 @pytest.mark.parametrize("run", [1, 2, 3])
 @pytest.mark.parametrize("objective", OBJECTIVES)
-def test_the_best_are_first(store, run, objective):
+def test_best_solutions_come_first(store, run, objective):
     found = best(store.run(run), objective, 3)
     values = [one.objective(objective) for one in solutions(store.run(run))]
     assert [one.objective(objective) for one in found] == sorted(values)[:3]
 
 
-def test_solutions_that_a_walk_connects_are_one_family(store):
+def test_connected_solutions_are_one_family(store):
     first = next(solutions(store.run(1)))
     candidate = first.candidate
     system, x = candidate.system, candidate.x
@@ -151,7 +151,7 @@ class TestFromAStoreToTheCatalogue:
         return folder
 
     @pytest.mark.filterwarnings("error")
-    def test_a_method_of_the_user(self, store, own, capsys):
+    def test_published_method_is_found_by_name(self, store, own, capsys):
         found = best(store.run(1), "principal-error", 1)[0]
         made = publish(store.run(1), "Mine", own, number=found.record.number)
         assert cg.methods["Mine"] == made.method
@@ -162,14 +162,14 @@ class TestFromAStoreToTheCatalogue:
         assert main(["certify", "Mine"]) == 0
         assert main(["export", "Mine", "json", "--digits", "60"]) == 0
 
-    def test_the_certificate_of_another_method_is_none(self, store, own):
+    def test_rejects_certificate_of_another_method(self, store, own):
         first = publish(store.run(1), "Mine", own)
         publish(store.run(2), "Other", own)
         (own / "Mine.certificate.toml").write_text((own / "Other.certificate.toml").read_text())
         with pytest.raises(cg.proofs.CertificationError):
             cg.proofs.certificate_of(first.method)
 
-    def test_a_method_for_the_package(self, store, tmp_path, monkeypatch):
+    def test_publish_into_catalogue_folder(self, store, tmp_path, monkeypatch):
         folder = tmp_path / "catalogue"
         (folder / "certificates").mkdir(parents=True)
         made = publish(store.run(2), "CF4z", folder)
@@ -179,7 +179,7 @@ class TestFromAStoreToTheCatalogue:
         cg.proofs.check(cg.proofs.Certificate.load(made.files[1]), made.method)
 
     @pytest.mark.slow
-    def test_its_page(self, store, own, tmp_path, monkeypatch):
+    def test_page_of_published_method(self, store, own, tmp_path, monkeypatch):
         pytest.importorskip("matplotlib").use("Agg")
         monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs"))
         import method_pages
@@ -193,7 +193,7 @@ class TestFromAStoreToTheCatalogue:
         for form in ("toml", "json", "c", "julia"):
             assert list((tmp_path / "methods" / "files" / form).iterdir())
 
-    def test_a_proof_in_part(self, store, tmp_path, monkeypatch):
+    def test_publish_with_partial_certificate(self, store, tmp_path, monkeypatch):
         module = sys.modules["cg.construction.results.publishing"]
 
         def whole_only(method, *, small=False):
@@ -208,7 +208,7 @@ class TestFromAStoreToTheCatalogue:
         assert made.reason == "two conditions are left"
         assert len(made.files) == 2
 
-    def test_names_of_the_package_are_taken(self, store, tmp_path):
+    def test_publish_rejects_names_of_the_package(self, store, tmp_path):
         for name in ("CF4", "RKMK4"):
             with pytest.raises(ValueError, match=f"'{name}', a method of the package"):
                 publish(store.run(1), name, tmp_path)
@@ -222,7 +222,7 @@ class TestFromAStoreToTheCatalogue:
         "UPDATE starts SET coefficients = zeroblob(length(coefficients)) WHERE solved",
     ],
 )
-def test_what_is_no_solution_is_none_whatever_its_record_says(change, tmp_path):
+def test_rejects_records_that_are_no_solutions(change, tmp_path):
     path = tmp_path / "runs.db"
     cg.search(order=4, stages=5, starts=12, seed=0, algorithm="lmdif", store=path)
     with Store(path) as opened:
