@@ -214,9 +214,7 @@ def central_differences(problem: Problem) -> Residual:
     ["rosenbrock", "helical-valley", "bard", "kowalik-osborne", "brown-dennis", "chebyquad-8"],
 )
 @pytest.mark.parametrize("factor", [1, 10])
-def test_lmder_equals_minpack(
-    faces: Faces, minpack: ctypes.CDLL, name: str, factor: int
-) -> None:
+def test_lmder_equals_minpack(faces: Faces, minpack: ctypes.CDLL, name: str, factor: int) -> None:
     problem = next(problem for problem in PROBLEMS if problem.name == name)
     arguments = (
         problem.residual,
