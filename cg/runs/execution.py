@@ -360,8 +360,8 @@ class _Pool:
     def _shut_down(self, wait: bool) -> None:
         """Shut down an executor that was made here, and kill workers of a broken one.
 
-        A broken `ProcessPoolExecutor` waits for all its workers, also for one that it was starting
-        when another died and never told to end.
+        A broken `ProcessPoolExecutor` waits for all its workers, including one that it was starting
+        when another died and that it never tells to end.
         """
         if getattr(self.executor, "_broken", False):
             for worker in list((getattr(self.executor, "_processes", None) or {}).values()):

@@ -124,7 +124,7 @@ class LongRun(Generic[Result]):
         for number, result in self._stored_results(stored):
             if number < total:
                 known[number] = 1
-                tally.count(None if isinstance(result, Failure) else self.score(result))
+                tally.count(self._score(result))
                 yield number, result
         running = completed(
             self.work,
@@ -136,19 +136,19 @@ class LongRun(Generic[Result]):
         )
         with closing(running), tally:
             for finished in running:
-                number, outcome = finished.index, finished.result
-                if outcome is None:
-                    failure = Failure(number, str(finished.failure))
-                    if stored is not None:
-                        stored.fail(failure)
-                    tally.report(None)
+                failure = Failure(finished.index, str(finished.failure))
+                result = failure if finished.result is None else finished.result
+                if stored is not None and isinstance(result, Failure):
+                    stored.fail(result)
                 elif stored is not None:
-                    stored.append([self.to_record(outcome, finished.seconds)])
-                if outcome is not None:
-                    tally.report(self.score(outcome))
+                    stored.append([self.to_record(result, finished.seconds)])
+                tally.report(self._score(result))
                 if options.progress:
                     options.progress(tally.done, total)
-                yield number, failure if outcome is None else outcome
+                yield finished.index, result
+
+    def _score(self, result: Result | Failure) -> Score | None:
+        return None if isinstance(result, Failure) else self.score(result)
 
     def _stored_results(self, stored: StoredRun | None) -> Iterator[tuple[int, Result | Failure]]:
         if stored is None:

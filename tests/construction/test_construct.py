@@ -110,7 +110,7 @@ class TestCompose:
     @pytest.mark.parametrize(
         ("methods", "gammas", "message"),
         [
-            ([], [], "gammas must have one entry a method, got 0 for 0"),
+            ([], [], "gammas must have one entry for each method, got 0 for 0"),
             (["CG3"], ["1/2", "1/2"], "got 2 for 1"),
             (["ImplicitMidpoint"], [1], "methods must be explicit"),
         ],

@@ -270,7 +270,7 @@ class _Settings:
         return splitting, fit(splitting, start, max_iterations=self.max_iterations)
 
     def finish(self, index: int, splitting: Splitting, end: Fit) -> _Solution:
-        """Merge flows of a solution and reduce its principal error, as far as asked for."""
+        """Merge flows of a solution and reduce its principal error, if the settings say so."""
         if self.reduce:
             splitting, end = reduced(splitting, end, self.max_iterations)
         flows = len(splitting.layout.parents)
