@@ -138,10 +138,11 @@ class LongRun(Generic[Result]):
             for finished in running:
                 failure = Failure(finished.index, str(finished.failure))
                 result = failure if finished.result is None else finished.result
-                if stored is not None and isinstance(result, Failure):
-                    stored.fail(result)
-                elif stored is not None:
-                    stored.append([self.to_record(result, finished.seconds)])
+                if stored is not None:
+                    if isinstance(result, Failure):
+                        stored.fail(result)
+                    else:
+                        stored.append([self.to_record(result, finished.seconds)])
                 tally.report(self._score(result))
                 if options.progress:
                     options.progress(tally.done, total)
