@@ -47,7 +47,7 @@ test-checks:
 
 # the core with the address and undefined-behaviour sanitizers, which use memory themselves, so that
 # tests of memory use are left out
-MEASURED := construction/test_lmdif_callback.py::test_nothing_is_left_behind_by_exceptions \
+MEASURED := construction/test_lmdif_callback.py::test_exceptions_leave_no_references \
   method/test_low_storage.py::TestMemory
 test-sanitize: build $(PEERS)
 	sh tools/sanitized.sh $(PY) --numprocesses auto -m "sanitize and not slow" \

@@ -24,7 +24,6 @@ from threadpoolctl import threadpool_limits
 import cg
 from cg.catalogue import save
 from cg.construction.lifting.exact import refined
-from cg.construction.lifting.lift import split_method
 from cg.construction.lifting.splitting import FlatRows, Splitting
 from cg.method.flat import stage_orders
 from cg.structure.layout import Layout
@@ -142,7 +141,9 @@ def from_start(flat: cg.Tableau) -> cg.CommutatorFree:
     splitting, x = start_of(flat)
     exact = refined(splitting, x)
     print(f"{flat.name}: rank {exact.rank}, residuals {exact.largest_residual:.0e}")
-    return split_method(splitting.layout, exact.weights, flat.name, flat.source)
+    return cg.CommutatorFree.from_layout(
+        splitting.layout, exact.weights, name=flat.name, source=flat.source
+    )
 
 
 if __name__ == "__main__":

@@ -27,9 +27,14 @@ from cg.catalogue import save
 from cg.conditions import compiled as compiled_conditions
 from cg.conditions import condition_trees
 from cg.construction.lifting.exact import refined
-from cg.construction.lifting.lift import split_method
 from cg.construction.lifting.solver import fit
-from cg.construction.lifting.splitting import FlatRows, Splitting, _equations, _solved
+from cg.construction.lifting.splitting import (
+    FlatRows,
+    Remainders,
+    Splitting,
+    path_sums,
+    solve_sums,
+)
 from cg.structure.layout import Layout
 from cg.structure.points import START
 
@@ -64,10 +69,10 @@ class SecondResult(Splitting):
     held: tuple[Fraction, ...] = ()
 
     @cached_property
-    def remainders(self) -> dict[int, tuple[dict[int, Fraction], Fraction]]:
-        """By each weight that is held or dependent, the factors of others and a number."""
-        held = [({k: Fraction(1)}, value) for k, value in enumerate(self.held)]
-        return _solved([*_equations(self.rows, self.layout), *held])
+    def remainders(self) -> Remainders:
+        """Held and dependent weights in terms of the unknowns."""
+        held = [(frozenset({k}), value) for k, value in enumerate(self.held)]
+        return solve_sums([*path_sums(self.rows, self.layout), *held], self.layout.size)
 
     def second_error(self, x: NDArray[np.float64]) -> float:
         """Return the principal error of the second result."""
@@ -126,7 +131,9 @@ def make(method: cg.CommutatorFree, recipe: Recipe) -> tuple[cg.CommutatorFree, 
     first = [w.text for row in method.point_coefficients[: method.result + 1] for w in row.values()]
     weights[: len(first)] = first
     source = method.source.removesuffix(NOTE) + NOTE
-    return split_method(splitting.layout, weights, method.name, source), error, len(found)
+    layout = splitting.layout
+    pair = cg.CommutatorFree.from_layout(layout, weights, name=method.name, source=source)
+    return pair, error, len(found)
 
 
 def main() -> None:

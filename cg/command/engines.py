@@ -1,4 +1,4 @@
-"""Where commands let their work run: threads, processes, Dask, MPI."""
+"""Options that choose the executor of a command: threads, processes, Dask, MPI."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["engine", "engine_options"]
 
 
 def engine_options(function: F) -> F:
-    """Add the options that say where work runs."""
+    """Add the options that choose the executor."""
     for option in (
         click.option(
             "--mpi", is_flag=True,
@@ -27,7 +27,7 @@ def engine_options(function: F) -> F:
         ),
         click.option(
             "--processes", is_flag=True,
-            help="Run in processes: a start that ends its worker doesn't end the run.",
+            help="Run in processes: a start that kills its worker doesn't end the run.",
         ),
     ):  # fmt: skip
         function = option(function)
@@ -36,12 +36,12 @@ def engine_options(function: F) -> F:
 
 @contextmanager
 def engine(processes: bool, dask: str | None, mpi: bool) -> Iterator[ExecutorLike]:
-    """Give the executor that was asked for.
+    """Return the executor that the options choose.
 
     Raises
     ------
     click.UsageError
-        If more than one was, or what it needs isn't installed.
+        If there is more than one of the options, or a package isn't installed.
     """
     if processes + (dask is not None) + mpi > 1:
         raise click.UsageError("--processes, --dask and --mpi exclude each other")

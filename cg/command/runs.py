@@ -1,4 +1,4 @@
-"""``runs``: what is in the file of a long run."""
+"""``runs``: results of long runs, from their store."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from cg.construction.results import Solution, best, families, promote, solutions
+from cg.construction.results import Solution, best, families, publish, solutions
 from cg.construction.results.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
 
@@ -24,22 +24,22 @@ _NUMBER = click.argument("number", metavar="RUN", type=click.IntRange(1))
 _MAX_FOR_FAMILIES = 200  # solutions; the time grows with their number
 
 
-@click.group("runs", short_help="Look at what long runs have found, and make methods of it.")
+@click.group("runs", short_help="Show results of long runs, and make methods of them.")
 def runs_command() -> None:
-    """Look at what long runs have found, and make methods of it.
+    """Show results of long runs, and make methods of them.
 
-    FILE is that of --store.
+    FILE is the file of --store.
 
     \b
     Examples:
       crouch-grossman runs list runs.db
       crouch-grossman runs best runs.db 1 --objective principal-error
-      crouch-grossman runs promote runs.db 1 Mine
+      crouch-grossman runs publish runs.db 1 Mine
     """
 
 
 def _of_run(function: Callable[..., int]) -> Callable[..., int]:
-    """Open the run that the arguments name."""
+    """Pass the store and the run that the arguments name to a function."""
 
     @wraps(function)
     def call(file: str, number: int, **options: Any) -> int:
@@ -57,14 +57,14 @@ def _of_run(function: Callable[..., int]) -> Callable[..., int]:
 @_FILE
 @json_option
 def list_runs(file: str, in_json: bool) -> int:
-    """List the runs in a file: what they look for, how far they are, the smallest f."""
+    """List the runs in a file: settings, numbers of starts, smallest f."""
     with Store(file, read=True) as store:
-        found = store.runs()
+        runs = store.runs()
     if in_json:
-        as_json([_data(run) for run in found])
+        as_json([_data(run) for run in runs])
         return 0
     say("run  kind       order  stages  flows  seed   starts  solved  failed  smallest f")
-    for run in found:
+    for run in runs:
         settings = run.settings
         flows = settings.get("flows")
         best_f = "-" if run.best is None else f"{run.best:.1e}"
@@ -72,7 +72,7 @@ def list_runs(file: str, in_json: bool) -> int:
             f"{run.number:>3}  {run.kind:<9}  {settings['order']:>5}  {settings['stages']:>6}  "
             f"{'-' if flows is None else flows:>5}  {settings['seed']:>4}  {run.starts:>7}  "
             f"{run.solved:>6}  {run.failed:>6}  {best_f:>10}"
-            f"{'  at work' if run.running else ''}"
+            f"{'  running' if run.running else ''}"
         )
     return 0
 
@@ -83,32 +83,32 @@ def list_runs(file: str, in_json: bool) -> int:
 @json_option
 @_of_run
 def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
-    """Show one run: its settings, rate, the distribution of f, and how many solutions differ."""
+    """Show one run: settings, rate, distribution of f, number of distinct solutions."""
     (summary,) = (each for each in store.runs() if each.number == run.number)
-    found = list(solutions(run))
-    groups = families(found[:_MAX_FOR_FAMILIES])
+    distinct = list(solutions(run))
+    groups = families(distinct[:_MAX_FOR_FAMILIES])
     data = {
         **_data(summary),
         "decades": {str(decade): count for decade, count in run.decades().items()},
-        "distinct": len(found),
-        "families_at_most": len(groups) + max(0, len(found) - _MAX_FOR_FAMILIES),
+        "distinct": len(distinct),
+        "families_at_most": len(groups) + max(0, len(distinct) - _MAX_FOR_FAMILIES),
         "failures": [[failure.index, failure.message] for failure in run.failures()],
     }
     if in_json:
         as_json(data)
         return 0
-    given = {key: value for key, value in summary.settings.items() if value is not None}
+    settings = {key: value for key, value in summary.settings.items() if value is not None}
     say(f"run {run.number}, {summary.kind}, begun {_time(summary.created)}")
-    say(", ".join(f"{key} {value}" for key, value in given.items() if key != "tree"))
+    say(", ".join(f"{key} {value}" for key, value in settings.items() if key != "tree"))
     rate = summary.starts / summary.seconds if summary.seconds else 0.0
     say(
         f"{summary.starts} starts in {summary.seconds:.0f} s of one core ({rate:.3g} a second), "
         f"{summary.solved} solved, {summary.failed} failed"
     )
-    say(f"{len(found)} distinct solutions in at most {data['families_at_most']} families")
+    say(f"{len(distinct)} distinct solutions in at most {data['families_at_most']} families")
     for index, message in data["failures"]:
         say(f"start {index} failed: {message}")
-    say("\nf ended in")
+    say("\nnumber of starts by final f")
     _draw(run.decades())
     return 0
 
@@ -117,52 +117,52 @@ def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
 @_FILE
 @_NUMBER
 @click.option("--objective", type=click.Choice(OBJECTIVES), default=OBJECTIVES[0],
-              show_default=True, help="What is to be small.")  # fmt: skip
+              show_default=True, help="What to minimise.")  # fmt: skip
 @click.option("--count", type=click.IntRange(1), default=10, show_default=True, metavar="N")
 @json_option
 @_of_run
 def best_of_run(_: Store, run: StoredRun, objective: str, count: int, in_json: bool) -> int:
     """List the best distinct solutions of a run. Exits with 1 if there are none."""
-    found = best(run, objective, count)
+    chosen = best(run, objective, count)
     if in_json:
-        as_json([_solution(one) for one in found])
-    elif found:
+        as_json([_solution_data(solution) for solution in chosen])
+    elif chosen:
         say("start  stages  flows  rank  largest coefficient  principal error")
-        for one in found:
-            data = _solution(one)
+        for solution in chosen:
+            data = _solution_data(solution)
             say(
                 f"{data['start']:>5}  {data['stages']:>6}  {data['flows']:>5}  "
                 f"{data['rank']:>4}  {data['largest_coefficient']:>19.3g}  "
                 f"{data['principal_error']:>15.3g}"
             )
     else:
-        say("no start led to what was wanted")
-    return 0 if found else NO
+        say("no start led to a method")
+    return 0 if chosen else NO
 
 
-@runs_command.command("promote", short_help="Make a method of a start.")
+@runs_command.command("publish", short_help="Make a method of a solution.")
 @_FILE
 @_NUMBER
 @click.argument("name", metavar="NAME")
 @click.option("--start", type=click.IntRange(0), metavar="N",
-              help="Which start; by default that of the smallest principal error.")  # fmt: skip
+              help="The start; by default that of the smallest principal error.")  # fmt: skip
 @click.option("--folder", type=click.Path(file_okay=False, exists=True, path_type=Path),
-              default=Path(), show_default=True, help="Where its files go.")  # fmt: skip
+              default=Path(), show_default=True, help="Folder for the files.")  # fmt: skip
 @click.option("--steps", type=click.IntRange(0), default=60, show_default=True, metavar="N",
-              help="Along the solution set, to a smaller principal error.")  # fmt: skip
+              help="Steps of the optimisation of the principal error.")  # fmt: skip
 @_of_run
-def promote_start(
+def publish_start(
     _: Store, run: StoredRun, name: str, start: int | None, folder: Path, steps: int
 ) -> int:
-    """Make a method of a start: optimise, refine, prove, and write NAME.toml.
+    """Make a method of a solution: optimise, refine and certify it, and write NAME.toml.
 
-    Its certificate is NAME.certificate.toml. Exits with 1 if the order isn't proved, or only in
-    part; the method is written all the same.
+    The certificate is NAME.certificate.toml. Exits with 1 if the order isn't proved, or only in
+    part; the method is written nevertheless.
     """
     check_output(folder / name, "--folder")
-    made = promote(run, name, folder, number=start, max_iterations=steps)
+    made = publish(run, name, folder, number=start, max_iterations=steps)
     say(f"{made.method!r}")
-    say(f"principal error {made.before:.3g}, now {made.principal_error:.3g}")
+    say(f"principal error {made.initial_principal_error:.3g}, now {made.principal_error:.3g}")
     if made.reason:
         say(f"{'not' if made.certificate is None else 'only in part'} proved: {made.reason}")
     if made.certificate is not None:
@@ -172,17 +172,17 @@ def promote_start(
     return NO if made.reason else 0
 
 
-def _solution(one: Solution) -> dict[str, Any]:
-    layout = one.candidate.system.layout
+def _solution_data(solution: Solution) -> dict[str, Any]:
+    layout = solution.candidate.system.layout
     return {
-        "start": one.record.number,
+        "start": solution.record.number,
         "stages": layout.stages,
-        "flows": int(one.objective("flows")),
-        "rank": one.candidate.rank,
-        "largest_coefficient": one.candidate.largest,
-        "principal_error": one.principal_error,
-        "largest_residual": one.record.largest_residual,
-        "seconds": one.record.seconds,
+        "flows": int(solution.objective("flows")),
+        "rank": solution.candidate.rank,
+        "largest_coefficient": solution.candidate.largest,
+        "principal_error": solution.principal_error,
+        "largest_residual": solution.record.largest_residual,
+        "seconds": solution.record.seconds,
     }
 
 
@@ -208,7 +208,7 @@ def _time(seconds: float) -> str:
 
 
 def _draw(decades: dict[int, int]) -> None:
-    """Print a bar for each decade that has starts."""
+    """Print a bar for each decade of f with starts."""
     most = max(decades.values(), default=1)
     for decade, count in decades.items():
         bar = "#" * max(1, round(40 * count / most))

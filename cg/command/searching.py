@@ -1,4 +1,4 @@
-"""``search`` and ``construct``: new methods."""
+"""``search`` and ``construct``: search for new methods."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import click
 
 from cg.catalogue import dumps, save
 from cg.construction import Construction, construct
-from cg.construction.search.random_search import SearchResult, search
+from cg.construction.search.random_search import search
 from cg.formats import export
 from cg.method.method import Method
 
 from .arguments import as_json, check_output, say
 from .engines import engine
 from .main import NO
-from .shapes import construction_options, search_options, settled
+from .shapes import arguments_of, construction_options, search_options
 
 __all__ = ["construct_command", "search_command"]
 
@@ -28,14 +28,13 @@ __all__ = ["construct_command", "search_command"]
 def search_command(**options: Any) -> int:
     """Search for methods of an order from random starts.
 
-    By default for tableaux of Crouch-Grossman type, explicit or with --rows implicit; for
-    commutator-free methods with --flows, which draws trees of points, or with --tree, the shape of
-    a method. Prints a line for each method, the one with the smallest coefficients first. Neither
-    --workers nor where starts run changes the result.
+    The methods are tableaux of Crouch-Grossman type, explicit or with --rows implicit. With --flows
+    they are commutator-free methods with random trees of points, with --tree those with the tree of
+    a method. Prints a line for each method, sorted by the largest coefficient. Neither --workers
+    nor the executor changes the result.
 
-    How far it is, is told on standard error. With --store an interrupted search goes on when the
-    same command is given again, and `runs` shows what it found. Exits with 1 if no start led to a
-    method.
+    Progress is shown on standard error. With --store, the same command resumes an interrupted
+    search, and `runs` shows the results. Exits with 1 if no start led to a method.
 
     \b
     Examples:
@@ -45,22 +44,18 @@ def search_command(**options: Any) -> int:
       crouch-grossman search --order 3 --stages 2 --rows diagonal --algorithm lmdif
       crouch-grossman search --order 6 --stages 8 --flows 16 --embedded --first-same-as-last
     """
-
-    def found(result: SearchResult, _: bool) -> Sequence[Method]:
-        return result.methods
-
-    return _run(search, found, "start", **options)
+    return _run(search, lambda result: result.methods, "start", **options)
 
 
 @click.command("construct", short_help="Construct one method of an order.")
 @construction_options
 def construct_command(**options: Any) -> int:
-    """Construct one method, leaving stages or flows out along the way.
+    """Construct one method by eliminating stages or flows.
 
-    By default a tableau of Crouch-Grossman type; with --flows or --tree a commutator-free method.
-    Prints it as a file of a method. How far it is, is told on standard error; the time left is
-    that of all tries, of which most may not be needed. With --store an interrupted construction
-    goes on when the same command is given again. Exits with 1 if no try succeeded.
+    The method is a tableau of Crouch-Grossman type; with --flows or --tree a commutator-free
+    method. Prints it in the format of a method file. Progress is shown on standard error; the
+    remaining time is that of all tries, of which most may not be needed. With --store, the same
+    command resumes an interrupted construction. Exits with 1 if no try succeeded.
 
     \b
     Examples:
@@ -71,17 +66,15 @@ def construct_command(**options: Any) -> int:
       crouch-grossman construct --order 5 --stages 9 --structure stage-order-two
     """
 
-    def found(result: Construction, plain: bool) -> Sequence[Method]:
-        if plain and result.method is not None:
-            click.echo(dumps(result.method), nl=False)
+    def methods(result: Construction) -> Sequence[Method]:
         return [] if result.method is None else [result.method]
 
-    return _run(construct, found, "try", **options)
+    return _run(construct, methods, "try", **options)
 
 
 def _run(
     function: Callable[..., Any],
-    found: Callable[[Any, bool], Sequence[Method]],
+    methods_of: Callable[[Any], Sequence[Method]],
     piece: str,
     *,
     processes: bool,
@@ -92,8 +85,8 @@ def _run(
     in_json: bool,
     **options: Any,
 ) -> int:
-    """Call a function with what the command was given; print and write what it found."""
-    arguments = settled(options)
+    """Call a function with the arguments of the command; print and write the methods."""
+    arguments = arguments_of(options)
     check_output(output)
     with engine(processes, dask, mpi) as executor:
         try:
@@ -102,12 +95,12 @@ def _run(
             raise click.UsageError(_of_options(str(problem), arguments)) from None
         except KeyboardInterrupt as interrupt:
             if arguments["store"] is None:
-                interrupt.add_note("with --store FILE it would go on from there")
+                interrupt.add_note("with --store FILE the same command would continue from here")
             raise
     for failure in result.failures:
         say(f"{piece} {failure.index} of seed {arguments['seed']}: {failure.message}", err=True)
     plain = function is construct and output is None and not in_json
-    methods = sorted(found(result, plain), key=_largest)
+    methods = sorted(methods_of(result), key=_largest)
     if output is not None:
         folder = output if len(methods) > 1 else output.parent
         folder.mkdir(parents=True, exist_ok=True)
@@ -117,14 +110,16 @@ def _run(
         as_json([json.loads(export(method, "json")) for method in methods])
     elif not methods:
         say("no method found")
-    elif not plain:
+    elif plain:
+        click.echo(dumps(methods[0]), nl=False)
+    else:
         for method in methods:
             say(f"{method!r}, largest coefficient {_largest(method):.3g}")
     return 0 if methods else NO
 
 
 def _of_options(message: str, names: Iterable[str]) -> str:
-    """Return what a function says of an argument with the name of its option."""
+    """Return an error message of a function with the option in place of the argument."""
     message = message.replace("pass force=True", "pass --force")
     first, _, rest = message.partition(" ")
     return f"--{first.replace('_', '-')} {rest}" if first in names else message

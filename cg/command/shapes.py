@@ -1,4 +1,4 @@
-"""Options of ``search`` and ``construct``: the arguments of the functions, by their names."""
+"""Options of ``search`` and ``construct``, named like the arguments of the functions."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from cg.structure.points import MethodError
 from .arguments import F, NamedMethod, json_option, workers_option
 from .engines import engine_options
 
-__all__ = ["construction_options", "search_options", "settled"]
+__all__ = ["arguments_of", "construction_options", "search_options"]
 
 
 class _Shape(NamedMethod):
-    """The shape of a method: its tree of points."""
+    """The tree of points of a method."""
 
     def convert(  # type: ignore[override]
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -37,7 +37,7 @@ class _Shape(NamedMethod):
                 return layout_of(method)
         except (MethodError, TypeError):  # it is implicit
             pass
-        problem = ValueError(f"{method!r} is no explicit method with a tree of points")
+        problem = ValueError(f"{method!r} isn't an explicit method with a tree of points")
         raise self._refused(param, problem)
 
 
@@ -55,22 +55,23 @@ class _Member(click.Choice):  # type: ignore[type-arg]
 Option = Callable[[F], F]
 _COUNT, _SIZE = click.IntRange(1), click.FloatRange(0, min_open=True)
 
-_WANTED: Sequence[Option[Any]] = (
-    click.option("--order", type=_COUNT, required=True, metavar="N", help="Order wanted."),
+_SIZE_OPTIONS: Sequence[Option[Any]] = (
+    click.option("--order", type=_COUNT, required=True, metavar="N", help="Order of the methods."),
     click.option(
         "--stages", type=_COUNT, metavar="N",
-        help="Evaluations a step; those of the tree by default, required without one.",
+        help="Evaluations in a step; by default those of the tree, required without a tree.",
     ),
 )  # fmt: skip
 
 _POINTS: Sequence[Option[Any]] = (
     click.option(
-        "--flows", type=_COUNT, metavar="N", help="Commutator-free methods with so many flows.",
+        "--flows", type=_COUNT, metavar="N",
+        help="Commutator-free methods with this number of flows.",
     ),
     click.option(
         "--tree", type=_Shape(), metavar="NAME|FILE",
-        help="Commutator-free methods with the tree of points of a method, and weights where its "
-        "weights aren't zero.",
+        help="Commutator-free methods with the tree of points of a method, and its nonzero weights "
+        "as unknowns.",
     ),
     click.option("--embedded", is_flag=True, help="With --flows: pairs."),
     click.option(
@@ -85,9 +86,9 @@ _RUN: Sequence[Option[Any]] = (
     engine_options,
     click.option(
         "--store", type=click.Path(dir_okay=False), metavar="FILE",
-        help="Keep what is finished there; an interrupted run goes on from it.",
+        help="Store finished starts there; the same command resumes an interrupted run.",
     ),
-    click.option("--quiet", "-q", is_flag=True, help="Don't tell how far it is."),
+    click.option("--quiet", "-q", is_flag=True, help="Don't show progress."),
     click.option(
         "--output", "-o", type=click.Path(path_type=Path), metavar="PATH",
         help="Write the methods there: a folder, or a file for one method.",
@@ -101,11 +102,11 @@ def _random(name: str, default: int, help: str) -> Sequence[Option[Any]]:
         click.option(name, type=_COUNT, default=default, show_default=True, metavar="N", help=help),
         click.option(
             "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N",
-            help="Of all random numbers: the same seed gives the same result.",
+            help="Seed of all random numbers: the same seed gives the same result.",
         ),
         click.option(
             "--width", type=_SIZE, metavar="W",
-            help="Guesses are uniform in [-W, W]; by default what suits the order.",
+            help="Guesses are uniform in [-W, W]; the default depends on the order.",
         ),
     )  # fmt: skip
 
@@ -117,35 +118,35 @@ _SEARCH: Sequence[Option[Any]] = (
     ),
     click.option(
         "--algorithm", type=click.Choice(ALGORITHMS), default=ALGORITHMS[0], show_default=True,
-        help="Steps of least norm with the exact Jacobian, or the paper's way.",
+        help="Steps of least norm with the exact Jacobian, or the algorithm of the paper.",
     ),
     click.option(
         "--maxfev", type=_COUNT, metavar="N",
-        help="Evaluations of a start in double precision at most; by default what suits the order.",
+        help="Largest number of evaluations in double precision; the default depends on the order.",
     ),
     click.option(
         "--refine-below", type=click.FloatRange(0), default=1e-15, show_default=True, metavar="F",
-        help="A start goes on to quadruple precision if its sum of squares is at most this.",
+        help="A start is refined in quadruple precision if its sum of squares is at most this.",
     ),
     click.option(
         "--refine-maxfev", type=_COUNT, metavar="N",
-        help="Evaluations there at most; by default 20 for each unknown and one.",
+        help="Largest number of evaluations there; by default 20 (n + 1) for n unknowns.",
     ),
 )  # fmt: skip
 
 _CONSTRUCTION: Sequence[Option[Any]] = (
     click.option(
         "--first-flows", type=_COUNT, metavar="N",
-        help="With --flows: the flows of the trees that are drawn, from which points are left out.",
+        help="With --flows: number of flows of the random trees to start from.",
     ),
     click.option(
         "--first-stages", type=_COUNT, metavar="N",
-        help="Stages of the random starts; by default what order and structure make easy.",
+        help="Stages of random starts; the default depends on order and structure.",
     ),
     click.option(
         "--structure", type=_Member(Structure),
-        help="Simplifying assumptions on tableaux; by default those of middle from order 6 on, "
-        "and for fewer stages than the conditions of a general method need.",
+        help="Simplifying assumptions on tableaux; by default middle from order 6 on, and for "
+        "fewer stages than a general method needs.",
     ),
     click.option(
         "--largest", type=_SIZE, default=3.0, show_default=True, metavar="X",
@@ -153,38 +154,40 @@ _CONSTRUCTION: Sequence[Option[Any]] = (
     ),
     click.option(
         "--restarts", type=click.IntRange(0), default=1, show_default=True, metavar="N",
-        help="Walks along the solution set where elimination gets stuck.",
+        help="Walks along the solution set after elimination fails.",
     ),
     click.option(
         "--full-rank", is_flag=True,
-        help="Only where all conditions are independent, which makes proofs easy.",
+        help="Only methods at which all conditions are independent, which makes proofs easy.",
     ),
     click.option(
         "--iterations", type=_COUNT, metavar="N",
-        help="Steps of the solver for a random start at most; by default what suits the order.",
+        help="Largest number of steps of the solver in each run; the default depends on the order.",
     ),
 )  # fmt: skip
 
 
 def _all(*groups: Sequence[Option[Any]]) -> Option[Any]:
-    """Return what adds options in their order."""
+    """Return a decorator that adds options in this order."""
     options = [option for group in groups for option in group]
     return lambda function: reduce(lambda so_far, option: option(so_far), options[::-1], function)
 
 
-search_options = _all(_WANTED, _random("--starts", 100, "Random starts."), _POINTS, _SEARCH, _RUN)
+search_options = _all(
+    _SIZE_OPTIONS, _random("--starts", 100, "Random starts."), _POINTS, _SEARCH, _RUN
+)
 construction_options = _all(
-    _WANTED, _random("--tries", 400, "Random starts at most."), _POINTS, _CONSTRUCTION, _RUN
+    _SIZE_OPTIONS, _random("--tries", 400, "Random starts at most."), _POINTS, _CONSTRUCTION, _RUN
 )
 
 
-def settled(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments of a function; the stages are those of the tree if none were given.
+def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a function for options; `stages` is by default that of the tree.
 
     Raises
     ------
     click.UsageError
-        If neither a number of stages nor a tree was given.
+        If there is neither a number of stages nor a tree.
     """
     stages, tree = options["stages"], options["tree"]
     if stages is None:

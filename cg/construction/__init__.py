@@ -1,4 +1,4 @@
-"""Tools on the set of methods of an order: construct, compose, eliminate, optimise."""
+"""Construction of methods: search, eliminate stages and flows, optimise, compose, lift."""
 
 from .attempt import Attempt, run_attempt
 from .candidate import Candidate, NotExactError, correct, pack_method, refinable, solved, to_method

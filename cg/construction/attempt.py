@@ -1,11 +1,10 @@
-"""One try of a construction: a random start, and how far down it came."""
+"""One try of a construction: a random start, then fewer stages or flows."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,34 +19,36 @@ from .candidate import Candidate, NotExactError, refinable, solved, to_method
 from .drop import solve_start
 from .drop_flow import drop_flow
 from .eliminate import eliminate, walk
-from .search.shapes import draw_layout
+from .search.shapes import draw_layout, layout_from_json
 from .settings import ConstructionSettings
 from .solvers.system import ConditionSystem
 from .start import random_candidate
 
 __all__ = ["Attempt", "arrived", "refined", "run_attempt"]
 
-_MIN_ESTIMATE = 1e-5  # a pair's second result is as good as the first where stages coincide
+_MIN_ESTIMATE = 1e-5  # of pairs; where stages coincide, both results have the same order
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One random start and how far down it came.
+    """The result of one try.
 
     Attributes
     ----------
     index : int
-        With the seed it determines everything else.
+        Number of the try; with the settings it determines everything else.
     stages : int
         Fewest stages reached.
     flows : int or None
-        Fewest flows reached, where they count.
+        Fewest flows reached; None for tableaux.
     solved : bool
-        Whether it is on the solution set there, within the bounds asked for.
+        Whether `x` is on the solution set and within the bounds of the settings.
     f : float
-        Sum of squared residuals there, in double.
+        Sum of squared residuals at `x`, in double.
     x : tuple of float
-        Packed coefficients there.
+        Packed coefficients with the fewest stages and flows reached.
+    tree : Layout or None
+        The tree of points; None for tableaux.
     """
 
     index: int
@@ -59,7 +60,7 @@ class Attempt:
     tree: Layout | None = field(default=None, repr=False)
 
     def record(self, seconds: float = 0.0) -> Record:
-        """Return what a store keeps of it."""
+        """Return the record of the try in a store."""
         return Record(
             number=self.index,
             stages=self.stages,
@@ -80,30 +81,29 @@ class Attempt:
 
     @classmethod
     def from_record(cls, record: Record) -> Attempt:
-        """Make it again of what `record` returned; ValueError if it isn't that."""
+        """Return the try of a record; ValueError if the record isn't that of a try."""
         where = f"not the record of an attempt: try {record.number}"
         try:
-            bits = np.frombuffer(record.coefficients, np.int8).reshape(-1, 16)
             return cls(
                 index=record.number,
                 stages=record.stages,
                 solved=record.solved,
                 f=record.f,
-                x=tuple(quads.to_float(bits).tolist()),
+                x=tuple(quads.to_float(record.quads).tolist()),
                 flows=record.flows,
-                tree=None if record.tree is None else _layout(json.loads(record.tree)),
+                tree=None if record.tree is None else layout_from_json(record.tree),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{where}: {error}") from None
 
 
 def check_attempt(settings: ConstructionSettings, attempt: Attempt) -> Attempt:
-    """Return a try that was read, after computing again what it says of its coefficients.
+    """Return a stored try after recomputing all that follows from its coefficients.
 
     Raises
     ------
     ValueError
-        If it isn't borne out.
+        If the try doesn't agree with its coefficients.
     """
     where = f"not the record of an attempt: try {attempt.index}"
     try:
@@ -111,17 +111,19 @@ def check_attempt(settings: ConstructionSettings, attempt: Attempt) -> Attempt:
         system = ConditionSystem(settings.order, layout, settings.structure)
         if not 0 <= attempt.index <= MAX_COUNT or len(attempt.x) != system.size:
             raise ValueError("wrong index or number of coefficients")
-        again = _attempt(settings, attempt.index, Candidate(system, _array(attempt.x)))
+        computed = _attempt(settings, attempt.index, Candidate(system, _array(attempt.x)))
     except (TypeError, ValueError, IndexError) as error:
         raise ValueError(f"{where}: {error}") from None
-    said, found = ((one.solved, one.f.hex(), one.stages, one.flows) for one in (attempt, again))
-    if said != found:
-        raise ValueError(f"{where} says {said} of its coefficients, which give {found}")
+    stored, expected = (
+        (each.solved, each.f.hex(), each.stages, each.flows) for each in (attempt, computed)
+    )
+    if stored != expected:
+        raise ValueError(f"{where} has {stored}, but its coefficients give {expected}")
     return attempt
 
 
 def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
-    """Run one try alone."""
+    """Run one try: solve from a random guess, then eliminate stages or flows."""
     random = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(index,)))
     if settings.flows is not None:
         return _run_tree(settings, index, random)
@@ -145,7 +147,7 @@ def run_attempt(settings: ConstructionSettings, index: int) -> Attempt:
 
 
 def _run_tree(settings: ConstructionSettings, index: int, random: np.random.Generator) -> Attempt:
-    """Run one try for a method of points."""
+    """Run one try for a commutator-free method."""
     layout = settings.tree
     if layout is None:
         assert settings.first_flows is not None
@@ -159,27 +161,27 @@ def _run_tree(settings: ConstructionSettings, index: int, random: np.random.Gene
     system = ConditionSystem(settings.order, layout)
     guess = random_candidate(system, settings.width, random)
     candidate = solve_start(guess, settings.iterations, promising=settings.promising)
-    left = 0
-    while _acceptable(settings, candidate) and left <= settings.restarts:
+    walks = 0
+    while _acceptable(settings, candidate) and walks <= settings.restarts:
         if _flows(settings, candidate.system.layout) == settings.flows:
             break
         accept = partial(_acceptable, settings)
         smaller = drop_flow(candidate, random, largest=settings.largest, accept=accept)
         if smaller is None:
-            left += 1
+            walks += 1
             candidate = walk(candidate, random, largest=settings.largest)
         else:
-            candidate, left = smaller, 0
+            candidate, walks = smaller, 0
     return _attempt(settings, index, candidate)
 
 
 def _flows(settings: ConstructionSettings, layout: Layout) -> int:
-    """Return the number of flows that is asked for: second results come on top."""
+    """Return the number of flows of a layout without that of a second result."""
     return len(layout.parents) - settings.embedded
 
 
 def arrived(settings: ConstructionSettings, attempt: Attempt) -> bool:
-    """Tell whether a try reached the stages and flows that are wanted."""
+    """Return whether a try reached the stages and flows of the settings."""
     return (attempt.stages, attempt.flows) == (settings.stages, settings.flows)
 
 
@@ -201,7 +203,7 @@ def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -
 
 
 def refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
-    """Return the exact method of a try; None if there is none."""
+    """Return the method of a try, refined in real(16); None if it isn't exact."""
     layout = attempt.tree or Layout.tableau(attempt.stages)
     system = ConditionSystem(settings.order, layout, settings.structure)
     candidate = Candidate(system, _array(attempt.x))
@@ -216,15 +218,6 @@ def refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
         )
     except NotExactError:
         return None
-
-
-def _layout(record: dict[str, Any]) -> Layout:
-    return Layout(
-        tuple(record["parents"]),
-        tuple(map(tuple, record["weights"])),
-        tuple(record["stage_points"]),
-        tuple(record["results"]),
-    )
 
 
 def _array(x: tuple[float, ...]) -> NDArray[np.float64]:

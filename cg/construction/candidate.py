@@ -58,13 +58,13 @@ class Candidate:
 
     @property
     def largest(self) -> float:
-        """Largest magnitude of a coefficient."""
+        """Magnitude of the largest coefficient."""
         return float(np.abs(self.x).max())
 
     @property
     def f(self) -> float:
         """Sum of squared residuals of the independent conditions."""
-        with np.errstate(over="ignore", invalid="ignore"):  # far away it is infinite
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite far from the set
             return float(np.sum(self.system.residual(self.x) ** 2))
 
     def singular_values(self) -> NDArray[np.float64]:
@@ -74,13 +74,13 @@ class Candidate:
 
     @property
     def rank(self) -> int:
-        """Rank of the Jacobian; all conditions are independent there if it is full."""
+        """Rank of the Jacobian; if it is full, all conditions are independent at `x`."""
         values = self.singular_values()
         return int(np.sum(values > RANK_TOLERANCE * values[0]))
 
     @property
     def estimate(self) -> float:
-        """Norm of the residuals of order q of a pair's second result, the error estimate's."""
+        """Norm of the residuals of order q of the second result: the size of the error estimate."""
         layout = self.system.layout
         if not layout.pair or layout.rows is not None:
             raise ValueError("candidate must be a pair of points")
@@ -89,7 +89,7 @@ class Candidate:
         return float(np.linalg.norm(values[count(self.system.order - 1) :]))
 
     def column(self, stage: int) -> NDArray[np.intp]:
-        """Return the indices of the entries by which a stage (from 0) acts on others."""
+        """Return the indices of the entries by which a stage (from 0) influences other stages."""
         return self.system.layout.column(stage)
 
     def without(self, stage: int) -> Candidate:
@@ -107,22 +107,22 @@ def correct(
     max_iterations: int = 200,
     accurate: bool | None = None,
 ) -> Candidate:
-    """Move back to the solution set by small steps of least norm.
+    """Return to the solution set by steps of least norm.
 
     Parameters
     ----------
     candidate : Candidate
-        Close to the set.
+        A point close to the set.
     frozen : sequence of int, optional
-        Entries that must keep their values.
+        Indices of entries that keep their values.
     ftol, damping, max_iterations, accurate
-        As for `cg.construction.solvers.minimum_norm.fit_conditions`; accurate from order 7 on
-        by default.
+        As for `cg.construction.solvers.minimum_norm.fit_conditions`. By default `accurate` is
+        true from order 7 on.
 
     Returns
     -------
     Candidate
-        Where the solver ended, on the set or not; see `solved`.
+        The point where the solver ended, on the set or not; see `solved`.
     """
     system = check_candidate(candidate).system
     free = movable(system, frozen)
@@ -139,19 +139,19 @@ def correct(
 
 
 def check_candidate(candidate: Any) -> Candidate:
-    """Return a candidate; TypeError if it is anything else."""
+    """Return the argument; TypeError if it isn't a Candidate."""
     if not isinstance(candidate, Candidate):
         raise TypeError(f"candidate must be a Candidate, got {candidate!r}")
     return candidate
 
 
 def movable(system: ConditionSystem, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the entries of a system that may change if those in `frozen` mustn't.
+    """Return the indices of the entries of a system that may change.
 
     Raises
     ------
     ValueError
-        If `frozen` isn't a sequence of indices of entries.
+        If `frozen`, the indices of entries that may not change, aren't indices of entries.
     """
     try:
         array = np.asarray(frozen)
@@ -166,12 +166,12 @@ def movable(system: ConditionSystem, frozen: Sequence[int] | NDArray[np.intp]) -
 
 
 def solved(candidate: Candidate) -> bool:
-    """Tell whether the conditions hold to rounding in double."""
+    """Return whether the conditions hold up to rounding errors of double precision."""
     return candidate.f / max(1.0, candidate.largest) <= SOLVED * max(1.0, candidate.largest)
 
 
 def refinable(candidate: Candidate) -> bool:
-    """Tell whether an exact solution is close by: whether refinement in real(16) gets there."""
+    """Return whether refinement in real(16) leads to an exact solution."""
     refined = refine(
         quads.from_float(candidate.x),
         candidate.system,
@@ -183,13 +183,13 @@ def refinable(candidate: Candidate) -> bool:
 
 
 def pack_method(method: Method, order: int | None = None) -> Candidate:
-    """Return the candidate of a method; of a pair if it has a second result of order q - 1.
+    """Return a method as a candidate; a pair if it has second weights.
 
     Parameters
     ----------
     method : Method
     order : int, optional
-        By default the method's own.
+        Order of the system; by default that of the method.
     """
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
@@ -201,14 +201,14 @@ def pack_method(method: Method, order: int | None = None) -> Candidate:
 def to_method(
     candidate: Candidate, *, name: str, source: str, frozen: Sequence[int] | NDArray[np.intp] = ()
 ) -> Method:
-    """Refine a candidate in real(16) and make it a method.
+    """Refine a candidate in real(16) and return it as a method.
 
-    Exact zeros of the candidate stay zero, and what is zero but for roundings becomes it.
+    Exact zeros of the candidate stay zero; entries that are zero up to rounding are set to zero.
 
     Raises
     ------
     NotExactError
-        If the conditions don't hold to the floor of binary128 afterwards.
+        If the conditions then don't hold to the accuracy of binary128.
     """
     system = check_candidate(candidate).system
     free = np.setdiff1d(movable(system, frozen), np.flatnonzero(candidate.x == 0))
@@ -225,13 +225,10 @@ def to_method(
         )
     polished = polish_zeros(quads.decode(refined.x), system, free)
     decimals = [quads.to_decimal(entry) for entry in polished.x]
-    return _method(system.layout, decimals, name, source)
+    return method_of(system.layout, decimals, name, source)
 
 
-def _method(layout: Layout, texts: Sequence[str], name: str, source: str) -> Method:
-    if layout.rows is None:
-        return CommutatorFree.from_packed(texts, layout, name=name, source=source)
-    rows = layout.full_rows(texts)
-    second = rows[-1] if layout.pair else None
-    a, b = rows[: layout.stages], rows[layout.stages]
-    return Tableau(a, b, name=name, source=source, b_embedded=second)
+def method_of(layout: Layout, decimals: Sequence[str], name: str, source: str) -> Method:
+    """Return the method of a layout with these packed coefficients."""
+    kind = CommutatorFree if layout.rows is None else Tableau
+    return kind.from_layout(layout, decimals, name=name, source=source)

@@ -1,4 +1,4 @@
-"""Steps of given methods, one after the other, as one method."""
+"""Composition of methods: consecutive steps as one method."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..support.quads import to_decimal
 
 __all__ = ["compose", "triple_jump"]
 
-_MOST = 4000  # digits; more of an integer Python doesn't write by default
+_MAX_DIGITS = 4000  # Python's default limit for the digits of an integer
 
 
 def compose(
@@ -25,29 +25,30 @@ def compose(
 ) -> Tableau:
     """Compose steps of lengths ``γ_k h`` into one method.
 
-    Rows of later steps begin with the weights of the earlier ones, scaled.
+    Rows of later steps begin with the scaled weights of the earlier ones.
 
     Parameters
     ----------
     methods : sequence of Tableau
         Explicit methods, in the order in which they are applied.
     gammas : sequence of numbers
-        As many; what `cg.method.coefficients.Coefficient.read` takes: integers, Fractions, text.
+        Lengths of the steps, one for each method; integers, Fractions or text, as for
+        `cg.method.coefficients.Coefficient.read`.
     name, source : str, optional
 
     Returns
     -------
     Tableau
-        With the sum of all stages. Its coefficients are rational if all that goes into
-        them is, else they are decimals with 36 significant digits.
+        The composition, whose stages are those of all methods together. Its coefficients are
+        rational if all coefficients and lengths are, otherwise decimals with 36 digits.
 
     Raises
     ------
     TypeError
-        If one of the sequences is none, or holds something else than methods.
+        If `methods` isn't a sequence of tableaux, or `gammas` isn't a sequence.
     ValueError
-        If the numbers of methods and lengths differ, there is none, one of the lengths is no
-        finite number, or one of the methods is implicit.
+        If the numbers of methods and lengths differ or are zero, a length isn't a finite number,
+        or a method is implicit.
     """
     for label, value in (("methods", methods), ("gammas", gammas)):
         if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
@@ -56,11 +57,12 @@ def compose(
             raise TypeError(f"{label} must be a sequence, got {value!r}")
     if not len(methods) or len(methods) != len(gammas):
         raise ValueError(
-            f"gammas must have one entry a method, got {len(gammas)} for {len(methods)} methods"
+            f"gammas must have one entry for each method, got {len(gammas)} for {len(methods)} "
+            "methods"
         )
     rows: list[list[Fraction]] = []
     before: list[Fraction] = []
-    known: list[Coefficient] = []
+    inputs: list[Coefficient] = []
     for k, (method, gamma) in enumerate(zip(methods, gammas, strict=True)):
         if not isinstance(method, Tableau):
             raise TypeError(f"methods[{k}] must be a Tableau, got {method!r}")
@@ -70,12 +72,12 @@ def compose(
             scale = Coefficient.read(gamma)
         except ValueError as error:
             raise ValueError(f"gammas[{k}]: {error}") from None
-        known += [scale, *method.weights, *chain.from_iterable(method.entries)]
+        inputs += [scale, *method.weights, *chain.from_iterable(method.entries)]
         length = scale.value
         a, b = method.exact
         rows += [[*before, *(length * entry for entry in row[:i])] for i, row in enumerate(a)]
         before = before + [length * entry for entry in b]
-    if all(coefficient.unit == 0 for coefficient in known):
+    if all(coefficient.unit == 0 for coefficient in inputs):
         return Tableau(rows, before, name=name, source=source)
     digits = [[to_decimal(entry) for entry in row] for row in rows]
     return Tableau(digits, [to_decimal(entry) for entry in before], name=name, source=source)
@@ -84,10 +86,11 @@ def compose(
 def triple_jump(order: int, digits: int = 60) -> tuple[str, str, str]:
     """Return the lengths of three steps of order q that make one of order q + 1, q even.
 
-    ``γ_1 = γ_3 = 1/(2 - 2^{1/(q+1)})``, ``γ_2 = 1 - 2 γ_1``, in decimal with so many digits
+    ``γ_1 = γ_3 = 1/(2 - 2^{1/(q+1)})``, ``γ_2 = 1 - 2 γ_1``, in decimal with `digits` digits
     (E. Hairer, C. Lubich, G. Wanner, *Geometric Numerical Integration*, II.4).
     """
-    order, digits = check_integer("order", order, 1), check_integer("digits", digits, 1, _MOST)
+    order = check_integer("order", order, 1)
+    digits = check_integer("digits", digits, 1, _MAX_DIGITS)
     if order % 2:
         raise ValueError(f"order must be even and positive, got {order}")
     with localcontext() as context:

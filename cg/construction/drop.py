@@ -1,8 +1,8 @@
-"""Fewer stages in one step: leave a stage out, then solve again from what remains."""
+"""Drop a stage of a tableau, then solve again from the remaining coefficients."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,17 +14,18 @@ from .search.shapes import held_weights
 from .solvers.singular import finish
 from .solvers.system import ConditionSystem, Structure
 
-__all__ = ["drop_stage", "held", "solve_start"]
+__all__ = ["drop_stage", "first_solved", "held", "solve_start"]
 
-_SPREAD = 0.6  # of the order in which stages are tried, in logarithms of f
+_SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
+_PROMISING = 1e-14  # sum of squares from which on the solver goes on after a stage was dropped
 
 
 def held(system: ConditionSystem) -> list[int]:
-    """Return the entries to hold while solving from starts that are no solutions.
+    """Return the entries to hold fixed while solving from a point that isn't a solution.
 
-    Close to a_21 = 0 lurks what looks like solutions: with c_2 = ε, c_3 ~ ε^(1/2),
-    c_4 ~ ε^(1/4) and so on, C(2) holds at all stages as ε tends to zero, and the solver
-    follows f to 1e-18 and below, but never to a zero.
+    This keeps the solver away from a degenerate limit at a_21 = 0: with c_2 = ε, c_3 ~ ε^(1/2),
+    c_4 ~ ε^(1/4) and so on, C(2) holds at all stages as ε tends to zero, and f falls below 1e-18
+    but has no zero.
     """
     if system.rows is None:
         return held_weights(system.order, system.layout)
@@ -32,7 +33,7 @@ def held(system: ConditionSystem) -> list[int]:
 
 
 def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> Candidate:
-    """Solve from a random start, once more if f is at most `promising` after the first run."""
+    """Solve from a start, a second time if f is at most `promising` after the first run."""
     frozen = held(candidate.system)
     options: dict[str, Any] = {"ftol": 1e-27, "max_iterations": iterations}
     first = correct(candidate, frozen, damping=1e-2, accurate=False, **options)
@@ -54,10 +55,10 @@ def drop_stage(
     iterations: int = 200,
     accept: Callable[[Candidate], bool] = solved,
 ) -> Candidate | None:
-    """Leave a stage out and solve again.
+    """Drop a stage and solve again.
 
-    Its column goes to a neighbour or is dropped. What is closest to the smaller solution
-    set is tried first, but for some chance.
+    The column of the stage is added to that of a neighbour, or dropped. Starts with the smallest
+    sums of squares come first, in a slightly random order.
 
     Parameters
     ----------
@@ -72,12 +73,12 @@ def drop_stage(
     iterations : int, optional
         Bound on the solver's steps in each, and once more where they lead far down.
     accept : callable, optional
-        A further test that the smaller candidate has to pass.
+        A further test of the smaller candidate.
 
     Returns
     -------
     Candidate or None
-        With one stage less, on its own solution set; None if all tries failed.
+        A candidate with one stage less, on the solution set; None if all tries failed.
 
     Raises
     ------
@@ -85,28 +86,58 @@ def drop_stage(
         If an argument is out of its range.
     """
     check_candidate(candidate)
-    check_generator("random", random)
     if candidate.system.embedded:
         raise ValueError("candidate must be one method, got a pair")
+    starts = list(_smaller_starts(candidate))
+    return first_solved(starts, random, largest, tries, iterations, accept, _PROMISING)
+
+
+def first_solved(
+    starts: Sequence[Candidate],
+    random: np.random.Generator,
+    largest: float,
+    tries: int,
+    iterations: int,
+    accept: Callable[[Candidate], bool],
+    promising: float,
+) -> Candidate | None:
+    """Solve from starts until one leads to an acceptable candidate; None if none does.
+
+    Starts with the smallest sums of squares come first, in a slightly random order.
+
+    Parameters
+    ----------
+    starts : sequence of Candidate
+    random : numpy.random.Generator
+    largest : float
+        Bound on the magnitude of coefficients.
+    tries : int
+        Largest number of starts to solve from.
+    iterations, promising : int, float
+        As for `solve_start`.
+    accept : callable
+        A further test of solutions.
+    """
+    check_generator("random", random)
     tries = check_integer("tries", tries, 1)
     iterations = check_integer("iterations", iterations, 1)
     largest = check_real("largest", largest, positive=True)
-    ways = list(_ways(candidate))
-    if not ways:
+    if not starts:
         return None
-    closeness = np.log([max(way.f, 1e-300) for way in ways])
-    order = np.argsort(closeness + _SPREAD * random.standard_normal(len(ways)), kind="stable")
+    closeness = np.log([max(start.f, 1e-300) for start in starts])
+    order = np.argsort(closeness + _SPREAD * random.standard_normal(len(starts)), kind="stable")
     for k in order[:tries]:
-        smaller = solve_start(ways[k], iterations, promising=1e-14)
+        smaller = solve_start(starts[k], iterations, promising=promising)
         if solved(smaller) and smaller.largest <= largest and accept(smaller):
             return smaller
     return None
 
 
-def _ways(candidate: Candidate) -> Iterator[Candidate]:
-    """Yield what is left without each stage, its column given to none, the one before or after."""
+def _smaller_starts(candidate: Candidate) -> Iterator[Candidate]:
+    """Yield the starts without each stage, its column dropped or added to a neighbour."""
     system = candidate.system
-    first = 0 if system.structure is Structure.GENERAL else 2  # stages 1 and 2 are special
+    # a structure treats stages 1 and 2 differently
+    first = 0 if system.structure is Structure.GENERAL else 2
     for stage in range(first, system.stages):
         if system.stages - 1 < first + 1:
             return
@@ -116,7 +147,7 @@ def _ways(candidate: Candidate) -> Iterator[Candidate]:
             if receiver is not None:
                 if not first <= receiver < system.stages:
                     continue
-                _inherit(candidate, x, stage, receiver)
+                _add_column(candidate, x, stage, receiver)
             x[column] = 0.0
             smaller = Candidate(system, x).without(stage)
             kept = np.zeros(smaller.system.size)
@@ -124,8 +155,8 @@ def _ways(candidate: Candidate) -> Iterator[Candidate]:
             yield Candidate(smaller.system, kept)
 
 
-def _inherit(candidate: Candidate, x: NDArray[np.float64], stage: int, receiver: int) -> None:
-    """Add the column of a stage to that of its receiver, in the rows that have both."""
+def _add_column(candidate: Candidate, x: NDArray[np.float64], stage: int, receiver: int) -> None:
+    """Add the column of a stage to that of the receiver, in the rows that have both."""
     layout = candidate.system.layout
     for r in range(len(layout.ends)):
         row = layout.row(r)

@@ -1,4 +1,4 @@
-"""Fewer flows, or fewer stages, of a method of points: leave one out, then solve again."""
+"""Drop a flow or a stage of a commutator-free method, then solve again."""
 
 from __future__ import annotations
 
@@ -6,20 +6,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..structure.layout import Layout
-from ..structure.points import START
-from ..support.checks import check_generator, check_integer, check_real
 from .candidate import Candidate, check_candidate, solved
-from .drop import solve_start
+from .drop import first_solved
+from .search.shapes import merge_point, select_points
 
 __all__ = ["drop_flow", "drop_point_stage"]
 
-_PROMISING = 1e-10  # sum of squares from which on the last stretch is tried
-_SPREAD = 0.6  # of the order in which ways are tried, in logarithms of f
-
-_Weights = list[dict[int, float]]
+_PROMISING = 1e-10  # sum of squares from which on the solver goes on after the first run
 
 
 def drop_flow(
@@ -31,30 +26,30 @@ def drop_flow(
     iterations: int = 400,
     accept: Callable[[Candidate], bool] = solved,
 ) -> Candidate | None:
-    """Leave a point out that is neither a stage nor a result, and solve again.
+    """Drop a point that is neither a stage nor a result, and solve again.
 
-    The flows from it start at its parent instead, with the sums of both flows' weights. What
-    is closest to the smaller solution set is tried first, but for some chance.
+    Flows that start from the point start from its parent instead, with the sums of the weights of
+    both flows. Starts with the smallest sums of squares come first, in a slightly random order.
 
     Parameters
     ----------
     candidate : Candidate
-        On the solution set, of a method of points.
+        A commutator-free method, on the solution set.
     random : numpy.random.Generator
-        Source of the order of tries.
+        Determines the order of tries.
     largest : float, optional
         Bound on the magnitude of weights.
     tries : int, optional
-        How many of the possibilities are tried.
+        Largest number of starts to solve from.
     iterations : int, optional
-        Bound on the solver's steps in each, and once more where they lead far down.
+        Largest number of steps of the solver in each run.
     accept : callable, optional
-        A further test that the smaller candidate has to pass.
+        A further test of the smaller candidate.
 
     Returns
     -------
     Candidate or None
-        With one flow less, on its own solution set; None if all tries failed.
+        A candidate with one flow less, on the solution set; None if all tries failed.
 
     Raises
     ------
@@ -63,8 +58,10 @@ def drop_flow(
     """
     layout = _check_points(candidate)
     inner = [m for m in range(len(layout.parents)) if m not in layout.ends]
-    ways = [_merged(candidate, m) for m in inner]
-    return _first_solved(ways, random, largest, tries, iterations, accept)
+    system, x = candidate.system, candidate.x.tolist()
+    merged = (merge_point(layout, x, m) for m in inner)
+    starts = [Candidate(replace(system, layout=smaller), start) for smaller, start in merged]
+    return first_solved(starts, random, largest, tries, iterations, accept, _PROMISING)
 
 
 def drop_point_stage(
@@ -76,9 +73,10 @@ def drop_point_stage(
     iterations: int = 400,
     accept: Callable[[Candidate], bool] = solved,
 ) -> Candidate | None:
-    """Leave a stage of a method of points out, and solve again.
+    """Drop a stage of a commutator-free method, and solve again.
 
-    Its weights go to a neighbour or are dropped; its point stays if other points start from it.
+    The weights on the stage are added to those on a neighbour, or dropped. The point of the stage
+    stays if flows start from it.
 
     Parameters
     ----------
@@ -88,7 +86,7 @@ def drop_point_stage(
     Returns
     -------
     Candidate or None
-        With one stage less, on its own solution set; None if all tries failed.
+        A candidate with one stage less, on the solution set; None if all tries failed.
 
     Raises
     ------
@@ -96,14 +94,14 @@ def drop_point_stage(
         As for `drop_flow`.
     """
     layout = _check_points(candidate)
-    ways = [
-        way
+    starts = [
+        start
         for stage in range(1, layout.stages)
         for receiver in (None, stage - 1, stage + 1)
         if receiver is None or receiver < layout.stages
-        for way in _without_stage(candidate, stage, receiver)
+        for start in _without_stage(candidate, stage, receiver)
     ]
-    return _first_solved(ways, random, largest, tries, iterations, accept)
+    return first_solved(starts, random, largest, tries, iterations, accept, _PROMISING)
 
 
 def _check_points(candidate: Candidate) -> Layout:
@@ -113,46 +111,9 @@ def _check_points(candidate: Candidate) -> Layout:
     return layout
 
 
-def _first_solved(
-    ways: list[Candidate],
-    random: np.random.Generator,
-    largest: float,
-    tries: int,
-    iterations: int,
-    accept: Callable[[Candidate], bool],
-) -> Candidate | None:
-    check_generator("random", random)
-    tries = check_integer("tries", tries, 1)
-    iterations = check_integer("iterations", iterations, 1)
-    largest = check_real("largest", largest, positive=True)
-    if not ways:
-        return None
-    closeness = np.log([max(way.f, 1e-300) for way in ways])
-    order = np.argsort(closeness + _SPREAD * random.standard_normal(len(ways)), kind="stable")
-    for k in order[:tries]:
-        smaller = solve_start(ways[k], iterations, promising=_PROMISING)
-        if solved(smaller) and smaller.largest <= largest and accept(smaller):
-            return smaller
-    return None
-
-
-def _merged(candidate: Candidate, gone: int) -> Candidate:
-    """Leave a point out that is no end; its weights go to the flows that start from it."""
-    layout = candidate.system.layout
-    weights = _weights(candidate)
-    parents = list(layout.parents)
-    for m, parent in enumerate(parents):
-        if parent == gone:
-            parents[m] = parents[gone]
-            for stage, weight in weights[gone].items():
-                weights[m][stage] = weights[m].get(stage, 0.0) + weight
-    kept = [m for m in range(len(parents)) if m != gone]
-    return _rebuilt(candidate, parents, weights, layout.stage_points, kept)
-
-
 def _without_stage(candidate: Candidate, stage: int, receiver: int | None) -> Iterator[Candidate]:
     layout = candidate.system.layout
-    weights = _weights(candidate)
+    weights = layout.point_weights(candidate.x.tolist())
     for row in weights:
         weight = row.pop(stage, None)
         if weight is not None and receiver in row:
@@ -162,28 +123,5 @@ def _without_stage(candidate: Candidate, stage: int, receiver: int | None) -> It
     ends = (*stage_points, *layout.results)
     kept = sorted({m for end in ends for m in layout.path(end)})
     if all(renumbered[m] for m in kept):
-        yield _rebuilt(candidate, list(layout.parents), renumbered, stage_points, kept)
-
-
-def _weights(candidate: Candidate) -> _Weights:
-    return candidate.system.layout.point_weights(candidate.x.tolist())
-
-
-def _rebuilt(
-    candidate: Candidate,
-    parents: list[int],
-    weights: _Weights,
-    stage_points: tuple[int, ...],
-    kept: list[int],
-) -> Candidate:
-    """Return the candidate of the points that are kept, numbered anew."""
-    number = {START: START} | {m: k for k, m in enumerate(kept)}
-    rows = [dict(sorted(weights[m].items())) for m in kept]
-    layout = Layout(
-        tuple(number[parents[m]] for m in kept),
-        tuple(tuple(row) for row in rows),
-        tuple(number[m] for m in stage_points),
-        tuple(number[m] for m in candidate.system.layout.results),
-    )
-    x: NDArray[np.float64] = np.array([weight for row in rows for weight in row.values()])
-    return Candidate(replace(candidate.system, layout=layout), x)
+        smaller, x = select_points(layout, layout.parents, renumbered, stage_points, kept)
+        yield Candidate(replace(candidate.system, layout=smaller), x)

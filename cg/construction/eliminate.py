@@ -1,4 +1,4 @@
-"""Fewer stages: drop one after the other, or drive one's influence to zero along the set."""
+"""Eliminate stages: drop them, or shrink their coefficients to zero along the solution set."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from .solvers.system import Structure
 
 __all__ = ["eliminate", "eliminate_stage", "walk"]
 
-_NEARLY_GONE = 1e-2  # from this fraction of the column on, the rest is tried at once
+_LAST_FRACTION = 1e-2  # of the column; below it the next step goes to zero
 _MIN_STEP = 2e-3
-_SHRUNK = 3  # columns that are tried from one candidate
-_INTERMEDIATE = 1e-19  # sum of squares that is good enough on the way
+_MAX_COLUMNS = 3  # number of columns to try from one candidate
+_INTERMEDIATE = 1e-19  # sum of squares that intermediate points must reach
 
 
 def eliminate_stage(
     candidate: Candidate, stage: int, *, largest: float = 4.0, budget: int = 1000
 ) -> Candidate | None:
-    """Take one stage out.
+    """Eliminate one stage.
 
-    Its column of ``a`` and its weight are shrunk together, in steps that adapt to how
-    well all other coefficients follow.
+    The column of ``a`` and the weight of the stage are shrunk together to zero; the other
+    coefficients follow along the solution set. Steps that fail are halved.
 
     Parameters
     ----------
     candidate : Candidate
         On the solution set.
     stage : int
-        From 0.
+        Index of the stage, from 0.
     largest : float, optional
-        Bound on the magnitude of coefficients on the way.
+        Bound on the magnitude of coefficients.
     budget : int, optional
-        Bound on steps of the solver.
+        Largest number of steps of the solver.
 
     Returns
     -------
     Candidate or None
-        With one stage less, on its own solution set; None where the way is blocked.
+        A candidate with one stage less, on the solution set; None if a step fails.
     """
     check_candidate(candidate)
     stage = check_integer("stage", stage, 0, candidate.system.stages - 1)
@@ -51,10 +51,10 @@ def eliminate_stage(
     target = candidate.x[column].copy()
     left, step, used = 1.0, 0.2, 0
     while left > 0:
-        wanted = left - step if left - step > _NEARLY_GONE else 0.0
+        target_left = left - step if left - step > _LAST_FRACTION else 0.0
         x = candidate.x.copy()
-        x[column] = wanted * target
-        last = wanted == 0
+        x[column] = target_left * target
+        last = target_left == 0
         iterations = 300 if last else 30
         trial = correct(
             Candidate(candidate.system, x),
@@ -65,7 +65,7 @@ def eliminate_stage(
         used += iterations if last else 10
         good = solved(trial) if last else trial.f <= _INTERMEDIATE
         if good and trial.largest <= largest:
-            candidate, left, step = trial, wanted, min(1.5 * step, 0.5)
+            candidate, left, step = trial, target_left, min(1.5 * step, 0.5)
             continue
         step /= 2
         if step < _MIN_STEP or used > budget:
@@ -76,7 +76,7 @@ def eliminate_stage(
 def walk(
     candidate: Candidate, random: np.random.Generator, *, size: float = 0.3, largest: float = 4.0
 ) -> Candidate:
-    """Return another point of the solution set, a random step of this Euclidean length away."""
+    """Return another point of the solution set, after a random step of length `size`."""
     check_candidate(candidate)
     check_generator("random", random)
     size = check_real("size", size, most=MAX_HALF_WIDTH)
@@ -102,32 +102,32 @@ def eliminate(
     restarts: int = 3,
     accept: Callable[[Candidate], bool] = lambda candidate: True,
 ) -> Iterator[Candidate]:
-    """Eliminate stage after stage, yielding every candidate on the way down.
+    """Eliminate one stage after another, and yield each candidate.
 
-    Stages are left out one by one (`drop_stage`). For pairs, and where no stage can be
-    left out even after walks along the set, columns are driven to zero (`eliminate_stage`).
+    Stages are dropped one by one (`drop_stage`). For pairs, and if no stage can be dropped even
+    after walks along the solution set, columns are shrunk to zero (`eliminate_stage`).
 
     Parameters
     ----------
     candidate : Candidate
         On the solution set.
     stages : int
-        Where to stop.
+        Number of stages at which to stop.
     random : numpy.random.Generator
-        Source of the order in which stages are tried, and of the walks.
+        Determines the order of tries, and the walks.
     largest : float, optional
         Bound on the magnitude of coefficients.
     tries : int, optional
-        Ways to drop a stage that are tried from one candidate.
+        Largest number of starts to solve from to drop a stage.
     restarts : int, optional
-        Walks to another point of the set after which a dead end is one.
+        Largest number of walks to other points of the set after all tries failed.
     accept : callable, optional
-        A test that a smaller candidate has to pass, for instance on its rank.
+        A further test of smaller candidates, for instance of their rank.
 
     Yields
     ------
     Candidate
-        With one stage less than the one before.
+        A candidate with one stage less than the one before.
     """
     check_candidate(candidate)
     check_generator("random", random)
@@ -135,18 +135,18 @@ def eliminate(
     restarts = check_integer("restarts", restarts, 0)
     stuck = 0
     while candidate.system.stages > stages:
-        found = None
+        smaller = None
         if not candidate.system.embedded:
-            found = drop_stage(candidate, random, largest=largest, tries=tries, accept=accept)
-        if found is None and (candidate.system.embedded or stuck == restarts):
-            found = _shrink_one(candidate, random, largest, accept)
-        if found is None:
+            smaller = drop_stage(candidate, random, largest=largest, tries=tries, accept=accept)
+        if smaller is None and (candidate.system.embedded or stuck == restarts):
+            smaller = _shrink_one(candidate, random, largest, accept)
+        if smaller is None:
             stuck += 1
             if stuck > restarts:
                 return
             candidate = walk(candidate, random, largest=largest)
         else:
-            candidate, stuck = found, 0
+            candidate, stuck = smaller, 0
             yield candidate
 
 
@@ -160,7 +160,7 @@ def _shrink_one(
     stages = range(first, candidate.system.stages)
     sizes = np.array([np.linalg.norm(candidate.x[candidate.column(k)]) for k in stages])
     order = np.argsort(sizes * np.exp(0.4 * random.standard_normal(sizes.size)))
-    for k in order[:_SHRUNK]:
+    for k in order[:_MAX_COLUMNS]:
         smaller = eliminate_stage(candidate, stages[int(k)], largest=largest)
         if smaller is not None and accept(smaller):
             return smaller

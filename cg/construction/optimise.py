@@ -1,13 +1,12 @@
-"""Better methods along the solution set.
+"""Optimisation of methods along the solution set: Gauss–Newton on a manifold.
 
-Each step solves a damped least-squares problem for the objective within the tangent
-space of the set, then moves back to the set by Newton's steps of least norm (Gauss–Newton on a
-manifold).
+Each step solves a damped least-squares problem for the objective within the tangent space of the
+set, then returns to the set by Newton steps of least norm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,25 +22,25 @@ from .solvers.singular import Decomposition, decompose, retract
 __all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
 
 _MAX_STEP = 1.0
-_ZEROS_FTOL = 1e-29  # with few entries left a near miss can look like a solution: ask for more
+_ZEROS_FTOL = 1e-29  # stricter than elsewhere: with few entries left, near misses are common
 
 Terms = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
 class Goals:
-    """What to minimise, as weights of a sum of squares.
+    """Weights of the terms of the objective, a sum of squares.
 
     Attributes
     ----------
     principal_error : float
         Weight of the norm of the residuals of order q + 1.
     coefficients : float
-        Weight of ``Σ |x|^6``'s square root, which presses on the largest coefficients.
+        Weight of the square root of ``Σ |x|^6``, which penalises the largest coefficients.
     abscissae : float
         Weight of the distance of the abscissae from [0, 1].
     bound, bound_weight : float
-        Weight of what the magnitudes of coefficients exceed `bound` by.
+        Bound on the magnitudes of coefficients, and weight of the amounts that exceed it.
     """
 
     principal_error: float = 1.0
@@ -68,7 +67,6 @@ def optimise(
     frozen: Sequence[int] | NDArray[np.intp] = (),
     max_iterations: int = 60,
     tolerance: float = 1e-4,
-    progress: Callable[[int, float], None] | None = None,
 ) -> Candidate:
     """Minimise a weighted sum of squares along the solution set.
 
@@ -78,17 +76,15 @@ def optimise(
         On the solution set.
     goals : Goals
     frozen : sequence of int, optional
-        Entries that keep their values.
+        Indices of entries that keep their values.
     max_iterations : int, optional
     tolerance : float, optional
-        Stop when eight iterations together gain less than this fraction.
-    progress : callable, optional
-        Called with the iteration and the objective.
+        Stop when eight iterations together reduce the objective by less than this fraction.
 
     Returns
     -------
     Candidate
-        On the solution set, its objective no larger than at the start.
+        A candidate on the solution set with an objective no larger than at the start.
 
     Raises
     ------
@@ -102,8 +98,6 @@ def optimise(
         raise TypeError(f"goals must be Goals, got {goals!r}")
     max_iterations = check_integer("max_iterations", max_iterations, 0)
     tolerance = check_real("tolerance", tolerance)
-    if progress is not None and not callable(progress):
-        raise TypeError(f"progress must be callable, got {progress!r}")
     if not solved(candidate):
         raise ValueError(
             f"candidate must be on the solution set, its sum of squares is {candidate.f:.2e}"
@@ -112,7 +106,7 @@ def optimise(
     values, jac = _objective(candidate, goals)
     size, damping = float(values @ values), 1e-2
     history = [size]
-    for iteration in range(max_iterations):
+    for _ in range(max_iterations):
         near = decompose(candidate.system.jacobian(candidate.x)[:, free])
         tangent = near.kernel
         if tangent.shape[1] == 0:
@@ -124,7 +118,7 @@ def optimise(
         moved = None
         while damping < 1e8:
             step = -axes @ (slope / (stretches + damping * scale))
-            trial = _back(candidate, free, near, tangent @ step)
+            trial = _step_along(candidate, free, near, tangent @ step)
             if trial is not None:
                 trial_values, trial_jac = _objective(trial, goals)
                 trial_size = float(trial_values @ trial_values)
@@ -137,29 +131,27 @@ def optimise(
         candidate, values, jac, size = moved, trial_values, trial_jac, trial_size
         damping = max(damping / 6, 1e-12)
         history.append(size)
-        if progress:
-            progress(iteration, size)
         if len(history) > 8 and history[-9] - size <= tolerance * size:
             break
     return candidate
 
 
-def _back(
+def _step_along(
     candidate: Candidate, free: NDArray[np.intp], near: Decomposition, step: NDArray[np.float64]
 ) -> Candidate | None:
-    """Take a step along the tangent space and return to the set; None if that fails."""
+    """Step along the tangent space and return to the set; None if the step fails."""
     if float(np.linalg.norm(step)) > _MAX_STEP:
         return None
     x = candidate.x.copy()
     x[free] += step
-    found = retract(candidate.system, x, free, near)
-    return None if found is None else Candidate(candidate.system, found)
+    corrected = retract(candidate.system, x, free, near)
+    return None if corrected is None else Candidate(candidate.system, corrected)
 
 
 def fewer_exponentials(
     candidate: Candidate, *, largest: float = 4.0, patience: int = 10
 ) -> tuple[Candidate, NDArray[np.intp]]:
-    """Drive coefficients to exact zeros, smallest magnitudes first.
+    """Set coefficients to exact zeros one by one, smallest magnitudes first.
 
     Parameters
     ----------
@@ -168,14 +160,14 @@ def fewer_exponentials(
     largest : float, optional
         Bound on the magnitude of coefficients.
     patience : int, optional
-        Entries in a row that refuse before giving up.
+        Number of consecutive failures at which to stop.
 
     Returns
     -------
     candidate : Candidate
-        With zeros.
+        The candidate with zeros.
     zeros : ndarray of int
-        Where they are.
+        Indices of the zeros.
     """
     check_candidate(candidate)
     largest = check_real("largest", largest)

@@ -1,10 +1,11 @@
-"""What a construction does: its settings, checked."""
+"""Settings of a construction, and the check of the arguments that make them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from ..conditions.counts import check_order
 from ..structure.layout import Layout
 from ..structure.points import START
 from ..support.checks import (
@@ -15,16 +16,16 @@ from ..support.checks import (
     check_integer,
     check_real,
 )
-from .search.shapes import check_order, check_points
+from .search.shapes import ShapeArguments
 from .solvers.system import ConditionSystem, Structure
 from .start import default_start, likely_structure, tree_start
 
-__all__ = ["ConstructionSettings", "tableau_settings", "tree_settings"]
+__all__ = ["ConstructionArguments", "ConstructionSettings"]
 
 
 @dataclass(frozen=True)
 class ConstructionSettings:
-    """What a construction does; see `construct`."""
+    """All that determines the result of a construction; see `construct`."""
 
     order: int
     stages: int
@@ -44,115 +45,107 @@ class ConstructionSettings:
     first_same_as_last: bool = False
 
 
-def tableau_settings(
-    order: int,
-    stages: int,
-    seed: int,
-    largest: float,
-    restarts: int,
-    full_rank: bool,
-    structure: Structure | None,
-    first_stages: int | None,
-    width: float | None,
-    iterations: int | None,
-    force: bool,
-) -> ConstructionSettings:
-    """Return the settings for a tableau, from arguments of `construct`."""
-    order = check_order(order)
-    stages = check_integer("stages", stages, 1, MAX_STAGES)
-    full_rank = check_flag("full_rank", full_rank)
-    if structure is None:
-        structure = Structure.GENERAL if full_rank else likely_structure(order, stages)
-    system = ConditionSystem.tableau(order, stages, structure=structure)
-    if full_rank and system.structure:
-        raise ValueError(f"structure must be GENERAL with full_rank, got {system.structure.name}")
-    if not check_flag("force", force) and system.free.size < system.equations:
-        kind = f" with structure {system.structure.name}" if system.structure else ""
-        raise ValueError(
-            f"stages = {stages} gives {system.free.size} unknowns for {system.equations} "
-            f"independent conditions of order {order}{kind}; pass force=True to try all the same"
+@dataclass(frozen=True, kw_only=True)
+class ConstructionArguments(ShapeArguments):
+    """Arguments of `construct` that determine its result, not yet checked."""
+
+    seed: int
+    largest: float
+    restarts: int
+    full_rank: bool
+    structure: Structure | None
+    first_stages: int | None
+    first_flows: int | None
+    width: float | None
+    iterations: int | None
+
+    @property
+    def of_points(self) -> bool:
+        """Whether a method of points is meant, not a tableau."""
+        return super().of_points or self.first_flows is not None
+
+    def checked(self) -> ConstructionSettings:
+        """Return the settings of the construction.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is of the wrong type or out of range.
+        """
+        order = check_order(self.order)
+        stages = check_integer("stages", self.stages, 1, MAX_STAGES)
+        full_rank = check_flag("full_rank", self.full_rank)
+        if self.of_points:
+            start, shape = tree_start(order), self._check_tree()
+        else:
+            structure = self._check_structure(order, stages, full_rank)
+            start = default_start(order, structure)
+            first_stages = self.first_stages
+            if first_stages is None:
+                first_stages = max(stages, start.stages)
+            first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
+            shape = {"structure": structure, "first_stages": first_stages}
+        width = start.width if self.width is None else self.width
+        iterations = start.iterations if self.iterations is None else self.iterations
+        return ConstructionSettings(
+            order=order,
+            stages=stages,
+            seed=check_integer("seed", self.seed, 0),
+            width=check_real("width", width, positive=True, most=MAX_HALF_WIDTH),
+            iterations=check_integer("iterations", iterations, 1, MAX_COUNT),
+            promising=start.promising,
+            largest=check_real("largest", self.largest, positive=True),
+            restarts=check_integer("restarts", self.restarts, 0),
+            full_rank=full_rank,
+            **shape,
         )
-    start = default_start(order, system.structure)
-    if first_stages is None:
-        first_stages = max(stages, start.stages)
-    first_stages = check_integer("first_stages", first_stages, stages, MAX_STAGES)
-    if width is None:
-        width = start.width
-    if iterations is None:
-        iterations = start.iterations
-    return ConstructionSettings(
-        order,
-        stages,
-        check_integer("seed", seed, 0),
-        system.structure,
-        first_stages,
-        check_real("width", width, positive=True, most=MAX_HALF_WIDTH),
-        check_integer("iterations", iterations, 1, MAX_COUNT),
-        start.promising,
-        check_real("largest", largest, positive=True),
-        check_integer("restarts", restarts, 0),
-        full_rank,
-    )
 
+    def _check_structure(self, order: int, stages: int, full_rank: bool) -> Structure:
+        """Return the simplifying assumptions of a tableau."""
+        self.check_tableau()
+        structure = self.structure
+        if structure is None:
+            structure = Structure.GENERAL if full_rank else likely_structure(order, stages)
+        system = ConditionSystem.tableau(order, stages, structure=structure)
+        structure = system.structure
+        if full_rank and structure:
+            raise ValueError(f"structure must be GENERAL with full_rank, got {structure.name}")
+        if not check_flag("force", self.force) and system.free.size < system.equations:
+            kind = f" with structure {structure.name}" if structure else ""
+            raise ValueError(
+                f"stages = {stages} gives {system.free.size} unknowns for {system.equations} "
+                f"independent conditions of order {order}{kind}; pass force=True to try "
+                "nevertheless"
+            )
+        return structure
 
-def tree_settings(
-    order: int,
-    stages: int,
-    seed: int,
-    largest: float,
-    restarts: int,
-    full_rank: bool,
-    structure: Structure | None,
-    first_stages: int | None,
-    width: float | None,
-    iterations: int | None,
-    force: bool,
-    tree: Any,
-    flows: int | None,
-    first_flows: int | None,
-    embedded: bool,
-    first_same_as_last: bool,
-) -> ConstructionSettings:
-    """Return the settings for a method of points, from arguments of `construct`."""
-    order = check_order(order)
-    stages = check_integer("stages", stages, 1, MAX_STAGES)
-    for name, value in (("structure", structure), ("first_stages", first_stages)):
-        if value:
-            raise ValueError(f"{name} is for tableaux, got {value!r} with a tree")
-    if flows is None and tree is None:
-        raise ValueError("first_flows needs a number of flows to come down to")
-    force = check_flag("force", force)
-    given = flows if tree is None else None
-    layout, most = check_points(order, stages, tree, given, embedded, force, first_same_as_last)
-    if layout is not None:
-        if first_flows is not None:
-            raise ValueError(f"first_flows must be None with a tree, got {first_flows!r}")
-        embedded = layout.pair
-        first_flows = most - embedded
-        least = len({START, *layout.stage_points, layout.results[0]}) - 1
-        flows = first_flows if flows is None else check_integer("flows", flows, least, first_flows)
-    else:
-        flows, first_flows = most, most if first_flows is None else first_flows
-    start = tree_start(order)
-    return ConstructionSettings(
-        order,
-        stages,
-        check_integer("seed", seed, 0),
-        Structure.GENERAL,
-        stages,
-        check_real(
-            "width", start.width if width is None else width, positive=True, most=MAX_HALF_WIDTH
-        ),
-        check_integer(
-            "iterations", start.iterations if iterations is None else iterations, 1, MAX_COUNT
-        ),
-        start.promising,
-        check_real("largest", largest, positive=True),
-        check_integer("restarts", restarts, 0),
-        check_flag("full_rank", full_rank),
-        flows,
-        check_integer("first_flows", first_flows, flows, 10 * MAX_STAGES),
-        check_flag("embedded", embedded),
-        layout,
-        check_flag("first_same_as_last", first_same_as_last),
-    )
+    def _check_tree(self) -> dict[str, Any]:
+        """Return the settings that only methods of points have."""
+        for name, value in (("structure", self.structure), ("first_stages", self.first_stages)):
+            if value:
+                raise ValueError(f"{name} is for tableaux, got {value!r} with a tree")
+        if self.flows is None and self.tree is None:
+            raise ValueError("first_flows needs flows, the number of flows to reach")
+        shape = self if self.tree is None else replace(self, flows=None)
+        layout, most = shape.check_points()
+        embedded, flows, first_flows = self.embedded, self.flows, self.first_flows
+        if layout is None:
+            flows, first_flows = most, most if first_flows is None else first_flows
+        else:
+            if first_flows is not None:
+                raise ValueError(f"first_flows must be None with a tree, got {first_flows!r}")
+            embedded = layout.pair
+            first_flows = most - embedded
+            least = len({START, *layout.stage_points, layout.results[0]}) - 1
+            flows = check_integer(
+                "flows", first_flows if flows is None else flows, least, first_flows
+            )
+        return {
+            "structure": Structure.GENERAL,
+            "first_stages": self.stages,
+            "flows": flows,
+            "first_flows": check_integer("first_flows", first_flows, flows, 10 * MAX_STAGES),
+            "embedded": check_flag("embedded", embedded),
+            "tree": layout,
+            "first_same_as_last": check_flag("first_same_as_last", self.first_same_as_last),
+        }

@@ -1,4 +1,4 @@
-"""Where random starts begin, and which kind of method they look for."""
+"""Default settings of random starts, and random guesses."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ from .solvers.system import ConditionSystem, Structure
 
 __all__ = ["StartSettings", "default_start", "likely_structure", "random_candidate", "tree_start"]
 
-_HELD = (0.3, 0.8)  # range of what is held away from zero
+_HELD = (0.3, 0.8)  # range of entries that are held fixed
 
 
 @dataclass(frozen=True)
 class StartSettings:
-    """How to begin.
+    """Default settings of random starts.
 
     Attributes
     ----------
     stages : int
-        From which on random starts reach the solution set often enough.
+        Number of stages with which random starts reach the solution set often enough.
     width : float
         Guesses are uniform in [-width, width].
     iterations : int
-        Bound on the solver's steps, and once more if f gets below `promising` by then.
+        Largest number of steps of the solver.
     promising : float
+        Sum of squares at which the solver runs a second time.
     """
 
     stages: int
@@ -62,15 +63,15 @@ _MIDDLE = {
 
 
 def default_start(order: int, structure: Structure) -> StartSettings:
-    """Return what works; guesses from other orders where nothing was tried.
+    """Return the default settings for tableaux.
 
-    Those are orders four, five and seven with ``STAGE_ORDER_TWO``, and order seven in
-    general, for which no random start succeeded.
+    They are untested for orders four, five and seven with ``STAGE_ORDER_TWO``, and for order
+    seven in general, where no random start succeeded. Above order seven they are those of order
+    seven, with as many stages as there are equations for.
     """
     known = (_GENERAL, _STAGE_ORDER_TWO, _MIDDLE)[structure]
     if order in known:
         return known[order]
-    # what was tried last, with as many stages as there are equations for
     last = known[max(known)]
     stages = last.stages
     while True:
@@ -81,15 +82,14 @@ def default_start(order: int, structure: Structure) -> StartSettings:
 
 
 def tree_start(order: int) -> StartSettings:
-    """Return what works for methods of points, whose stages are given."""
+    """Return the default settings for commutator-free methods; `stages` isn't used."""
     return StartSettings(1, 0.4, 300 if order < 7 else 1500, 1e-14)
 
 
 def likely_structure(order: int, stages: int) -> Structure:
-    """Return the structure that promises methods: one where there are unknowns enough.
+    """Return the default structure: one with at least as many unknowns as conditions.
 
-    General methods up to order five if there are as many unknowns as conditions, else
-    those of structure ``MIDDLE`` if they have enough.
+    ``GENERAL`` up to order five if it has enough unknowns, else ``MIDDLE`` if that has enough.
     """
     general = ConditionSystem.tableau(order, stages)
     if (order >= 4 and stages >= 3) and (order >= 6 or general.free.size < general.equations):
@@ -102,7 +102,7 @@ def likely_structure(order: int, stages: int) -> Structure:
 def random_candidate(
     system: ConditionSystem, width: float, random: np.random.Generator
 ) -> Candidate:
-    """Return a guess that satisfies what is linear in the system's structure."""
+    """Return a random guess that satisfies the linear equations of the system's structure."""
     if system.rows is None:
         return Candidate(system, draw_guess(system.order, system.layout, width, random))
     x = random.uniform(-width, width, system.size)
@@ -114,7 +114,7 @@ def random_candidate(
 
 
 def _to_the_middle(x: NDArray[np.float64], stages: int) -> None:
-    """Shift the weights to sum 1, and the rows to abscissae in the middle of their pieces."""
+    """Shift the weights to sum 1, and the rows to the abscissae of structure MIDDLE."""
     b = x[-stages:]
     b[2:] += (1 - b.sum()) / (stages - 2)
     ends = np.cumsum(b)

@@ -1,29 +1,30 @@
-"""Long runs: on any executor, with a store for what they find."""
+"""Long runs on any executor, with a store for their results."""
 
 from __future__ import annotations
 
 from .database import StoreError
 from .execution import ExecutorLike, Finished, as_finished, check_executor, completed
+from .long_run import LongRun, RunOptions, stored_run
 from .one_run import StoredRun
-from .progress import ProgressLine, Tally, check_progress
+from .progress import ProgressLine, Score
 from .records import Failure, Record, RunSummary
-from .resuming import stored_run
 from .store import Store
 
 __all__ = [
     "ExecutorLike",
     "Failure",
     "Finished",
+    "LongRun",
     "ProgressLine",
     "Record",
+    "RunOptions",
     "RunSummary",
+    "Score",
     "Store",
     "StoreError",
     "StoredRun",
-    "Tally",
     "as_finished",
     "check_executor",
-    "check_progress",
     "completed",
     "stored_run",
 ]

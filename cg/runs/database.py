@@ -1,7 +1,8 @@
-"""The file of a store: how it is opened, folded and refused.
+"""The file of a store: paths, connections, write-ahead logging and errors.
 
-A file at work has a log beside it, ``-wal``, which SQLite folds into the file when the last
-connection closes; not if two close at the same moment, and not if the last one only reads.
+While a store is open, SQLite writes to a log beside it, with ``-wal`` at the end of its name. It
+moves the log into the file when the last connection closes, but not if two connections close at
+the same moment or the last one is read-only. `fold_log` moves it in these cases.
 """
 
 from __future__ import annotations
@@ -17,51 +18,51 @@ from pathlib import Path
 from typing import Any
 
 __all__ = [
-    "StoreError", "change_to_wal", "checked", "connected", "fold_log", "has_log", "log_of",
-    "named_errors",
+    "StoreError", "check_path", "connect", "fold_log", "has_log", "log_path", "sqlite_errors",
+    "use_wal",
 ]  # fmt: skip
 
-_BUSY_SECONDS = 60  # for which a writer waits for another
-_FOLD_SECONDS = 5  # for which a run that ends waits for those that read
+_BUSY_SECONDS = 60  # that a writer waits for another
+_FOLD_SECONDS = 5  # that the end of a run waits for readers
 
 _log = logging.getLogger("cg")
 
 
 class StoreError(ValueError):
-    """A file that is no store, or is damaged, or was written by a newer version."""
+    """A file that isn't a store, is damaged, or was written by another version."""
 
 
-def checked(given: Any) -> Path:
-    """Return the path of a store, or raise an error if it can't be one."""
-    if not isinstance(given, str | os.PathLike):
-        raise TypeError(f"store must be a path, got {given!r}")
-    path = Path(given)
+def check_path(value: Any) -> Path:
+    """Return the path of a store; raise an error if it can't be one."""
+    if not isinstance(value, str | os.PathLike):
+        raise TypeError(f"store must be a path, got {value!r}")
+    path = Path(value)
     try:
         encoded = os.fsencode(path)
     except UnicodeEncodeError:
         encoded = b"\0"
     if b"\0" in encoded:
-        raise ValueError(f"store must be a path that the system can write, got {given!r}")
+        raise ValueError(f"store must be a path that the system can write, got {value!r}")
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "store must be a file", str(path))
-    # a device or a pipe may never end
+    # reading from a device or a pipe may never end
     if path.exists() and not path.is_file():
-        raise ValueError(f"store must be a file, got {path}, which exists and is none")
+        raise ValueError(f"store must be a file, got {path}, which isn't a regular file")
     if not path.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "store must be in a folder that exists", str(path))
+        raise FileNotFoundError(errno.ENOENT, "store must be in an existing folder", str(path))
     return path
 
 
-def connected(path: Path, options: str = "", seconds: float = _BUSY_SECONDS) -> sqlite3.Connection:
-    """Return a connection, which waits so long for others that write."""
-    # as an address, since SQLite takes some names for something else than files
+def connect(path: Path, options: str = "", seconds: float = _BUSY_SECONDS) -> sqlite3.Connection:
+    """Return a connection that waits for other writers for a number of seconds."""
+    # as a URI, since SQLite gives some names a special meaning
     return sqlite3.connect(
         path.absolute().as_uri() + options, timeout=seconds, isolation_level=None, uri=True
     )
 
 
-def change_to_wal(connection: sqlite3.Connection) -> None:
-    """Turn on write-ahead logging, for which SQLite itself waits for no other process."""
+def use_wal(connection: sqlite3.Connection) -> None:
+    """Turn on write-ahead logging; SQLite's own waiting doesn't cover this statement."""
     until = time.monotonic() + _BUSY_SECONDS
     while True:
         try:
@@ -77,27 +78,27 @@ def _is_busy(error: sqlite3.DatabaseError) -> bool:
     return getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
 
 
-def log_of(path: Path) -> Path:
+def log_path(path: Path) -> Path:
     """Return the path of the log of a store."""
     return path.with_name(path.name + "-wal")
 
 
 def has_log(path: Path) -> bool:
-    """Return whether a log with something in it is beside a store."""
+    """Return whether a store has a log that isn't empty."""
     try:
-        return log_of(path).stat().st_size > 0
+        return log_path(path).stat().st_size > 0
     except FileNotFoundError:
         return False
 
 
 def fold_log(path: Path) -> None:
-    """Move what is in the log of a store into its file, and warn if others don't let it."""
+    """Move the log of a store into its file; warn if other connections prevent it."""
     until = time.monotonic() + _FOLD_SECONDS
     while has_log(path):
         try:
-            with closing(connected(path, "?mode=rw", 0.1)) as connection:
+            with closing(connect(path, "?mode=rw", 0.1)) as connection:
                 (busy, *_) = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-            reason = "others are at work on it" if busy else ""
+            reason = "other connections are open" if busy else ""
         except sqlite3.DatabaseError as error:
             busy, reason = _is_busy(error), str(error)
         if not reason:
@@ -105,16 +106,16 @@ def fold_log(path: Path) -> None:
         if not busy or time.monotonic() > until:
             _log.warning(
                 "part of the store %s is still in its log %s (%s): keep both files together until "
-                "the store has been opened again to write",
-                path, log_of(path).name, reason,
+                "the store is next opened for writing",
+                path, log_path(path).name, reason,
             )  # fmt: skip
             return
-        time.sleep(0.01)  # SQLite itself doesn't wait for another process that folds
+        time.sleep(0.01)  # SQLite doesn't wait for another process that folds the log
 
 
 @contextmanager
-def named_errors(path: Path) -> Iterator[None]:
-    """Turn errors of SQLite into those of files, with the path."""
+def sqlite_errors(path: Path) -> Iterator[None]:
+    """Turn errors of SQLite into `StoreError` and OSError with the path."""
     try:
         yield
     except sqlite3.DatabaseError as error:

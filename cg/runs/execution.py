@@ -1,7 +1,8 @@
-"""Independent pieces of work on any executor, in chunks that take about equally long.
+"""Independent pieces of work on any executor, in chunks of about equal duration.
 
-The default is threads of this process, since the compiled core frees the lock. Processes, Dask,
-MPI, loky and whatever else has the interface of `concurrent.futures.Executor` take the same work.
+The default executor is threads of this process, since the compiled core releases the interpreter
+lock. Processes, Dask, MPI, loky and other executors with the interface of
+`concurrent.futures.Executor` take the same work.
 """
 
 from __future__ import annotations
@@ -26,25 +27,24 @@ from typing import Any, Generic, TypeVar
 from ..support.checks import check_integer
 from ..support.parallel import available_cores, end_with_parent, new_flag, single_threads, work_for
 from .chunks import Chunks
-from .lost import broken_executor, dropped, worker_died
-from .portable import portable
+from .worker_errors import broken_executor, picklable, work_was_lost, worker_died
 
 __all__ = ["ExecutorLike", "Finished", "as_finished", "check_executor", "completed"]
 
 Result = TypeVar("Result")
 
 ExecutorLike = Executor | Callable[[], Executor] | str | None
-"""None (threads), ``"threads"``, ``"processes"``, an executor, or what makes one."""
+"""None or ``"threads"``, ``"processes"``, an executor, or a function that makes one."""
 
-_CHUNKS_A_WORKER = 2  # handed out at a time, so that no worker waits for this process
-_ATTEMPTS = 2  # of a piece alone, whose worker may have been killed from outside
+_CHUNKS_PER_WORKER = 2  # handed out in advance, so that no worker waits for this process
+_ATTEMPTS = 2  # of a piece that runs alone: its worker may have been killed from outside
 
 _log = logging.getLogger("cg")
 
 
 @dataclass(frozen=True)
 class Finished(Generic[Result]):
-    """A piece of work that is done, or whose worker died.
+    """A piece of work that has finished, or whose worker died.
 
     Attributes
     ----------
@@ -52,11 +52,11 @@ class Finished(Generic[Result]):
     result : Result or None
         None if the worker died.
     seconds : float
-        That the piece took.
+        Duration of the piece.
     failure : str or None
-        What is known of the worker's death.
+        Why the worker died.
     chunk : list of int
-        All indices, of work that takes whole chunks; `index` is the first.
+        All indices of the chunk for work on whole chunks; `index` is the first of them.
     """
 
     index: int
@@ -67,12 +67,12 @@ class Finished(Generic[Result]):
 
 
 def check_executor(executor: Any, workers: int | None) -> tuple[ExecutorLike, int | None]:
-    """Return arguments of searches after checking them.
+    """Return the arguments `executor` and `workers` after checking them.
 
     Raises
     ------
     TypeError, ValueError
-        If `executor` is nothing that can take work, or `workers` isn't a number of them.
+        If `executor` isn't an `ExecutorLike`, or `workers` isn't a positive integer.
     """
     if workers is not None:
         workers = check_integer("workers", workers, 1)
@@ -108,39 +108,39 @@ def completed(
     Parameters
     ----------
     work : callable
-        For other executors than threads, one that can be pickled.
+        Must be picklable for executors other than threads.
     indices : iterable of int
-        Read only as far as there are workers to take them.
+        Read only as far as workers need them.
     total : int
         Number of indices.
     workers : int, optional
-        By default as many as the executor says it has, or cores.
+        By default the number of workers of the executor, or of cores.
     executor : ExecutorLike, optional
-        If it is a function, or ``"processes"``, a new one is made when a worker died, and the
-        pieces that may have been the reason run one by one; the guilty ones are yielded with a
-        failure. An executor that was given isn't shut down.
+        If it is a function, or ``"processes"``, a new executor is made when a worker died. The
+        pieces that were running are then run one by one, and those whose worker dies again are
+        yielded with a failure. An executor that the caller passes isn't shut down.
     finish_on_interrupt : bool, optional
-        Whether the first interrupt lets what is running end, and yields it, before it goes on as
-        an exception. A second one drops that.
+        Whether running pieces finish, and are yielded, after the first interrupt, before
+        KeyboardInterrupt is raised. A second interrupt discards them.
     data : callable, optional
-        Then the work takes whole chunks, as ``data(indices)``, which goes to the worker with it;
-        what is yielded has a `Finished.chunk`.
+        Makes `work` take whole chunks: it is called with ``data(indices)``, computed in this
+        process. Results then have a `Finished.chunk`.
 
     Raises
     ------
     Exception
-        That of the first piece that raised one, after the results before it.
+        The exception of the first piece that raised one, after the results before it.
     BrokenExecutor
-        If a worker died, or the executor lost its scheduler, and it can't be made anew.
+        If a worker died, or the executor lost its scheduler, and there is no way to make a new
+        executor.
 
     Notes
     -----
-    Chunks have so many pieces that they take a quarter of a second by what the last ones took, and
-    become smaller towards the end, down to a fiftieth. In threads they have one, unless `data` is
-    given.
+    A chunk takes about 0.25 seconds, by the duration of the latest pieces. Towards the end chunks
+    become smaller, down to 0.02 seconds. In threads, without `data`, chunks have one piece.
     """
     pool = _Pool(executor, workers, data)
-    queue = Chunks(indices, total, pool)
+    queue = Chunks(indices, total, pool.workers, single=pool.threads and data is None)
     interrupted: KeyboardInterrupt | None = None
     with single_threads(), pool:
         while True:
@@ -156,7 +156,7 @@ def completed(
                 interrupted = interrupt
                 running = pool.cancel_waiting()
                 _log.warning(
-                    "interrupted: %d starts are being finished; interrupt again to drop them",
+                    "interrupted: finishing %d starts; interrupt again to discard them",
                     running,
                 )
                 continue
@@ -166,12 +166,15 @@ def completed(
                 try:
                     results, error = future.result()
                 except Exception as died:
-                    if not worker_died(died) and not dropped(died):
+                    if not worker_died(died) and not work_was_lost(died):
                         raise
                     suspects += chunk
                     reason = died
                     continue
-                queue.learn(results)
+                if results:
+                    pieces = sum(max(1, len(finished.chunk)) for finished in results)
+                    seconds = sum(finished.seconds for finished in results)
+                    queue.learn(pieces, seconds / len(results))
                 yield from results
                 if error is not None:
                     raise error
@@ -193,7 +196,7 @@ def as_finished(
 def _run_chunk(
     work: Callable[[int], Result], chunk: list[int]
 ) -> tuple[list[Finished[Result]], Exception | None]:
-    """Run some pieces; an exception doesn't take the results before it along."""
+    """Run some pieces; return the results before the first exception, and the exception."""
     results: list[Finished[Result]] = []
     for index in chunk:
         began = time.perf_counter()
@@ -218,18 +221,18 @@ def _run_whole(
 def _run_elsewhere(
     run: Callable[..., tuple[list[Finished[Any]], Exception | None]], *arguments: Any
 ) -> tuple[list[Finished[Any]], Exception | None]:
-    """Run a chunk where errors have to travel."""
+    """Run a chunk in another process, which sends exceptions by pickle."""
     try:
         results, error = run(*arguments)
     except Exception as reason:
-        raise portable(reason) from reason
-    return results, None if error is None else portable(error)
+        raise picklable(reason) from reason
+    return results, None if error is None else picklable(error)
 
 
 def _one_by_one(
     pool: _Pool, work: Callable[[int], Result], suspects: list[int], reason: Exception
 ) -> Iterator[Finished[Result]]:
-    """Find out whose fault it was that a worker died, with a single piece at work at a time."""
+    """Run pieces one at a time, to find those that kill their worker."""
     if pool.broken(reason):
         suspects = sorted({*suspects, *(index for chunk in pool.take_pending() for index in chunk)})
         if not pool.renew():
@@ -237,9 +240,9 @@ def _one_by_one(
     for index in suspects:
         for attempt in range(_ATTEMPTS):
             try:
-                results, error = pool.handed_out(work, [index]).result()
+                results, error = pool.hand_out(work, [index]).result()
             except Exception as died:
-                if not worker_died(died) and not dropped(died):
+                if not worker_died(died) and not work_was_lost(died):
                     raise
                 if pool.broken(died) and not pool.renew():
                     raise broken_executor(died, [index]) from died
@@ -254,7 +257,7 @@ def _one_by_one(
 
 
 class _Pool:
-    """An executor, the chunks that it has, and how to make it anew."""
+    """An executor with its pending chunks, and a function that makes a new one."""
 
     def __init__(
         self,
@@ -288,9 +291,7 @@ class _Pool:
         if self._make is not None:
             self.executor = self._make()
         if not callable(getattr(self.executor, "submit", None)):
-            raise TypeError(
-                f"executor must return an executor, which takes work, got {self.executor!r}"
-            )
+            raise TypeError(f"executor must return an executor, got {self.executor!r}")
         self.workers = workers or _workers_of(self.executor)
 
     def __enter__(self) -> _Pool:
@@ -304,22 +305,22 @@ class _Pool:
             self._shut_down(wait=True)
 
     def wants_more(self) -> bool:
-        return len(self.pending) < _CHUNKS_A_WORKER * self.workers
+        return len(self.pending) < _CHUNKS_PER_WORKER * self.workers
 
     def submit(self, work: Callable[[int], Any], chunk: list[int]) -> None:
         try:
-            future = self.handed_out(work, chunk)
+            future = self.hand_out(work, chunk)
         except Exception as error:
             # a worker died since the last chunk, perhaps while this one's was being started
             died = BrokenExecutor(str(error)) if _refused(error) else error
-            if not worker_died(died) and not dropped(died):
+            if not worker_died(died) and not work_was_lost(died):
                 raise
             future = Future()
             future.set_exception(died)
         self.pending[future] = chunk
 
-    def handed_out(self, work: Callable[[Any], Any], chunk: list[int]) -> Future[Any]:
-        """Give a chunk to the executor."""
+    def hand_out(self, work: Callable[[Any], Any], chunk: list[int]) -> Future[Any]:
+        """Submit a chunk to the executor."""
         run: tuple[Any, ...] = (_run_chunk, work, chunk)
         if self.data is not None:
             run = _run_whole, work, chunk, self.data(chunk)
@@ -328,12 +329,12 @@ class _Pool:
         return self.executor.submit(*run)
 
     def wait(self) -> list[Future[Any]]:
-        """Wait for at least one chunk; return what is done, oldest first."""
+        """Wait for at least one chunk; return the finished ones, oldest first."""
         done, _ = wait(self.pending, return_when=FIRST_COMPLETED)
         return [future for future in self.pending if future in done]
 
     def cancel_waiting(self) -> int:
-        """Take back what no worker has begun; return the number of pieces that go on."""
+        """Cancel chunks that no worker has begun; return the number of running pieces."""
         for future in list(self.pending):
             if future.cancel():
                 del self.pending[future]
@@ -345,11 +346,11 @@ class _Pool:
         return chunks
 
     def broken(self, reason: Exception) -> bool:
-        """Return whether the executor takes no more work after this."""
-        return isinstance(reason, BrokenExecutor) or dropped(reason)
+        """Return whether the executor accepts no more work after this exception."""
+        return isinstance(reason, BrokenExecutor) or work_was_lost(reason)
 
     def renew(self) -> bool:
-        """Make a new executor in place of a broken one; return whether that can be done."""
+        """Replace a broken executor; return False if there is no way to make a new one."""
         if self._make is None:
             return False
         self._shut_down(wait=False)
@@ -357,10 +358,10 @@ class _Pool:
         return True
 
     def _shut_down(self, wait: bool) -> None:
-        """Shut an executor of one's own down, and end workers that it has lost sight of.
+        """Shut down an executor that was made here, and kill workers of a broken one.
 
-        A broken `ProcessPoolExecutor` waits for all its workers, also for one that it was starting
-        when another died, which nobody told to end.
+        A broken `ProcessPoolExecutor` waits for all its workers, including one that it was starting
+        when another died and that it never tells to end.
         """
         if getattr(self.executor, "_broken", False):
             for worker in list((getattr(self.executor, "_processes", None) or {}).values()):
@@ -369,12 +370,12 @@ class _Pool:
 
 
 def _refused(error: Exception) -> bool:
-    """Return whether an executor couldn't take work since it couldn't start a worker."""
-    return isinstance(error, OSError) and not dropped(error)
+    """Return whether an executor refused work because it couldn't start a worker."""
+    return isinstance(error, OSError) and not work_was_lost(error)
 
 
 def _workers_of(executor: Any) -> int:
-    """Return how many workers an executor has, by the names under which executors say so."""
+    """Return the number of workers, from the attributes in which executors store it."""
     for name in ("_max_workers", "num_workers"):
         number = getattr(executor, name, None)
         if isinstance(number, int) and number > 0:

@@ -1,4 +1,4 @@
-"""One run of a store: its starts, and what else is known of it."""
+"""One run of a store: its settings, starts and failures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .database import named_errors
-from .owner import AT_WORK
+from .database import sqlite_errors
+from .owner import ACTIVE_OWNERS
 from .records import Failure, Record
 
 if TYPE_CHECKING:
@@ -44,22 +44,22 @@ class StoredRun:
         return self._store.path
 
     def kind(self) -> str:
-        """Return what kind of run it is: ``"search"`` or ``"construct"``."""
+        """Return the kind of the run, ``"search"`` or ``"construct"``."""
         (kind,) = self._query("SELECT kind FROM runs WHERE number = ?").fetchone()
         return str(kind)
 
     def settings(self) -> dict[str, Any]:
-        """Return what determines the results."""
+        """Return the settings, which determine the results."""
         query = "SELECT settings FROM runs WHERE number = ?"
         (text,) = self._query(query).fetchone()
         settings: dict[str, Any] = json.loads(text)
         return settings
 
     def decades(self) -> dict[int, int]:
-        """Return how many starts ended with f in each decade, its exponent of ten the key.
+        """Return the number of starts by the decade of f, with exponents of ten as keys.
 
-        f is that after the refinement where there was one; what isn't finite is left out, and what
-        is zero counts as 1e-99.
+        f is taken after the refinement if there was one. Starts whose f isn't finite are left
+        out, and values below 1e-99 count as 1e-99.
         """
         counts: dict[int, int] = {}
         query = "SELECT coalesce(refined_f, f) FROM starts WHERE run = ?"
@@ -70,7 +70,7 @@ class StoredRun:
         return dict(sorted(counts.items()))
 
     def numbers(self, condition: str = "", *values: Any) -> Iterator[int]:
-        """Yield the indices of all starts recorded, increasing, or of those of an SQL condition."""
+        """Yield the numbers of all starts, increasing, or of those that meet an SQL condition."""
         query = f"SELECT number FROM starts WHERE run = ? {condition} ORDER BY number"
         for (number,) in self._query(query, *values):
             yield number
@@ -81,18 +81,18 @@ class StoredRun:
         return tuple(Failure(*row) for row in self._query(query))
 
     def records(self, condition: str = "", *values: Any) -> Iterator[Record]:
-        """Yield records by index, or as an SQL condition with what may follow it asks."""
+        """Yield the records by number, or those that an SQL condition selects, in its order."""
         query = f"{_SELECT} {condition or 'ORDER BY number'}"
         for row in self._query(query, *values):
             yield _record(row)
 
     def append(self, records: Iterable[Record]) -> None:
-        """Record starts, all at once or none.
+        """Store records of starts in one transaction.
 
         Raises
         ------
         OSError
-            If the file can't be written, a full disk among other reasons.
+            If the file can't be written, for instance because the disk is full.
         """
         now = time.time()
         rows = [(self.number, now, *astuple(record)) for record in records]
@@ -101,7 +101,7 @@ class StoredRun:
             self._touch(now)
 
     def fail(self, failure: Failure) -> None:
-        """Record that the worker of a start died."""
+        """Store a failure."""
         now = time.time()
         with self._store._transaction():
             self._store._connection.execute(
@@ -112,7 +112,7 @@ class StoredRun:
             self._touch(now)
 
     def close(self) -> None:
-        """Let others go on with the run; what was recorded stays."""
+        """Release the run, so that other processes can resume it."""
         if self._owner is None:
             return
         try:
@@ -122,7 +122,7 @@ class StoredRun:
                     (self.number, self._owner),
                 )
         finally:
-            AT_WORK.discard(self._owner)
+            ACTIVE_OWNERS.discard(self._owner)
 
     def _touch(self, now: float) -> None:
         self._store._connection.execute(
@@ -130,14 +130,14 @@ class StoredRun:
         )
 
     def _query(self, query: str, *values: Any) -> sqlite3.Cursor:
-        with named_errors(self._store.path):
+        with sqlite_errors(self._store.path):
             return self._store._connection.execute(query, (self.number, *values))
 
 
 def _record(row: tuple[Any, ...]) -> Record:
     record = Record(*row)
-    wanted = {"number": int, "stages": int, "f": float, "coefficients": bytes, "seconds": float}
-    for name, kind in wanted.items():
+    kinds = {"number": int, "stages": int, "f": float, "coefficients": bytes, "seconds": float}
+    for name, kind in kinds.items():
         if not isinstance(getattr(record, name), kind):
             raise ValueError(
                 f"not the record of a start: {name} is {str(getattr(record, name))[:80]!r} "

@@ -1,4 +1,4 @@
-"""Who is at work on a run, and whether that process lives."""
+"""The process that carries out a run, and whether it is still running."""
 
 from __future__ import annotations
 
@@ -9,46 +9,54 @@ import socket
 import time
 from pathlib import Path
 
-__all__ = ["AT_WORK", "alive", "owner"]
+__all__ = ["ACTIVE_OWNERS", "is_active", "new_owner"]
 
-_SILENT_SECONDS = 60  # after which a run on another machine is taken to have ended
+_SILENT_SECONDS = 60  # after which a run on another machine counts as ended
 
-AT_WORK: set[str] = set()
-"""Owners of this process that are at work."""
+ACTIVE_OWNERS: set[str] = set()
+"""Owners of the runs that this process is carrying out."""
 
 
-def owner() -> str:
-    """Return what tells this process, and this run in it, from others."""
+def new_owner() -> str:
+    """Return a text that identifies this process and one run in it."""
     return json.dumps(
         {
             "machine": socket.gethostname(),
             "process": os.getpid(),
-            "began": _began(os.getpid()),
+            "began": _start_time(os.getpid()),
             "token": secrets.token_hex(8),
         }
     )
 
 
-def alive(text: str, changed: float) -> bool:
-    """Return whether the process that a run belongs to is still at work on it."""
-    said = json.loads(text)
-    # on Windows a signal of 0 would end the process
-    if said["machine"] != socket.gethostname() or os.name == "nt":
-        return text in AT_WORK or time.time() - changed < _SILENT_SECONDS
-    process = int(said["process"])
+def is_active(owner: str, changed: float) -> bool:
+    """Return whether the process of a run is still carrying it out.
+
+    Parameters
+    ----------
+    owner : str
+        From `new_owner`.
+    changed : float
+        When the run last changed, in seconds since 1970. It decides where processes can't be
+        looked up: on other machines, and on Windows, where a signal of 0 would end the process.
+    """
+    identity = json.loads(owner)
+    if identity["machine"] != socket.gethostname() or os.name == "nt":
+        return owner in ACTIVE_OWNERS or time.time() - changed < _SILENT_SECONDS
+    process = int(identity["process"])
     if process == os.getpid():
-        return text in AT_WORK
+        return owner in ACTIVE_OWNERS
     try:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
     except PermissionError:
         pass
-    return bool(said["began"] == _began(process))
+    return bool(identity["began"] == _start_time(process))
 
 
-def _began(process: int) -> int | None:
-    """Return when a process began, in ticks of the system's clock, where that can be told."""
+def _start_time(process: int) -> int | None:
+    """Return when a process began, in clock ticks; None where the system doesn't report it."""
     try:
         return int(Path(f"/proc/{process}/stat").read_text("utf-8").rsplit(")", 1)[1].split()[19])
     except (OSError, IndexError, ValueError):

@@ -1,4 +1,4 @@
-"""How far a run is, in a line: moving on a terminal, one every half minute in a file."""
+"""Progress of long runs as one line: redrawn on a terminal, every 30 seconds in a file."""
 
 from __future__ import annotations
 
@@ -7,47 +7,49 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import TextIO
 
 from ..support.checks import check_real
 
-__all__ = ["ProgressLine", "Tally", "check_progress", "duration"]
+__all__ = ["ProgressLine", "Score", "Tally", "duration"]
 
 _REDRAW = 0.1  # seconds between changes of a line on a terminal
-_REPORT = 30.0  # and between lines in a file
+_REPORT = 30.0  # seconds between lines in a file
 
 
 @dataclass(frozen=True)
-class State:
-    """How far a run is: pieces of work, those that a store had among them."""
+class Score:
+    """How good the result of a piece of work is, for the progress line.
 
-    pieces: str
-    done: int
-    total: int
-    rate: float  # pieces a second, of those that were run now
-    best: str  # what the best one came to
-    solved: int
-    failed: int
+    Attributes
+    ----------
+    f : float
+        Sum of squared residuals.
+    solved : bool
+        Whether the piece led to a method.
+    size : tuple of float, optional
+        Compared before `f`: the result with the smallest size is the best.
+    note : str, optional
+        Text after f where the result is the best one.
+    """
 
-    def __str__(self) -> str:
-        parts = [f"{self.done} of {self.total} {self.pieces}", f"{self.rate:.3g} a second"]
-        if self.best:
-            parts.append(f"best {self.best}")
-        parts.append(f"{self.solved} solved")
-        if self.failed:
-            parts.append(f"{self.failed} failed")
-        left = self.total - self.done
-        if left and self.rate > 0:
-            parts.append(f"{duration(left / self.rate)} left")
-        return ", ".join(parts)
+    f: float
+    solved: bool
+    size: tuple[float, ...] = ()
+    note: str = ""
+
+    @property
+    def key(self) -> tuple[float, ...]:
+        """What results are sorted by, the best one first."""
+        return *self.size, self.f if math.isfinite(self.f) else math.inf
 
 
 class ProgressLine:
-    """A line that tells how far a search or a construction is.
+    """A line that shows the progress of a search or a construction.
 
-    It has the number of starts that ended, their rate, the best one, how many led to what was
-    wanted, and the time that is left. On a terminal it moves; elsewhere there is one every half
-    minute, and if there was one, a last one at the end.
+    It shows the number of finished starts, their rate, the best result, the number of solved
+    starts and failures, and the remaining time. On a terminal the line is redrawn. In a file,
+    a line is written every 30 seconds, and a last one at the end if there was one before.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ class ProgressLine:
     every : float, optional
         Seconds between lines; by default 0.1 on a terminal and 30 elsewhere.
     clock : callable, optional
-        The time in seconds.
+        Returns the time in seconds.
 
     Raises
     ------
@@ -82,33 +84,33 @@ class ProgressLine:
     ) -> None:
         self._stream = sys.stderr if stream is None else stream
         self._terminal = self._stream.isatty()
-        usual = _REDRAW if self._terminal else _REPORT
-        self._every = usual if every is None else check_real("every", every)
+        default = _REDRAW if self._terminal else _REPORT
+        self._every = default if every is None else check_real("every", every)
         self.clock = clock
-        self._told = -math.inf
-        self._last = ""
+        self._last_time = -math.inf
+        self._last_text = ""
 
     def begin(self) -> float:
-        """Begin anew; return the time."""
-        now, self._last = self.clock(), ""
-        self._told = -math.inf if self._terminal else now
+        """Begin a run; return the time."""
+        now, self._last_text = self.clock(), ""
+        self._last_time = -math.inf if self._terminal else now
         return now
 
-    def tell(self, state: State, now: float) -> None:
-        """Tell a state, if it is time to."""
-        if now - self._told >= self._every:
-            self._told = now
-            self._write(str(state))
+    def update(self, text: str, now: float) -> None:
+        """Write the text if the time since the last one is long enough."""
+        if now - self._last_time >= self._every:
+            self._last_time = now
+            self._write(text)
 
-    def end(self, state: State) -> None:
-        """Tell the last state, if one was told, and leave the line."""
-        if self._last and self._last != str(state):
-            self._write(str(state))
-        if self._last and self._terminal:
+    def end(self, text: str) -> None:
+        """Write the last text unless nothing was written before, and end the line."""
+        if self._last_text and self._last_text != text:
+            self._write(text)
+        if self._last_text and self._terminal:
             self._put("\n")
 
     def _write(self, text: str) -> None:
-        self._last = text
+        self._last_text = text
         self._put(f"\r\x1b[K{text}" if self._terminal else f"{text}\n")
 
     def _put(self, text: str) -> None:
@@ -117,20 +119,20 @@ class ProgressLine:
 
 
 class Tally:
-    """Counts what has ended of a run, and tells it to a line; a context manager that ends that.
+    """Counts of finished pieces, shown on a progress line; a context manager around the run.
 
     Parameters
     ----------
     line : ProgressLine or None
     pieces : str
-        What they are called.
+        What the pieces are called.
     total : int
     """
 
     def __init__(self, line: ProgressLine | None, pieces: str, total: int) -> None:
-        self.done = self._solved = self._failed = self._here = 0
+        self.done = self._solved = self._failed = self._in_this_run = 0
         self._line, self._pieces, self._total = line, pieces, total
-        self._best: tuple[tuple[float, ...], str] | None = None
+        self._best: Score | None = None
         self._began = self._now = 0.0
 
     def __enter__(self) -> Tally:
@@ -139,82 +141,43 @@ class Tally:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._line is not None and self._here:
-            self._line.end(self._state())
+        if self._line is not None and self._in_this_run:
+            self._line.end(str(self))
 
-    def had(self, f: float, solved: bool, size: tuple[float, ...] = (), note: str = "") -> None:
-        """Count a piece that a store had.
-
-        Parameters
-        ----------
-        f : float
-            The sum of squared residuals that it came to.
-        solved : bool
-            Whether it led to what was wanted.
-        size : tuple of float, optional
-            What makes one better before f does.
-        note : str, optional
-            What else is said of it if it is the best one.
-        """
+    def count(self, score: Score | None) -> None:
+        """Count a piece that an earlier run finished; None if its worker died."""
         self.done += 1
-        self._solved += solved
-        value = f if math.isfinite(f) else math.inf
-        if self._best is None or (*size, value) < self._best[0]:
-            self._best = (*size, value), f"f {f:.1e}{note}"
+        if score is None:
+            self._failed += 1
+            return
+        self._solved += score.solved
+        if self._best is None or score.key < self._best.key:
+            self._best = score
 
-    def add(self, f: float, solved: bool, size: tuple[float, ...] = (), note: str = "") -> None:
-        """Count a piece that has just ended, as `had` does."""
-        self.had(f, solved, size, note)
-        self._tell()
-
-    def had_failed(self) -> None:
-        """Count a piece whose worker died, of which a store tells."""
-        self.done += 1
-        self._failed += 1
-
-    def add_failed(self) -> None:
-        """Count a piece whose worker has just died."""
-        self.had_failed()
-        self._tell()
-
-    def _tell(self) -> None:
-        self._here += 1
+    def report(self, score: Score | None) -> None:
+        """Count a piece that has just finished, and update the line."""
+        self.count(score)
+        self._in_this_run += 1
         if self._line is not None:
             self._now = self._line.clock()
-            self._line.tell(self._state(), self._now)
+            self._line.update(str(self), self._now)
 
-    def _state(self) -> State:
-        passed = max(self._now - self._began, 1e-9)
-        best = "" if self._best is None else self._best[1]
-        return State(
-            self._pieces, self.done, self._total, self._here / passed, best, self._solved,
-            self._failed,
-        )  # fmt: skip
-
-
-def check_progress(progress: Any) -> tuple[Callable[..., None] | None, ProgressLine | None]:
-    """Return the function of an argument `progress`, or the line that it asks for.
-
-    Raises
-    ------
-    TypeError
-        If it is neither callable, nor a `ProgressLine`, nor true, false or None.
-    """
-    if isinstance(progress, ProgressLine):
-        return None, progress
-    if progress is True:
-        return None, ProgressLine()
-    if progress is None or progress is False:
-        return None, None
-    if not callable(progress):
-        raise TypeError(
-            f"progress must be callable, got {progress!r}; True asks for a line on standard error"
-        )
-    return progress, None
+    def __str__(self) -> str:
+        rate = self._in_this_run / max(self._now - self._began, 1e-9)
+        parts = [f"{self.done} of {self._total} {self._pieces}", f"{rate:.3g} a second"]
+        if self._best is not None:
+            f = self._best.key[-1]
+            parts.append(f"best f {f:.1e}{self._best.note}")
+        parts.append(f"{self._solved} solved")
+        if self._failed:
+            parts.append(f"{self._failed} failed")
+        if self.done < self._total and rate > 0:
+            parts.append(f"{duration((self._total - self.done) / rate)} left")
+        return ", ".join(parts)
 
 
 def duration(seconds: float) -> str:
-    """Write a time: ``12 s``, ``3 min``, ``2 h 10 min``."""
+    """Return a time as text: ``12 s``, ``3 min``, ``2 h 10 min``."""
     if seconds < 59.5:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)

@@ -1,42 +1,45 @@
-"""What a store keeps: of a start, of one whose worker died, of a run."""
+"""Records of a store: starts, failures, summaries of runs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 __all__ = ["Failure", "Record", "RunSummary"]
 
 
 @dataclass(frozen=True)
 class Record:
-    """What a store keeps of one random start.
+    """The result of one random start, as a store keeps it.
 
     Attributes
     ----------
     number : int
-        Index of the start; with the run's settings it determines the rest but for `seconds`.
+        Number of the start; with the settings of the run it determines the rest except `seconds`.
     stages : int
     flows : int or None
-        Where they count.
+        Number of flows; None for tableaux.
     tree : str or None
-        The tree of points as JSON, where it was drawn with the start.
+        The tree of points as JSON if it was drawn with the start.
     phase : {"double", "quad"}
-        Arithmetic of the last solver that ran.
+        Arithmetic of the last solver.
     f : float
         Sum of squared residuals after the run in double precision.
     status, evaluations : int or None
-        Of the solver in double precision.
+        Final status of the solver in double precision, and evaluations of the residuals.
     refined_f, refined_status, refined_evaluations : float, int, int, or None
-        The same of the refinement.
+        The same for the refinement.
     largest_residual : float or None
-        Over all order conditions, at the coefficients.
+        Largest residual of all order conditions.
     solved : bool
-        Whether the start led to what was wanted.
+        Whether the start led to a method.
     coefficients : bytes
-        Packed, 16 bytes each: binary128.
+        Packed coefficients in binary128, 16 bytes each.
     seconds : float
-        Time that the start took.
+        Duration of the start.
     """
 
     number: int
@@ -55,6 +58,17 @@ class Record:
     coefficients: bytes
     seconds: float = 0.0
 
+    @property
+    def quads(self) -> NDArray[np.int8]:
+        """The coefficients in binary128, shape (n, 16), see `cg.support.quads`.
+
+        Raises
+        ------
+        ValueError
+            If the number of bytes isn't a multiple of 16.
+        """
+        return np.frombuffer(self.coefficients, np.int8).reshape(-1, 16)
+
 
 @dataclass(frozen=True)
 class Failure:
@@ -65,7 +79,7 @@ class Failure:
     index : int
         Number of the start; with the seed it determines everything else.
     message : str
-        What became known of it.
+        Why it died.
     """
 
     index: int
@@ -74,27 +88,27 @@ class Failure:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """A run of a store, and how far it is.
+    """Settings and progress of a run in a store.
 
     Attributes
     ----------
     number : int
-        By which the store knows the run.
+        Number of the run in the store.
     kind : {"search", "construct"}
     settings : dict
-        What determines the results.
+        All that determines the results.
     versions : dict
-        Of the package, Python and the machine that began the run.
+        Versions of the package, Python and the machine that began the run.
     created, changed : float
         Seconds since 1970: when the run began, and when its last start was recorded.
     starts, solved, failed : int
-        Starts recorded, how many of them led to what was wanted, and those whose worker died.
+        Numbers of finished starts, of those that led to a method, and of failures.
     best : float or None
-        Smallest sum of squared residuals, refined where it was.
+        Smallest sum of squared residuals, after refinement if there was one.
     seconds : float
-        Time of all starts together.
+        Total duration of all starts.
     running : bool
-        Whether a process is at work on it.
+        Whether a process is carrying it out.
     """
 
     number: int

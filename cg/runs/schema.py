@@ -1,16 +1,16 @@
-"""The tables of a store, version by version.
-
-What a version was is never edited: the next one changes its tables.
-"""
+"""Tables of a store."""
 
 from __future__ import annotations
 
-__all__ = ["APPLICATION_ID", "MIGRATIONS"]
+__all__ = ["APPLICATION_ID", "TABLES", "VERSION"]
 
 APPLICATION_ID = 0x63675247
-"""By which SQLite's files tell what program they belong to."""
+"""Number in the header of an SQLite file that identifies stores of this package."""
 
-_FIRST = (
+VERSION = 2
+"""Version of the tables, stored in the file; files of other versions are refused."""
+
+TABLES = (
     """
     CREATE TABLE runs (
         number INTEGER PRIMARY KEY,
@@ -45,9 +45,6 @@ _FIRST = (
         PRIMARY KEY (run, number)
     )
     """,
-)
-
-_SECOND = (
     """
     CREATE TABLE failures (
         run INTEGER NOT NULL REFERENCES runs (number) ON DELETE CASCADE,
@@ -59,6 +56,3 @@ _SECOND = (
     """,
     "CREATE INDEX solved_starts ON starts (run, number) WHERE solved",
 )
-
-MIGRATIONS: tuple[tuple[str, ...], ...] = (_FIRST, _SECOND)
-"""Statements that lead from each version to the next; version 0 is an empty file."""

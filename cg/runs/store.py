@@ -1,8 +1,8 @@
-"""A file that keeps what long runs have found: an SQLite database that runs share.
+"""An SQLite database that stores the results of long runs.
 
-A killed run loses nothing that it had recorded; a run with the same settings goes on from there.
-Runs with other settings may use the same file, at the same time and from other processes of the
-same machine.
+Runs with different settings can share a file, also at the same time and from several processes of
+one machine. A killed run loses nothing that it had stored; a run with the same settings continues
+it.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from typing import Any
 
 from .database import (
     StoreError,
-    change_to_wal,
-    checked,
-    connected,
+    check_path,
+    connect,
     fold_log,
     has_log,
-    log_of,
-    named_errors,
+    log_path,
+    sqlite_errors,
+    use_wal,
 )
 from .one_run import StoredRun
-from .owner import AT_WORK, alive, owner
+from .owner import ACTIVE_OWNERS, is_active, new_owner
 from .records import RunSummary
-from .schema import APPLICATION_ID, MIGRATIONS
+from .schema import APPLICATION_ID, TABLES, VERSION
 
 __all__ = ["Store"]
 
@@ -45,18 +45,18 @@ class Store:
     Parameters
     ----------
     path : path
-        The file, which is made if there is none.
+        The file; created if it doesn't exist.
     read : bool, optional
-        Only read from a file, which must be there; it isn't changed.
+        Open an existing file for reading only, and leave it unchanged.
 
     Raises
     ------
     TypeError
-        If it isn't a path.
+        If `path` isn't a path.
     ValueError
-        If it isn't a file, no store, or written by a newer version.
+        If `path` isn't a regular file, or the file isn't a store of this version.
     OSError
-        If it can't be written, or read.
+        If the file can't be written, or read.
 
     Examples
     --------
@@ -69,58 +69,92 @@ class Store:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, read: bool = False) -> None:
-        self.path, self._reads = checked(path), read
+        self.path, self._read_only = check_path(path), read
         if read and not self.path.exists():
-            raise FileNotFoundError(errno.ENOENT, "store must be a file that exists", str(path))
-        with named_errors(self.path):
-            self._connection = connected(self.path, "?mode=ro" if read else "")
+            raise FileNotFoundError(errno.ENOENT, "store must be an existing file", str(path))
+        with sqlite_errors(self.path):
+            self._connection = connect(self.path, "?mode=ro" if read else "")
             try:
                 if read:
-                    self._check_to_read()
+                    self._open_to_read()
                 else:
-                    self._migrate()
+                    self._open_to_write()
             except BaseException:
                 self._connection.close()
                 raise
 
-    def _check_to_read(self) -> None:
-        """Raise ValueError unless the file can be read as it is; an older store is brought up."""
+    def _open_to_read(self) -> None:
+        """Raise an error unless the file can be read as it is."""
         try:
             self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
         except sqlite3.OperationalError as error:
-            # beside a file in a folder that can't be written there can't be what readers share
+            # in a read-only folder SQLite can't create the memory that readers share
             self._connection.close()
             if has_log(self.path):
                 raise OSError(
                     errno.EACCES,
-                    f"store can't be read: part of it is in its log {log_of(self.path).name}, and "
-                    f"SQLite reads a log where it can write ({error}); copy both files elsewhere",
+                    f"store can't be read: part of it is in its log {log_path(self.path).name}, "
+                    f"and SQLite needs a writable folder to read a log ({error}); copy both files "
+                    "elsewhere",
                     str(self.path),
                 ) from error
-            self._connection = connected(self.path, "?mode=ro&immutable=1")
-        known, tables = self._contents()
-        if known != APPLICATION_ID or not tables:
+            self._connection = connect(self.path, "?mode=ro&immutable=1")
+        application_id, tables = self._contents()
+        if application_id != APPLICATION_ID or not tables:
             (mode,) = self._connection.execute("PRAGMA journal_mode").fetchone()
-            log = f", or one without its log {log_of(self.path).name}" if mode == "wal" else ""
-            raise StoreError(f"store {self.path} is no store{log}")
-        if self._schema() != len(MIGRATIONS):
-            self._connection.close()
-            self._connection, self._reads = connected(self.path), False
-            self._migrate()
-        elif not has_log(self.path) and self._owners_that_died():
+            log = f", or its log {log_path(self.path).name} is missing" if mode == "wal" else ""
+            raise StoreError(f"store {self.path} is not a store{log}")
+        self._check_version()
+        if not has_log(self.path) and self._inactive_owners():
             _log.warning(
-                "store %s may lack starts: it has runs that were killed, or were at work when it "
-                "was copied, and no log %s", self.path, log_of(self.path).name,
+                "store %s may lack starts: a run was killed, or was running when the file was "
+                "copied, and there is no log %s", self.path, log_path(self.path).name,
             )  # fmt: skip
 
-    def _contents(self) -> tuple[int, int]:
-        """Return which program made the file, and the number of its tables."""
+    def _open_to_write(self) -> None:
+        """Create the tables of an empty file; release runs whose processes have ended."""
         connection = self._connection
-        connection.execute("BEGIN")  # both of the same moment: another process may be making it
-        (known,) = connection.execute("PRAGMA application_id").fetchone()
+        application_id, tables = self._contents()
+        if application_id != APPLICATION_ID and (application_id or tables):
+            raise StoreError(f"store {self.path} is a database of another program")
+        if tables:
+            self._check_version()
+        use_wal(connection)
+        connection.execute("PRAGMA synchronous = NORMAL")
+        connection.execute("PRAGMA foreign_keys = ON")
+        with self._transaction():
+            if not self._version():  # another process may have created the tables since
+                for statement in TABLES:
+                    connection.execute(statement)
+                connection.execute(f"PRAGMA user_version = {VERSION}")
+                connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            inactive = [(owner,) for owner in self._inactive_owners()]
+            connection.executemany("UPDATE runs SET owner = NULL WHERE owner = ?", inactive)
+        connection.execute("PRAGMA wal_checkpoint")
+
+    def _contents(self) -> tuple[int, int]:
+        """Return the application id of the file and the number of its tables."""
+        connection = self._connection
+        connection.execute("BEGIN")  # one snapshot: another process may be creating the tables
+        (application_id,) = connection.execute("PRAGMA application_id").fetchone()
         (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
         connection.execute("COMMIT")
-        return int(known), int(tables)
+        return int(application_id), int(tables)
+
+    def _version(self) -> int:
+        (number,) = self._connection.execute("PRAGMA user_version").fetchone()
+        return int(number)
+
+    def _check_version(self) -> None:
+        if self._version() != VERSION:
+            raise StoreError(
+                f"store {self.path} was written by another version of this package: its tables "
+                f"have version {self._version()}, expected {VERSION}"
+            )
+
+    def _inactive_owners(self) -> list[str]:
+        rows = self._connection.execute("SELECT owner, changed FROM runs WHERE owner IS NOT NULL")
+        return [owner for owner, changed in rows if not is_active(owner, changed)]
 
     def __enter__(self) -> Store:
         return self
@@ -129,47 +163,15 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Close the file, with all that was written in it, not in its log."""
+        """Close the file after moving the log of write-ahead logging into it."""
         self._connection.close()
-        if not self._reads:
+        if not self._read_only:
             fold_log(self.path)
-
-    def _migrate(self) -> None:
-        """Bring an older store, or an empty file, to the present schema."""
-        connection = self._connection
-        known, tables = self._contents()
-        if known != APPLICATION_ID and (known or tables):
-            raise StoreError(f"store {self.path} is a database of another program")
-        if self._schema() > len(MIGRATIONS):
-            raise StoreError(
-                f"store {self.path} was written by a newer version of this package: schema "
-                f"{self._schema()}, this version knows {len(MIGRATIONS)}"
-            )
-        change_to_wal(connection)
-        connection.execute("PRAGMA synchronous = NORMAL")
-        connection.execute("PRAGMA foreign_keys = ON")
-        with self._transaction():
-            for number, statements in enumerate(MIGRATIONS[self._schema() :], self._schema() + 1):
-                for statement in statements:
-                    connection.execute(statement)
-                connection.execute(f"PRAGMA user_version = {number}")
-                connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-            died = [(owner,) for owner in self._owners_that_died()]
-            connection.executemany("UPDATE runs SET owner = NULL WHERE owner = ?", died)
-        connection.execute("PRAGMA wal_checkpoint")
-
-    def _owners_that_died(self) -> list[str]:
-        rows = self._connection.execute("SELECT owner, changed FROM runs WHERE owner IS NOT NULL")
-        return [owner for owner, changed in rows if not alive(owner, changed)]
-
-    def _schema(self) -> int:
-        (number,) = self._connection.execute("PRAGMA user_version").fetchone()
-        return int(number)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        with named_errors(self.path):
-            try:  # an interrupt may come between any two of these
+        with sqlite_errors(self.path):
+            try:  # an interrupt may come between any two of these statements
                 self._connection.execute("BEGIN IMMEDIATE")
                 yield
                 self._connection.execute("COMMIT")
@@ -179,21 +181,21 @@ class Store:
                 raise
 
     def begin(self, kind: str, settings: Mapping[str, Any]) -> StoredRun:
-        """Begin a run, or go on with the one of the same settings.
+        """Begin a run, or resume the one with the same settings.
 
         Parameters
         ----------
         kind : str
         settings : mapping
-            What determines the results, as plain data.
+            All that determines the results, as plain data.
 
         Raises
         ------
         OSError
-            If a process that lives is at work on the same run.
+            If another process is carrying out the same run.
         """
-        text = _canonical(settings)
-        connection, me = self._connection, owner()
+        text = json.dumps(settings, sort_keys=True)
+        connection, owner = self._connection, new_owner()
         with self._transaction():
             row = connection.execute(
                 "SELECT number, owner, changed FROM runs WHERE kind = ? AND settings = ?",
@@ -204,11 +206,11 @@ class Store:
                 number = connection.execute(
                     "INSERT INTO runs (kind, settings, versions, created, changed, owner) "
                     "VALUES (?, ?, ?, ?, ?, ?)",
-                    (kind, text, json.dumps(_versions()), now, now, me),
+                    (kind, text, json.dumps(_versions()), now, now, owner),
                 ).lastrowid
             else:
                 number, other, changed = row
-                if other is not None and alive(other, changed):
+                if other is not None and is_active(other, changed):
                     raise BlockingIOError(
                         errno.EAGAIN,
                         f"the run is in use by process {json.loads(other)['process']}, "
@@ -216,74 +218,49 @@ class Store:
                         str(self.path),
                     )
                 connection.execute(
-                    "UPDATE runs SET owner = ?, changed = ? WHERE number = ?", (me, now, number)
+                    "UPDATE runs SET owner = ?, changed = ? WHERE number = ?", (owner, now, number)
                 )
-        connection.execute("PRAGMA wal_checkpoint")  # a copy of the file says that it's at work
+        connection.execute("PRAGMA wal_checkpoint")  # so that a copy of the file shows the owner
         assert number is not None
-        AT_WORK.add(me)
-        return StoredRun(self, int(number), me)
+        ACTIVE_OWNERS.add(owner)
+        return StoredRun(self, int(number), owner)
 
     def run(self, number: int) -> StoredRun:
-        """Return a run to read from.
+        """Return a run for reading.
 
         Raises
         ------
         KeyError
-            If there is none of that number; the message lists those that there are.
+            If there is no run of that number; the message lists the numbers.
         """
-        numbers = [found for (found,) in self._connection.execute("SELECT number FROM runs")]
+        numbers = [each for (each,) in self._connection.execute("SELECT number FROM runs")]
         if number not in numbers:
             raise KeyError(f"no run {number!r} in {self.path}; there are {numbers}")
         return StoredRun(self, number, None)
 
     def runs(self) -> tuple[RunSummary, ...]:
-        """Return all runs, in the order in which they were begun."""
-        with named_errors(self.path):
-            rows = self._connection.execute(
+        """Return summaries of all runs, oldest first."""
+        with sqlite_errors(self.path):
+            cursor = self._connection.cursor()
+            cursor.row_factory = sqlite3.Row
+            rows = cursor.execute(
                 """
                 SELECT runs.number, kind, settings, versions, created, changed, owner,
-                    count(starts.number), coalesce(sum(solved), 0),
-                    (SELECT count(*) FROM failures WHERE failures.run = runs.number),
-                    min(coalesce(refined_f, f)), coalesce(sum(seconds), 0.0)
+                    count(starts.number) AS starts, coalesce(sum(solved), 0) AS solved,
+                    (SELECT count(*) FROM failures WHERE failures.run = runs.number) AS failed,
+                    min(coalesce(refined_f, f)) AS best, coalesce(sum(seconds), 0.0) AS seconds
                 FROM runs LEFT JOIN starts ON starts.run = runs.number
                 GROUP BY runs.number ORDER BY runs.number
                 """
             ).fetchall()
-        return tuple(_summary(*row) for row in rows)
+        return tuple(_summary(dict(row)) for row in rows)
 
 
-def _summary(
-    number: int,
-    kind: str,
-    settings: str,
-    versions: str,
-    created: float,
-    changed: float,
-    owner: str | None,
-    starts: int,
-    solved: int,
-    failed: int,
-    best: float | None,
-    seconds: float,
-) -> RunSummary:
-    return RunSummary(
-        number,
-        kind,
-        json.loads(settings),
-        json.loads(versions),
-        created,
-        changed,
-        starts,
-        solved,
-        failed,
-        best,
-        seconds,
-        owner is not None and alive(owner, changed),
-    )
-
-
-def _canonical(settings: Mapping[str, Any]) -> str:
-    return json.dumps(settings, sort_keys=True)
+def _summary(row: dict[str, Any]) -> RunSummary:
+    owner = row.pop("owner")
+    running = owner is not None and is_active(owner, row["changed"])
+    decoded = {name: json.loads(row[name]) for name in ("settings", "versions")}
+    return RunSummary(**(row | decoded), running=running)
 
 
 def _versions() -> dict[str, str]:

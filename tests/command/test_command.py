@@ -300,10 +300,10 @@ def test_output_is_checked_first(run, arguments, tmp_path, monkeypatch):
     assert list((tmp_path / "new").rglob("*.toml"))
 
 
-def test_promote_checks_the_folder_first(run, tmp_path):
+def test_publish_checks_folder_first(run, tmp_path):
     store = tmp_path / "runs.db"
     run("search", "--order", "2", "--stages", "2", "--starts", "2", "--store", str(store))
-    code, _, err = run("runs", "promote", str(store), "1", "Mine", "--folder", "/proc")
+    code, _, err = run("runs", "publish", str(store), "1", "Mine", "--folder", "/proc")
     assert code == 2
     assert "--folder: /proc/Mine can't be written" in err
 
@@ -338,8 +338,8 @@ class TestProcess:
         code, error = interrupted_search(command, file)
         assert code == 130
         assert error.endswith(
-            f"python -m cg: interrupted; what had ended is in {file}, and the same search goes on "
-            "from there, on any executor\n"
+            f"python -m cg: interrupted; finished results are in {file}; run the same search again "
+            "to continue, on any executor\n"
         )
 
     def test_completion_of_names(self):

@@ -70,19 +70,19 @@ def test_best(capsys, path):
     assert largest == sorted(largest)
     assert len(largest) == 10
     code, out, _ = told(capsys, "best", path, "2")
-    assert (code, out) == (1, "no start led to what was wanted\n")
+    assert (code, out) == (1, "no start led to a method\n")
 
 
-def test_promote(capsys, path, tmp_path):
-    code, out, _ = told(capsys, "promote", path, "1", "Mine", "--folder", str(tmp_path))
+def test_publish(capsys, path, tmp_path):
+    code, out, _ = told(capsys, "publish", path, "1", "Mine", "--folder", str(tmp_path))
     assert code == 0
     assert f"wrote {tmp_path / 'Mine.toml'}" in out
     assert cg.catalogue.load(tmp_path / "Mine.toml").order == 3
     before, now = (float(part.split()[-1]) for part in out.splitlines()[1].split(", now"))
     assert now <= before
-    code, _, err = told(capsys, "promote", path, "2", "None", "--folder", str(tmp_path))
+    code, _, err = told(capsys, "publish", path, "2", "None", "--folder", str(tmp_path))
     assert code == 2
-    assert "run 2 has no start that led to what was wanted" in err
+    assert "run 2 has no start that led to a method" in err
 
 
 def test_wrong_arguments(capsys, path, tmp_path):

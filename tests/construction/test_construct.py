@@ -28,7 +28,7 @@ from cg.construction import (
     triple_jump,
     walk,
 )
-from cg.construction.drop import _ways, solve_start
+from cg.construction.drop import _smaller_starts, solve_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.start import random_candidate
 from cg.runs import Store
@@ -70,13 +70,13 @@ class TestSystem:
         worse[candidate.system.free[-4]] += 0.1  # the last of the second weights
         assert np.abs(candidate.system.residual(worse)).max() > 1e-3
 
-    def test_what_is_zero_by_definition_stays(self):
+    def test_fixed_zeros_are_kept(self):
         candidate = a_candidate(3, 3, embedded=True)
         fixed = np.setdiff1d(np.arange(candidate.system.size), candidate.system.free)
         assert [candidate.system.layout.names[k] for k in fixed] == ["b_embedded_3"]
         assert not candidate.x[fixed].any()
 
-    def test_a_pair_of_order_one_is_refused(self):
+    def test_rejects_pair_of_order_one(self):
         with pytest.raises(ValueError, match="order must be at least 2"):
             ConditionSystem.tableau(1, 2, embedded=True)
 
@@ -110,7 +110,7 @@ class TestCompose:
     @pytest.mark.parametrize(
         ("methods", "gammas", "message"),
         [
-            ([], [], "gammas must have one entry a method, got 0 for 0"),
+            ([], [], "gammas must have one entry for each method, got 0 for 0"),
             (["CG3"], ["1/2", "1/2"], "got 2 for 1"),
             (["ImplicitMidpoint"], [1], "methods must be explicit"),
         ],
@@ -125,13 +125,13 @@ class TestCompose:
 
 
 class TestMoving:
-    def test_a_walk_ends_elsewhere_on_the_set(self):
+    def test_walk_reaches_another_solution(self):
         candidate = a_candidate(4, 6)
         moved = walk(candidate, np.random.default_rng(1), size=0.2)
         assert solved(moved)
         assert np.linalg.norm(moved.x - candidate.x) > 0.02
 
-    def test_elimination_leaves_a_method_with_a_stage_less(self):
+    def test_eliminate_stage(self):
         random = np.random.default_rng(3)
         reached = list(eliminate(a_candidate(4, 8, seed=1), 6, random=random))
         assert [candidate.system.stages for candidate in reached] == [7, 6]
@@ -139,7 +139,7 @@ class TestMoving:
         method = to_method(reached[-1], name="six", source="test")
         assert (method.stages, method.order) == (6, 4)
 
-    def test_a_stage_that_does_nothing_is_dropped_as_it_is(self):
+    def test_drops_stage_without_influence(self):
         candidate = a_candidate(3, 3)
         a, b = np.zeros((4, 4)), np.zeros(4)
         keep = np.array([0, 2, 3])
@@ -150,23 +150,23 @@ class TestMoving:
         smaller = eliminate_stage(wider, 1)
         np.testing.assert_allclose(smaller.x, candidate.x, rtol=0, atol=1e-12)
 
-    def test_a_dropped_stage_leaves_a_method(self):
+    def test_drop_stage(self):
         smaller = drop_stage(a_candidate(4, 7, seed=1), np.random.default_rng(3))
         assert smaller.system.stages == 6
         assert solved(smaller)
         assert refinable(smaller)
 
-    def test_a_neighbour_inherits_the_column_of_a_dropped_stage(self):
+    def test_column_of_dropped_stage_goes_to_neighbour(self):
         candidate = a_candidate(4, 6)
         _, b = cg.conditions.unpack(candidate.x, 6)
-        totals = [sum(cg.conditions.unpack(way.x, 5)[1]) for way in _ways(candidate)]
+        totals = [sum(cg.conditions.unpack(way.x, 5)[1]) for way in _smaller_starts(candidate)]
         expected = []
         for stage in range(6):
             receivers = (stage > 0) + (stage < 5)
             expected += [1 - b[stage]] + [1.0] * receivers
         np.testing.assert_allclose(totals, expected, rtol=0, atol=1e-10)
 
-    def test_stages_that_cannot_be_dropped(self):
+    def test_drop_stage_fails(self):
         random = np.random.default_rng(0)
         assert drop_stage(a_candidate(3, 3), random) is None
         assert drop_stage(a_candidate(4, 7), random, accept=lambda candidate: False) is None
@@ -176,18 +176,18 @@ class TestMoving:
             drop_stage(a_candidate(4, 7), random, tries=0)
 
     @pytest.mark.parametrize(("order", "kept"), [(4, False), (5, True)])
-    def test_what_keeps_starts_away_from_false_zeros_is_held(self, order, kept):
+    def test_held_entries_avoid_degenerate_limits(self, order, kept):
         guess = random_candidate(ConditionSystem.tableau(order, 9), 0.5, np.random.default_rng(2))
         solved_to = solve_start(guess, 20, promising=1e9)
         assert bool(solved_to.x[0] == guess.x[0]) is kept
         assert not kept or 0.3 <= guess.x[0] <= 0.8
 
-    def test_guesses_satisfy_what_is_linear_in_the_structure(self):
+    def test_guesses_satisfy_linear_assumptions(self):
         system = ConditionSystem.tableau(6, 13, structure=Structure.MIDDLE)
         guess = random_candidate(system, 0.5, np.random.default_rng(2))
         assert np.abs(system.residual(guess.x)[-11:]).max() < 1e-14
 
-    def test_a_near_miss_is_not_sound(self):
+    def test_near_miss_is_not_refinable(self):
         candidate = a_candidate(4, 6)
         assert refinable(candidate)
         assert refinable(Candidate(candidate.system, candidate.x + 1e-9))
@@ -195,7 +195,7 @@ class TestMoving:
         nothing = Candidate(ConditionSystem.tableau(1, 1), np.zeros(1))
         assert not refinable(nothing)
 
-    def test_a_dead_end_is_none(self):
+    def test_eliminate_stage_fails(self):
         # two stages cannot have order three
         assert eliminate_stage(a_candidate(3, 3), 1) is None
 
@@ -209,7 +209,7 @@ class TestMoving:
 
 
 class TestOptimise:
-    def test_principal_error_gets_smaller_on_the_set(self):
+    def test_optimise_reduces_principal_error(self):
         candidate = a_candidate(4, 6)
         better = optimise(candidate, Goals())
         assert solved(better)
@@ -218,7 +218,7 @@ class TestOptimise:
         assert method.order == 4
         assert method.principal_error() == pytest.approx(principal_error(better), rel=1e-6)
 
-    def test_abscissae_are_drawn_into_the_unit_interval(self):
+    def test_optimise_moves_abscissae_into_unit_interval(self):
         for seed in range(20):
             candidate = a_candidate(4, 6, seed=seed)
             c = np.array(cg.conditions.unpack(candidate.x, 6)[0], dtype=float).sum(axis=1)
@@ -229,7 +229,7 @@ class TestOptimise:
         outside = [max(-v.min(), v.max() - 1) for v in (c, after)]
         assert outside[1] < 0.1 * outside[0]
 
-    def test_coefficients_become_zero_and_the_order_stays(self):
+    def test_fewer_exponentials(self):
         candidate, zeros = fewer_exponentials(a_candidate(4, 6))
         assert zeros.size > 2
         assert not candidate.x[zeros].any()
@@ -237,11 +237,11 @@ class TestOptimise:
         assert method.order == 4
         assert method.exponentials == unknowns(6) - zeros.size
 
-    def test_points_off_the_set_are_refused(self):
+    def test_optimise_rejects_points_off_the_set(self):
         with pytest.raises(ValueError, match="candidate must be on the solution set"):
             optimise(Candidate(ConditionSystem.tableau(4, 5), np.ones(15)), Goals())
 
-    def test_bad_goals(self):
+    def test_rejects_bad_goals(self):
         with pytest.raises(ValueError, match="abscissae must be a finite number"):
             Goals(abscissae=-1)
         with pytest.raises(ValueError, match="at least one weight"):
@@ -257,7 +257,7 @@ class TestToTableau:
         second = residuals(pair.a, pair.b_embedded, order)
         assert np.linalg.norm(second) > 1e-3
 
-    def test_what_is_not_a_solution_is_never_a_method(self):
+    def test_inexact_candidate_is_no_method(self):
         far = Candidate(ConditionSystem.tableau(4, 5), np.random.default_rng(0).uniform(-1, 1, 15))
         with pytest.raises(NotExactError, match=r"largest residual .* after refinement"):
             to_method(far, name="no", source="test")
@@ -285,48 +285,46 @@ class TestConstruct:
         found = cg.construct(order=6, stages=22, seed=1, tries=40, full_rank=True)
         assert pack_method(found.method, 6).rank == 113
 
-    def test_order_five_with_eight_stages_has_a_structure(self):
+    def test_default_structure_of_order_five(self):
         found = cg.construct(order=5, stages=8, seed=0, tries=1)
         assert found.settings.structure is Structure.MIDDLE  # 36 unknowns for 38 conditions else
 
-    def test_too_few_stages_for_a_structure(self):
+    def test_rejects_too_few_stages_for_structure(self):
         with pytest.raises(ValueError, match=r"64 unknowns for 72 .* with structure MIDDLE"):
             cg.construct(order=6, stages=11, seed=0, structure=Structure.MIDDLE)
         with pytest.raises(ValueError, match="structure must be GENERAL with full_rank"):
             cg.construct(order=6, stages=15, seed=0, structure=1, full_rank=True)
 
-    def test_workers_do_not_change_the_result(self):
+    def test_result_does_not_depend_on_workers(self):
         one, two = (cg.construct(order=4, stages=5, seed=3, workers=n) for n in (1, 2))
         assert one.method == two.method
         assert one.tries == two.tries
 
-    def test_running_out_of_tries_gives_no_method(self):
+    def test_no_method_if_all_tries_fail(self):
         found = cg.construct(order=4, stages=4, seed=0, tries=3, first_stages=6, force=True)
         assert found.method is None
         assert not found.exact
         assert found.tries == 3
         assert found.best.stages >= 4
 
-    def test_an_interrupted_run_goes_on(self, tmp_path):
+    def test_interrupted_run_is_resumed(self, tmp_path):
         path = tmp_path / "runs.db"
 
         class Stop(Exception):
             pass
 
-        def stop_at_third(attempt):
-            if attempt.index >= 2:
+        def stop_at_third(done, _):
+            if done == 3:
                 raise Stop
 
         options = {"order": 5, "stages": 9, "seed": 1, "tries": 6, "workers": 1, "iterations": 5}
         with pytest.raises(Stop):
             cg.construct(**options, store=path, progress=stop_at_third)
         with Store(path) as store:
-            assert list(store.run(1).numbers())[:3] == [0, 1, 2]
-        again = []
-        resumed = cg.construct(
-            **options, store=path, progress=lambda attempt: again.append(attempt.index)
-        )
-        assert not {0, 1, 2} & set(again)
+            assert list(store.run(1).numbers()) == [0, 1, 2]
+        counts = []
+        resumed = cg.construct(**options, store=path, progress=lambda *now: counts.append(now))
+        assert counts == [(done, 6) for done in range(4, 7)]
         assert resumed == cg.construct(**options)
 
     @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def reference(x, layout, first_damping, iterations, accurate):
 
 @pytest.mark.parametrize("accurate", [False, True])
 @pytest.mark.parametrize("seed", range(4))
-def test_iterations_are_those_of_the_algorithm(seed, accurate):
+def test_iterations_equal_reference_algorithm(seed, accurate):
     layout = Layout.tableau(STAGES)
     system = ConditionSystem(ORDER, layout)
     start = np.random.default_rng(seed).uniform(-1, 1, layout.size)
@@ -62,7 +62,7 @@ def test_iterations_are_those_of_the_algorithm(seed, accurate):
         assert fit.f == pytest.approx(f, rel=1e-8)
 
 
-def test_refused_steps_are_among_them():
+def test_reference_rejects_some_steps():
     layout = Layout.tableau(STAGES)
     starts = [np.random.default_rng(seed).uniform(-1, 1, layout.size) for seed in range(4)]
     assert any(reference(start, layout, 1e-2, 9, False)[2] for start in starts)

@@ -64,13 +64,13 @@ class TestFlat:
         for name in ("CG3", "CG4", "CG5a", "CG6b"):
             assert flat_order(methods[name]) >= methods[name].order
 
-    def test_rational_coefficients_are_allowed_nothing(self):
+    def test_rational_coefficients_have_no_tolerance(self):
         off = Fraction(1, 10**30)
         a = [[], ["1/2"], [-1, 2]]
         b = [Fraction(1, 6) + off, Fraction(2, 3) - off, "1/6"]
         assert flat_order(cg.Tableau(a, b)) == 1
 
-    def test_doubles_are_allowed_their_rounding(self):
+    def test_doubles_have_tolerance_of_rounding(self):
         a, b = FEHLBERG.a.tolist(), FEHLBERG.b.tolist()
         assert flat_order(cg.Tableau(a, b)) == 5
         b[0] += 1e-14
@@ -83,7 +83,7 @@ class TestFlat:
         )  # fmt: skip
         assert stage_orders(FEHLBERG) == (0, 1, 2, 2, 2, 2)
 
-    def test_second_weights_that_are_missing(self):
+    def test_rejects_missing_second_weights(self):
         with pytest.raises(ValueError, match="embedded"):
             flat_order(KUTTA, embedded=True)
 
@@ -95,7 +95,7 @@ class TestSplittings:
         return rows, Splitting(rows, layout, 5, 4)
 
     @pytest.mark.parametrize("seed", range(6))
-    def test_sums_are_exact_whatever_the_unknowns(self, seed):
+    def test_sums_are_exact_for_all_unknowns(self, seed):
         rows, splitting = self.splitting(seed)
         generator = np.random.default_rng(seed)
         free = [Fraction(int(k), 1000) for k in generator.integers(-999, 999, splitting.free.size)]
@@ -104,7 +104,7 @@ class TestSplittings:
         assert tree.flat_row(tree.result) == rows.result
         assert tree.flat_row(tree.embedded_result) == rows.embedded
 
-    def test_directions_keep_the_sums(self):
+    def test_directions_preserve_sums(self):
         _, splitting = self.splitting()
         x = splitting.from_unknowns(np.linspace(-1, 1, splitting.free.size))
         moved = x + splitting.directions @ np.linspace(1, 2, splitting.free.size)
@@ -149,7 +149,7 @@ class TestLift:
         assert lifted.flows == method.exponentials
         assert method.name == tableau.name
 
-    def test_the_same_again(self):
+    def test_lift_is_reproducible(self):
         first, again = (cg.lift(CLASSICAL, seed=3) for _ in range(2))
         assert first == again
         assert cg.lift(CLASSICAL, seed=4).method != first.method
@@ -183,7 +183,7 @@ class TestLift:
         assert method.exact == flat.exact
         assert (method.order, method.embedded_order) == (3, 2)
 
-    def test_what_cannot_be_found_is_said(self):
+    def test_lift_error(self):
         with pytest.raises(cg.LiftError, match="none of 3 starts led to a method of order 4") as e:
             cg.lift(CLASSICAL, chains=[1, 1, 1, 1], tries=3)
         assert e.value.best > 1e-6
@@ -197,7 +197,7 @@ class TestLift:
             ((CLASSICAL, 0), "order must be"),
         ],
     )
-    def test_bad_methods_and_orders(self, arguments, message):
+    def test_rejects_bad_methods_and_orders(self, arguments, message):
         with pytest.raises((TypeError, ValueError), match=message):
             cg.lift(*arguments)
 
@@ -216,11 +216,11 @@ class TestLift:
             ({"max_iterations": 0}, "max_iterations must be"),
         ],
     )
-    def test_bad_arguments(self, named, message):
+    def test_rejects_bad_arguments(self, named, message):
         with pytest.raises((TypeError, ValueError), match=message):
             cg.lift(CLASSICAL, **named)
 
-    def test_second_weights_of_too_high_an_order(self):
+    def test_rejects_too_high_embedded_order(self):
         with pytest.raises(ValueError, match="embedded_order must be from 1 to 4"):
             cg.lift(FEHLBERG, embedded_order=5)
 

@@ -107,7 +107,7 @@ def recomputes_a_norm(jacobian: np.ndarray) -> bool:
 
 
 @pytest.mark.parametrize(("name", "factor"), CASES)
-def test_takes_the_path_of_scipy(name: str, factor: int) -> None:
+def test_iterates_equal_scipy(name: str, factor: int) -> None:
     problem = BY_NAME[name]
     run, (x, _, details, _, info) = scipy_solve(
         problem, problem.start(factor), ftol=EPS**0.5, xtol=EPS**0.5
@@ -153,7 +153,7 @@ def test_takes_the_path_of_scipy(name: str, factor: int) -> None:
     ],
     ids=str,
 )
-def test_takes_the_path_of_scipy_with_options(name: str, options: dict[str, object]) -> None:
+def test_iterates_equal_scipy_with_options(name: str, options: dict[str, object]) -> None:
     problem = BY_NAME[name]
     if "diag" in options:
         options = {"diag": 0.5 + np.arange(problem.n)}
@@ -166,7 +166,7 @@ def test_takes_the_path_of_scipy_with_options(name: str, options: dict[str, obje
 
 @pytest.mark.skipif(load_debian_minpack() is None, reason="libminpack (minpack-dev) not found")
 @pytest.mark.parametrize(("name", "factor"), CASES)
-def test_takes_the_path_of_minpack_bit_for_bit(name: str, factor: int) -> None:
+def test_iterates_equal_minpack_bitwise(name: str, factor: int) -> None:
     # epsfcn as Debian's idea of the machine precision, or its differences have other steps.
     problem = BY_NAME[name]
     library = load_debian_minpack()
@@ -202,7 +202,7 @@ def test_takes_the_path_of_minpack_bit_for_bit(name: str, factor: int) -> None:
 
 
 @pytest.mark.parametrize("name", BY_NAME)
-def test_reaches_a_published_minimum(name: str) -> None:
+def test_reaches_published_minimum(name: str) -> None:
     # From one start at least: from others MINPACK stops elsewhere, or at maxfev.
     problem = BY_NAME[name]
     reached = [
@@ -244,7 +244,7 @@ def linear_systems() -> st.SearchStrategy[tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 @given(linear_systems())
-def test_a_linear_problem_takes_few_evaluations(system: tuple[np.ndarray, ...]) -> None:
+def test_linear_problem_takes_few_evaluations(system: tuple[np.ndarray, ...]) -> None:
     a, b, x0 = system
     fit = cg.lmdif(lambda x: a @ x - b, x0)
     assert fit.success
@@ -255,7 +255,7 @@ def test_a_linear_problem_takes_few_evaluations(system: tuple[np.ndarray, ...]) 
 
 @settings(max_examples=30)
 @given(st.sampled_from(SOME), st.integers(-20, 20))
-def test_units_of_the_residual_do_not_matter(name: str, power: int) -> None:
+def test_scaling_of_residuals(name: str, power: int) -> None:
     problem = BY_NAME[name]
     plain = cg.lmdif(problem.residual, problem.start(1))
     scaled = cg.lmdif(lambda x: problem.residual(x) * 2.0**power, problem.start(1))
@@ -265,7 +265,7 @@ def test_units_of_the_residual_do_not_matter(name: str, power: int) -> None:
 
 @settings(max_examples=30)
 @given(st.sampled_from(SOME), st.integers(-20, 20))
-def test_units_of_the_unknowns_do_not_matter(name: str, power: int) -> None:
+def test_scaling_of_unknowns(name: str, power: int) -> None:
     problem, unit = BY_NAME[name], 2.0**power
     plain = cg.lmdif(problem.residual, problem.start(1))
     scaled = cg.lmdif(lambda x: problem.residual(x * unit), problem.start(1) / unit)
@@ -275,7 +275,7 @@ def test_units_of_the_unknowns_do_not_matter(name: str, power: int) -> None:
 
 @settings(max_examples=30)
 @given(st.sampled_from(SOME), st.integers(-20, 20))
-def test_a_common_factor_of_diag_does_not_matter(name: str, power: int) -> None:
+def test_common_factor_of_diag(name: str, power: int) -> None:
     problem = BY_NAME[name]
     diag = 0.5 + np.arange(problem.n)
     plain = cg.lmdif(problem.residual, problem.start(1), diag=diag)
@@ -284,7 +284,7 @@ def test_a_common_factor_of_diag_does_not_matter(name: str, power: int) -> None:
     assert_array_equal(scaled.x, plain.x)
 
 
-def test_diag_does_matter() -> None:
+def test_diag_changes_iterates() -> None:
     problem = BY_NAME["bard"]
     counts = {
         cg.lmdif(problem.residual, problem.start(1), diag=diag, factor=0.1).nfev
@@ -293,14 +293,14 @@ def test_diag_does_matter() -> None:
     assert len(counts) == 2
 
 
-def test_a_zero_at_the_start_is_a_solution() -> None:
+def test_zero_at_start_is_solution() -> None:
     fit = cg.lmdif(lambda x: x - 1, np.ones(3))
     assert fit.info is Status.SMALL_GRADIENT
     assert fit.nfev == 4
     assert fit.success
 
 
-def test_maxfev_is_told() -> None:
+def test_status_of_maxfev() -> None:
     fit = cg.lmdif(BY_NAME["rosenbrock"].residual, [-1.2, 1.0], maxfev=5)
     assert fit.info is Status.TOO_MANY_EVALUATIONS
     assert not fit.success

@@ -69,7 +69,7 @@ def test_defaults():
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
-def test_as_many_evaluations_as_minpack_allows(n):
+def test_default_maxfev_is_that_of_minpack(n):
     # the tests of convergence never hold: |x| grows, and f falls to a half in each step
     fit = cg.lmdif(lambda x: np.exp2(-x), np.zeros(n), ftol=0, xtol=0, factor=1e-3, diag=np.ones(n))
     assert fit.info is Status.TOO_MANY_EVALUATIONS
@@ -77,7 +77,7 @@ def test_as_many_evaluations_as_minpack_allows(n):
 
 
 @pytest.mark.parametrize("name", CURVED)
-def test_ftol_is_for_the_actual_and_the_predicted_reduction(name):
+def test_ftol_bounds_actual_and_predicted_reduction(name):
     fit, before = solve(name, ftol=1e-4, xtol=0)
     assert fit.info is Status.SMALL_REDUCTION
     old, new = (np.linalg.norm(BY_NAME[name].residual(x)) for x in (before, fit.x))
@@ -91,7 +91,7 @@ def test_ftol_is_for_the_actual_and_the_predicted_reduction(name):
 
 
 @pytest.mark.parametrize("name", CURVED)
-def test_xtol_is_for_the_next_step_s_bound(name):
+def test_xtol_bounds_next_step(name):
     fit, before = solve(name, ftol=0, xtol=1e-3)
     assert fit.info is Status.SMALL_STEP
     # after a step of Gauss and Newton the bound is twice its length
@@ -103,7 +103,7 @@ def test_xtol_is_for_the_next_step_s_bound(name):
 
 
 @pytest.mark.parametrize("name", CURVED)
-def test_gtol_is_for_the_cosine(name):
+def test_gtol_bounds_cosine(name):
     fit, _ = solve(name, ftol=0, xtol=0, gtol=1e-2)
     assert fit.info is Status.SMALL_GRADIENT
     r = np.triu(fit.fjac[: fit.x.size])
@@ -116,7 +116,7 @@ def test_gtol_is_for_the_cosine(name):
 
 
 @pytest.mark.parametrize(("epsfcn", "size"), [(None, 2.0**-26), (0.0, 2.0**-26), (1e-10, 1e-5)])
-def test_steps_of_differences(epsfcn, size):
+def test_epsfcn_sets_steps_of_differences(epsfcn, size):
     path = Path(lambda x: x - 3)
     start = np.array([2.0, -0.5, 0.0])
     cg.lmdif(path, start, **({} if epsfcn is None else {"epsfcn": epsfcn}))
@@ -125,7 +125,7 @@ def test_steps_of_differences(epsfcn, size):
 
 
 @pytest.mark.parametrize("factor", [1e-3, 0.1])
-def test_the_first_step_is_bounded(factor):
+def test_factor_bounds_first_step(factor):
     path = Path(lambda x: x - 1000)
     start, diag = np.array([3.0, 4.0]), np.array([2.0, 0.5])
     cg.lmdif(path, start, factor=factor, diag=diag)
@@ -152,7 +152,7 @@ def test_tolerances_of_the_papers_search(monkeypatch):
     assert {quads.to_float(tolerance.T)[0] for tolerance in others} == {1e-32}
 
 
-def test_searches_stop_where_the_solver_does():
+def test_search_status_is_that_of_solver():
     settings = cg.search(3, 3, 6, seed=0, algorithm="lmdif").settings
     layout = Layout.tableau(3)
     trees = [t for t in conditions.table_rows(3) if t]

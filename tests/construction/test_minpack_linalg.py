@@ -82,7 +82,7 @@ def test_norm_neither_overflows_nor_underflows(faces: Faces, values: list[float]
 
 
 @given(st.lists(st.floats(-1e10, 1e10), min_size=1, max_size=8), st.sampled_from([-0.0, 0.0]))
-def test_norm_sees_no_zeros_and_no_signs(faces: Faces, values: list[float], zero: float) -> None:
+def test_norm_ignores_zeros_and_signs(faces: Faces, values: list[float], zero: float) -> None:
     x = np.array(values)
     norm = faces.enorm(x)
     assert faces.enorm(-x) == norm
@@ -90,7 +90,7 @@ def test_norm_sees_no_zeros_and_no_signs(faces: Faces, values: list[float], zero
     assert norm >= abs(x).max() * (1 - 4 * EPS)
 
 
-def test_norm_sees_what_is_not_a_number(faces: Faces) -> None:
+def test_norm_of_nan(faces: Faces) -> None:
     assert math.isnan(faces.enorm(np.array([1.0, np.nan, 2.0])))
 
 
@@ -125,7 +125,7 @@ def test_qrsolv_solves(faces: Faces, rng: np.random.Generator, n: int, extra: in
     assert_allclose(s.T @ s, gram, atol=1e-12 * abs(gram).max())
 
 
-def test_qrsolv_puts_zeros_from_the_first_zero_of_s_on(faces: Faces) -> None:
+def test_qrsolv_of_singular_matrix(faces: Faces) -> None:
     r = np.array([[2.0, 1.0, 1.0], [0.0, 0.0, 3.0], [0.0, 0.0, 0.0]])
     x, _ = faces.qrsolv(r, np.array([2, 0, 1]), np.zeros(3), np.array([4.0, 5.0, 6.0]))
     assert_array_equal(x, [0.0, 0.0, 2.0])
@@ -160,14 +160,14 @@ def test_lmpar_on_a_singular_jacobian(faces: Faces) -> None:
 
 @needs_minpack
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=8))
-def test_norm_is_that_of_minpack(faces: Faces, minpack: ctypes.CDLL, values: list[float]) -> None:
+def test_norm_equals_minpack(faces: Faces, minpack: ctypes.CDLL, values: list[float]) -> None:
     x = np.array(values)
     assert faces.enorm(x) == minpack.enorm_(reference(x.size), pointer(x))
 
 
 @needs_minpack
 @given(matrices(), seeds(), st.floats(-3, 3))
-def test_linear_algebra_is_that_of_minpack(
+def test_linear_algebra_equals_minpack(
     faces: Faces, minpack: ctypes.CDLL, a: np.ndarray, rng: np.random.Generator, size: float
 ) -> None:
     m, n = a.shape
@@ -214,9 +214,7 @@ def central_differences(problem: Problem) -> Residual:
     ["rosenbrock", "helical-valley", "bard", "kowalik-osborne", "brown-dennis", "chebyquad-8"],
 )
 @pytest.mark.parametrize("factor", [1, 10])
-def test_lmder_takes_the_path_of_minpack(
-    faces: Faces, minpack: ctypes.CDLL, name: str, factor: int
-) -> None:
+def test_lmder_equals_minpack(faces: Faces, minpack: ctypes.CDLL, name: str, factor: int) -> None:
     problem = next(problem for problem in PROBLEMS if problem.name == name)
     arguments = (
         problem.residual,
@@ -257,7 +255,7 @@ def outcomes(
     return {"r64": 2.0**-52, "r128": 2.0**-112}[request.param], found
 
 
-def test_zero_residuals_are_found_to_the_precision_of_the_kind(
+def test_zeros_to_precision_of_kind(
     outcomes: tuple[float, dict[str, Outcome]],
 ) -> None:
     eps, found = outcomes
@@ -267,7 +265,7 @@ def test_zero_residuals_are_found_to_the_precision_of_the_kind(
     assert max(abs(x - 1) for x in found["rosenbrock"].x) < 10 * eps
 
 
-def test_minimum_is_found_to_the_precision_of_the_differences(
+def test_minimum_to_precision_of_differences(
     outcomes: tuple[float, dict[str, Outcome]],
 ) -> None:
     # The residuals are rational: their gradient where the solver stopped is computed exactly.
@@ -288,14 +286,14 @@ def test_minimum_is_found_to_the_precision_of_the_differences(
     assert abs(found["bard"].norm ** 2 - square) < 10 * eps
 
 
-def test_norms_at_the_ends_of_the_range(outcomes: tuple[float, dict[str, Outcome]]) -> None:
+def test_norms_of_extreme_values(outcomes: tuple[float, dict[str, Outcome]]) -> None:
     eps, found = outcomes
     for name in ("norm-large", "norm-small", "norm-mixed"):
         assert abs(found[name].norm ** 2 - 2) < 10 * eps
     assert found["norm-of-none"].norm == 0
 
 
-def test_too_few_residuals_are_refused(outcomes: tuple[float, dict[str, Outcome]]) -> None:
+def test_rejects_too_few_residuals(outcomes: tuple[float, dict[str, Outcome]]) -> None:
     refused = outcomes[1]["too-few-residuals"]
     assert (refused.info, refused.nfev) == (0, 0)
 
@@ -309,7 +307,7 @@ def test_too_few_residuals_are_refused(outcomes: tuple[float, dict[str, Outcome]
         ("stops-in-derivatives", -8, 1),
     ],
 )
-def test_a_negative_flag_stops_the_solver(
+def test_negative_flag_stops_solver(
     outcomes: tuple[float, dict[str, Outcome]], name: str, info: int, nfev: int
 ) -> None:
     stopped = outcomes[1][name]

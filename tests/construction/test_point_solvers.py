@@ -67,7 +67,7 @@ class TestLayout:
             smaller, kept = layout.without(stage)
             assert len(kept) == smaller.size
 
-    def test_a_tree_comes_back(self):
+    def test_layout_round_trip(self):
         for name in ("CF4", "CF4b", "CG4(3)b", "CG4a"):
             method = methods[name]
             x = [coefficient.value for coefficient in method.coefficients]
@@ -85,7 +85,7 @@ class TestSolvers:
         results=(4,),
     )
 
-    def test_a_search_ends_at_an_exact_method(self):
+    def test_solvers_reach_exact_method(self):
         system = ConditionSystem(4, self.LAYOUT)
         for seed in range(60):
             x0 = np.random.default_rng(seed).uniform(-1, 1, system.size)
@@ -147,7 +147,7 @@ class TestSolvers:
         better = optimise(packed, Goals(), max_iterations=5)
         assert principal_error(better) < principal_error(packed)
 
-    def test_what_is_for_tableaux_says_so(self):
+    def test_tableau_layout_methods_reject_points(self):
         for call in (
             lambda: self.LAYOUT.without(1),
             lambda: self.LAYOUT.cut([0] * self.LAYOUT.size),
@@ -156,12 +156,12 @@ class TestSolvers:
             with pytest.raises(ValueError, match="layout must be that of a tableau"):
                 call()
 
-    def test_layouts_that_are_no_methods(self):
+    def test_rejects_invalid_layout(self):
         broken = replace(self.LAYOUT, parents=(-1, -1, 2, -1, 3))
         with pytest.raises(MethodError, match="the parent of point 2 must come before it"):
             ConditionSystem(4, broken)
 
-    def test_structures_are_for_tableaux(self):
+    def test_rejects_structure_for_points(self):
         with pytest.raises(ValueError, match="is for explicit tableaux"):
             ConditionSystem(4, self.LAYOUT, Structure.MIDDLE)
         with pytest.raises(TypeError, match="layout must be a Layout, got 3"):
@@ -169,7 +169,7 @@ class TestSolvers:
 
 
 @pytest.mark.parametrize("name", ["CF6d", "CF7a", "CF6(5)"])
-def test_what_is_zero_but_for_roundings_is_written_as_zero(name):
+def test_weights_that_are_zero_up_to_rounding_become_zero(name):
     method = cg.methods[name]
     parents = tuple(point.parent for point in method.points)
     results = [m for m in (method.result, method.embedded_result) if m is not None]

@@ -30,7 +30,7 @@ def packed(name):
 
 class TestRefine:
     @pytest.mark.parametrize("size", [1e-14, 1e-11, 1e-8, 1e-6])
-    def test_a_family_where_the_conditions_depend(self, size):
+    def test_refine_with_dependent_conditions(self, size):
         near = np.array(packed("CG5a"), float)
         near += size * np.random.default_rng(1).standard_normal(near.size)
         fit = fit_conditions(near, ConditionSystem.tableau(5, 9))
@@ -40,14 +40,14 @@ class TestRefine:
         moved = np.abs(quads.to_float(found.x) - near).max()
         assert moved < 1000 * size
 
-    def test_a_random_explicit_method(self, order_four):
+    def test_refine_random_explicit_method(self, order_four):
         start = next(start for start in order_four.starts if start.exact)
         near = np.array([float(entry) for entry in start.x])
         found = refine(quads.from_float(near + 1e-9), ConditionSystem.tableau(4, 5))
         assert found.rank in {12, 13}
         assert found.largest_residual < 1e-32
 
-    def test_entries_that_must_stay(self):
+    def test_fixed_entries_are_kept(self):
         near = quads.encode(packed("CG4a"))
         free = [k for k in range(15) if k not in (0, 7)]
         moved = quads.from_float(quads.to_float(near))
@@ -62,7 +62,7 @@ class TestRefine:
         found = refine(near, ConditionSystem.tableau(4, 5), free=[*range(14, 7, -1), 4, 4, 3, 1, 1])
         np.testing.assert_array_equal(found.x, expected.x)
 
-    def test_nothing_may_move(self):
+    def test_refine_without_free_entries(self):
         near = np.full(6, 0.3)
         np.testing.assert_array_equal(
             fit_conditions(near, ConditionSystem.tableau(3, 3), free=[]).x, near
@@ -111,7 +111,7 @@ class TestRefine:
 
 
 class TestPolish:
-    def test_it_goes_beyond_binary128(self):
+    def test_polish_exceeds_binary128(self):
         near = [Fraction(float(entry)) for entry in packed("CG4a")]
         found = polish(near, ConditionSystem.tableau(4, 5))
         assert found.largest_residual < Fraction(1, 10**44)
@@ -120,14 +120,14 @@ class TestPolish:
         assert found.iterations <= 5
         assert max(abs(p - q) for p, q in zip(found.x, near, strict=True)) < 1e-14
 
-    def test_where_the_conditions_depend(self):
+    def test_polish_with_dependent_conditions(self):
         found = polish(
             [Fraction(float(entry)) for entry in packed("CG5a")], ConditionSystem.tableau(5, 9)
         )
         assert found.rank == 37
         assert found.largest_residual < Fraction(1, 10**44)
 
-    def test_relations_are_kept(self):
+    def test_polish_preserves_linear_relations(self):
         gamma = Fraction(1.3512071919596578)
         line = np.array([0.5, 1, -1, 1, -2, 0.5, 1, -2, 1])[:, None]
         offset = [0, 0, Fraction(1, 2), 0, 1, 0, 0, 1, 0]
@@ -139,7 +139,7 @@ class TestPolish:
         expected = [o + Fraction(d) * found.x[6] for o, d in zip(offset, line[:, 0], strict=True)]
         assert list(found.x) == expected
 
-    def test_what_is_no_zero_stays_none(self):
+    def test_polish_of_point_that_is_no_zero(self):
         found = polish([Fraction(1, 2)] * 3, ConditionSystem.tableau(3, 2))
         assert found.largest_residual > Fraction(1, 100)
 

@@ -51,27 +51,27 @@ def largest_exact(x, settings):
 
 class TestReproducible:
     @pytest.mark.parametrize("workers", [2, 5])
-    def test_workers_do_not_matter(self, order_four, workers):
+    def test_result_does_not_depend_on_workers(self, order_four, workers):
         assert search(**ORDER_FOUR, workers=workers) == order_four
 
-    def test_seed_matters(self, order_four):
+    def test_result_depends_on_seed(self, order_four):
         other = search(**{**ORDER_FOUR, "seed": 4}, workers=1)
         assert all(
             mine.x != yours.x for mine, yours in zip(order_four.starts, other.starts, strict=True)
         )
 
-    def test_fewer_starts_are_the_first_of_more(self, order_four):
+    def test_fewer_starts_are_prefix(self, order_four):
         fewer = search(**{**ORDER_FOUR, "starts": 5}, workers=1)
         assert fewer.starts == order_four.starts[:5]
 
     @pytest.mark.parametrize("index", [0, 7, 23])
-    def test_a_start_runs_again_alone(self, order_four, index):
+    def test_start_reruns_alone(self, order_four, index):
         assert run_start(order_four.settings, index) == order_four.starts[index]
 
-    def test_a_start_of_the_paper_runs_again_alone(self, paper_way):
+    def test_lmdif_start_reruns_alone(self, paper_way):
         assert run_start(paper_way.settings, 5) == paper_way.starts[5]
 
-    def test_guesses(self):
+    def test_guesses_are_uniform(self):
         guess = random_start(3, 7, 1000, 0.25)
         np.testing.assert_array_equal(guess, random_start(3, 7, 1000, 0.25))
         np.testing.assert_allclose(random_start(3, 7, 1000, 1.0), 4 * guess)
@@ -82,10 +82,10 @@ class TestReproducible:
 
 
 class TestMethods:
-    def test_starts_are_in_order(self, order_four):
+    def test_starts_are_sorted_by_index(self, order_four):
         assert [start.index for start in order_four.starts] == list(range(24))
 
-    def test_they_are_exact(self, order_four):
+    def test_methods_are_exact(self, order_four):
         exact = [start for start in order_four.starts if start.exact]
         assert len(exact) == len(order_four.methods) >= 2
         for start in exact:
@@ -94,7 +94,7 @@ class TestMethods:
             assert len(start.x) == 15
 
     @pytest.mark.parametrize("rows", PATTERNS)
-    def test_the_tableau_knows_its_order(self, rows):
+    def test_methods_have_order_of_search(self, rows):
         found = search(4, 5, 40, seed=1, rows=rows)
         assert len(found.methods) >= 5
         for method in found.methods:
@@ -102,7 +102,7 @@ class TestMethods:
             assert method.rows == PATTERNS[rows]
             assert method.largest_residual() < 1e-33
 
-    def test_what_is_not_exact_is_no_method(self, order_four):
+    def test_inexact_starts_give_no_methods(self, order_four):
         failed = [start for start in order_four.starts if not start.exact]
         assert failed
         sources = {method.source for method in order_four.methods}
@@ -111,28 +111,28 @@ class TestMethods:
             assert f"search, minimum-norm, seed 3, start {start.index}" not in sources
         assert len(sources) == len(order_four.methods)
 
-    def test_smallest_coefficients_come_first(self, order_four):
+    def test_methods_are_sorted_by_largest_coefficient(self, order_four):
         sizes = [max(np.abs(m.a).max(), np.abs(m.b).max()) for m in order_four.methods]
         assert sizes == sorted(sizes)
 
-    def test_equal_methods_are_one(self):
+    def test_equal_methods_are_listed_once(self):
         found = search(2, 1, 30, seed=1, rows="diagonal")
         assert all(start.exact for start in found.starts)
         assert [method.exact for method in found.methods] == [methods["ImplicitMidpoint"].exact]
 
-    def test_the_best_start_has_the_smallest_residual(self, order_four):
+    def test_best_start_has_smallest_residual(self, order_four):
         best = order_four.best
         assert best.exact
         assert best.largest_residual == min(s.largest_residual for s in order_four.starts)
 
-    def test_a_search_in_vain_says_so(self):
+    def test_search_without_methods(self):
         found = search(4, 4, 10, seed=1, force=True)
         assert found.methods == ()
         assert not found.best.exact
         assert 1e-5 < found.best.largest_residual < 1
 
     @pytest.mark.parametrize("algorithm", ["minimum-norm", "lmdif"])
-    def test_without_refinement_nothing_is_exact(self, algorithm):
+    def test_nothing_is_exact_without_refinement(self, algorithm):
         found = search(3, 3, 6, seed=1, refine_below=0, algorithm=algorithm)
         assert all(start.quad is None and not start.exact for start in found.starts)
         assert found.methods == ()
@@ -141,7 +141,7 @@ class TestMethods:
     @pytest.mark.parametrize("algorithm", ["minimum-norm", "lmdif"])
     @pytest.mark.parametrize("refine_below", [1e-15, 1e300])
     @pytest.mark.parametrize("width", [1e60, 1e200, 1e300])
-    def test_overflow_is_a_failed_start(self, algorithm, refine_below, width):
+    def test_overflow_ends_start(self, algorithm, refine_below, width):
         found = search(
             3, 3, 3, seed=1, width=width, algorithm=algorithm, refine_below=refine_below,
             maxfev=50, refine_maxfev=50,
@@ -151,7 +151,7 @@ class TestMethods:
         assert found.best.largest_residual > 1
 
     @pytest.mark.parametrize("algorithm", ["minimum-norm", "lmdif"])
-    def test_the_same_guess_everywhere(self, algorithm):
+    def test_width_zero_gives_equal_guesses(self, algorithm):
         found = search(2, 2, 3, seed=1, width=0, algorithm=algorithm)
         assert len({start.x for start in found.starts}) == 1
 
@@ -172,7 +172,7 @@ class TestMethods:
         faithful = search(order, stages, 1, seed=1, algorithm="lmdif", maxfev=1)
         assert faithful.settings.width == 1.0
 
-    def test_failed_starts_are_written_with_all_digits_of_their_doubles(self, order_four):
+    def test_failed_starts_keep_all_digits_of_doubles(self, order_four):
         start = next(start for start in order_four.starts if start.quad is None)
         exact = [Fraction(float(entry)) for entry in start.x]
         for entry, double in zip(map(Fraction, start.x), exact, strict=True):
@@ -182,13 +182,13 @@ class TestMethods:
 
 
 class TestThePapersWay:
-    def test_it_finds_methods(self, paper_way):
+    def test_lmdif_finds_methods(self, paper_way):
         assert len(paper_way.methods) >= 1
         for method in paper_way.methods:
             assert (method.order, method.stages, method.explicit) == (4, 5, True)
             assert method.principal_error() > 1e-3
 
-    def test_both_phases_are_as_in_the_paper(self, paper_way):
+    def test_lmdif_phases_as_in_paper(self, paper_way):
         solved = [start for start in paper_way.starts if start.exact]
         for start in solved:
             assert start.double.f < 1e-25
@@ -215,26 +215,26 @@ class TestThePapersWay:
 class TestImplicit:
     @pytest.mark.parametrize("rows", ["diagonal", "full"])
     @pytest.mark.parametrize(("order", "stages"), [(2, 1), (3, 3), (4, 4)])
-    def test_methods_are_found(self, rows, order, stages):
+    def test_implicit_methods_are_found(self, rows, order, stages):
         found = search(order, stages, 30, seed=2, rows=rows)
         assert len(found.methods) >= 1
         assert all(method.order == order and not method.explicit for method in found.methods)
 
     @pytest.mark.parametrize("name", PATTERNS)
-    def test_patterns_by_name_and_by_value(self, name):
+    def test_rows_by_name_and_value(self, name):
         by_name = search(3, 4, 2, seed=1, rows=name)
         assert by_name == search(3, 4, 2, seed=1, rows=PATTERNS[name])
         assert by_name == search(3, 4, 2, seed=1, rows=int(PATTERNS[name]))
         assert by_name.settings.rows is PATTERNS[name]
         assert len(by_name.best.x) == unknowns(4, PATTERNS[name])
 
-    def test_methods_below_the_count_of_unknowns(self):
+    def test_finds_methods_with_fewer_unknowns_than_conditions(self):
         found = search(4, 3, 200, seed=1, rows="diagonal", force=True)
         (method,) = found.methods
         np.testing.assert_allclose(method.a, methods["DICG4"].a, atol=1e-15)
         assert len(found.best.x) == 9 < conditions.count(4, independent=True)
 
-    def test_fully_implicit_below_the_count(self):
+    def test_finds_fully_implicit_methods_with_fewer_unknowns(self):
         found = search(4, 3, 40, seed=1, rows="full", force=True)
         assert len(found.methods) >= 2
         for method in found.methods:
@@ -255,7 +255,11 @@ class TestArguments:
         ("change", "message"),
         [
             ({"order": 0}, "order must be at least 1, got 0"),
-            ({"order": 99}, f"order must be at most {MAX_ORDER} in this build, got 99"),
+            (
+                {"order": 99},
+                f"order must be at most {MAX_ORDER}, the highest that the tables were built for "
+                "(build option highest_order), got 99",
+            ),
             ({"stages": 0}, "stages must be at least 1, got 0"),
             ({"starts": 0}, "starts must be at least 1, got 0"),
             ({"starts": -3}, "starts must be at least 1, got -3"),
@@ -278,7 +282,7 @@ class TestArguments:
             ({"refine_below": "x"}, "refine_below must be a finite number, not negative, got 'x'"),
         ],
     )
-    def test_bad_values(self, change, message):
+    def test_rejects_bad_values(self, change, message):
         with pytest.raises(ValueError) as caught:  # noqa: PT011
             search(**{**GOOD, **change})
         assert str(caught.value) == message
@@ -287,7 +291,7 @@ class TestArguments:
         "name", ["order", "stages", "starts", "seed", "workers", "maxfev", "refine_maxfev"]
     )
     @pytest.mark.parametrize("value", [1.5, 2.0, "2", [2]])
-    def test_bad_integers(self, name, value):
+    def test_rejects_bad_integers(self, name, value):
         with pytest.raises(TypeError) as caught:
             search(**{**GOOD, name: value})
         assert str(caught.value) == f"{name} must be an integer, got {value!r}"
@@ -308,12 +312,12 @@ class TestArguments:
             (5, 5, "full", 30, 38),
         ],
     )
-    def test_too_few_stages(self, order, stages, rows, size, independent):
+    def test_rejects_too_few_stages(self, order, stages, rows, size, independent):
         with pytest.raises(ValueError) as caught:  # noqa: PT011
             search(order, stages, 1, seed=1, rows=rows)
         assert str(caught.value) == (
             f"stages = {stages} gives {size} unknowns ({rows} rows) for {independent} independent "
-            f"conditions of order {order}; pass force=True to try all the same"
+            f"conditions of order {order}; pass force=True to try nevertheless"
         )
         forced = search(order, stages, 1, seed=1, rows=rows, force=True, maxfev=4)
         assert len(forced.best.x) == size
@@ -328,31 +332,31 @@ class TestArguments:
             (4, 4, "full"),
         ],
     )
-    def test_enough_stages(self, order, stages, rows):
+    def test_accepts_enough_stages(self, order, stages, rows):
         search(order, stages, 1, seed=1, rows=rows, maxfev=4)
 
-    def test_numpy_integers(self):
+    def test_accepts_numpy_integers(self):
         found = search(*np.array([2, 2, 1, 1]))
         assert found == search(2, 2, 1, 1)
         assert json.dumps(found.settings.order) == "2"
 
-    def test_it_is_exported(self):
+    def test_search_is_exported(self):
         assert cg.search is search
 
 
-def test_settings_are_values(order_four):
+def test_settings_compare_by_value(order_four):
     settings = order_four.settings
     assert replace(settings) == settings
     assert hash(settings) == hash(replace(settings))
 
 
 @pytest.mark.parametrize("name", ["order", "stages", "starts", "seed", "workers", "maxfev"])
-def test_true_is_no_integer(name):
+def test_rejects_true_as_integer(name):
     with pytest.raises(TypeError, match=f"{name} must be an integer, got True"):
         search(**GOOD | {name: True})
 
 
 @pytest.mark.parametrize("name", ["starts", "maxfev", "refine_maxfev"])
-def test_counts_beyond_fortran_integers(name):
+def test_rejects_counts_beyond_fortran_integers(name):
     with pytest.raises(ValueError, match=f"{name} must be at most 2147483647, got 1000000"):
         search(**GOOD | {name: 10**30})

@@ -35,7 +35,7 @@ class TestEquations:
             slope = (system.residual(x + e) - system.residual(x - e)) / (2 * h)
             np.testing.assert_allclose(jac[:, k], slope, atol=1e-8)
 
-    def test_real_16_agrees(self, structure):
+    def test_residuals_agree_in_real_16(self, structure):
         system = ConditionSystem.tableau(5, 6, structure=structure)
         x = random_x(system)
         np.testing.assert_allclose(
@@ -44,7 +44,7 @@ class TestEquations:
             atol=1e-14,
         )
 
-    def test_they_come_after_the_conditions(self, structure):
+    def test_assumptions_come_after_conditions(self, structure):
         system, plain = (
             ConditionSystem.tableau(5, 6, structure=structure),
             ConditionSystem.tableau(5, 6),
@@ -61,7 +61,7 @@ class TestEquations:
         np.testing.assert_allclose(values[conditions.size :], expected, atol=1e-14)
 
 
-def test_the_zeros_they_ask_for_are_not_free():
+def test_zeros_of_structures_are_not_free():
     plain, one, two = (
         ConditionSystem.tableau(6, 7, structure=structure) for structure in Structure
     )
@@ -92,11 +92,11 @@ def test_bad_input(arguments, message):
         ([StageOrderTwo(1), MiddleAbscissae()], (0, 1), [1, 0, 1, 4, 12, 36, 112]),
     ],
 )
-def test_equations_that_remain_through_order_seven(identities, weightless, kept):
+def test_number_of_equations_through_order_seven(identities, weightless, kept):
     assert [len(kept_words(grade, identities, weightless)) for grade in range(1, 8)] == kept
 
 
-def test_an_identity_of_the_first_weights_says_nothing_of_the_second():
+def test_number_of_equations_of_pairs():
     # 54 conditions on b, 29 on the second weights, and two assumptions at 13 stages
     layout, zeros = Layout.tableau(15, Rows.EXPLICIT, True), [{0, 1}, {1, 14}]
     identities = (StageOrderTwo(1), OfFirstWeights(MiddleAbscissae()))
@@ -108,7 +108,7 @@ def test_an_identity_of_the_first_weights_says_nothing_of_the_second():
     ]
 
 
-def test_rank_is_the_count_of_equations_that_remain():
+def test_rank_is_number_of_equations():
     # eight stages at order five: 18 conditions and 12 assumptions for 34 unknowns
     system = ConditionSystem.tableau(5, 10, structure=Structure.MIDDLE)
     rank = 1 + 0 + 1 + 4 + 12 + 2 * 8

@@ -39,17 +39,17 @@ def test_drawn_trees_lead_to_methods_of_the_order(drawn):
         assert (method.order, method.stages, method.exponentials) == (5, 6, 9)
 
 
-def test_a_start_can_be_run_again_alone(drawn):
+def test_start_reruns_alone(drawn):
     for start in [s for s in drawn.starts if s.exact][:2]:
         assert run_start(drawn.settings, start.index) == start
 
 
-def test_results_dont_depend_on_workers():
+def test_results_do_not_depend_on_workers():
     one, two = (cg.search(**FIVE, starts=6, flows=9, maxfev=40, workers=n) for n in (1, 2))
     assert one == two
 
 
-def test_the_first_weight_stays_where_it_was_while_solving():
+def test_first_weight_is_held_while_solving():
     found = cg.search(**FIVE, starts=20, tree=CHAIN, refine_below=0.0)
     first = np.array([float(start.x[0]) for start in found.starts])
     assert ((first > 0.2) & (first < 0.8)).all()
@@ -57,7 +57,7 @@ def test_the_first_weight_stays_where_it_was_while_solving():
 
 
 @pytest.mark.parametrize("tree", [cg.methods["CF4"], cg.methods["CF4"].tree])
-def test_a_tree_has_the_unknowns_of_its_weights(tree):
+def test_given_tree_has_its_weights_as_unknowns(tree):
     found = cg.search(4, 4, 40, 1, tree=tree)
     assert found.settings.tree == Layout.of_tree(cg.methods["CF4"].tree)
     assert found.methods
@@ -70,7 +70,7 @@ def test_second_results_make_pairs():
     assert {(m.order, m.embedded_order, m.exponentials) for m in found} == {(4, 3, 6)}
 
 
-def test_estimates_of_drawn_pairs_start_from_the_result_and_differ_from_nothing():
+def test_drawn_pairs_have_nonzero_estimates():
     found = cg.search(5, 7, 60, 1, flows=12, embedded=True, first_same_as_last=True, workers=2)
     assert found.settings.first_same_as_last
     assert len(found.methods) > 1
@@ -86,14 +86,14 @@ def test_estimates_of_drawn_pairs_start_from_the_result_and_differ_from_nothing(
         assert np.abs(ConditionSystem(5, layout).residual(np.array(x))).max() < 1e-13
 
 
-def test_the_estimate_is_held_while_solving():
+def test_last_weight_of_estimate_is_held_while_solving():
     shape = {"flows": 12, "embedded": True, "first_same_as_last": True}
     found = cg.search(5, 7, 12, 1, **shape, refine_below=0.0)
     last = np.array([float(start.x[-1]) for start in found.starts])
     assert ((last > 0.1) & (last < 0.2)).all()
 
 
-def test_stores_go_on_where_they_ended(tmp_path):
+def test_search_resumes_from_store(tmp_path):
     path = tmp_path / "runs.db"
     options = FIVE | {"flows": 9, "maxfev": 40}
     cg.search(**options, starts=4, store=path)
@@ -110,7 +110,7 @@ def test_stores_go_on_where_they_ended(tmp_path):
 
 @pytest.mark.parametrize("embedded", [False, True])
 @pytest.mark.parametrize(("stages", "flows"), [(1, 1), (2, 2), (4, 4), (6, 9), (7, 16)])
-def test_drawn_trees_are_sound_and_waste_no_flow(stages, flows, embedded):
+def test_drawn_trees_are_valid_and_use_every_flow(stages, flows, embedded):
     shapes = set()
     for seed in range(40):
         layout = draw_layout(stages, flows, np.random.default_rng(seed), embedded=embedded)
@@ -123,7 +123,7 @@ def test_drawn_trees_are_sound_and_waste_no_flow(stages, flows, embedded):
     assert len(shapes) > 20 or flows <= 4
 
 
-def test_a_drawn_shape_depends_on_seed_and_index_alone(drawn):
+def test_drawn_layout_depends_on_seed_and_index_alone(drawn):
     settings = drawn.settings
     shapes = [start_layout(settings, index) for index in range(20)]
     assert len(set(shapes)) > 10
@@ -154,7 +154,7 @@ def test_a_drawn_shape_depends_on_seed_and_index_alone(drawn):
     ],
 )
 @pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
-def test_unsound_trees_are_named(look, tree, message):
+def test_rejects_invalid_trees(look, tree, message):
     with pytest.raises(MethodError, match=message):
         look(order=2, stages=2, seed=0, tree=tree)
 
@@ -166,25 +166,25 @@ def test_unsound_trees_are_named(look, tree, message):
         ({"tree": ((-1,),)}, TypeError, "tree must be a PointTree"),
         ({"tree": (3, (-1,))}, TypeError, "parents of tree must be a sequence"),
         ({"tree": CHAIN, "first_same_as_last": True}, ValueError, "first_same_as_last must be F"),
-        ({"first_same_as_last": True}, ValueError, "first_same_as_last needs a number of flows"),
+        ({"first_same_as_last": True}, ValueError, "first_same_as_last needs flows"),
         ({"flows": 9, "first_same_as_last": 2}, TypeError, "first_same_as_last must be True or"),
         ({"tree": CHAIN, "stages": 7}, ValueError, "stages must be those of the tree, 6, got 7"),
         ({"tree": CHAIN, "embedded": True}, ValueError, "embedded must be False"),
         ({"flows": 5}, ValueError, "flows must be at least 6, got 5"),
         ({"flows": True}, TypeError, "flows must be an integer"),
-        ({"embedded": True}, ValueError, "embedded needs a number of flows"),
+        ({"embedded": True}, ValueError, "embedded needs flows"),
         ({"flows": 9, "embedded": 1}, TypeError, "embedded must be True or False"),
     ],
 )
 @pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
-def test_bad_input_is_named(look, changes, error, message):
+def test_rejects_bad_arguments(look, changes, error, message):
     with pytest.raises(error, match=message):
         look(**FIVE | {"force": True} | changes)
 
 
 @pytest.mark.parametrize("look", [cg.construct, lambda **rest: cg.search(starts=1, **rest)])
-def test_what_is_impossible_by_counting_is_refused(look):
-    with pytest.raises(ValueError, match="stages = 5 is too few for order 5, which takes 6"):
+def test_rejects_too_few_stages_or_unknowns(look):
+    with pytest.raises(ValueError, match="stages = 5 is too few for order 5, which needs 6"):
         look(order=5, stages=5, seed=0, flows=12)
     thin = ((-1, -1), (-1, 0))
     with pytest.raises(ValueError, match="3 unknowns for 4 conditions of order 3"):
@@ -197,13 +197,13 @@ def test_what_is_impossible_by_counting_is_refused(look):
     assert layout_of(thin).size == 3
 
 
-def test_forced_it_tries():
+def test_force_skips_counting():
     found = cg.search(5, 5, 2, 0, flows=9, force=True)
     assert len(found.starts) == 2
     assert not found.methods
 
 
-def test_construct_leaves_flows_out(tmp_path):
+def test_construct_drops_flows_of_drawn_trees(tmp_path):
     path = tmp_path / "trees"
     options = {**FIVE, "flows": 9, "first_flows": 10, "tries": 60}
     found = cg.construct(**options, workers=2, store=path)
@@ -217,13 +217,13 @@ def test_construct_leaves_flows_out(tmp_path):
     assert cg.construct(**options, workers=1) == found
 
 
-def test_construct_takes_a_tree():
+def test_construct_with_given_tree():
     found = cg.construct(4, 4, 1, tree=cg.methods["CF4"])
     assert (found.method.order, found.method.exponentials) == (4, 5)
     assert found.method.layout == cg.methods["CF4"].layout
 
 
-def test_construct_leaves_flows_of_a_tree_out():
+def test_construct_drops_flows_of_given_tree():
     tree = (tuple(range(-1, 10)), (-1, 0, 1, 3, 4, 7))
     found = cg.construct(5, 6, 1, tree=tree, flows=10, tries=60)
     assert (found.method.order, found.method.exponentials) == (5, 10)
@@ -233,7 +233,7 @@ def test_construct_leaves_flows_of_a_tree_out():
         cg.construct(5, 6, 1, tree=tree, flows=10, first_flows=11)
 
 
-def test_the_last_stretch_ends_at_a_zero():
+def test_finish_converges_to_zero():
     """Also where there are fewer unknowns than conditions, which depend on each other."""
     candidate = pack_method(cg.methods["CF6d"])
     system, free = candidate.system, candidate.system.free
@@ -258,7 +258,7 @@ def solution(order, **shape):
     return Candidate(ConditionSystem(order, layout), np.array(start.x, dtype=float))
 
 
-def test_what_is_dropped_is_gone_and_the_rest_solves_the_conditions():
+def test_dropping_flow_or_stage_leaves_solution():
     candidate = solution(4, stages=6, flows=9, starts=20)
     random = np.random.default_rng(1)
     fewer = drop_flow(candidate, random, largest=10.0)
@@ -271,7 +271,7 @@ def test_what_is_dropped_is_gone_and_the_rest_solves_the_conditions():
     check_tree(less.system.layout.tree(less.x))
 
 
-def test_a_merged_flow_carries_both_weights():
+def test_merged_flow_has_sum_of_weights():
     """Points whose fields commute may be merged without a change of the result."""
     layout = Layout((START, 0, 1), ((0,), (0,), (0,)), (START,), (2,))
     candidate = Candidate(ConditionSystem(1, layout), np.array([0.25, 0.25, 0.5]))
@@ -279,7 +279,7 @@ def test_a_merged_flow_carries_both_weights():
     assert sorted(fewer.x) in ([0.25, 0.75], [0.5, 0.5])
 
 
-def test_tableaux_have_no_flows_to_drop():
+def test_dropping_flows_rejects_tableaux():
     candidate = Candidate(ConditionSystem.tableau(2, 2), np.array([0.5, 0.0, 1.0]))
     for drop in (drop_flow, drop_point_stage):
         with pytest.raises(ValueError, match="candidate must be a method of points"):

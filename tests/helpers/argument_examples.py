@@ -414,7 +414,6 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
             "frozen": [],
             "max_iterations": 1,
             "tolerance": 1e-3,
-            "progress": None,
         },
     ),
     "impossibility.read_shape": Call(

@@ -126,7 +126,7 @@ class Losing(ThreadPoolExecutor):
 
 @pytest.mark.parametrize("executor", [None, "threads", ThreadPoolExecutor, Unfair])
 @pytest.mark.parametrize("workers", [None, 1, 3])
-def test_the_same_on_any_executor(executor, workers, tmp_path):
+def test_same_result_on_any_executor(executor, workers, tmp_path):
     whole = cg.search(**SEARCH, workers=1)
     make = partial(executor) if isinstance(executor, type) else executor
     assert cg.search(**SEARCH, executor=make, workers=workers) == whole
@@ -134,7 +134,7 @@ def test_the_same_on_any_executor(executor, workers, tmp_path):
     assert cg.search(**SEARCH, executor=make, workers=workers, store=path) == whole
 
 
-def test_the_same_in_processes(tmp_path):
+def test_same_result_in_processes(tmp_path):
     whole = cg.search(**SEARCH)
     construction = cg.construct(**CONSTRUCT)
     with processes() as pool:
@@ -173,7 +173,7 @@ def sizes_of_chunks(work, total):
     return sizes
 
 
-def test_chunks_take_equally_long():
+def test_chunks_have_equal_duration():
     sizes = sizes_of_chunks(lambda index: time.sleep(0.002), 600)
     assert sizes[0] == 1  # nothing is known yet
     assert 20 < max(sizes) < 600 * 0.25
@@ -182,13 +182,13 @@ def test_chunks_take_equally_long():
     assert sizes[-1] == 1
 
 
-def test_cheap_pieces_are_many_to_a_chunk_though_the_first_ones_were_slow():
+def test_chunks_grow_after_slow_first_pieces():
     sizes = sizes_of_chunks(lambda index: time.sleep(0.2 if index < 2 else 0.0001), 2000)
     assert len(sizes) < 40
     assert min(sizes[-4:-1]) > 4  # handing out takes longer than a piece
 
 
-def test_indices_are_read_as_they_are_needed():
+def test_indices_are_read_lazily():
     read = []
 
     def indices():
@@ -201,7 +201,7 @@ def test_indices_are_read_as_they_are_needed():
         assert len(read) < 20
 
 
-def test_an_exception_comes_after_the_results_before_it():
+def test_exception_comes_after_earlier_results():
     seen = []
     with ThreadPoolExecutor(1) as pool, pytest.raises(ArithmeticError, match="five"):
         collect(seen, completed(fail_at_five, range(9), 9, None, pool))
@@ -209,7 +209,7 @@ def test_an_exception_comes_after_the_results_before_it():
 
 
 class TestDeath:
-    def test_a_worker_that_dies_is_reported_and_the_run_goes_on(self):
+    def test_dead_worker_is_reported_and_run_continues(self):
         ended = list(completed(die_at_seven, range(12), 12, 2, "processes"))
         assert sorted(f.index for f in ended) == list(range(12))
         assert sorted(f.index for f in ended if f.result is not None) == [
@@ -219,14 +219,14 @@ class TestDeath:
         assert failed.index == 7
         assert "BrokenProcessPool" in str(failed.failure)
 
-    def test_an_executor_that_cannot_be_made_anew(self):
+    def test_error_if_executor_cannot_be_replaced(self):
         with (
             processes() as pool,
-            pytest.raises(BrokenProcessPool, match=r"pieces \[.*7.*\] were at work; if `executor`"),
+            pytest.raises(BrokenProcessPool, match=r"pieces \[.*7.*\] were running; if `executor`"),
         ):
             list(completed(die_at_seven, range(12), 12, 2, pool))
 
-    def test_a_search_says_which_start_it_was(self, tmp_path, monkeypatch):
+    def test_search_reports_failed_start(self, tmp_path, monkeypatch):
         def ended(*_, **__):
             yield execution.Finished(0, None, failure="Killed")
             yield from (execution.Finished(k, run(k), 0.1) for k in (2, 1))
@@ -234,7 +234,7 @@ class TestDeath:
         found = cg.search(3, 3, 3, 5)
         run = found.starts.__getitem__
         path = tmp_path / "runs.db"
-        monkeypatch.setattr(cg.construction.search.random_search, "completed", ended)
+        monkeypatch.setattr(cg.runs.long_run, "completed", ended)
         for store in (None, path):
             again = cg.search(3, 3, 3, 5, store=store)
             assert list(again.starts) == list(found.starts[1:])
@@ -246,14 +246,14 @@ class TestDeath:
             assert [(run.starts, run.failed) for run in opened.runs()] == [(2, 1)]
 
     @pytest.mark.parametrize("ready", [False, True])
-    def test_a_worker_that_dies_while_another_is_being_started(self, ready):
+    def test_worker_dies_while_another_starts(self, ready):
         # in a process of its own, since what it is about is that the run never ended
         words = [sys.executable, __file__, "ready" if ready else "not yet"]
         ended = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
         assert ended.stdout.split() == [str(index) for index in range(6)], ended.stderr
 
     @pytest.mark.parametrize("moment", ["at work", "handed out"])
-    def test_an_executor_that_loses_its_work(self, moment):
+    def test_executor_that_loses_work(self, moment):
         """As that of Dask does whose scheduler was killed."""
         made: list[Losing] = []
 
@@ -267,16 +267,18 @@ class TestDeath:
         }
         assert ended == {index: 2 * index for index in range(40)}
         assert len(made) == 2
-        with pytest.raises(BrokenExecutor, match=r"pieces \[.*\] (that )?were at work"):
-            list(completed(double, range(40), 40, 2, Losing(3, moment)))
+        with (
+            Losing(3, moment) as pool,
+            pytest.raises(BrokenExecutor, match=r"pieces \[.*\] (that )?were running"),
+        ):
+            list(completed(double, range(40), 40, 2, pool))
 
-    def test_a_search_that_lost_its_executor_goes_on_with_another(self, tmp_path):
+    def test_search_resumes_with_another_executor(self, tmp_path):
         path = tmp_path / "runs.db"
-        with pytest.raises(BrokenExecutor) as lost:
-            cg.search(**SEARCH, executor=Losing(3, "at work"), store=path)
-        assert lost.value.__notes__ == [
-            f"what had ended is in {path}, and the same search goes on from there, on any executor"
-        ]
+        with Losing(3, "at work") as pool, pytest.raises(BrokenExecutor) as lost:
+            cg.search(**SEARCH, executor=pool, store=path)
+        (note,) = lost.value.__notes__
+        assert note.startswith(f"finished results are in {path}; run the same search again")
         with Store(path) as opened:
             (run,) = opened.runs()
             before = set(opened.run(1).records())
@@ -366,7 +368,7 @@ def kill_a_child() -> None:
 
 
 class TestInterrupt:
-    def test_the_first_lets_starts_end_and_the_second_drops_them(self, caplog, monkeypatch):
+    def test_first_interrupt_finishes_starts_and_second_discards_them(self, caplog, monkeypatch):
         waits = iter([KeyboardInterrupt, None, None])
         wait = execution.wait
 
@@ -382,7 +384,7 @@ class TestInterrupt:
         with caplog.at_level(logging.WARNING, "cg"), pytest.raises(KeyboardInterrupt):
             collect(seen, run)
         assert set(seen) <= {0, 1, 2, 3}
-        assert "starts are being finished; interrupt again to drop them" in caplog.text
+        assert "interrupt again to discard them" in caplog.text
         waits = iter([KeyboardInterrupt, KeyboardInterrupt])
         dropped: list[int] = []
         run = completed(slow_double, range(100), 100, 2, finish_on_interrupt=True)
@@ -461,7 +463,7 @@ def test_engines_of_the_command_exclude_each_other(capsys):
     ],
 )
 @pytest.mark.parametrize("call", [cg.search, cg.construct])
-def test_no_executor(call, executor, error, message, tmp_path: Path):
+def test_rejects_invalid_executors(call, executor, error, message, tmp_path: Path):
     path = tmp_path / "runs.db"
     options = {"starts": 1} if call is cg.search else {}
     with pytest.raises(error, match=message):

@@ -68,7 +68,7 @@ def called_in_thread(call, *arguments):
 
 class TestFlag:
     @pytest.mark.parametrize("entry", ENTRIES)
-    def test_a_flag_set_during_the_call_ends_it(self, entry):
+    def test_flag_set_during_call_stops_it(self, entry):
         flag = np.zeros(1, dtype=np.intc)
         thread, results = called_in_thread(ENTRIES[entry], flag)
         time.sleep(1)
@@ -81,20 +81,20 @@ class TestFlag:
         assert status == stopped
 
     @pytest.mark.parametrize("entry", ENTRIES)
-    def test_a_flag_that_is_set_already(self, entry):
+    def test_flag_set_before_call_stops_it(self, entry):
         result = ENTRIES[entry](np.ones(1, dtype=np.intc))
         x = result[0] if entry != "lmdif in real(16)" else quads.to_float(result[0].T.copy())
         np.testing.assert_array_equal(x, guess(TOO_FEW))
 
     @pytest.mark.parametrize("entry", ENTRIES)
     @pytest.mark.parametrize("dtype", [np.int64, np.float64])
-    def test_a_flag_that_would_be_copied_is_refused(self, entry, dtype):
+    def test_rejects_flag_that_would_be_copied(self, entry, dtype):
         with pytest.raises(ValueError, match="intent"):
             ENTRIES[entry](np.zeros(1, dtype=dtype))
 
 
 class TestThreads:
-    def test_a_closed_run_ends_its_workers(self):
+    def test_closing_run_stops_workers(self):
         def work(index):
             return index if index == 0 else stoppable(fit_fast)
 
@@ -102,7 +102,7 @@ class TestThreads:
             assert next(running) == 0
         assert not workers()
 
-    def test_a_failure_ends_the_other_workers(self):
+    def test_exception_stops_other_workers(self):
         begun = threading.Event()
 
         def work(index):
@@ -115,7 +115,7 @@ class TestThreads:
             list(as_finished(work, range(2), 2))
         assert not workers()
 
-    def test_what_was_cut_short_is_void(self, monkeypatch):
+    def test_stopped_pieces_give_no_results(self, monkeypatch):
         ends, begun = [], threading.Event()
 
         def work(index):
@@ -134,7 +134,7 @@ class TestThreads:
             list(as_finished(work, range(1), 1))
         assert ends == ["stopped"]
 
-    def test_refinement_ends(self):
+    def test_refinement_stops(self):
         x = quads.from_float(guess())
 
         def work(_):
@@ -144,7 +144,7 @@ class TestThreads:
         with pytest.raises(Stopped):
             list(as_finished(work, range(1), 1))
 
-    def test_one_run_does_not_end_another(self):
+    def test_runs_stop_independently(self):
         def work(index):
             for _ in as_finished(lambda inner: inner, range(3), 2):
                 pass
@@ -152,14 +152,14 @@ class TestThreads:
 
         assert list(as_finished(work, range(4), 2)) == [MinimumNormStatus.SOLVED] * 4
 
-    def test_errors_of_the_call_come_through(self):
+    def test_stoppable_raises_errors_of_call(self):
         def call(_):
             raise ArithmeticError("inside")
 
         with pytest.raises(ArithmeticError, match="inside"):
             stoppable(call)
 
-    def test_in_any_thread_the_same(self):
+    def test_stoppable_in_any_thread(self):
         system = ConditionSystem.tableau(5, 9)
         x0 = np.random.default_rng(9).uniform(-0.5, 0.5, system.size)
         here = fit_conditions(x0, system)
@@ -238,10 +238,10 @@ class TestInterrupt:
             "cg.construct(7, 27, seed=1, iterations=10**9, workers=2)",
         ],
     )
-    def test_a_call_that_would_not_end(self, call):
+    def test_interrupt_stops_long_call(self, call):
         assert interrupted_after(call, after_seconds) == "interrupted"
 
-    def test_a_search_goes_on(self, tmp_path):
+    def test_interrupted_search_is_resumed(self, tmp_path):
         path = tmp_path / "starts.jsonl"
         options = {"order": 7, "stages": 36, "starts": 3, "seed": 1, "maxfev": 20}
         call = f"cg.search(**{options}, workers=1, store={str(path)!r}, progress=say)"
@@ -253,7 +253,7 @@ class TestInterrupt:
         assert resumed == search(**options)
         assert sorted(recorded(path)) == [0, 1, 2]
 
-    def test_a_construction_goes_on(self, tmp_path):
+    def test_interrupted_construction_is_resumed(self, tmp_path):
         path = tmp_path / "tries.jsonl"
         options = {"order": 7, "stages": 36, "tries": 3, "seed": 1, "iterations": 10}
         call = f"cg.construct(**{options}, workers=1, store={str(path)!r}, progress=say)"

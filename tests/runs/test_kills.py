@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 import cg
-from cg.reproduce.main import main
+from reproduce.main import main
 
 pytestmark = [
     pytest.mark.slow,

@@ -75,7 +75,7 @@ def wait_for_more(path: Path, before: int, rng: random.Random, running: Any) -> 
     return bool(running())
 
 
-def test_the_run_itself(path, whole):
+def test_killed_run(path, whole):
     """Its workers end too, although nobody tells them to."""
     rng = random.Random(3)
     kills = ended = useful = 0
@@ -173,7 +173,7 @@ def kill_a_worker(rng: random.Random) -> bool:
     return bool(workers)
 
 
-def test_workers_of_a_pool(path, whole):
+def test_killed_workers_of_pool(path, whole):
     until_killed(
         "workers", path, whole, kill_a_worker,
         lambda: cg.search(**SEARCH, executor="processes", workers=2, store=path),
@@ -236,7 +236,7 @@ def dask():
 
 
 @pytest.mark.usefixtures("dask")
-def test_workers_of_dask(path, whole, tmp_path):
+def test_killed_workers_of_dask(path, whole, tmp_path):
     with Cluster(tmp_path) as cluster, cluster.executor() as pool:
         until_killed(
             "Dask's workers", path, whole, cluster.kill_a_worker,
@@ -245,7 +245,7 @@ def test_workers_of_dask(path, whole, tmp_path):
 
 
 @pytest.mark.usefixtures("dask")
-def test_the_scheduler_of_dask(path, whole, tmp_path):
+def test_killed_scheduler_of_dask(path, whole, tmp_path):
     kills = ended = useful = 0
     while kills < KILLS:
         before = recorded(path)
@@ -260,7 +260,7 @@ def test_the_scheduler_of_dask(path, whole, tmp_path):
         assert (told is not None) == bool(killer.kills)
         if told is not None:
             assert "its scheduler has ended" in str(told)
-            assert f"what had ended is in {path}, and the same search" in told.__notes__[0]
+            assert f"finished results are in {path}; run the same search" in told.__notes__[0]
         kills += killer.kills
         after = recorded(path)
         assert before <= after

@@ -11,6 +11,7 @@ from watching import interrupted_search
 
 import cg
 from cg.command import main
+from cg.construction import run_attempt
 from cg.runs import Failure, ProgressLine, Store, stored_run
 from cg.runs.progress import duration
 
@@ -59,7 +60,7 @@ class TestSearch:
         assert lines[-1]["left"] is None
         assert found == cg.search(**SEARCH)
 
-    def test_what_a_store_had_counts_but_for_the_rate(self, tmp_path):
+    def test_stored_starts_count_except_in_rate(self, tmp_path):
         path = tmp_path / "runs.db"
         begun = cg.search(**{**SEARCH, "starts": 6}, store=path)
         with stored_run(path, "search", vars(begun.settings)) as run:
@@ -75,17 +76,17 @@ class TestSearch:
         assert lines[0]["rate"] == "1"
         assert lines[0]["left"] == "4 s"
 
-    def test_a_file_has_a_line_every_half_minute_and_a_last_one(self):
+    def test_file_has_line_every_thirty_seconds_and_last_one(self):
         stream = io.StringIO()
         cg.search(**{**SEARCH, "starts": 70}, progress=line(stream))
         assert [int(one["done"]) for one in told(stream.getvalue())] == [30, 60, 70]
 
-    def test_a_short_run_leaves_a_file_alone(self):
+    def test_short_run_writes_nothing_to_file(self):
         stream = io.StringIO()
         cg.search(**SEARCH, progress=line(stream))
         assert stream.getvalue() == ""
 
-    def test_a_terminal_has_one_line(self):
+    def test_terminal_has_one_line(self):
         stream = Terminal()
         cg.search(**SEARCH, progress=line(stream))
         text = stream.getvalue()
@@ -93,7 +94,7 @@ class TestSearch:
         assert text.endswith("\n")
         assert len(told("\n".join(text.rstrip("\n").split("\r\x1b[K")[1:]))) == 12
 
-    def test_true_asks_for_standard_error(self, capsys, monkeypatch):
+    def test_true_writes_to_standard_error(self, capsys, monkeypatch):
         monkeypatch.setattr(cg.runs.progress, "_REPORT", 0.0)
         cg.search(**SEARCH, progress=True)
         captured = capsys.readouterr()
@@ -102,7 +103,7 @@ class TestSearch:
         cg.search(**SEARCH, progress=False)
         assert capsys.readouterr().err == ""
 
-    def test_functions_are_called_as_ever(self):
+    def test_function_is_called_with_counts(self):
         calls = []
         cg.search(**SEARCH, progress=lambda *now: calls.append(now))
         assert calls == [(done, 12) for done in range(1, 13)]
@@ -112,11 +113,13 @@ class TestSearch:
 
 
 class TestConstruction:
-    def test_the_smallest_comes_first(self):
-        stream, attempts = io.StringIO(), []
+    def test_best_try_has_fewest_stages(self):
+        stream, calls = io.StringIO(), []
         settings = {"order": 5, "stages": 8, "seed": 1, "tries": 3, "workers": 1, "restarts": 0}
         settings |= {"iterations": 60}
-        cg.construct(**settings, progress=attempts.append)
+        found = cg.construct(**settings, progress=lambda *counts: calls.append(counts))
+        assert calls == [(done, 3) for done in range(1, 4)]
+        attempts = [run_attempt(found.settings, index) for index in range(3)]
         cg.construct(**settings, progress=line(stream, every=0))
         lines = told(stream.getvalue())
         assert {one["pieces"] for one in lines} == {"tries"}
@@ -127,7 +130,7 @@ class TestConstruction:
             hits = sum(a.solved and a.stages == 8 for a in attempts[:number])
             assert int(one["solved"]) == hits
 
-    def test_flows_are_told(self, tmp_path):
+    def test_line_shows_flows(self, tmp_path):
         stream = io.StringIO()
         settings = {"order": 3, "stages": 3, "seed": 2, "flows": 4, "tries": 2, "workers": 1}
         path = tmp_path / "runs.db"
@@ -147,7 +150,7 @@ def test_durations(seconds, text):
 class TestCommand:
     ARGUMENTS = ("search", "--order", "3", "--stages", "3", "--seed", "5", "--starts", "12")
 
-    def test_redirected(self, capsys, monkeypatch):
+    def test_command_writes_lines(self, capsys, monkeypatch):
         monkeypatch.setattr(cg.runs.progress, "_REPORT", 0.0)
         assert main([*self.ARGUMENTS, "--workers", "1"]) == 0
         best, solved = expected(cg.search(**SEARCH).starts)
@@ -159,45 +162,46 @@ class TestCommand:
         assert main(["construct", "--order", "3", "--stages", "3"]) == 0
         assert told(capsys.readouterr().err)[0]["pieces"] == "tries"
 
-    def test_an_interrupt_says_how_to_go_on(self, capsys, monkeypatch, tmp_path):
+    def test_interrupt_says_how_to_continue(self, capsys, monkeypatch, tmp_path):
         def interrupted(*_, **__):
             raise KeyboardInterrupt
             yield
 
-        monkeypatch.setattr(cg.construction.search.random_search, "completed", interrupted)
+        monkeypatch.setattr(cg.runs.long_run, "completed", interrupted)
         path = tmp_path / "runs.db"
         assert main([*self.ARGUMENTS, "--store", str(path)]) == 130
         assert capsys.readouterr().err.splitlines()[-1] == (
-            f"crouch-grossman: interrupted; what had ended is in {path}, and the same search goes "
-            "on from there, on any executor"
+            f"crouch-grossman: interrupted; finished results are in {path}; run the same search "
+            "again to continue, on any executor"
         )
         assert main([*self.ARGUMENTS]) == 130
         assert capsys.readouterr().err.splitlines()[-1] == (
-            "crouch-grossman: interrupted; with --store FILE it would go on from there"
+            "crouch-grossman: interrupted; with --store FILE the same command would continue from "
+            "here"
         )
 
-    def test_a_lost_executor_says_how_to_go_on(self, capsys, monkeypatch, tmp_path):
+    def test_lost_executor_says_how_to_continue(self, capsys, monkeypatch, tmp_path):
         def lost(*_, **__):
             raise BrokenExecutor("the executor is gone")
             yield
 
-        monkeypatch.setattr(sys.modules["cg.construction.construct"], "completed", lost)
+        monkeypatch.setattr(cg.runs.long_run, "completed", lost)
         path = tmp_path / "runs.db"
         command = ["construct", "--order", "3", "--stages", "3", "--store", str(path)]
         assert main(command) == 2
         assert capsys.readouterr().err == (
-            f"crouch-grossman: error: the executor is gone; what had ended is in {path}, and the "
-            "same construction goes on from there, on any executor\n"
+            f"crouch-grossman: error: the executor is gone; finished results are in {path}; run "
+            "the same construction again to continue, on any executor\n"
         )
         with Store(path) as store:
             assert not store.runs()[0].running
 
 
-def test_a_signal_ends_a_search_of_a_script_with_a_way_to_go_on(tmp_path):
+def test_signal_to_script_says_how_to_continue(tmp_path):
     path = tmp_path / "runs.db"
     script = "import cg, sys; cg.search(5, 9, 10**5, 1, maxfev=60, store=sys.argv[1])"
     _, error = interrupted_search([sys.executable, "-c", script, str(path)], path)
     assert error.splitlines()[-2:] == [
         "KeyboardInterrupt",
-        f"what had ended is in {path}, and the same search goes on from there, on any executor",
+        f"finished results are in {path}; run the same search again to continue, on any executor",
     ]

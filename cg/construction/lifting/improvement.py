@@ -1,9 +1,8 @@
-"""Smaller errors: weights are moved along the set of solutions, down the principal error."""
+"""Reduction of the principal error of a splitting along the solution set."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from ...support.parallel import raise_if_stopped
@@ -17,15 +16,15 @@ _MAX_STEPS = 100
 _MIN_GAIN = 1e-3  # of the squared principal error, in one step
 _MAX_TRIALS = 14
 _CORRECTIONS = 40
-_GROWTH = 1.25  # what weights may be larger than the largest entry of the tableau
+_GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau
 
 
 def improved(splitting: Splitting, end: Fit) -> Fit:
-    """Move along the set of solutions until the principal error hardly gets smaller.
+    """Reduce the principal error along the solution set until it hardly gets smaller.
 
-    Each step is a Levenberg–Marquardt step for the residuals of the next order, among the moves
-    that leave the conditions as they are to first order; a fit then leads back to them. Weights
-    don't get larger than they were, or than a quarter above the entries of the tableau.
+    Each step is a Levenberg–Marquardt step for the residuals of the next order within the tangent
+    space of the solution set; a fit then returns to the set. The largest weight doesn't grow
+    beyond the larger of its initial value and 1.25 times the largest entry of the tableau.
 
     Parameters
     ----------
@@ -45,7 +44,8 @@ def improved(splitting: Splitting, end: Fit) -> Fit:
     error, damping = float(residual @ residual), 1e-3
     for _ in range(_MAX_STEPS):
         raise_if_stopped()
-        moves = _moves(splitting, x)
+        kernel = linalg.null_space(splitting.jacobian(x), rcond=_GAP)
+        moves = splitting.directions @ kernel  # they change no condition to first order
         if moves.shape[1] == 0:
             break
         jacobian = splitting.principal_jacobian(x) @ moves
@@ -68,10 +68,3 @@ def improved(splitting: Splitting, end: Fit) -> Fit:
         if gain < _MIN_GAIN:
             break
     return end
-
-
-def _moves(splitting: Splitting, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return orthonormal moves that change no condition to first order, shape (size, moves)."""
-    _, values, right = linalg.svd(splitting.jacobian(x))
-    rank = int(np.sum(values > _GAP * values[0])) if values.size else 0
-    return np.asarray(splitting.directions @ right[rank:].T)

@@ -1,19 +1,16 @@
-"""Flat Runge–Kutta methods to manifolds: `lift`."""
+"""Make commutator-free methods of flat Runge–Kutta methods."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...conditions import MAX_ORDER
 from ...method.commutator_free import CommutatorFree
 from ...method.flat import flat_order, stage_orders
 from ...method.tableau import Tableau
-from ...structure.layout import Layout
 from ...support.checks import MAX_STAGES, check_flag, check_integer
 from ...support.parallel import raise_if_stopped
 from .exact import refined
@@ -24,17 +21,16 @@ from .splitting import FlatRows, Splitting, chains_layout, random_layout
 
 __all__ = ["LiftError", "Lifted", "lift"]
 
-_FREE_ZEROS_EVERY = (
-    4  # starts from chains that keep the zeros of the tableau mostly converge faster
-)
-_WIDTH = 0.4  # of the unknowns at random starts
-# Flows to the result, and to each stage, that were seen to suffice, by order.
+# Of so many starts one has weights where the tableau has zeros; the others converge faster.
+_FREE_ZEROS_EVERY = 4
+_WIDTH = 0.4  # unknowns of random starts are uniform in [-width, width]
+# Numbers of flows to the result, and to each stage, that sufficed in experiments, by order.
 _CHAINS = {1: 1, 2: 1, 3: 2, 4: 3, 5: 4, 6: 5, 7: 8, 8: 12}
 _STAGE_CHAINS = {1: 1, 2: 1, 3: 1, 4: 2, 5: 2, 6: 3, 7: 4, 8: 6}
 _ITERATIONS = {7: 200, 8: 350}
 _ITERATIONS_BELOW = 150
-_STAGE_ORDERS_FROM = 6  # below, to assume stage orders only costs flows
-_EXACT = 1e-33
+_STAGE_ORDERS_FROM = 6  # below this order, assumed stage orders only cost flows
+_EXACT = 1e-33  # largest residual of a method
 
 
 class LiftError(ArithmeticError):
@@ -43,7 +39,7 @@ class LiftError(ArithmeticError):
     Attributes
     ----------
     best : float
-        The least sum of squared residuals that was reached.
+        Smallest sum of squared residuals of all starts.
 
     Examples
     --------
@@ -65,28 +61,28 @@ class LiftError(ArithmeticError):
 
 @dataclass(frozen=True)
 class Lifted:
-    """A flat method on manifolds, and how it was found.
+    """The result of `lift`.
 
     Attributes
     ----------
     method : CommutatorFree
-        Its flat tableau is the one that was given, exactly.
+        Its flat tableau is exactly the given one.
     index : int
-        The start that led to it.
+        Number of the start that led to it.
     starts, hits : int
-        Starts that were run, and those of them that led to a method.
+        Numbers of starts, and of those that led to a solution.
     unknowns, rank : int
-        Weights that the flat tableau leaves open, and how many of them the conditions determine.
+        Number of weights that the flat tableau leaves open, and rank of the conditions in them.
     largest_residual : float
-        Of the order conditions, in extended precision.
+        Largest residual of the order conditions, in extended precision.
 
     Examples
     --------
     Heun's method of order three, which has order two on manifolds as it stands:
 
     >>> import cg
-    >>> found = cg.lift(cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"]))
-    >>> found.method.order, found.flows, found.largest_residual < 1e-30
+    >>> lifted = cg.lift(cg.Tableau([[], ["1/3"], [0, "2/3"]], ["1/4", 0, "3/4"]))
+    >>> lifted.method.order, lifted.flows, lifted.largest_residual < 1e-30
     (3, 4, True)
     """
 
@@ -100,7 +96,7 @@ class Lifted:
 
     @property
     def flows(self) -> int:
-        """Flows that a step takes, without the estimate of its error."""
+        """Number of flows in a step, without those of the error estimate."""
         return self.method.exponentials
 
     @property
@@ -125,43 +121,44 @@ def lift(
     name: str | None = None,
     source: str | None = None,
 ) -> Lifted:
-    """Make a commutator-free method of a flat one, which it stays wherever flows commute.
+    """Make a commutator-free method of a flat one.
 
-    The weights on each stage add up, along the path to every stage and to the result, to the
-    entry of the flat tableau, exactly; how they are split into flows is found from random
-    starts. If the last stage has the row of the result ("first same as last"), it is at the
-    result. Second weights of a pair become one more flow, from the result.
+    Where flows commute, the method is the flat one: along the path to every stage and to the
+    result, the weights on each stage add up exactly to the entry of the flat tableau. How they
+    are split into flows is solved for from random starts. If the last stage has the row of the
+    result ("first same as last"), it is at the result. Second weights of a pair become one more
+    flow, from the result.
 
     Parameters
     ----------
     tableau : Tableau
         Explicit. Rational coefficients stay rational.
     order : int, optional
-        By default that of the flat method.
+        Order of the method; by default that of the flat method.
     embedded_order : int, optional
-        Of the second weights; by default the flat one.
+        Order of the second result; by default that of the flat second weights.
     flows : int, optional
-        Start from random trees of points with so many flows.
+        Start from random trees of points with this number of flows.
     chains : sequence of int, optional
-        Start from chains of so many flows each: to every stage but the first (and one at the
-        result), and to the result. By default lengths that were seen to suffice. Every
-        fourth start has weights where the tableau has zeros, too.
+        Numbers of flows in the chains to start from: to every stage except the first (and one
+        at the result), and to the result. The default lengths sufficed in experiments. Every
+        fourth start also has weights where the tableau has zeros.
     seed : int, optional
         Start ``index`` is a pure function of the seed and its index.
     tries : int, optional
-        Most starts.
+        Largest number of starts.
     hits : int, optional
-        Stop after so many of them led to a method; the one with the fewest flows is returned,
-        and of those the one with the smallest largest weight.
+        Number of solutions after which to stop. Of these, the one with the fewest flows is
+        returned; of several, the one whose largest weight is smallest.
     reduce : bool, optional
-        Merge flows along the set of solutions for as long as that goes.
+        Merge flows as long as a solution with fewer flows exists.
     improve : bool, optional
-        Then move along the set of solutions to a small principal error; of several methods
-        the one is returned that has the smallest error at equally many flows, to leading order.
+        Then reduce the principal error along the solution set. Of several solutions, the one
+        with the smallest leading error for the same number of flows is returned.
     max_iterations : int, optional
-        Steps from each start.
+        Largest number of steps from each start.
     name, source : str, optional
-        Of the method; by default as of the tableau.
+        Name and source of the method; by default those of the tableau.
 
     Returns
     -------
@@ -184,61 +181,105 @@ def lift(
     """
     order, embedded_order = _check_orders(tableau, order, embedded_order)
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
-    lengths = _check_shape(rows, order, flows, chains)
+    lengths = _check_chains(rows, order, flows, chains)
     if flows is not None:
         flows = check_integer("flows", flows, len(rows.own) + 1, MAX_STAGES)
-    seed = check_integer("seed", seed, 0)
     tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
-    reduce, improve = check_flag("reduce", reduce), check_flag("improve", improve)
-    if improve and order >= MAX_ORDER:
+    if check_flag("improve", improve) and order >= MAX_ORDER:
         raise ValueError(
             f"improve: the order must be below {MAX_ORDER}, the highest in this build, got {order}"
         )
     if max_iterations is None:
         max_iterations = _ITERATIONS.get(order, _ITERATIONS_BELOW)
-    max_iterations = check_integer("max_iterations", max_iterations, 1)
-    assumed = stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else ()
-
-    found: list[tuple[tuple[float, float], int, Splitting, Fit]] = []
+    settings = _Settings(
+        rows=rows,
+        order=order,
+        embedded_order=embedded_order,
+        stage_orders=stage_orders(tableau) if order >= _STAGE_ORDERS_FROM else (),
+        flows=flows,
+        lengths=lengths,
+        seed=check_integer("seed", seed, 0),
+        max_iterations=check_integer("max_iterations", max_iterations, 1),
+        reduce=check_flag("reduce", reduce),
+        improve=improve,
+    )
+    solutions: list[_Solution] = []
     best, index = np.inf, 0
     for index in range(tries):
         raise_if_stopped()
-        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-        if flows is not None:
-            layout = random_layout(rows, flows, generator)
-        else:
-            zeros = (index + 1) % _FREE_ZEROS_EVERY != 0
-            layout = chains_layout(rows, lengths, zeros=zeros)
-        splitting = Splitting(rows, layout, order, embedded_order, assumed)
-        end = fit(splitting, _start(splitting, generator), max_iterations=max_iterations)
+        splitting, end = settings.solve(index)
         best = min(best, end.f)
-        if not end.solved:
-            continue
-        if reduce:
-            splitting, end = reduced(splitting, end, max_iterations)
-        count = len(splitting.layout.parents)
-        rank = float(count), float(np.max(np.abs(end.x)))
-        if improve:
-            end = improved(splitting, end)
-            error = float(np.linalg.norm(splitting.principal_residual(end.x)))
-            rank = count * error ** (1 / order), 0.0
-        found.append((rank, index, splitting, end))
-        if len(found) == hits:
+        if end.solved:
+            solutions.append(settings.finish(index, splitting, end))
+        if len(solutions) == hits:
             break
-    for _, start, splitting, end in sorted(found, key=lambda hit: hit[:2]):
-        exact = refined(splitting, end.x)
+    for solution in sorted(solutions, key=lambda solution: (solution.key, solution.index)):
+        splitting = solution.splitting
+        exact = refined(splitting, solution.end.x)
         if exact.largest_residual < _EXACT:
-            method = split_method(
+            method = CommutatorFree.from_layout(
                 splitting.layout,
                 exact.weights,
-                tableau.name if name is None else name,
-                tableau.source if source is None else source,
+                name=tableau.name if name is None else name,
+                source=tableau.source if source is None else source,
             )
             return Lifted(
-                method, start, index + 1, len(found), splitting.free.size, exact.rank,
+                method, solution.index, index + 1, len(solutions), splitting.free.size, exact.rank,
                 exact.largest_residual,
             )  # fmt: skip
     raise LiftError(f"none of {index + 1} starts led to a method of order {order}", best)
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """A start that led to a solution; the one with the smallest key is the best."""
+
+    key: tuple[float, float]
+    index: int
+    splitting: Splitting
+    end: Fit
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """All that determines what a start leads to."""
+
+    rows: FlatRows
+    order: int
+    embedded_order: int
+    stage_orders: tuple[int, ...]
+    flows: int | None
+    lengths: Sequence[int]
+    seed: int
+    max_iterations: int
+    reduce: bool
+    improve: bool
+
+    def solve(self, index: int) -> tuple[Splitting, Fit]:
+        """Solve from one random start."""
+        generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(index,)))
+        if self.flows is not None:
+            layout = random_layout(self.rows, self.flows, generator)
+        else:
+            zeros = (index + 1) % _FREE_ZEROS_EVERY != 0
+            layout = chains_layout(self.rows, self.lengths, zeros=zeros)
+        splitting = Splitting(self.rows, layout, self.order, self.embedded_order, self.stage_orders)
+        # the remainders, last weights of chains, are large: flows are far from commuting
+        unknowns = generator.uniform(-_WIDTH, _WIDTH, splitting.free.size)
+        start = splitting.from_unknowns(unknowns)
+        return splitting, fit(splitting, start, max_iterations=self.max_iterations)
+
+    def finish(self, index: int, splitting: Splitting, end: Fit) -> _Solution:
+        """Merge flows of a solution and reduce its principal error, if the settings say so."""
+        if self.reduce:
+            splitting, end = reduced(splitting, end, self.max_iterations)
+        flows = len(splitting.layout.parents)
+        key = float(flows), float(np.max(np.abs(end.x)))
+        if self.improve:
+            end = improved(splitting, end)
+            error = float(np.linalg.norm(splitting.principal_residual(end.x)))
+            key = flows * error ** (1 / self.order), 0.0
+        return _Solution(key, index, splitting, end)
 
 
 def _check_orders(
@@ -266,10 +307,10 @@ def _check_orders(
     return order, second
 
 
-def _check_shape(
+def _check_chains(
     rows: FlatRows, order: int, flows: int | None, chains: Sequence[int] | None
 ) -> list[int]:
-    """Return the lengths of chains."""
+    """Return the numbers of flows in the chains."""
     if chains is None:
         return [*(min(_STAGE_CHAINS[order], k) for k in rows.own), _CHAINS[order]]
     if flows is not None:
@@ -285,19 +326,3 @@ def _check_shape(
             f"got {len(lengths)}"
         )
     return [check_integer("a length in chains", length, 1, MAX_STAGES) for length in lengths]
-
-
-def _start(splitting: Splitting, generator: np.random.Generator) -> NDArray[np.float64]:
-    # the last weights of chains make up for all others, so that flows are far from commuting
-    return splitting.from_unknowns(generator.uniform(-_WIDTH, _WIDTH, splitting.free.size))
-
-
-def split_method(layout: Layout, weights: Sequence[Any], name: str, source: str) -> CommutatorFree:
-    return CommutatorFree(
-        zip(layout.parents, layout.point_weights(weights), strict=True),
-        layout.stage_points,
-        layout.results[0],
-        embedded_result=layout.results[1] if layout.pair else None,
-        name=name,
-        source=source,
-    )

@@ -1,4 +1,4 @@
-"""Fewer flows: flows are merged with those before them for as long as conditions can be met."""
+"""Reduction of the number of flows of a splitting by merging them."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from .splitting import Splitting
 
 __all__ = ["reduced"]
 
-_FIRST_ITERATIONS = 60  # most merges that succeed do so within these
+_FIRST_ITERATIONS = 60  # most successful merges need fewer
 _FIRST_PATIENCE = 12
 _FURTHER_PATIENCE = 60
-_FURTHER_SHARE = 4  # one in so many merges gets more iterations
+_FURTHER_SHARE = 4  # one of so many merges gets more iterations
 _MIN_FURTHER = 6
 
 
 def reduced(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit]:
-    """Merge flows with those before them, one pair after the other.
+    """Merge flows with the flows before them until no merge leads to a solution.
 
     Parameters
     ----------
@@ -24,12 +24,12 @@ def reduced(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitt
     end : Fit
         A solution.
     max_iterations : int
-        Of the fits of merges that nearly led to a solution.
+        Largest number of iterations for merges that nearly led to a solution.
 
     Returns
     -------
     Splitting, Fit
-        The last that was found, when no merge leads to a solution any more.
+        The last solution.
     """
     while True:
         merged = _merged(splitting, end, max_iterations)
@@ -39,7 +39,7 @@ def reduced(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitt
 
 
 def _merged(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit] | None:
-    """Return the first merge that can be fitted, those first that violate conditions the least."""
+    """Return the first merge that leads to a solution; merges with small residuals come first."""
     merges = []
     for point in range(len(splitting.layout.parents)):
         merge = splitting.merged(end.x, point)

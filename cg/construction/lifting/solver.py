@@ -1,14 +1,13 @@
-"""Levenberg–Marquardt steps for splittings, with geodesic acceleration.
+"""Levenberg–Marquardt solver for splittings, with geodesic acceleration.
 
-There are more conditions than count and more unknowns than those determine, so that the
-derivatives have a wide range of singular values and a kernel. Far from a solution the normal
-equations serve; close to one they would square the range and stall, and steps are made of
-singular values instead.
+Some conditions are redundant, and there are more unknowns than the others determine, so that the
+Jacobian is rank-deficient with a wide range of singular values. Steps come from the normal
+equations far from a solution, and from the singular value decomposition close to one.
 
-Derivatives take most of the time. Where there are far more conditions than unknowns, steps are
-made with some of the conditions, those that a pivoted QR factorisation of the derivatives chooses
-and those that are violated most; they are chosen again when the others don't follow. All conditions
-decide whether a fit has succeeded.
+Derivatives take most of the time. If there are far more conditions than unknowns, steps use a
+subset of the conditions: those that a pivoted QR factorisation of the Jacobian selects, and those
+with the largest residuals. The subset is selected again when the other residuals stay large. All
+conditions decide whether a fit has succeeded.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from ..solvers.damped import PROBE, DampedSteps, is_straight
 from .splitting import Splitting
 
 __all__ = ["SOLVED", "Fit", "fit"]
@@ -26,33 +26,30 @@ __all__ = ["SOLVED", "Fit", "fit"]
 Vector = NDArray[np.float64]
 
 SOLVED = 1e-23
-"""Sum of the squared, scaled residuals below which weights are next to a solution."""
+"""Sum of squared, scaled residuals below which weights are close to a solution."""
 
-_CLOSE = 1e-10  # the sum from which on steps are made of singular values
-_PROBE = 0.1  # fraction of a step for the second derivative along it
-_MAX_BEND = 0.75  # largest ratio of acceleration and step that is trusted far from a solution
+_CLOSE = 1e-10  # sum of squares below which steps come from the singular value decomposition
 _MIN_DAMPING, _MAX_DAMPING = 1e-30, 1e8  # relative to the largest derivative
 _MIN_GAIN = 1e-6
-_MANY = 600  # conditions from which on some are chosen: those of order eight
-_COUNT = 1e-9  # of the largest: pivots of conditions that are chosen
-_VIOLATED = 60  # conditions that are chosen since they are violated most
-_CHOSEN_FOR = 30  # steps
-_LEFT_BEHIND = 4.0  # times the sum over the chosen: the whole sum at which they are chosen again
-_MIN_CHOSEN_FOR = 4
+_MANY = 600  # number of conditions from which on a subset is used: that of order eight
+_PIVOT = 1e-9  # smallest pivot of selected conditions, relative to the largest
+_VIOLATED = 60  # number of conditions selected for their large residuals
+_MAX_USES, _MIN_USES = 30, 4  # numbers of steps with one selection
+_LEFT_BEHIND = 4.0  # ratio of the sums over all and selected conditions for a new selection
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Where a fit ended.
+    """The result of a fit.
 
     Attributes
     ----------
     x : ndarray, shape (size,)
-        Weights, which add up to the rows.
+        Weights that add up to the rows.
     f : float
         Sum of the squared, scaled residuals.
     iterations : int
-        Steps tried.
+        Number of steps tried.
     """
 
     x: Vector
@@ -61,23 +58,23 @@ class Fit:
 
     @property
     def solved(self) -> bool:
-        """Whether the residuals vanish as far as double precision can tell."""
+        """Whether the residuals vanish to the accuracy of double precision."""
         return self.f < SOLVED
 
 
 def fit(
     splitting: Splitting, x: Vector, *, max_iterations: int, patience: int | None = None
 ) -> Fit:
-    """Look for weights that satisfy the conditions, from a start.
+    """Solve the conditions from a start.
 
     Parameters
     ----------
     splitting : Splitting
     x : ndarray, shape (size,)
-        Adds up to the rows.
+        Weights that add up to the rows.
     max_iterations : int
     patience : int, optional
-        Stop where so many steps have not halved the sum.
+        Stop when this number of steps hasn't halved the sum.
 
     Returns
     -------
@@ -86,29 +83,27 @@ def fit(
     directions = splitting.directions
     residual = splitting.residual(x)
     f = float(residual @ residual)
-    if directions.shape[1] == 0:  # the rows leave nothing to choose
+    if directions.shape[1] == 0:  # the rows determine all weights
         return Fit(x, f, 0)
     damping, iterations = 1e-2, 0
-    steps: _Steps | None = None
+    steps: DampedSteps | None = None
     reached = [f]
-    chosen, taken = _chosen(splitting, x, residual), 0
+    chosen, taken = _select(splitting, x, residual), 0
     while iterations < max_iterations and f < np.inf and damping < _MAX_DAMPING:
         iterations += 1
         close = f < _CLOSE
-        if _outdated(chosen, taken, residual):
-            chosen, taken, steps = _chosen(splitting, x, residual), 0, None
+        if _is_outdated(chosen, taken, residual):
+            chosen, taken, steps = _select(splitting, x, residual), 0, None
         if steps is None:
-            steps = _Steps(splitting.jacobian(x, chosen), close)
+            steps = DampedSteps(splitting.jacobian(x, chosen), close)
         if not steps.damp(damping):
             damping *= 10
             continue
         now = residual[chosen]
         v = steps.step(now)
         moved = directions @ v
-        ahead = splitting.residual(x + _PROBE * moved)[chosen]
-        a = steps.step(2 / _PROBE * ((ahead - now) / _PROBE - steps.jacobian @ v))
-        straight = np.linalg.norm(a) <= _MAX_BEND * np.linalg.norm(v)
-        trials = [x + moved + directions @ a / 2] if straight else []
+        a = steps.acceleration(v, now, splitting.residual(x + PROBE * moved)[chosen])
+        trials = [x + moved + directions @ a / 2] if is_straight(v, a) else []
         if close:
             trials.append(x + moved)
         before_f = best_f = float(now @ now)
@@ -135,57 +130,22 @@ def fit(
     return Fit(x, f, iterations)
 
 
-def _chosen(splitting: Splitting, x: Vector, residual: Vector) -> NDArray[np.intp] | slice:
-    """Return which conditions steps are made with: indices, or all of them."""
+def _select(splitting: Splitting, x: Vector, residual: Vector) -> NDArray[np.intp] | slice:
+    """Return the indices of the conditions to use in steps, or a slice for all of them."""
     if residual.size < _MANY:
         return slice(None)
     derivatives = splitting.jacobian(x).T
     pivots, order = linalg.qr(derivatives, mode="r", pivoting=True, check_finite=False)
     sizes = np.abs(np.diag(pivots))
-    counting = order[: int(np.sum(sizes > _COUNT * sizes[0]))]
+    independent = order[: int(np.sum(sizes > _PIVOT * sizes[0]))]
     violated = np.argsort(-np.abs(residual), kind="stable")[:_VIOLATED]
-    return np.union1d(counting, violated).astype(np.intp)
+    return np.union1d(independent, violated).astype(np.intp)
 
 
-def _outdated(chosen: NDArray[np.intp] | slice, taken: int, residual: Vector) -> bool:
-    """Tell whether conditions are to be chosen again after so many steps."""
-    if isinstance(chosen, slice) or taken < _MIN_CHOSEN_FOR:
+def _is_outdated(chosen: NDArray[np.intp] | slice, taken: int, residual: Vector) -> bool:
+    """Return whether to select conditions again after a number of steps."""
+    if isinstance(chosen, slice) or taken < _MIN_USES:
         return False
     part = residual[chosen]
     bound = _LEFT_BEHIND * float(part @ part) + SOLVED / _LEFT_BEHIND
-    return taken >= _CHOSEN_FOR or float(residual @ residual) > bound
-
-
-class _Steps:
-    """Damped steps at one point: solutions of ``(Jᵀ J + λ) p = -Jᵀ r``."""
-
-    def __init__(self, jacobian: Vector, close: bool) -> None:
-        self.jacobian = jacobian
-        self._close = close
-        if close:
-            self._left, self._values, self._right = linalg.svd(
-                jacobian, full_matrices=False, check_finite=False
-            )
-            self._size = float(self._values[0]) ** 2
-        else:
-            self._gram = jacobian.T @ jacobian
-            self._size = float(np.max(np.diag(self._gram)))
-
-    def damp(self, damping: float) -> bool:
-        """Set λ, relative to the largest derivative; tell whether that is regular."""
-        if self._close:
-            self._factors = self._values / (self._values**2 + damping * self._size)
-            return True
-        shifted = self._gram + damping * self._size * np.eye(len(self._gram))
-        try:
-            self._cholesky = linalg.cho_factor(shifted, check_finite=False)
-        except linalg.LinAlgError:
-            return False
-        return True
-
-    def step(self, residual: Vector) -> Vector:
-        """Return p."""
-        if self._close:
-            return np.asarray(-self._right.T @ (self._factors * (self._left.T @ residual)))
-        right = -self.jacobian.T @ residual
-        return np.asarray(linalg.cho_solve(self._cholesky, right, check_finite=False))
+    return taken >= _MAX_USES or float(residual @ residual) > bound

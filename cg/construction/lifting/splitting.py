@@ -1,18 +1,19 @@
-"""Splittings of a flat tableau: how its rows are cut into flows, and what stays to be found.
+"""Splittings of the rows of a flat tableau into flows, and their order conditions.
 
-The weights on a stage add up, along the path to each stage and to each result, to the entry of
-the flat tableau. These are linear equations; of the weights in each, the last one on the path is
-the exact remainder of the others, and those others are the unknowns.
+The weights on a stage add up, along the path to each stage and to each result, to the entry of the
+flat tableau. In each of these linear equations, the last weight on the path is the remainder that
+the other weights leave; the others are the unknowns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
+from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
 
 from ...conditions import MAX_ORDER, condition_trees
@@ -20,22 +21,33 @@ from ...conditions import compiled as compiled_conditions
 from ...structure.layout import Layout
 from ...structure.points import START
 from ...trees.ordered import forest
+from ..search.shapes import merge_point
 
-__all__ = ["FlatRows", "Splitting", "chains_layout", "random_layout"]
+__all__ = [
+    "FlatRows",
+    "Remainders",
+    "Splitting",
+    "chains_layout",
+    "path_sums",
+    "random_layout",
+    "solve_sums",
+]
 
 Vector = NDArray[np.float64]
+Remainders = dict[int, tuple[dict[int, Fraction], Fraction]]
 
 
 @dataclass(frozen=True)
 class FlatRows:
-    """The rows of a flat tableau that lead to points of their own.
+    """The rows of a flat tableau.
 
     Attributes
     ----------
     stages : tuple of rows of Fraction
-        Row by row; all of length s.
-    result : row
-    embedded : row or None
+        Rows of ``a``, all of length s.
+    result : tuple of Fraction
+        Weights ``b``.
+    embedded : tuple of Fraction or None
         Second weights of a pair.
     """
 
@@ -50,16 +62,16 @@ class FlatRows:
 
     @cached_property
     def at_result(self) -> bool:
-        """Whether the last stage is at the result: its row is that of the result."""
+        """Whether the last stage is at the result, as its row is that of the result."""
         return self.count > 1 and self.stages[-1] == self.result
 
     @property
     def own(self) -> list[int]:
-        """The stages that need points of their own: not the first, nor one at the result."""
+        """Stages with points of their own: all except the first, and one at the result."""
         return list(range(1, self.count - self.at_result))
 
     def ends(self, layout: Layout) -> list[tuple[int, tuple[Fraction, ...]]]:
-        """Return the points of stages and results with the rows that belong to them."""
+        """Return the points of stages and results with their rows."""
         rows = [*self.stages, self.result]
         if self.embedded is not None:
             rows.append(self.embedded)
@@ -68,12 +80,12 @@ class FlatRows:
     def layout(
         self, parents: Sequence[int], at: Sequence[int], result: int, uses: Sequence[set[int]]
     ) -> Layout:
-        """Return the layout with these points; that of the estimate is added.
+        """Return the layout with these points, and one for the second result of a pair.
 
         Parameters
         ----------
         parents : sequence of int
-            By point.
+            The parent of each point.
         at : sequence of int
             The points of the stages in `own`.
         result : int
@@ -100,8 +112,8 @@ def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True)
     lengths : sequence of int
         Flows to each stage in `FlatRows.own`, and to the result.
     zeros : bool, optional
-        Where an entry is zero, have no weights in the row; otherwise weights that add up to it,
-        in chains of more than one flow.
+        Whether rows have no weights where the tableau has zeros. Otherwise they have weights
+        that add up to zero, in chains of more than one flow.
     """
     parents: list[int] = []
     uses: list[set[int]] = []
@@ -119,11 +131,11 @@ def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True)
 
 
 def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) -> Layout:
-    """Return a random tree of points with so many flows to the stages and the result.
+    """Return a random tree of points with a number of flows to the stages and the result.
 
-    Each point starts from the initial point, from the one before or from any other, and all
-    of them lead to a stage or the result. Weights are on the stages that have one in a row
-    further on; trees in which rows couldn't be reached are drawn again.
+    Each point starts from the initial point, the last point or a random earlier one, and leads to
+    a stage or the result. A flow has weights on the stages that a row further on contains. Trees
+    whose weights can't add up to the rows are rejected.
     """
     own = rows.own
     targets = [*(rows.stages[k] for k in own), rows.result]
@@ -159,74 +171,82 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
             return layout
 
 
-def _equations(rows: FlatRows, layout: Layout) -> list[tuple[dict[int, Fraction], Fraction]]:
-    """Return the sums of weights along paths, and what they must be."""
-    found: dict[frozenset[int], Fraction] = {}
+def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Fraction]]:
+    """Return the sets of weights that lie on one path and multiply one stage, and their sums.
+
+    Raises
+    ------
+    ArithmeticError
+        If the sums contradict each other.
+    """
+    sums: dict[frozenset[int], Fraction] = {}
     for end, row in rows.ends(layout):
-        sums: dict[int, list[int]] = {k: [] for k in range(rows.count)}
+        on_path: dict[int, list[int]] = {k: [] for k in range(rows.count)}
         for m in layout.path(end):
             for index, k in enumerate(layout.weights[m], layout.starts[m]):
-                sums[k].append(index)
-        for k, indices in sums.items():
-            key = frozenset(indices)
-            if (indices or row[k]) and found.setdefault(key, row[k]) != row[k]:
+                on_path[k].append(index)
+        for k, indices in on_path.items():
+            if sums.setdefault(frozenset(indices), row[k] if indices else Fraction(0)) != row[k]:
                 raise ArithmeticError("points can't lead to these rows")
-            if not indices and row[k]:
-                raise ArithmeticError("points can't lead to these rows")
-    return [(dict.fromkeys(sorted(key), Fraction(1)), value) for key, value in found.items() if key]
+    return [(indices, value) for indices, value in sums.items() if indices]
 
 
-def _solved(
-    equations: list[tuple[dict[int, Fraction], Fraction]],
-) -> dict[int, tuple[dict[int, Fraction], Fraction]]:
-    """Solve for the last unknown of each equation: ``x_k = value - Σ factor x_j``."""
-    solved: dict[int, tuple[dict[int, Fraction], Fraction]] = {}
+def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Remainders:
+    """Solve sums of unknowns for the last unknown of each.
 
-    def add(into: dict[int, Fraction], other: dict[int, Fraction], factor: Fraction) -> None:
-        for j, entry in other.items():
-            into[j] = into.get(j, Fraction(0)) + factor * entry
-            if not into[j]:
-                del into[j]
+    The reduced echelon form of the equations, with columns in reverse order, expresses each
+    pivot by unknowns with smaller indices that are no pivots themselves.
 
-    for left, right in sorted(equations, key=lambda equation: max(equation[0])):
-        row, value = dict(left), right
-        for k in sorted(set(row) & set(solved)):
-            if k not in row:
-                continue
-            factor = row.pop(k)
-            add(row, solved[k][0], -factor)
-            value -= factor * solved[k][1]
-        if not row:
-            if value:
-                raise ArithmeticError("points can't lead to these rows")
-            continue
-        pivot = max(row)
-        lead = row.pop(pivot)
-        row = {j: entry / lead for j, entry in row.items()}
-        value /= lead
-        for k, (other, known) in list(solved.items()):
-            if pivot in other:
-                factor = other.pop(pivot)
-                add(other, row, -factor)
-                solved[k] = other, known - factor * value
-        solved[pivot] = row, value
-    return solved
+    Parameters
+    ----------
+    sums : iterable of (indices, value)
+    size : int
+        Number of unknowns.
+
+    Returns
+    -------
+    dict
+        ``{k: (factors, value)}`` with ``x_k = value - Σ_j factors[j] x_j``.
+
+    Raises
+    ------
+    ArithmeticError
+        If the sums contradict each other.
+    """
+    rows = []
+    for indices, value in sums:
+        row = [fmpq(0)] * size + [fmpq(value.numerator, value.denominator)]
+        for k in indices:
+            row[size - 1 - k] = fmpq(1)
+        rows.append(row)
+    if not rows:
+        return {}
+    echelon, rank = fmpq_mat(rows).rref()
+    remainders: Remainders = {}
+    for row in echelon.tolist()[:rank]:
+        numbers = {j: Fraction(int(entry.p), int(entry.q)) for j, entry in enumerate(row) if entry}
+        value = numbers.pop(size, Fraction(0))
+        if not numbers:
+            raise ArithmeticError("points can't lead to these rows")
+        pivot, *others = numbers
+        remainders[size - 1 - pivot] = {size - 1 - j: numbers[j] for j in others}, value
+    return remainders
 
 
 @dataclass(frozen=True)
 class Splitting:
-    """The conditions on a flat tableau cut into flows.
+    """The order conditions on a flat tableau that is split into flows.
 
     Parameters
     ----------
     rows : FlatRows
     layout : Layout
     order : int
-        Of the result.
+        Order of the result.
     embedded_order : int
-        Of the second result; 0 without.
+        Order of the second result; 0 without.
     stage_orders : tuple of int, optional
-        By stage, the order to which it is to be right at its abscissa.
+        Order of each stage at its abscissa, as assumed.
     """
 
     rows: FlatRows
@@ -237,26 +257,26 @@ class Splitting:
 
     @staticmethod
     def reachable(rows: FlatRows, layout: Layout) -> bool:
-        """Tell whether there are weights that add up to the rows."""
+        """Return whether there are weights that add up to the rows."""
         try:
-            _solved(_equations(rows, layout))
+            solve_sums(path_sums(rows, layout), layout.size)
         except ArithmeticError:
             return False
         return True
 
     @cached_property
-    def remainders(self) -> dict[int, tuple[dict[int, Fraction], Fraction]]:
-        """By each dependent weight, the factors of others and a number: their difference."""
-        return _solved(_equations(self.rows, self.layout))
+    def remainders(self) -> Remainders:
+        """Dependent weights in terms of the unknowns; see `solve_sums`."""
+        return solve_sums(path_sums(self.rows, self.layout), self.layout.size)
 
     @cached_property
     def free(self) -> NDArray[np.intp]:
-        """Indices of the unknowns, those that are no remainders."""
+        """Indices of the unknowns, the weights that aren't remainders."""
         return np.setdiff1d(np.arange(self.layout.size), list(self.remainders))
 
     @cached_property
     def span(self) -> Vector:
-        """Derivatives of all weights by the unknowns, shape (size, unknowns)."""
+        """Derivatives of all weights with respect to the unknowns, shape (size, unknowns)."""
         column = {int(k): j for j, k in enumerate(self.free)}
         span = np.zeros((self.layout.size, len(column)))
         span[self.free, np.arange(len(column))] = 1
@@ -267,7 +287,7 @@ class Splitting:
 
     @cached_property
     def directions(self) -> Vector:
-        """An orthonormal basis of what `span` spans."""
+        """Orthonormal basis of the columns of `span`."""
         return np.linalg.qr(self.span)[0]
 
     @cached_property
@@ -278,16 +298,16 @@ class Splitting:
         return offset
 
     def nearest(self, x: Vector) -> Vector:
-        """Return the weights closest to these that add up to the rows."""
+        """Return the closest weights that add up to the rows."""
         gap = x - self._offset
         return np.asarray(self._offset + self.directions @ (self.directions.T @ gap))
 
     def from_unknowns(self, free: Vector) -> Vector:
-        """Return all weights, given those that are no remainders, in double precision."""
+        """Return all weights for given unknowns, in double precision."""
         return np.asarray(self._offset + self.span @ free)
 
     def full(self, free: Sequence[Fraction]) -> list[Fraction]:
-        """Return all weights, given those that are no remainders."""
+        """Return all weights for given unknowns."""
         x = [Fraction(0)] * self.layout.size
         for k, value in zip(self.free.tolist(), free, strict=True):
             x[k] = value
@@ -297,16 +317,16 @@ class Splitting:
 
     @property
     def assumptions(self) -> list[tuple[int, int]]:
-        """Stages, from 0, that are to be right at their abscissae, and to which order."""
+        """Stages, from 0, with an assumed order above two, and that order."""
         orders = enumerate(self.stage_orders)
-        # order two follows from the sums: commuting flows or not, there is one word of each kind
+        # order two follows from the sums of weights
         return [(stage, min(order, self.order - 1)) for stage, order in orders if order > 2]
 
     @cached_property
     def conditions(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        """Trees, and what each condition is on.
+        """Trees and owners of the conditions, as `ConditionSystem.conditions` returns them.
 
-        That is 0 for the result, -1 for the second one, and a stage, from 1, for an assumption.
+        The owner is the number of the stage, from 1, for the assumed order of a stage.
         """
         trees = list(condition_trees(self.order, independent=True))
         owner = [0] * len(trees)
@@ -320,7 +340,7 @@ class Splitting:
 
     @staticmethod
     def nodes(index: int) -> int:
-        """Return the number of nodes of a tree but for its root."""
+        """Return the number of nodes of a tree without its root."""
         return forest(MAX_ORDER + 1).nodes[index - 1] - 1
 
     @cached_property
@@ -332,17 +352,17 @@ class Splitting:
     def residual(self, x: Vector) -> Vector:
         """Return the scaled residuals, shape (m,)."""
         trees, owner = self.conditions
-        found = compiled_conditions.residuals(self.order, self.layout, x, trees, owner)
-        return np.asarray(self.scale * found)
+        residuals = compiled_conditions.residuals(self.order, self.layout, x, trees, owner)
+        return np.asarray(self.scale * residuals)
 
     def jacobian(self, x: Vector, chosen: NDArray[np.intp] | slice = slice(None)) -> Vector:
         """Return the derivatives of `residual` along `directions`, shape (m, unknowns).
 
-        Of all conditions, or of those that are chosen by their indices.
+        The conditions can be restricted to a selection of indices.
         """
         trees, owner = (entries[chosen] for entries in self.conditions)
-        found = compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
-        return np.asarray(self.scale[chosen, None] * (found @ self.directions))
+        jacobian = compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
+        return np.asarray(self.scale[chosen, None] * (jacobian @ self.directions))
 
     @cached_property
     def _principal(self) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
@@ -350,44 +370,29 @@ class Splitting:
         return np.array(trees, dtype=np.intc), np.zeros(len(trees), dtype=np.intc)
 
     def principal_residual(self, x: Vector) -> Vector:
-        """Return the residuals of the order above, of all words, not scaled."""
+        """Return the residuals of the next order, of all trees, not scaled."""
         trees, owner = self._principal
         return np.asarray(
             compiled_conditions.residuals(self.order + 1, self.layout, x, trees, owner)
         )
 
     def principal_jacobian(self, x: Vector) -> Vector:
-        """Return the derivatives of `principal_residual` by all weights."""
+        """Return the derivatives of `principal_residual` with respect to all weights."""
         trees, owner = self._principal
         return np.asarray(
             compiled_conditions.jacobian(self.order + 1, self.layout, x, trees, owner)
         )
 
     def merged(self, x: Vector, point: int) -> tuple[Splitting, Vector] | None:
-        """Return the splitting in which a point's flow is one with its parent's, and its weights.
+        """Return the splitting in which the flow to a point is merged with that to its parent.
 
-        None if the point starts from the initial one, a stage or a result is at its parent, or
-        others start from there.
+        Returns the splitting and its weights; None if the point starts from the initial point, a
+        stage or a result is at its parent, or other flows start from its parent.
         """
         layout = self.layout
         parent = layout.parents[point]
         if parent == START or parent in layout.ends or layout.parents.count(parent) > 1:
             return None
-        cut = layout.point_weights(x.tolist())
-        joined = dict(cut[parent])
-        for k, weight in cut[point].items():
-            joined[k] = joined.get(k, 0.0) + weight
-        cut[point] = {k: joined[k] for k in sorted(joined)}
-        kept = [m for m in range(len(cut)) if m != parent]
-        number = {START: START} | {m: i for i, m in enumerate(kept)}
-        number[parent] = number[point]
-        origins = [layout.parents[parent] if m == point else layout.parents[m] for m in kept]
-        smaller = Layout(
-            tuple(number[origin] for origin in origins),
-            tuple(tuple(cut[m]) for m in kept),
-            tuple(number[m] for m in layout.stage_points),
-            tuple(number[m] for m in layout.results),
-        )
-        start = np.array([weight for m in kept for weight in cut[m].values()])
-        found = replace(self, layout=smaller)
-        return found, found.nearest(start)
+        smaller, start = merge_point(layout, x.tolist(), parent)
+        merged = replace(self, layout=smaller)
+        return merged, merged.nearest(start)

@@ -1,8 +1,8 @@
-"""What long runs have found: their best starts, distinct solutions, and methods made of them."""
+"""Results of long runs: distinct solutions, the best ones, families, published methods."""
 
 from __future__ import annotations
 
-from .publish import Promotion, promote
+from .publishing import Publication, publish
 from .solutions import Solution, best, families, solutions
 
-__all__ = ["Promotion", "Solution", "best", "families", "promote", "solutions"]
+__all__ = ["Publication", "Solution", "best", "families", "publish", "solutions"]

@@ -1,39 +1,27 @@
 """Search for methods: many random starts, each solved in double and refined in real(16).
 
 This is Section 3.2 of Jackiewicz, Marthinsen and Owren. A start is a pure function of
-``(seed, index)`` and of the kernels of BLAS, which processors differ in. So on one machine results
-don't depend on the number of workers, and any start can be run again alone. Besides tableaux,
-methods with several frozen fields a flow are searched for: those of a given tree of points, or of
-trees that are drawn with the starts.
+``(seed, index)`` and of the BLAS kernels, which differ between processors. So on one machine
+results don't depend on the number of workers, and any start can be rerun alone. Besides tableaux,
+the search covers methods with several frozen fields in a flow: those of a given tree of points, or
+of trees that are drawn at random with each start.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from contextlib import closing
-from dataclasses import asdict
 from functools import partial
 from operator import attrgetter
 from typing import Any
 
 from ...conditions import Rows
-from ...runs import (
-    ExecutorLike,
-    Failure,
-    ProgressLine,
-    StoredRun,
-    Tally,
-    check_executor,
-    check_progress,
-    completed,
-    stored_run,
-)
+from ...runs import ExecutorLike, Failure, LongRun, ProgressLine, Record, RunOptions, Score
 from ...support import quads
 from ...support.checks import MAX_COUNT, check_integer
 from .records import Phase, RandomStart
 from .result import SearchResult, StoredStarts
-from .settings import SearchSettings, checked_settings
+from .settings import SearchArguments, SearchSettings
 from .start import EXACT, check_start, random_start, run_start, start_layout
 
 __all__ = [
@@ -73,13 +61,13 @@ def search(
 ) -> SearchResult:
     """Search for methods of an order from random starts.
 
-    By default for tableaux of Crouch–Grossman type; with `tree` or `flows` for methods whose
-    flows are those of combinations of frozen fields, `cg.CommutatorFree`.
+    The methods are tableaux of Crouch–Grossman type; with `tree` or `flows` they are
+    `cg.CommutatorFree` methods, whose flows are those of combinations of frozen fields.
 
     Parameters
     ----------
     order : int
-        Order wanted, between 1 and `cg.conditions.MAX_ORDER`.
+        Order of the methods, between 1 and `cg.conditions.MAX_ORDER`.
     stages : int
         Number of stages, at most 1000.
     starts : int
@@ -88,57 +76,56 @@ def search(
         Seed of all starts, not negative.
     algorithm : {"minimum-norm", "lmdif"}, optional
         The first uses the exact Jacobian, steps of least norm and a cheap refinement
-        (`cg.construction.solvers`: `minimum_norm`, `refine`). ``"lmdif"`` is the paper's:
-        differences for the Jacobian, rows of zeros for discarded trees, xtol = ftol =
-        1e-18 in double and 1e-32 in real(16).
+        (`cg.construction.solvers`: `minimum_norm`, `refine`). ``"lmdif"`` is that of the paper:
+        a Jacobian from differences, rows of zeros for discarded trees, xtol = ftol = 1e-18 in
+        double and 1e-32 in real(16).
     rows : {"explicit", "diagonal", "full"} or Rows, optional
         Explicit, diagonally implicit or fully implicit tableaux.
     width : float, optional
-        Guesses are uniform in [-width, width]; by default 1 for ``"lmdif"``, and for
-        ``"minimum-norm"`` 1 up to order 4, 0.75 for order 5 and 0.3 above, where it finds
-        most methods a second; 0.4 with trees.
+        Guesses are uniform in [-width, width]. The default is 1 for ``"lmdif"``. For
+        ``"minimum-norm"`` it is the value that found most methods per second in experiments: 1 up
+        to order 4, 0.75 for order 5 and 0.3 above; 0.4 with trees.
     maxfev : int, optional
-        Bound on evaluations in double; by default 200 (n + 1) for n unknowns, as MINPACK
-        has it, for ``"lmdif"``; for ``"minimum-norm"``, where most methods a second are
-        found with it, 120 up to order 4, 500 for order 5 and 1000 above; 600 with trees.
+        Largest number of evaluations in double. The default for ``"lmdif"`` is 200 (n + 1) for n
+        unknowns, as in MINPACK; for ``"minimum-norm"`` it is chosen as for `width`: 120 up to
+        order 4, 500 for order 5 and 1000 above; 600 with trees.
     refine_below : float, optional
-        A start goes on to real(16) if its sum of squares is at most this.
+        A start is refined in real(16) if its sum of squares is at most this.
     refine_maxfev : int, optional
-        Bound on evaluations in real(16); by default 20 (n + 1).
+        Largest number of evaluations in real(16); by default 20 (n + 1).
     workers : int, optional
-        Number of workers; by default all cores, or as many as `executor` has. It doesn't change
-        the result.
+        Number of workers; by default that of `executor`, or of cores. It doesn't change the
+        result.
     executor : Executor, callable or str, optional
         Where starts run: threads of this process by default, ``"processes"``, any
-        `concurrent.futures.Executor`, or a function that makes one. With the last two a
-        start whose worker dies is reported in `SearchResult.failures`, and the search goes on. It
-        doesn't change the result either, unless other machines have other kernels of BLAS: then
-        starts of the default algorithm end at other points.
+        `concurrent.futures.Executor`, or a function that makes one. With ``"processes"`` or a
+        function, a start whose worker dies is reported in `SearchResult.failures`, and the search
+        continues. The executor doesn't change the result either, unless other machines have
+        other BLAS kernels: then starts of the default algorithm end at other points.
     store : path, optional
-        File that receives every finished start (`cg.runs.Store`). The starts that it has of the
-        same settings aren't run again; other runs may share it. The first interrupt lets the
-        starts that are at work end.
+        File that stores every finished start (`cg.runs.Store`). Starts with the same settings
+        that it already has aren't run again. Several runs can share a file. After the first
+        interrupt, running starts finish.
     progress : callable, ProgressLine or bool, optional
-        Called with the numbers of finished and of all starts. True tells them on standard error,
-        with the rate, the smallest f, how many are exact and the time that is left:
-        `cg.runs.ProgressLine`.
+        Called with the numbers of finished and of all starts. True shows a
+        `cg.runs.ProgressLine` on standard error.
     force : bool, optional
-        Try even where there are fewer unknowns than independent conditions. Methods may
-        exist there, symmetric ones above all. With trees, where many conditions depend on
-        each other, those count that are left where flows commute.
+        Try even if there are fewer unknowns than independent conditions. Methods may still
+        exist, symmetric ones in particular. With trees, where many conditions depend on each
+        other, the conditions are counted that remain where flows commute.
     tree : PointTree, method, or sequence, optional
-        The shape of the methods. That of a tree or a method with all its weights that aren't
-        zero; or ``(parents, stage_points)``, with results from the third entry on if the
-        step doesn't lead to the last point, and weights on all stages evaluated by then. `stages`
-        must be those of the tree. From order 5 on, the first weight is held at a random value
-        while solving in double, which keeps the solver from degenerate limits.
+        The shape of the methods. A tree or a method has its nonzero weights as unknowns. A
+        sequence is ``(parents, stage_points)``, followed by the results if the last point isn't
+        the result; each flow then has weights on all stages before it. `stages` must be that of
+        the tree. From order 5 on, the first weight is held at a random value while solving in
+        double, which keeps the solver away from degenerate limits.
     flows : int, optional
-        Draw the tree with each start: so many flows, at least as many as stages.
+        Number of flows, at least that of stages, of trees drawn at random with each start.
     embedded : bool, optional
-        With `flows`, draw one more flow, from the result, to a second result of order one less.
-        Its last weight is held as well. A tree has such a flow or has none.
+        With `flows`, search for pairs: one more flow, from the result, leads to a second result
+        of order q - 1. Its last weight is held as well. With `tree`, the tree decides.
     first_same_as_last : bool, optional
-        With `flows`, the last of the stages is at the result, where the next step begins.
+        With `flows`, whether the last stage is at the result, where the next step begins.
 
     Returns
     -------
@@ -149,105 +136,69 @@ def search(
     TypeError
         If an argument isn't of the type listed.
     ValueError
-        If an argument is out of its range, there are too few stages, or `store` is no store.
+        If an argument is out of its range, there are too few stages, or `store` isn't a store.
     OSError
-        If the store can't be written, or another process is at work on the same run.
+        If the store can't be written, or another process is carrying out the same run.
     MissingQuadsError
         If the package was built without quadruple precision.
 
     Examples
     --------
-    >>> found = search(order=2, stages=2, starts=4, seed=1)
-    >>> found.methods[0].order
+    >>> result = search(order=2, stages=2, starts=4, seed=1)
+    >>> result.methods[0].order
     2
     >>> search(order=4, stages=4, flows=5, starts=10, seed=1).methods[0].exponentials
     5
     """
-    settings = checked_settings(
-        order,
-        stages,
-        seed,
-        algorithm,
-        rows,
-        width,
-        maxfev,
-        refine_below,
-        refine_maxfev,
-        force,
-        tree,
-        flows,
-        embedded,
-        first_same_as_last,
-    )
+    settings = SearchArguments(
+        order=order,
+        stages=stages,
+        seed=seed,
+        algorithm=algorithm,
+        rows=rows,
+        width=width,
+        maxfev=maxfev,
+        refine_below=refine_below,
+        refine_maxfev=refine_maxfev,
+        force=force,
+        tree=tree,
+        flows=flows,
+        embedded=embedded,
+        first_same_as_last=first_same_as_last,
+    ).checked()
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)
-    call, line = check_progress(progress)
-    executor, workers = check_executor(executor, workers)
-    run = partial(_run, settings, starts, workers, executor, call)
-    if store is not None:
-        with stored_run(store, "search", asdict(settings)) as kept:
-            return run(kept, Tally(line, "starts", starts))
-    return run(None, Tally(line, "starts", starts))
+    options = RunOptions.checked(workers, executor, store, progress)
+    return _run(settings, starts, options)
 
 
-def _run(
-    settings: SearchSettings,
-    starts: int,
-    workers: int | None,
-    executor: ExecutorLike,
-    progress: Callable[[int, int], None] | None,
-    kept: StoredRun | None,
-    tally: Tally,
-) -> SearchResult:
-    """Run the starts that a store doesn't have; with one, in which they stay."""
-    ended: dict[int, RandomStart] = {}
-    failures = [] if kept is None else [one for one in kept.failures() if one.index < starts]
-    known = _checked(settings, starts, kept, tally)
-    for failure in failures:
-        known[failure.index] = 1
-        tally.had_failed()
-    run = completed(
-        partial(run_start, settings),
-        (index for index in range(starts) if not known[index]),
-        starts - sum(known),
-        workers,
-        executor,
-        finish_on_interrupt=kept is not None,
-    )
+def _run(settings: SearchSettings, starts: int, options: RunOptions) -> SearchResult:
+    """Run all starts that the store doesn't have; without a store, keep them in memory."""
     drawn = settings.flows is not None
-    with closing(run) as running, tally:
-        for finished in running:
-            start = finished.result
-            if start is None:
-                failures.append(Failure(finished.index, str(finished.failure)))
-                if kept is not None:
-                    kept.fail(failures[-1])
-                tally.add_failed()
-            else:
-                if kept is None:
-                    ended[start.index] = start
-                else:
-                    layout = start_layout(settings, start.index)
-                    kept.append([start.record(layout, drawn=drawn, seconds=finished.seconds)])
-                tally.add(start.f, start.exact)
-            if progress:
-                progress(tally.done, starts)
-    failures.sort(key=attrgetter("index"))
-    found: Sequence[RandomStart] = (
-        tuple(ended[index] for index in sorted(ended)) if kept is None
-        else StoredStarts(kept.path, kept.number, starts)
-    )  # fmt: skip
-    return SearchResult(settings, found, tuple(failures))
 
+    def to_record(start: RandomStart, seconds: float) -> Record:
+        layout = start_layout(settings, start.index)
+        return start.record(layout, drawn=drawn, seconds=seconds)
 
-def _checked(
-    settings: SearchSettings, starts: int, kept: StoredRun | None, tally: Tally
-) -> bytearray:
-    """Return which starts a store has, a byte for each, after checking them all."""
-    known = bytearray(starts)
-    for record in () if kept is None else kept.records():
-        start = check_start(settings, RandomStart.from_record(record))
-        if start.index < starts:
-            known[start.index] = 1
-            tally.had(start.f, start.exact)
-    return known
+    run = LongRun(
+        kind="search",
+        pieces="starts",
+        settings=settings,
+        work=partial(run_start, settings),
+        to_record=to_record,
+        from_record=lambda record: check_start(settings, RandomStart.from_record(record)),
+        score=lambda start: Score(start.f, start.exact),
+    )
+    finished: list[RandomStart] = []
+    failures: list[Failure] = []
+    with run.running(starts, options) as (stored, results):
+        for _, result in results:
+            if isinstance(result, Failure):
+                failures.append(result)
+            elif stored is None:
+                finished.append(result)
+    index = attrgetter("index")
+    all_starts: Sequence[RandomStart] = tuple(sorted(finished, key=index))
+    if stored is not None:
+        all_starts = StoredStarts(stored.path, stored.number, starts)
+    return SearchResult(settings, all_starts, tuple(sorted(failures, key=index)))

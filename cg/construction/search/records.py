@@ -1,11 +1,9 @@
-"""What became of each random start of a search."""
+"""Results of the random starts of a search."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-
-import numpy as np
 
 from ...runs import Record
 from ...structure.layout import Layout
@@ -13,22 +11,20 @@ from ...support import quads
 
 __all__ = ["Phase", "RandomStart"]
 
-_BYTES = 16  # of a binary128 number
-
 
 @dataclass(frozen=True)
 class Phase:
-    """How one run of the solver ended.
+    """The result of one run of a solver.
 
     Attributes
     ----------
     f : float
-        Sum of squared residuals over the independent conditions, the objective of the paper;
-        for a refined point of the minimum-norm solver a bound on that over all conditions.
+        Sum of squared residuals of the independent conditions, the objective of the paper; after
+        refinement of the minimum-norm solver, a bound on the sum over all conditions.
     info : int
         Why the solver stopped: `Status` or `MinimumNormStatus` of `cg.support.shared_numbers`.
     nfev : int
-        Evaluations of the residuals, those for difference quotients included.
+        Number of evaluations of the residuals, including those for differences.
     """
 
     f: float
@@ -38,23 +34,23 @@ class Phase:
 
 @dataclass(frozen=True)
 class RandomStart:
-    """One random start and what became of it.
+    """The result of one random start.
 
     Attributes
     ----------
     index : int
-        Number of the start; with the seed it determines everything else.
+        Number of the start; with the settings it determines everything else.
     double : Phase
         The run in double precision.
     quad : Phase or None
-        The run in real(16); None where `double` ended above the bound for it.
+        The run in real(16); None if `double` ended above `refine_below`.
     x : tuple of str
-        Packed coefficients, row by row, ``b`` last, or point by point, in decimal with 36
-        significant digits.
+        Packed coefficients in decimal with 36 significant digits: row by row with ``b`` last, or
+        point by point.
     largest_residual : float
-        Over all order conditions, computed in real(16) at `x`.
+        Largest residual of all order conditions, computed in real(16) at `x`.
     exact : bool
-        Whether `x` solves all conditions to the accuracy of real(16).
+        Whether all conditions hold to the accuracy of real(16).
     """
 
     index: int
@@ -66,20 +62,20 @@ class RandomStart:
 
     @property
     def f(self) -> float:
-        """Sum of squared residuals where the last solver ended."""
+        """Final sum of squared residuals."""
         return (self.quad or self.double).f
 
     def record(self, layout: Layout, *, drawn: bool, seconds: float = 0.0) -> Record:
-        """Return what a store keeps of it, from which `from_record` makes it again.
+        """Return the record of the start in a store; see `from_record`.
 
         Parameters
         ----------
         layout : Layout
-            Of the methods that it looked for.
+            Shape of the methods of the start.
         drawn : bool
-            Whether that was drawn with the start, and is kept too.
+            Whether `layout` was drawn at random with the start, and has to be stored.
         seconds : float, optional
-            That it took.
+            Duration of the start.
         """
         bits = quads.encode(self.x)
         return Record(
@@ -102,7 +98,7 @@ class RandomStart:
 
     @classmethod
     def from_record(cls, record: Record) -> RandomStart:
-        """Make it again of what `record` returned.
+        """Return the start of a record.
 
         Raises
         ------
@@ -110,19 +106,16 @@ class RandomStart:
             If a field is missing or of the wrong kind.
         """
         where = f"not the record of a start: start {record.number}"
-        if len(record.coefficients) % _BYTES:
-            raise ValueError(f"{where} has {len(record.coefficients)} bytes of coefficients")
-        bits = np.frombuffer(record.coefficients, np.int8).reshape(-1, _BYTES)
         refined = None
         try:
             if record.phase == "quad":
                 refined = _phase(
                     record.refined_f, record.refined_status, record.refined_evaluations
                 )
-                x = tuple(map(quads.to_decimal, quads.decode(bits)))
+                x = tuple(map(quads.to_decimal, quads.decode(record.quads)))
             else:
-                # doubles, whose decimals take less time without fractions
-                x = tuple(f"{entry:.35e}" for entry in quads.to_float(bits).tolist())
+                # doubles: formatting them is faster than converting fractions
+                x = tuple(f"{entry:.35e}" for entry in quads.to_float(record.quads).tolist())
             return cls(
                 index=record.number,
                 double=_phase(record.f, record.status, record.evaluations),

@@ -1,4 +1,4 @@
-"""What a search returns."""
+"""Result of a search."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, overload
 
-from ...method.commutator_free import CommutatorFree
 from ...method.method import Method
-from ...method.tableau import Tableau
 from ...runs import Failure, Store
 from ...structure.layout import Layout
 from ...support import quads
 from ...support.parallel import single_threads
+from ..candidate import method_of
 from ..solvers.polish import polish_zeros
 from ..solvers.system import ConditionSystem
 from .records import RandomStart
@@ -27,9 +26,9 @@ __all__ = ["SearchResult", "StoredStarts"]
 
 
 class StoredStarts(Sequence[RandomStart]):
-    """The first starts of a run in a store, read when they are asked for.
+    """The first starts of a run in a store, read from the file on access.
 
-    They take no memory; the file must stay where it is.
+    They take no memory. The file must not be moved.
     """
 
     def __init__(self, path: str | os.PathLike[str], run: int, starts: int) -> None:
@@ -65,11 +64,11 @@ class StoredStarts(Sequence[RandomStart]):
     __hash__ = None  # type: ignore[assignment]
 
     def exact(self) -> Iterator[RandomStart]:
-        """Yield the exact ones."""
+        """Yield the exact starts."""
         return self._read("AND number < ? AND solved ORDER BY number", self._starts)
 
     def smallest(self) -> RandomStart:
-        """Return the one with the smallest residual, the first of them."""
+        """Return the start with the smallest residual; of several, the first."""
         query = "AND number < ? ORDER BY largest_residual, number LIMIT 1"
         return next(self._read(query, self._starts))
 
@@ -81,15 +80,15 @@ class StoredStarts(Sequence[RandomStart]):
 
 @dataclass(frozen=True, repr=False)
 class SearchResult:
-    """All starts of a search, in the order of their index.
+    """All starts of a search, ordered by index.
 
     Attributes
     ----------
     settings : SearchSettings
     starts : sequence of RandomStart
-        A tuple; `StoredStarts`, which are read from the file, of a search with a store.
+        A tuple; `StoredStarts`, which read from the file, for a search with a store.
     failures : tuple of Failure
-        Starts whose worker died; they aren't among `starts`.
+        Starts whose worker died; `starts` doesn't have them.
     """
 
     settings: SearchSettings
@@ -106,20 +105,20 @@ class SearchResult:
 
     @cached_property
     def methods(self) -> tuple[Method, ...]:
-        """The exact methods found, distinct, smallest largest coefficient first.
+        """The distinct exact methods, sorted by their largest coefficient.
 
-        Tableaux, or `cg.CommutatorFree` methods of trees. Their coefficients have 36 digits,
-        corrected beyond real(16) in rational arithmetic.
+        Tableaux, or `cg.CommutatorFree` methods of trees. Coefficients have 36 digits, corrected
+        in rational arithmetic beyond the accuracy of real(16).
         """
-        found: list[tuple[float, Method]] = []
+        methods: list[tuple[float, Method]] = []
         seen: set[tuple[Layout, tuple[float, ...]]] = set()
         for start in self._exact():
             key = tuple(round(float(entry), 8) for entry in start.x)
             layout = start_layout(self.settings, start.index)
             if (layout, key) not in seen:
                 seen.add((layout, key))
-                found.append((max(map(abs, key)), self._method(start, layout)))
-        return tuple(method for _, method in sorted(found, key=operator.itemgetter(0)))
+                methods.append((max(map(abs, key)), self._method(start, layout)))
+        return tuple(method for _, method in sorted(methods, key=operator.itemgetter(0)))
 
     @property
     def best(self) -> RandomStart:
@@ -141,16 +140,7 @@ class SearchResult:
             size += f", {len(layout.parents)} flows"
         name = f"order {settings.order}, {size}, start {start.index}"
         source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
-        # the last places that real(16) leaves may not be right to the digits that are written
+        # the last of the 36 digits are beyond the accuracy of real(16)
         system = ConditionSystem(settings.order, layout)
         x = polish_zeros(list(map(Fraction, start.x)), system, system.free).x
-        if layout.rows is None:
-            return CommutatorFree.from_packed(x, layout, name=name, source=source)
-        return Tableau.from_packed(
-            x,
-            settings.stages,
-            settings.rows,
-            digits=quads.DECIMAL_DIGITS,
-            name=name,
-            source=source,
-        )
+        return method_of(layout, list(map(quads.to_decimal, x)), name, source)

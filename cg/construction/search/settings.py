@@ -1,11 +1,11 @@
-"""What a search does: its settings, checked."""
+"""Settings of a random search, and the check of the arguments that make them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from ...conditions import Rows, check_rows, count, unknowns
+from ...conditions.counts import check_order
 from ...structure.layout import Layout
 from ...support.checks import (
     MAX_COUNT,
@@ -15,14 +15,14 @@ from ...support.checks import (
     check_integer,
     check_real,
 )
-from .shapes import check_order, check_points, most_unknowns
+from .shapes import ShapeArguments, most_unknowns
 
-__all__ = ["SearchSettings", "checked_settings"]
+__all__ = ["ALGORITHMS", "SearchArguments", "SearchSettings"]
 
 ALGORITHMS = ("minimum-norm", "lmdif")
 
-# Half the side of the cube of guesses, and evaluations allowed, by order: where the fast solver
-# was measured to find most methods a second. Starts that are going to succeed do so early.
+# Half-widths of guesses and numbers of evaluations with which the minimum-norm solver found most
+# methods per second, by order.
 _BEST_WIDTHS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0, 5: 0.75}
 _WIDTH_ABOVE = 0.3
 _BEST_BOUNDS = {1: 120, 2: 120, 3: 120, 4: 120, 5: 500}
@@ -34,7 +34,7 @@ _TREE_BOUND = 600
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """What a search does; equal settings give equal results.
+    """All that determines the result of a search.
 
     See `cg.search` for the parameters.
     """
@@ -54,75 +54,77 @@ class SearchSettings:
     first_same_as_last: bool = False
 
 
-def checked_settings(
-    order: int,
-    stages: int,
-    seed: int,
-    algorithm: str,
-    rows: Rows | str,
-    width: float | None,
-    maxfev: int | None,
-    refine_below: float,
-    refine_maxfev: int | None,
-    force: bool,
-    tree: Any,
-    flows: int | None,
-    embedded: bool,
-    first_same_as_last: bool,
-) -> SearchSettings:
-    """Return the settings of a search from the arguments of `cg.search`, checked."""
-    order = check_order(order)
-    stages = check_integer("stages", stages, 1, MAX_STAGES)
-    seed = check_integer("seed", seed, 0)
-    if not isinstance(algorithm, str) or algorithm not in ALGORITHMS:
-        raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
-    rows = check_rows(rows)
-    force = check_flag("force", force)
-    size, conditions = unknowns(stages, rows), count(order, independent=True)
-    layout = None
-    of_points = tree is not None or flows is not None
-    if of_points:
-        layout, flows = check_points(
-            order, stages, tree, flows, embedded, force, first_same_as_last
+@dataclass(frozen=True, kw_only=True)
+class SearchArguments(ShapeArguments):
+    """Arguments of `cg.search` that determine its result, not yet checked."""
+
+    seed: int
+    algorithm: str
+    rows: Rows | str
+    width: float | None
+    maxfev: int | None
+    refine_below: float
+    refine_maxfev: int | None
+
+    def checked(self) -> SearchSettings:
+        """Return the settings of the search.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is of the wrong type or out of range.
+        """
+        order = check_order(self.order)
+        stages = check_integer("stages", self.stages, 1, MAX_STAGES)
+        seed = check_integer("seed", self.seed, 0)
+        if not isinstance(self.algorithm, str) or self.algorithm not in ALGORITHMS:
+            names = ", ".join(ALGORITHMS)
+            raise ValueError(f"algorithm must be one of {names}, got {self.algorithm!r}")
+        rows = check_rows(self.rows)
+        layout, flows, size = self._check_shape(order, stages, rows)
+        lmdif = self.algorithm == "lmdif"
+        width, maxfev, refine_maxfev = self.width, self.maxfev, self.refine_maxfev
+        if width is None:
+            best = _TREE_WIDTH if self.of_points else _BEST_WIDTHS.get(order, _WIDTH_ABOVE)
+            width = 1.0 if lmdif else best
+        if maxfev is None:
+            bound = _TREE_BOUND if self.of_points else _BEST_BOUNDS.get(order, _BOUND_ABOVE)
+            maxfev = 200 * (size + 1) if lmdif else bound
+        if refine_maxfev is None:
+            refine_maxfev = 20 * (size + 1)
+        return SearchSettings(
+            order,
+            stages,
+            seed,
+            self.algorithm,
+            rows,
+            check_real("width", width, most=MAX_HALF_WIDTH),
+            check_integer("maxfev", maxfev, 1, MAX_COUNT),
+            check_real("refine_below", self.refine_below),
+            check_integer("refine_maxfev", refine_maxfev, 1, MAX_COUNT),
+            flows if layout is None else None,
+            bool(self.embedded),
+            layout,
+            bool(self.first_same_as_last),
         )
-        size = most_unknowns(stages, flows) if layout is None else layout.size
+
+    def _check_shape(
+        self, order: int, stages: int, rows: Rows
+    ) -> tuple[Layout | None, int | None, int]:
+        """Return the layout of a given tree, the number of flows, and that of unknowns."""
+        if not self.of_points:
+            self.check_tableau()
+            size, conditions = unknowns(stages, rows), count(order, independent=True)
+            if not check_flag("force", self.force) and size < conditions:
+                raise ValueError(
+                    f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for "
+                    f"{conditions} independent conditions of order {order}; pass force=True to "
+                    "try nevertheless"
+                )
+            return None, None, size
+        layout, flows = self.check_points()
         if rows is not Rows.EXPLICIT:
             raise ValueError(f"rows must be explicit with a tree, got {rows.name.lower()}")
-        if algorithm == "lmdif" and (embedded or (layout is not None and layout.pair)):
+        if self.algorithm == "lmdif" and (self.embedded or (layout is not None and layout.pair)):
             raise ValueError("algorithm must be 'minimum-norm' for pairs, got 'lmdif'")
-    elif check_flag("embedded", embedded):
-        raise ValueError("embedded needs a number of flows, got a search for tableaux")
-    elif check_flag("first_same_as_last", first_same_as_last):
-        raise ValueError("first_same_as_last needs a number of flows, got a search for tableaux")
-    elif not force and size < conditions:
-        raise ValueError(
-            f"stages = {stages} gives {size} unknowns ({rows.name.lower()} rows) for {conditions} "
-            f"independent conditions of order {order}; pass force=True to try all the same"
-        )
-    if width is None:
-        best_width = _TREE_WIDTH if of_points else _BEST_WIDTHS.get(order, _WIDTH_ABOVE)
-        width = 1.0 if algorithm == "lmdif" else best_width
-    width = check_real("width", width, most=MAX_HALF_WIDTH)
-    refine_below = check_real("refine_below", refine_below)
-    if maxfev is None:
-        best = _TREE_BOUND if of_points else _BEST_BOUNDS.get(order, _BOUND_ABOVE)
-        maxfev = 200 * (size + 1) if algorithm == "lmdif" else best
-    maxfev = check_integer("maxfev", maxfev, 1, MAX_COUNT)
-    if refine_maxfev is None:
-        refine_maxfev = 20 * (size + 1)
-    refine_maxfev = check_integer("refine_maxfev", refine_maxfev, 1, MAX_COUNT)
-    return SearchSettings(
-        order,
-        stages,
-        seed,
-        algorithm,
-        rows,
-        width,
-        maxfev,
-        refine_below,
-        refine_maxfev,
-        flows if layout is None else None,
-        bool(embedded),
-        layout,
-        bool(first_same_as_last),
-    )
+        return layout, flows, most_unknowns(stages, flows) if layout is None else layout.size

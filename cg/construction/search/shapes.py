@@ -1,14 +1,15 @@
-"""Shapes of trees of points for a search: given by their parents and stages, or drawn at random."""
+"""Trees of points for a search: given by their parents and stages, or drawn at random."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import MAX_ORDER
 from ...structure.layout import Layout
 from ...structure.points import START, MethodError, Point, PointTree, check_tree
 from ...support.checks import MAX_STAGES, check_flag, check_integer
@@ -16,17 +17,19 @@ from ...support.checks import MAX_STAGES, check_flag, check_integer
 __all__ = [
     "FLAT_CONDITIONS",
     "MIN_STAGES",
-    "check_order",
-    "check_points",
+    "ShapeArguments",
     "draw_guess",
     "draw_layout",
     "held_weights",
+    "layout_from_json",
     "layout_of",
+    "merge_point",
     "most_unknowns",
+    "select_points",
 ]
 
 MIN_STAGES = (1, 2, 3, 4, 6, 7, 9, 11)
-"""The least stages of explicit methods of orders 1, 2, ... where all flows commute [1]_.
+"""Smallest numbers of stages of explicit methods of orders 1, 2, ... where flows commute [1]_.
 
 References
 ----------
@@ -35,7 +38,7 @@ References
 """
 
 FLAT_CONDITIONS = (1, 2, 4, 8, 17, 37, 85, 200)
-"""How many order conditions orders 1, 2, ... have where all flows commute: unordered trees."""
+"""Numbers of order conditions of orders 1, 2, ... where flows commute: of unordered trees."""
 
 HELD_FIRST = (0.2, 0.8)
 """Range of the first weight of a tree, held while solving."""
@@ -43,8 +46,8 @@ HELD_FIRST = (0.2, 0.8)
 HELD_ESTIMATE = (0.1, 0.2)
 """Range of the last weight of an estimate, held while solving."""
 
-_HELD_FROM = 5  # the order from which on the first weight is held
-_BACK = 0.3  # how often a drawn flow starts from any earlier point instead of the one before
+_HELD_FROM = 5  # lowest order for which the first weight is held
+_BACK = 0.3  # probability that a flow starts from a random earlier point, not the last one
 
 
 def layout_of(tree: Any) -> Layout:
@@ -54,15 +57,15 @@ def layout_of(tree: Any) -> Layout:
     ----------
     tree : PointTree, Layout, method, or sequence
         A tree or a method has its nonzero weights as unknowns. A sequence is ``(parents,
-        stage_points)``, then the results if they aren't the last point; there, all stages
-        evaluated by then have weights.
+        stage_points)``, followed by the results if the last point isn't the result; each flow
+        then has weights on all stages before it.
 
     Raises
     ------
     TypeError
-        If it is none of these.
+        If `tree` is none of these.
     MethodError
-        If it doesn't make an explicit method, see `cg.structure.points.check_tree`.
+        If `tree` isn't that of an explicit method, see `cg.structure.points.check_tree`.
     """
     if isinstance(tree, Layout):
         layout = tree
@@ -78,14 +81,14 @@ def layout_of(tree: Any) -> Layout:
 
 
 def _layout_of_places(tree: Any) -> Layout:
-    wanted = "a PointTree, or its parents, the points of stages and maybe results"
+    expected = "a PointTree, or its parents, the points of stages and optional results"
     if isinstance(tree, str | bytes) or not isinstance(tree, Sequence):
-        raise TypeError(f"tree must be {wanted}, got {tree!r}")
+        raise TypeError(f"tree must be {expected}, got {tree!r}")
     if not 2 <= len(tree) <= 4:
-        raise TypeError(f"tree must be {wanted}, got {len(tree)} entries")
+        raise TypeError(f"tree must be {expected}, got {len(tree)} entries")
     parents, stage_points = _indices("parents", tree[0]), _indices("stage_points", tree[1])
     results = tuple(_plain(end) for end in tree[2:]) or (len(parents) - 1,)
-    # checked with the weights of the first stage alone: those on others need sound places
+    # checked with weights on the first stage only: other weights need valid stage points
     points = tuple(Point(parent, {0: 1} if stage_points else {}) for parent in parents)  # type: ignore[dict-item]
     check_tree(PointTree(points, stage_points, *results))
     weights = tuple(
@@ -112,17 +115,17 @@ def draw_layout(
     embedded: bool = False,
     first_same_as_last: bool = False,
 ) -> Layout:
-    """Draw a tree of points, in which every point leads to a stage or is the result.
+    """Draw a random tree of points, in which every point leads to a stage or the result.
 
     Parameters
     ----------
     stages : int
     flows : int
-        At least as many as stages: all stages but the first are at points of their own, and
-        the result is one more.
+        At least `stages`: all stages except the first have points of their own, and the result
+        is one more.
     random : numpy.random.Generator
     embedded : bool, optional
-        Whether one more flow, from the result, leads to the second result of a pair.
+        Whether to add a flow from the result to the second result of a pair.
     first_same_as_last : bool, optional
         Whether the last stage is at the result, where the next step begins.
 
@@ -151,12 +154,88 @@ def draw_layout(
     return Layout(tuple(parents), weights, stage_points, tuple(results))
 
 
-def held_weights(order: int, layout: Layout) -> list[int]:
-    """Return the weights of a tree of points to hold while solving from a random start.
+def layout_from_json(text: str | Mapping[str, Any]) -> Layout:
+    """Return the layout of a tree as the settings and records of a store have it.
 
-    Where the first one tends to zero are degenerate limits, from order 5 on. The last flow of a
-    pair that starts from the result has weights in which the conditions are homogeneous: it is
-    nothing, or as long as one likes.
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If it isn't one.
+    """
+    fields = json.loads(text) if isinstance(text, str) else text
+    return Layout(
+        tuple(fields["parents"]),
+        tuple(map(tuple, fields["weights"])),
+        tuple(fields["stage_points"]),
+        tuple(fields["results"]),
+    )
+
+
+def select_points(
+    layout: Layout,
+    parents: Sequence[int],
+    weights: Sequence[dict[int, float]],
+    stage_points: Sequence[int],
+    kept: Sequence[int],
+) -> tuple[Layout, NDArray[np.float64]]:
+    """Return the layout of some points of a tree, numbered anew, and their packed weights.
+
+    Parameters
+    ----------
+    layout : Layout
+        The tree, which has the results.
+    parents, weights : sequences
+        Of all points of the tree, after changes.
+    stage_points : sequence of int
+    kept : sequence of int
+        The points to keep, increasing.
+    """
+    number = {START: START} | {m: k for k, m in enumerate(kept)}
+    rows = [dict(sorted(weights[m].items())) for m in kept]
+    smaller = Layout(
+        tuple(number[parents[m]] for m in kept),
+        tuple(tuple(row) for row in rows),
+        tuple(number[m] for m in stage_points),
+        tuple(number[m] for m in layout.results),
+    )
+    return smaller, np.array([weight for row in rows for weight in row.values()])
+
+
+def merge_point(
+    layout: Layout, x: Sequence[float], point: int
+) -> tuple[Layout, NDArray[np.float64]]:
+    """Leave out a point that is neither a stage nor a result.
+
+    Flows that start from it start from its parent instead, with its weights added to theirs.
+
+    Parameters
+    ----------
+    layout : Layout
+    x : sequence of float
+        Packed weights.
+    point : int
+
+    Returns
+    -------
+    layout : Layout
+    x : ndarray
+    """
+    parents, weights = list(layout.parents), layout.point_weights(x)
+    for m, parent in enumerate(layout.parents):
+        if parent == point:
+            parents[m] = layout.parents[point]
+            for stage, weight in weights[point].items():
+                weights[m][stage] = weights[m].get(stage, 0.0) + weight
+    kept = [m for m in range(len(parents)) if m != point]
+    return select_points(layout, parents, weights, layout.stage_points, kept)
+
+
+def held_weights(order: int, layout: Layout) -> list[int]:
+    """Return the indices of the weights to hold fixed while solving from a random start.
+
+    From order 5 on, there are degenerate limits where the first weight tends to zero. If the
+    second result of a pair is one flow from the result, the conditions are homogeneous in the
+    weights of that flow, so that one of them is held to fix its length.
     """
     held = [0] if order >= _HELD_FROM else []
     last = len(layout.parents) - 1
@@ -168,7 +247,7 @@ def held_weights(order: int, layout: Layout) -> list[int]:
 def draw_guess(
     order: int, layout: Layout, width: float, random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return random weights of a tree, uniform in [-width, width] but for those to hold."""
+    """Return random weights of a tree, uniform in [-width, width] except for held ones."""
     guess = random.uniform(-width, width, layout.size)
     for k in held_weights(order, layout):
         guess[k] = random.uniform(*(HELD_ESTIMATE if k else HELD_FIRST))
@@ -176,70 +255,78 @@ def draw_guess(
 
 
 def most_unknowns(stages: int, flows: int) -> int:
-    """Return how many weights the flows of a drawn tree have at most, second results left out."""
+    """Return the largest number of weights of a drawn tree, without those to a second result."""
     return sum(min(m + 1, stages) for m in range(flows))
 
 
-def check_order(order: Any) -> int:
-    """Return an order that this build has conditions of; TypeError or ValueError otherwise."""
-    number = check_integer("order", order, 1)
-    if number > MAX_ORDER:
-        raise ValueError(f"order must be at most {MAX_ORDER} in this build, got {number}")
-    return number
+@dataclass(frozen=True, kw_only=True)
+class ShapeArguments:
+    """Arguments of `cg.search` and `cg.construct` about the shape of methods, not yet checked."""
 
+    order: int
+    stages: int
+    force: bool
+    tree: Any
+    flows: int | None
+    embedded: bool
+    first_same_as_last: bool
 
-def check_points(
-    order: int,
-    stages: int,
-    tree: Any,
-    flows: Any,
-    embedded: Any,
-    force: bool,
-    first_same_as_last: Any = False,
-) -> tuple[Layout | None, int]:
-    """Return the layout of a given tree, None if trees are drawn, and the number of flows.
+    @property
+    def of_points(self) -> bool:
+        """Whether methods of points are meant, not tableaux."""
+        return self.tree is not None or self.flows is not None
 
-    Refused is what can't have the order where flows commute, and so not on a manifold: too few
-    stages, or fewer unknowns than conditions, unless `force` is true.
+    def check_tableau(self) -> None:
+        """Raise TypeError or ValueError if an argument is only for methods of points."""
+        for name in ("embedded", "first_same_as_last"):
+            if check_flag(name, getattr(self, name)):
+                raise ValueError(f"{name} needs flows; it is for commutator-free methods")
 
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument isn't what it should be; the message names it.
-    """
-    embedded = check_flag("embedded", embedded)
-    last = int(check_flag("first_same_as_last", first_same_as_last))
-    layout = None
-    if tree is not None:
-        if last:
-            raise ValueError("first_same_as_last must be False with a tree, whose stages tell")
-        if flows is not None:
-            raise ValueError(f"flows must be None with a tree, got {flows!r}")
-        layout = layout_of(tree)
-        if layout.stages != stages:
-            raise ValueError(f"stages must be those of the tree, {layout.stages}, got {stages}")
-        if embedded and not layout.pair:
-            raise ValueError("embedded must be False, as tree has no second result")
-        flows, unknowns = len(layout.parents), layout.size
-    else:
-        if last:
-            check_integer("stages", stages, 2)
-        flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
-        unknowns = most_unknowns(stages - last, flows)
-    if not force:
-        _check_counts(order, stages - last, unknowns)
-    return layout, flows
+    def check_points(self) -> tuple[Layout | None, int]:
+        """Return the layout of a given tree, None if trees are drawn, and the number of flows.
+
+        Shapes that can't have the order where flows commute, and so not on a manifold either,
+        are refused unless `force` is true: too few stages, or fewer unknowns than conditions.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is of the wrong type or out of range.
+        """
+        embedded, flows, stages = check_flag("embedded", self.embedded), self.flows, self.stages
+        last = int(check_flag("first_same_as_last", self.first_same_as_last))
+        force = check_flag("force", self.force)
+        layout = None
+        if self.tree is not None:
+            if last:
+                raise ValueError("first_same_as_last must be False with a tree")
+            if flows is not None:
+                raise ValueError(f"flows must be None with a tree, got {flows!r}")
+            layout = layout_of(self.tree)
+            if layout.stages != stages:
+                raise ValueError(f"stages must be those of the tree, {layout.stages}, got {stages}")
+            if embedded and not layout.pair:
+                raise ValueError("embedded must be False, as tree has no second result")
+            flows, unknowns = len(layout.parents), layout.size
+        else:
+            if last:
+                check_integer("stages", stages, 2)
+            flows = check_integer("flows", flows, stages - last, 10 * MAX_STAGES)
+            unknowns = most_unknowns(stages - last, flows)
+        if not force:
+            _check_counts(self.order, stages - last, unknowns)
+        return layout, flows
 
 
 def _check_counts(order: int, stages: int, unknowns: int) -> None:
     if stages < MIN_STAGES[order - 1]:
         raise ValueError(
-            f"stages = {stages} is too few for order {order}, which takes "
-            f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try all "
-            "the same"
+            f"stages = {stages} is too few for order {order}, which needs "
+            f"{MIN_STAGES[order - 1]} even where flows commute; pass force=True to try "
+            "nevertheless"
         )
     if unknowns < FLAT_CONDITIONS[order - 1]:
         raise ValueError(
             f"the flows have {unknowns} unknowns for {FLAT_CONDITIONS[order - 1]} conditions of "
-            f"order {order} where flows commute; pass force=True to try all the same"
+            f"order {order} where flows commute; pass force=True to try nevertheless"
         )

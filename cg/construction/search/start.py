@@ -1,4 +1,4 @@
-"""One random start of a search, run alone: a function of settings and index."""
+"""One random start of a search: a pure function of settings and index."""
 
 from __future__ import annotations
 
@@ -28,14 +28,13 @@ EXACT = 1e-31
 this, relative to its largest coefficient where that is above 1."""
 
 _SOLVED = 1e-25
-_PROMISING = 1e-11  # sum of squares from which on the last stretch is tried, with trees
+_PROMISING = 1e-11  # with trees: sum of squares below which `finish` is tried
 
 
 def start_layout(settings: SearchSettings, index: int) -> Layout:
-    """Return the shape of the methods that a start looks for.
+    """Return the layout of the methods of a start.
 
-    It is drawn with the start if the settings have flows, so that it depends on the seed and
-    the index alone.
+    If the settings have flows, it is drawn at random and depends on the seed and the index alone.
     """
     if settings.flows is not None:
         return _drawn(settings, index)[0]
@@ -43,7 +42,7 @@ def start_layout(settings: SearchSettings, index: int) -> Layout:
 
 
 def _drawn(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.float64]]:
-    """Return the shape of a start with a tree, and its random weights."""
+    """Return the layout of a start with a tree of points, and its random weights."""
     generator = _generator(settings.seed, index)
     layout = settings.tree
     if settings.flows is not None:
@@ -68,7 +67,7 @@ def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.f
     Parameters
     ----------
     seed, index : int
-        The generator's seed is spawned from `seed` for each `index`.
+        Each `index` has a generator of its own, spawned from `seed`.
     size : int
         Number of unknowns.
     width : float
@@ -82,16 +81,16 @@ def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.f
 
 
 def check_start(settings: SearchSettings, start: RandomStart) -> RandomStart:
-    """Return a start that was read, after computing again what it says of its coefficients.
+    """Return a stored start after recomputing its residual.
 
     Raises
     ------
     ValueError
-        If its index is none, or the residual of its coefficients is another.
+        If its index is out of range, or its residual isn't that of its coefficients.
     """
     where = f"not the record of a start: start {start.index}"
     if not 0 <= start.index <= MAX_COUNT:
-        raise ValueError(f"{where} can't be")
+        raise ValueError(f"{where}: the number is out of range")
     system = ConditionSystem(settings.order, start_layout(settings, start.index))
     try:
         bits = quads.encode(start.x)
@@ -99,17 +98,17 @@ def check_start(settings: SearchSettings, start: RandomStart) -> RandomStart:
         raise ValueError(f"{where}: {error}") from None
     if len(bits) != system.size:
         raise ValueError(f"{where} has {len(bits)} coefficients, not {system.size}")
-    largest, exact = _judged(system, bits)
+    largest, exact = _accuracy(system, bits)
     if (largest, exact) != (start.largest_residual, start.exact):
         raise ValueError(
-            f"{where} says that its largest residual is {start.largest_residual!r}, exact: "
-            f"{start.exact}; it is {largest!r}, exact: {exact}"
+            f"{where} has largest residual {start.largest_residual!r}, exact: {start.exact}; its "
+            f"coefficients give {largest!r}, exact: {exact}"
         )
     return start
 
 
-def _judged(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
-    """Return the largest residual at binary128 coefficients, and whether they are exact."""
+def _accuracy(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
+    """Return the largest residual at binary128 coefficients, and whether it counts as zero."""
     largest = float(np.abs(system.residual_quad(bits)).max())
     if not np.isfinite(largest):
         largest = np.inf
@@ -119,7 +118,7 @@ def _judged(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
 
 @single_threads()
 def run_start(settings: SearchSettings, index: int) -> RandomStart:
-    """Run one start alone: guess, solve in double, refine in real(16).
+    """Run one start: guess, solve in double, refine in real(16).
 
     Parameters
     ----------
@@ -145,19 +144,19 @@ def run_start(settings: SearchSettings, index: int) -> RandomStart:
     else:
         double, refined, bits = _run_minimum_norm(settings, system, guess, held)
     if refined is None:
-        # doubles, whose decimals take less time without fractions; most starts end here
+        # most starts end here, with doubles: formatting them is faster than converting fractions
         decimals = tuple(f"{entry:.35e}" for entry in quads.to_float(bits).tolist())
     else:
         decimals = tuple(map(quads.to_decimal, quads.decode(bits)))
         bits = quads.encode(map(Fraction, decimals))
-    return RandomStart(index, double, refined, decimals, *_judged(system, bits))
+    return RandomStart(index, double, refined, decimals, *_accuracy(system, bits))
 
 
 def _run_lmdif(
     settings: SearchSettings, layout: Layout, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quads.Quads]:
     trees = np.array(table_rows(settings.order), dtype=np.intc)
-    # lmdif refuses fewer rows than unknowns; further rows of zeros change nothing
+    # lmdif requires at least as many rows as unknowns; rows of zeros change nothing
     trees = np.pad(trees, (0, max(0, guess.size - len(trees))))
     shape = settings.order, layout
     x, f, info, nfev = stoppable(
@@ -170,14 +169,14 @@ def _run_lmdif(
     if double.f > settings.refine_below:
         return double, None, bits
     tolerance = quads.from_float([1e-32]).T
-    found, f, info, nfev = stoppable(
+    x_quad, f, info, nfev = stoppable(
         lambda stop_flag: fit_lmdif(
             *shape, bits.T, trees, tolerance, settings.refine_maxfev, stop_flag
         )
     )
     refined = Phase(_finite(quads.to_float(f.T)[0]), int(info), int(nfev))
-    found = np.ascontiguousarray(found.T)
-    return double, refined, found if np.isfinite(quads.to_float(found)).all() else bits
+    x_quad = np.ascontiguousarray(x_quad.T)
+    return double, refined, x_quad if np.isfinite(quads.to_float(x_quad)).all() else bits
 
 
 def _run_minimum_norm(
@@ -186,7 +185,7 @@ def _run_minimum_norm(
     guess: NDArray[np.float64],
     held: list[int],
 ) -> tuple[Phase, Phase | None, quads.Quads]:
-    """Solve, with some unknowns held until refinement."""
+    """Solve in double with some unknowns held, then refine all of them."""
     free = np.setdiff1d(system.free, held)
     fit = fit_conditions(
         guess,
@@ -207,5 +206,5 @@ def _run_minimum_norm(
 
 
 def _finite(f: float) -> float:
-    """Return a sum of squares, infinite where it overflowed or isn't a number."""
+    """Return a sum of squares; infinity if it overflowed or isn't a number."""
     return float(f) if np.isfinite(f) else np.inf

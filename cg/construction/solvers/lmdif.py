@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cg._lmdif import lmdif as _compiled_lmdif
+from cg.support.checks import MAX_COUNT, check_integer, check_real
 from cg.support.shared_numbers import Status
 
 Vector = NDArray[np.float64]
@@ -23,7 +23,7 @@ _SCALE_BY_COLUMNS, _SCALE_AS_GIVEN = 1, 2
 
 @dataclass(frozen=True, eq=False)
 class LmdifResult:
-    """Where ``lmdif`` stopped, and why. All arrays are read-only.
+    """The result of ``lmdif``. All arrays are read-only.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class LmdifResult:
     info : Status
         Why the solver stopped, MINPACK's code; compares equal to the integer.
     nfev : int
-        How often ``f`` was called, differences included.
+        Number of calls of ``f``, including those for differences.
     fjac : ndarray, shape (m, n)
         The last Jacobian ``J`` factored as ``J[:, ipvt] = Q R``: ``R`` in the upper triangle of
         the first ``n`` rows, diagonal elements of decreasing magnitude.
@@ -145,16 +145,18 @@ def lmdif(
         raise TypeError(f"f must be callable, got {f!r}")
     start = _vector("x0", x0)
     scale = None if diag is None else _scale_factors(diag, start.size)
-    limit = 200 * (start.size + 1) if maxfev is None else _positive_integer("maxfev", maxfev)
+    limit = (
+        200 * (start.size + 1) if maxfev is None else check_integer("maxfev", maxfev, 1, MAX_COUNT)
+    )
     arguments = (
-        _tolerance("ftol", ftol),
-        _tolerance("xtol", xtol),
-        _tolerance("gtol", gtol),
+        check_real("ftol", ftol),
+        check_real("xtol", xtol),
+        check_real("gtol", gtol),
         limit,
-        _tolerance("epsfcn", epsfcn),
+        check_real("epsfcn", epsfcn),
         np.ones(start.size) if scale is None else scale,
         _SCALE_BY_COLUMNS if scale is None else _SCALE_AS_GIVEN,
-        _positive("factor", factor),
+        check_real("factor", factor, positive=True),
     )
 
     callback = _Callback(f, start)
@@ -184,7 +186,7 @@ class _Callback:
 
     def __init__(self, f: Residual, start: Vector) -> None:
         self._f = f
-        # The solver's first call is at the start: what is known from here is not computed again.
+        # The solver's first call is at the start; its result is reused.
         self._first: Vector | None = _residuals(f, start, None)
         self.rows = self._first.size
         self._failure: BaseException | None = None
@@ -206,14 +208,14 @@ class _Callback:
         return values, 0
 
     def raise_failure(self) -> None:
-        """Raise again what ended the solve, if anything did."""
+        """Raise the exception that ended the solver, if there was one."""
         failure, self._failure = self._failure, None
         try:
             if failure is not None:
                 raise failure
         finally:
-            # Its traceback leads back here: kept, the solver's arrays would wait for the
-            # collector of cycles.
+            # The traceback refers to this frame: without this, the solver's arrays would be kept
+            # until the next collection of cycles.
             del failure
 
 
@@ -263,35 +265,3 @@ def _scale_factors(diag: ArrayLike, n: int) -> Vector:
     if not (array > 0).all():
         raise ValueError(f"diag must be positive, got {diag!r}")
     return array
-
-
-def _real(name: str, value: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a real number, got {value!r}")
-    try:
-        number = float(value)
-    except OverflowError:  # an int beyond all doubles
-        number = math.inf
-    if not math.isfinite(number):
-        raise ValueError(f"{name} must be finite, got {value!r}")
-    return number
-
-
-def _tolerance(name: str, value: float) -> float:
-    if (number := _real(name, value)) < 0:
-        raise ValueError(f"{name} must be at least 0, got {value!r}")
-    return number
-
-
-def _positive(name: str, value: float) -> float:
-    if (number := _real(name, value)) <= 0:
-        raise ValueError(f"{name} must be positive, got {value!r}")
-    return number
-
-
-def _positive_integer(name: str, value: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be an integer, got {value!r}")
-    if not 0 < value <= np.iinfo(np.intc).max:
-        raise ValueError(f"{name} must be between 1 and {np.iinfo(np.intc).max}, got {value!r}")
-    return int(value)

@@ -1,7 +1,7 @@
-"""The fast solver of order conditions: exact Jacobian, steps of least norm.
+"""Compiled solver of order conditions: exact Jacobian, steps of least norm.
 
-Levenberg–Marquardt with geodesic acceleration, in double, wholly compiled; dense linear
-algebra by the LAPACK that SciPy brings.
+Levenberg–Marquardt with geodesic acceleration in double precision. Dense linear algebra is done by
+the LAPACK of SciPy, whose addresses are passed to the compiled module.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .system import ConditionSystem
 
 __all__ = ["MinimumNormFit", "MinimumNormStatus", "fit_conditions"]
 
-_BRIEF = 10**8  # multiplications: about a tenth of a second
+_BRIEF = 10**8  # multiplications in about 0.1 seconds
 
 
 @dataclass(frozen=True)
 class MinimumNormFit:
-    """Where a fit ended.
+    """The result of a fit.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class MinimumNormFit:
     f : float
         Sum of squared residuals of the independent conditions.
     iterations, evaluations : int
-        Steps tried, and evaluations of the residuals.
+        Numbers of steps tried and of evaluations of the residuals.
     status : MinimumNormStatus
     """
 
@@ -61,28 +61,27 @@ def fit_conditions(
 ) -> MinimumNormFit:
     """Minimise the sum of squared residuals of the independent order conditions.
 
-    Works for any numbers of conditions and unknowns, and is meant for more unknowns
+    The numbers of conditions and unknowns are arbitrary; the solver is designed for more unknowns
     than conditions.
 
     Parameters
     ----------
     x0 : array_like, shape (n,)
-        Packed weights to start from, as ``system.layout`` says; zeros that the system asks
-        for must be there.
+        Packed weights to start from; entries that the system fixes at zero must be zero.
     system : ConditionSystem
-        Simplifying assumptions of its structure are solved for together with the conditions.
+        The simplifying assumptions of its structure are solved together with the conditions.
     free : sequence of int, optional
-        Indices (from 0) of the unknowns that may move; by default all that aren't zero
-        by definition.
+        Indices (from 0) of the unknowns that may change; by default all that the system doesn't
+        fix at zero.
     ftol : float, optional
         Stop when the sum of squares is at most this.
     damping : float, optional
-        First damping, relative to the largest squared norm of a row of the Jacobian;
-        small close to a solution.
+        Initial damping, relative to the largest squared norm of a row of the Jacobian; small
+        close to a solution.
     max_iterations : int, optional
     accurate : bool, optional
-        Take steps from a QR factorisation, which takes up to three times as long, instead
-        of normal equations, which lose singular values below 1e-8 of the largest.
+        Compute steps from a QR factorisation instead of the normal equations, which lose singular
+        values below 1e-8 of the largest. This takes up to three times as long.
 
     Returns
     -------
@@ -107,14 +106,14 @@ def fit_conditions(
     moving = (indices + 1).astype(np.intc)
     problem = (system.order, system.layout, x, trees, owner)
     most = max_iterations * trees.size**2 * moving.size  # for the Gram matrices
-    found, f, iterations, evaluations, status = stoppable(
+    x_end, f, iterations, evaluations, status = stoppable(
         lambda stop_flag: fit_minimum_norm(
             *problem, moving, ftol, damping, max_iterations, accurate, stop_flag
         ),
         brief=most <= _BRIEF,
     )
     return MinimumNormFit(
-        found, float(f), int(iterations), int(evaluations), MinimumNormStatus(status)
+        x_end, float(f), int(iterations), int(evaluations), MinimumNormStatus(status)
     )
 
 

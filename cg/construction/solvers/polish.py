@@ -1,9 +1,7 @@
-"""Zeros of the order conditions beyond binary128: residuals in rational arithmetic.
+"""Refinement of zeros of the order conditions beyond binary128, in rational arithmetic.
 
-The residuals that `cg.construction.solvers.refine` sees carry the rounding of real(16), so its last
-digits are off by more than the places in which they are written. Here the residual is
-exact and each correction by the pseudo-inverse of the double Jacobian gains some ten
-digits.
+`cg.construction.solvers.refine` computes residuals in real(16), whose rounding errors exceed a
+unit in the last written digit of its results. Here residuals are exact.
 """
 
 from __future__ import annotations
@@ -14,32 +12,33 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import linalg
 
 from ...conditions import exact_residuals_of
+from .rational import refine_rational
+from .singular import pseudo_inverse
 from .system import ConditionSystem, Structure
 
 __all__ = ["Polished", "polish", "polish_zeros"]
 
-_NOTHING = Fraction(1, 10**33)  # real(16) leaves this much at most of a weight that is zero
+_ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _BELOW = Fraction(1, 10**44)
-_GRID = 10**60  # iterates are moved by multiples of 1/_GRID, so that they don't grow
+_GRID = 10**60  # corrections are multiples of 1/_GRID
 
 
 @dataclass(frozen=True)
 class Polished:
-    """A polished point.
+    """The result of `polish`.
 
     Attributes
     ----------
     x : tuple of Fraction, length n
         Packed weights.
     largest_residual : Fraction
-        Over the independent conditions, exact.
+        Largest residual of the independent conditions, exact.
     rank : int
-        Singular values of the Jacobian above the threshold.
+        Numerical rank of the Jacobian.
     iterations : int
-        Corrections that were applied.
+        Number of corrections.
     """
 
     x: tuple[Fraction, ...]
@@ -57,18 +56,18 @@ def polish(
     below: Fraction = _BELOW,
     max_iterations: int = 20,
 ) -> Polished:
-    """Correct packed weights until its exact residuals are small.
+    """Correct packed weights until the exact residuals are small.
 
     Parameters
     ----------
     x : sequence of n rationals
         Close to a zero.
     system : ConditionSystem
-        Its structure is left aside: the order conditions alone decide.
+        Only its order conditions are used, not its structure.
     directions : array_like, shape (n, k), optional
-        Corrections are combinations of its columns: columns of the identity leave the other
-        entries alone, and any linear relation between entries can be kept up. By default
-        all entries may change.
+        Corrections are linear combinations of the columns. Columns of the identity select the
+        entries that may change; other columns preserve linear relations between entries. By
+        default all free entries of the system may change.
     rcond : float, optional
         Singular values below this fraction of the largest count as zero.
     below : Fraction, optional
@@ -78,49 +77,47 @@ def polish(
     Returns
     -------
     Polished
-        The best point seen.
+        The point with the smallest residuals.
 
     Raises
     ------
     ValueError
         If x or `directions` don't fit the number of unknowns.
     """
-    best = tuple(map(Fraction, x))
-    if len(best) != system.size:
-        raise ValueError(f"x must have {system.size} entries, got {len(best)}")
+    start = tuple(map(Fraction, x))
+    if len(start) != system.size:
+        raise ValueError(f"x must have {system.size} entries, got {len(start)}")
     system = replace(system, structure=Structure.GENERAL)
-    jac = system.jacobian(np.array([float(entry) for entry in best]))
+    jac = system.jacobian(np.array([float(entry) for entry in start]))
     span = _directions(
-        np.eye(len(best))[:, system.free] if directions is None else directions, len(best)
+        np.eye(len(start))[:, system.free] if directions is None else directions, len(start)
     )
-    left, values, right = linalg.svd(jac @ span, full_matrices=False, lapack_driver="gesdd")
-    rank = int(np.sum(values > rcond * values[0]))
-    inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+    inverse, rank = pseudo_inverse(jac @ span, rcond)
 
-    best_residuals = _residuals(best, system)
-    size, iterations = max(map(abs, best_residuals)), 0
-    while size > below and iterations < max_iterations:
-        scaled = inverse @ [float(residual / size) for residual in best_residuals]
-        moves = [Fraction(round(Fraction(move) * size * _GRID), _GRID) for move in scaled]
-        trial = tuple(
-            entry - sum((Fraction(d) * m for d, m in zip(row, moves, strict=True) if d), Fraction())
-            for entry, row in zip(best, span.tolist(), strict=True)
+    def moved(steps: Sequence[Fraction]) -> tuple[Fraction, ...]:
+        """Return the point after steps along the directions."""
+        return tuple(
+            entry + sum((Fraction(d) * m for d, m in zip(row, steps, strict=True) if d), Fraction())
+            for entry, row in zip(start, span.tolist(), strict=True)
         )
-        trial_residuals = _residuals(trial, system)
-        trial_size = max(map(abs, trial_residuals))
-        if trial_size >= size:
-            break
-        best, best_residuals, size = trial, trial_residuals, trial_size
-        iterations += 1
-    return Polished(best, size, rank, iterations)
+
+    end = refine_rational(
+        lambda steps: _residuals(moved(steps), system),
+        [Fraction()] * span.shape[1],
+        lambda residuals: inverse @ residuals,
+        below=below,
+        grid=_GRID,
+        max_iterations=max_iterations,
+    )
+    return Polished(moved(end.x), end.largest_residual, rank, end.iterations)
 
 
 def polish_zeros(
     x: Sequence[Fraction], system: ConditionSystem, free: Sequence[int] | NDArray[np.intp]
 ) -> Polished:
-    """Polish, with weights at zero that are zero but for the rounding of real(16).
+    """Polish, and set weights to zero that are zero up to the rounding errors of real(16).
 
-    They stay as they are where the conditions can't be solved without them.
+    If the conditions can't be solved with these zeros, the weights keep their values.
 
     Parameters
     ----------
@@ -134,14 +131,14 @@ def polish_zeros(
     Polished
     """
     unit = np.eye(system.size)
-    found = polish(x, system, directions=unit[:, free])
-    nothing = {k for k in free if 0 < abs(found.x[k]) <= _NOTHING}
-    rest = [k for k in free if k not in nothing]
-    if not nothing or not rest:
-        return found
-    without = [Fraction() if k in nothing else entry for k, entry in enumerate(found.x)]
-    again = polish(without, system, directions=unit[:, rest])
-    return again if again.largest_residual <= max(found.largest_residual, _BELOW) else found
+    polished = polish(x, system, directions=unit[:, free])
+    tiny = {k for k in free if 0 < abs(polished.x[k]) <= _ROUNDING}
+    rest = [k for k in free if k not in tiny]
+    if not tiny or not rest:
+        return polished
+    start = [Fraction() if k in tiny else entry for k, entry in enumerate(polished.x)]
+    sparse = polish(start, system, directions=unit[:, rest])
+    return sparse if sparse.largest_residual <= max(polished.largest_residual, _BELOW) else polished
 
 
 def _residuals(x: Sequence[Fraction], system: ConditionSystem) -> tuple[Fraction, ...]:

@@ -1,8 +1,8 @@
-"""Refinement of a zero of the order conditions to the floor of binary128.
+"""Refinement of a zero of the order conditions to the accuracy of binary128.
 
-The residual is computed in real(16), the correction by a pseudo-inverse of the double
-Jacobian that is factored once. Truncated singular values make it work where the
-Jacobian loses rank, as long as the system is consistent.
+Residuals are computed in real(16), corrections by the pseudo-inverse of the double Jacobian, which
+is computed once. Small singular values are left out, so that the Jacobian may be rank-deficient as
+long as the system is consistent.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from ...support import quads
 from ...support.parallel import raise_if_stopped
+from .singular import pseudo_inverse
 from .system import ConditionSystem
 
 __all__ = ["Refined", "refine"]
@@ -23,18 +23,18 @@ __all__ = ["Refined", "refine"]
 
 @dataclass(frozen=True)
 class Refined:
-    """A refined point.
+    """The result of `refine`.
 
     Attributes
     ----------
     x : ndarray of int8, shape (n, 16)
         Packed weights in binary128, see `cg.support.quads`.
     largest_residual : float
-        Over all order conditions, dependent ones included, computed in real(16).
+        Largest residual of all order conditions, computed in real(16).
     rank : int
-        Singular values of the Jacobian above the threshold.
+        Numerical rank of the Jacobian.
     iterations : int
-        Corrections that were applied.
+        Number of corrections.
     """
 
     x: quads.Quads
@@ -51,16 +51,16 @@ def refine(
     rcond: float = 1e-10,
     max_iterations: int = 40,
 ) -> Refined:
-    """Correct packed weights until its residuals stop getting smaller.
+    """Correct packed weights until the residuals stop getting smaller.
 
     Parameters
     ----------
     x : ndarray of int8, shape (n, 16)
         From `cg.support.quads.encode` or `cg.support.quads.from_float`, close to a zero.
     system : ConditionSystem
-        Simplifying assumptions of its structure are kept up.
+        Corrections preserve the simplifying assumptions of its structure.
     free : sequence of int, optional
-        Indices of the entries that may change; by default all that aren't zero by definition.
+        Indices of the entries that may change; by default all free ones.
     rcond : float, optional
         Singular values below this fraction of the largest count as zero.
     max_iterations : int, optional
@@ -68,7 +68,7 @@ def refine(
     Returns
     -------
     Refined
-        The best point seen.
+        The point with the smallest residuals.
 
     Raises
     ------
@@ -86,17 +86,15 @@ def refine(
     moving = system.moving(free)
     jac = system.jacobian(start, independent=False)[:, moving]
     rank, inverse = 0, np.zeros(jac.T.shape)
-    if moving.size and np.isfinite(jac).all():  # else there is no correction
-        left, values, right = linalg.svd(jac, full_matrices=False, lapack_driver="gesdd")
-        rank = int(np.sum(values > rcond * values[0]))
-        inverse = (right[:rank].T / values[:rank]) @ left[:, :rank].T
+    if moving.size and np.isfinite(jac).all():  # otherwise no correction is possible
+        inverse, rank = pseudo_inverse(jac, rcond)
 
     best, best_size, iterations = x, np.inf, 0
     for iterations in range(max_iterations + 1):  # noqa: B007
         raise_if_stopped()
         residual = system.residual_quad(x)
         largest = float(np.abs(residual).max())
-        # the last digits jitter: stop at the first correction that doesn't help
+        # rounding errors remain: stop at the first correction that doesn't reduce them
         if not largest < best_size:
             break
         best, best_size = x, largest

@@ -1,9 +1,9 @@
-"""Steps close to solutions, made of singular values of the Jacobian.
+"""Steps close to solutions, from the singular value decomposition of the Jacobian.
 
-Order conditions depend on each other, and trees of points often have fewer unknowns than there
-are conditions. Singular values that count go down to 1e-9 of the largest; those that do not are
-rounding. Normal equations, which square them, stall between sums of squares of 1e-15 and 1e-21;
-what is here goes on.
+Order conditions depend on each other, and trees of points often have fewer unknowns than there are
+conditions. Nonzero singular values go down to 1e-9 of the largest; smaller ones are rounding
+errors. Normal equations square the singular values and stall at sums of squares between 1e-15 and
+1e-21; the steps of this module don't.
 """
 
 from __future__ import annotations
@@ -14,32 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from .damped import PROBE, DampedSteps, is_straight
 from .system import ConditionSystem
 
-__all__ = ["Decomposition", "decompose", "finish", "retract"]
+__all__ = ["Decomposition", "decompose", "finish", "pseudo_inverse", "retract"]
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _RANK_TOLERANCE = 1e-11  # of the largest singular value; rounding leaves 1e-15
-_FAR = 1e-4  # sum of squares above which Newton's steps aren't tried
+_FAR = 1e-4  # sum of squares above which Newton steps aren't tried
 
-_PROBE = 0.1  # fraction of a step for the second derivative along it
-_MAX_BEND = 0.75  # largest ratio of acceleration and step that is trusted
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
-_PATIENCE, _MIN_GAIN = 15, 0.05  # so many steps must gain this fraction
+_PATIENCE, _MIN_GAIN = 15, 0.05  # stop if so many steps together gain less than this fraction
 
 
 @dataclass(frozen=True)
 class Decomposition:
-    """A Jacobian of shape (m, n) for what follows.
+    """Pseudo-inverse and kernel of a Jacobian of shape (m, n).
 
     Attributes
     ----------
     inverse : ndarray, shape (n, m)
-        Its pseudo-inverse, singular values below 1e-11 of the largest left out.
+        Pseudo-inverse without singular values below 1e-11 of the largest.
     kernel : ndarray, shape (n, n - rank)
-        An orthonormal basis of what the others don't see.
+        Orthonormal basis of the numerical kernel.
     """
 
     inverse: Vector
@@ -47,13 +46,27 @@ class Decomposition:
 
     @property
     def rank(self) -> int:
-        """Singular values that count."""
+        """Numerical rank."""
         return int(np.subtract(*self.kernel.shape))
+
+
+def pseudo_inverse(jac: Vector, rcond: float) -> tuple[Vector, int]:
+    """Return the pseudo-inverse of a matrix and its numerical rank.
+
+    Parameters
+    ----------
+    jac : ndarray, shape (m, n)
+    rcond : float
+        Singular values below this fraction of the largest count as zero.
+    """
+    left, values, right = linalg.svd(jac, full_matrices=False)
+    rank = int(np.sum(values > rcond * values.max(initial=0.0)))
+    return (right[:rank].T / values[:rank]) @ left[:, :rank].T, rank
 
 
 def decompose(jac: Vector) -> Decomposition:
     """Return the pseudo-inverse and the kernel of a Jacobian, shape (m, n)."""
-    if jac.shape[0] > jac.shape[1]:  # less work than with the tall one
+    if jac.shape[0] > jac.shape[1]:  # faster than the decomposition of the tall matrix
         basis, square = linalg.qr(jac, mode="economic", check_finite=False)
         left, values, right = linalg.svd(square, check_finite=False)
         left = basis @ left
@@ -73,7 +86,7 @@ def retract(
     ftol: float = 1e-27,
     renewals: int = 4,
 ) -> Vector | None:
-    """Return to the solution set by Newton's steps of least norm.
+    """Return to the solution set by Newton steps of least norm.
 
     Parameters
     ----------
@@ -83,17 +96,17 @@ def retract(
     free : ndarray of int
         Entries that may change.
     near : Decomposition
-        Of the Jacobian's columns `free` at a point close by: it serves as long as steps gain
-        much, which saves most of the work.
+        Decomposition of the columns `free` of the Jacobian at a point close by. It is used until
+        steps gain little, which saves most of the work.
     ftol : float, optional
         Sum of squares to reach.
     renewals : int, optional
-        How often the Jacobian is taken anew.
+        Largest number of times that the Jacobian is recomputed.
 
     Returns
     -------
     ndarray, shape (n,), or None
-        None if the sum of squares stays above `ftol`.
+        The point on the set; None if the sum of squares stays above `ftol`.
     """
     residual = system.residual(x)
     f = float(residual @ residual)
@@ -128,7 +141,7 @@ def finish(
     ftol: float = 1e-27,
     max_iterations: int = 60,
 ) -> tuple[Vector, float]:
-    """Go the last stretch to a zero by Levenberg–Marquardt steps with geodesic acceleration.
+    """Converge to a nearby zero by Levenberg–Marquardt steps with geodesic acceleration.
 
     Parameters
     ----------
@@ -145,42 +158,38 @@ def finish(
     -------
     x : ndarray, shape (n,)
     f : float
-        Sum of squares there.
+        Sum of squares at `x`.
     """
     residual = system.residual(x)
     f = float(residual @ residual)
-    damping, history, new = _FIRST_DAMPING, [f], True
+    damping, history = _FIRST_DAMPING, [f]
+    steps: DampedSteps | None = None
+
+    def after(step: Vector) -> Vector:
+        moved = x.copy()
+        moved[free] += step
+        return moved
+
     for _ in range(max_iterations):
         if not ftol < f < np.inf or damping > _MAX_DAMPING:
             break
-        if new:
-            jac = system.jacobian(x)[:, free]
-            left, values, right = linalg.svd(jac, full_matrices=False, check_finite=False)
-        factors = values / (values**2 + damping * values[0] ** 2)
-        step = -right.T @ (factors * (left.T @ residual))
-        ahead = system.residual(_moved(x, free, _PROBE * step))
-        bend = 2 / _PROBE * ((ahead - residual) / _PROBE - jac @ step)
-        half = -0.5 * right.T @ (factors * (left.T @ bend))
-        new = False
+        if steps is None:
+            steps = DampedSteps(system.jacobian(x)[:, free], by_singular_values=True)
+        steps.damp(damping)
+        v = steps.step(residual)
+        a = steps.acceleration(v, residual, system.residual(after(PROBE * v)))
         best = x
-        for trial_step in (step + half, step):
-            if trial_step is not step and 2 * linalg.norm(half) > _MAX_BEND * linalg.norm(step):
-                continue
-            trial = _moved(x, free, trial_step)
+        for trial in (after(v + a / 2), after(v)) if is_straight(v, a) else (after(v),):
             trial_residual = system.residual(trial)
             trial_f = float(trial_residual @ trial_residual)
             if trial_f < f:
-                best, residual, f, new = trial, trial_residual, trial_f, True
+                best, residual, f, steps = trial, trial_residual, trial_f, None
         x = best
-        damping = max(damping / 5, _MIN_DAMPING) if new else 4 * max(damping, 1e-20)
-        if new:
-            history.append(f)
-            if len(history) > _PATIENCE and history[-_PATIENCE] < (1 + _MIN_GAIN) * f:
-                break
+        if steps is not None:
+            damping = 4 * max(damping, 1e-20)
+            continue
+        damping = max(damping / 5, _MIN_DAMPING)
+        history.append(f)
+        if len(history) > _PATIENCE and history[-_PATIENCE] < (1 + _MIN_GAIN) * f:
+            break
     return x, f
-
-
-def _moved(x: Vector, free: Indices, step: Vector) -> Vector:
-    moved = x.copy()
-    moved[free] += step
-    return moved

@@ -1,4 +1,4 @@
-"""A system of order conditions: which conditions, on which weights of a method."""
+"""Systems of order conditions in the weights of a method."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...conditions import MAX_ORDER, condition_trees
 from ...conditions import compiled as compiled_conditions
+from ...conditions import condition_trees
+from ...conditions.counts import check_order
 from ...structure.layout import Layout, Rows
 from ...structure.points import check_tree
 from ...support import quads
-from ...support.checks import check_integer
 from ...support.shared_numbers import ConditionOwner, StageEquation
 from ...trees.ordered import OrderedTree, forest
 
@@ -27,27 +27,27 @@ _REMAINING = {
     1: (1, 1, 2, 6, 19, 56, 176, 550),
     2: (1, 0, 1, 4, 12, 36, 112, 352),
 }
-"""Conditions on 1, 2, ... nodes that don't follow from a structure and smaller ones."""
+"""Numbers of conditions on 1, 2, ... nodes that a structure and smaller ones don't imply."""
 
 
 class Structure(IntEnum):
-    """Simplifying assumptions on explicit methods, which are equations of their own.
+    """Simplifying assumptions on explicit methods, which are solved as additional equations.
 
-    They make many order conditions depend on each other: with order six and 13 stages 76
-    independent equations remain for 89 unknowns, where there are 113 without.
+    They make many order conditions redundant: for order six and 13 stages, 76 independent
+    equations in 89 unknowns remain of 113.
 
     - ``GENERAL``: none.
-    - ``STAGE_ORDER_TWO``: C(2), Σ_j a_ij c_j = c_i²/2, at all stages but the second, and
+    - ``STAGE_ORDER_TWO``: C(2), Σ_j a_ij c_j = c_i²/2, at all stages except the second, and
       b_2 = 0.
-    - ``MIDDLE``: that, b_1 = 0, and abscissae in the middle of the pieces of the step,
-      c_k = Σ_{j<k} b_j + b_k/2 for k > 2.
+    - ``MIDDLE``: in addition b_1 = 0, and abscissae at the midpoints of the intervals that the
+      weights divide the step into, c_k = Σ_{j<k} b_j + b_k/2 for k > 2.
 
     Examples
     --------
     >>> import cg
-    >>> found = cg.construct(order=4, stages=6, seed=1, structure=cg.Structure.STAGE_ORDER_TWO)
-    >>> c = found.method.c
-    >>> bool(abs(found.method.a[2:] @ c - c[2:] ** 2 / 2).max() < 1e-15)
+    >>> result = cg.construct(order=4, stages=6, seed=1, structure=cg.Structure.STAGE_ORDER_TWO)
+    >>> c = result.method.c
+    >>> bool(abs(result.method.a[2:] @ c - c[2:] ** 2 / 2).max() < 1e-15)
     True
     """
 
@@ -67,12 +67,12 @@ class ConditionSystem:
     layout : Layout
         The unknowns.
     structure : Structure, optional
-        Simplifying assumptions that belong to it, on explicit tableaux of order 4 or more.
+        Simplifying assumptions, for explicit tableaux of order 4 or more.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is none of these, or out of its range.
+        If an argument is of the wrong type or out of its range.
     MethodError
         If the layout isn't that of a method: see `cg.structure.points.check_tree`.
     """
@@ -82,10 +82,7 @@ class ConditionSystem:
     structure: Structure = Structure.GENERAL
 
     def __post_init__(self) -> None:
-        # the compiled core trusts its callers with both
-        order = check_integer("order", self.order, 1)
-        if order > MAX_ORDER:
-            raise ValueError(f"order must be at most {MAX_ORDER} in this build, got {order}")
+        order = check_order(self.order)  # the compiled core checks neither order nor layout
         object.__setattr__(self, "order", order)
         if not isinstance(self.layout, Layout):
             raise TypeError(f"layout must be a Layout, got {self.layout!r}")
@@ -125,17 +122,17 @@ class ConditionSystem:
 
     @property
     def stages(self) -> int:
-        """Stages of the method."""
+        """Number of stages."""
         return self.layout.stages
 
     @property
     def rows(self) -> Rows | None:
-        """The pattern of a tableau; None of other methods."""
+        """The pattern of a tableau; None for other methods."""
         return self.layout.rows
 
     @property
     def embedded(self) -> bool:
-        """Whether a second result, of order q - 1, belongs to it."""
+        """Whether there is a second result, of order q - 1."""
         return self.layout.pair
 
     @property
@@ -145,7 +142,7 @@ class ConditionSystem:
 
     @cached_property
     def free(self) -> NDArray[np.intp]:
-        """Indices of the entries that aren't zero by definition."""
+        """Indices of the entries that aren't fixed at zero."""
         fixed = list(self.layout.held)
         weights = [self.layout.row(self.stages + r) for r in range(len(self.layout.results))]
         if self.structure >= Structure.STAGE_ORDER_TWO:
@@ -156,7 +153,7 @@ class ConditionSystem:
 
     @property
     def equations(self) -> int:
-        """Number of equations that are independent of each other in general."""
+        """Number of equations that are independent at general points."""
         trees, _ = self.conditions(independent=True)
         if not self.structure:
             return len(trees)
@@ -166,7 +163,7 @@ class ConditionSystem:
         return sum(remaining[: self.order]) + second + assumptions
 
     def moving(self, free: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
-        """Return the indices of entries that may change, sorted; `free` if None is given.
+        """Return the indices of entries that may change, sorted; all free entries for None.
 
         Raises
         ------
@@ -175,21 +172,21 @@ class ConditionSystem:
         """
         if free is None:
             return self.free
-        given = np.asarray(free)
-        if given.size == 0:
+        array = np.asarray(free)
+        if array.size == 0:
             return np.empty(0, dtype=np.intp)
-        if given.dtype.kind not in "iu":
+        if array.dtype.kind not in "iu":
             raise ValueError(f"free must hold integers, got {free!r}")
-        indices = np.unique(given).astype(np.intp)
+        indices = np.unique(array).astype(np.intp)
         if indices[0] < 0 or indices[-1] >= self.size:
             raise ValueError(f"free must hold indices from 0 to {self.size - 1}, got {free!r}")
         return indices
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
-        """Return trees, and what each condition is on, both (m,).
+        """Return the trees and owners of the conditions, both of shape (m,).
 
-        That is 0 for the result, -1 for the second one, and a stage, from 1, for a simplifying
-        assumption at it.
+        The owner is 0 for conditions on the result, -1 for those on the second result, and the
+        number of the stage, from 1, for simplifying assumptions.
         """
         trees = condition_trees(self.order, independent)
         second = condition_trees(self.order - 1, independent) if self.embedded else ()
@@ -216,7 +213,7 @@ class ConditionSystem:
         return compiled_conditions.jacobian(self.order, self.layout, x, trees, owner)
 
     def residual_quad(self, x: quads.Quads, independent: bool = False) -> NDArray[np.float64]:
-        """Return the residuals as computed in real(16), rounded to double."""
+        """Return the residuals, computed in real(16) and rounded to double."""
         trees, owner = self.conditions(independent)
         return quads.to_float(
             compiled_conditions.residuals_quad(self.order, self.layout, x, trees, owner)

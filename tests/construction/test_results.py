@@ -13,7 +13,7 @@ import pytest
 import cg
 from cg.command import main
 from cg.construction.candidate import Candidate
-from cg.construction.results import best, families, promote, solutions
+from cg.construction.results import best, families, publish, solutions
 from cg.construction.results.solutions import OBJECTIVES, connected
 from cg.construction.solvers.singular import decompose, retract
 from cg.proofs.files import certificate_beside
@@ -52,13 +52,13 @@ def test_solutions_are_the_methods_of_the_search(store):
 
 @pytest.mark.parametrize("run", [1, 2, 3])
 @pytest.mark.parametrize("objective", OBJECTIVES)
-def test_the_best_are_first(store, run, objective):
+def test_best_solutions_come_first(store, run, objective):
     found = best(store.run(run), objective, 3)
     values = [one.objective(objective) for one in solutions(store.run(run))]
     assert [one.objective(objective) for one in found] == sorted(values)[:3]
 
 
-def test_solutions_that_a_walk_connects_are_one_family(store):
+def test_connected_solutions_are_one_family(store):
     first = next(solutions(store.run(1)))
     candidate = first.candidate
     system, x = candidate.system, candidate.x
@@ -92,41 +92,41 @@ def test_solutions_of_other_shapes_are_not_connected(store):
 
 
 @pytest.mark.parametrize("run", [1, 2, 3])
-def test_promotion(store, run, tmp_path):
-    promoted = promote(store.run(run), "Mine", tmp_path)
-    assert promoted.method.exact
-    assert promoted.method.order == {1: 3, 2: 4, 3: 4}[run]
-    assert promoted.principal_error < promoted.before
-    assert promoted.certificate is not None, promoted.reason
-    assert [path.name for path in promoted.files] == ["Mine.toml", "Mine.certificate.toml"]
-    assert cg.catalogue.load(promoted.files[0]) == promoted.method
-    proof = cg.proofs.Certificate.load(promoted.files[1])
-    cg.proofs.check(proof, promoted.method)
+def test_publish_run(store, run, tmp_path):
+    publication = publish(store.run(run), "Mine", tmp_path)
+    assert publication.method.exact
+    assert publication.method.order == {1: 3, 2: 4, 3: 4}[run]
+    assert publication.principal_error < publication.initial_principal_error
+    assert publication.certificate is not None, publication.reason
+    assert [path.name for path in publication.files] == ["Mine.toml", "Mine.certificate.toml"]
+    assert cg.catalogue.load(publication.files[0]) == publication.method
+    proof = cg.proofs.Certificate.load(publication.files[1])
+    cg.proofs.check(proof, publication.method)
 
 
-def test_promotion_as_it_stands(store, tmp_path):
+def test_publish_without_optimisation(store, tmp_path):
     found = list(solutions(store.run(1)))[-1]
-    promoted = promote(
+    publication = publish(
         store.run(1), "Plain", tmp_path, number=found.record.number, max_iterations=0
     )
-    assert f"start {found.record.number}" in promoted.method.source
-    x = np.array([float(entry.value) for entry in promoted.method.coefficients])
+    assert f"start {found.record.number}" in publication.method.source
+    x = np.array([float(entry.value) for entry in publication.method.coefficients])
     np.testing.assert_allclose(x, found.candidate.x, atol=1e-15)
-    assert promoted.principal_error == promoted.before
+    assert publication.principal_error == publication.initial_principal_error
 
 
-def test_what_cannot_be_promoted(store, tmp_path):
-    with pytest.raises(ValueError, match="run 4 has no start that led to what was wanted"):
-        promote(store.run(4), "None", tmp_path)
+def test_publish_rejects_bad_arguments(store, tmp_path):
+    with pytest.raises(ValueError, match="run 4 has no start that led to a method"):
+        publish(store.run(4), "None", tmp_path)
     with pytest.raises(ValueError, match="number must be that of a solution"):
-        promote(store.run(1), "None", tmp_path, number=10**6)
+        publish(store.run(1), "None", tmp_path, number=10**6)
     with pytest.raises(ValueError, match="fit for a file's name"):
-        promote(store.run(1), "../up", tmp_path)
+        publish(store.run(1), "../up", tmp_path)
     (tmp_path / "There.toml").write_text("")
-    with pytest.raises(ValueError, match=r"name must be a new one, got 'There'"):
-        promote(store.run(1), "There", tmp_path)
-    with pytest.raises(NotADirectoryError, match="folder must be one that exists"):
-        promote(store.run(1), "New", tmp_path / "none")
+    with pytest.raises(ValueError, match=r"name must be new, got 'There'"):
+        publish(store.run(1), "There", tmp_path)
+    with pytest.raises(NotADirectoryError, match="folder must be an existing folder"):
+        publish(store.run(1), "New", tmp_path / "none")
     with pytest.raises(ValueError, match="objective must be one of principal-error"):
         best(store.run(1), "beauty")
     with pytest.raises(ValueError, match="count must be at least 1"):
@@ -147,7 +147,7 @@ class TestFromAStoreToTheCatalogue:
     @pytest.mark.filterwarnings("error")
     def test_a_method_of_the_user(self, store, tmp_path, capsys):
         result = best(store.run(1), "principal-error", 1)[0]
-        made = promote(store.run(1), "Mine", tmp_path, number=result.record.number)
+        made = publish(store.run(1), "Mine", tmp_path, number=result.record.number)
         file = str(tmp_path / "Mine.toml")
         assert cg.Method.load(file) == made.method
         assert certificate_beside(file, made.method) == made.certificate
@@ -158,17 +158,17 @@ class TestFromAStoreToTheCatalogue:
         assert main(["export", file, "json", "--digits", "60"]) == 0
 
     def test_the_certificate_of_another_method_is_none(self, store, tmp_path):
-        first = promote(store.run(1), "Mine", tmp_path)
-        promote(store.run(2), "Other", tmp_path)
+        first = publish(store.run(1), "Mine", tmp_path)
+        publish(store.run(2), "Other", tmp_path)
         other = (tmp_path / "Other.certificate.toml").read_text()
         (tmp_path / "Mine.certificate.toml").write_text(other)
         with pytest.raises(cg.proofs.CertificationError):
             certificate_beside(tmp_path / "Mine.toml", first.method)
 
-    def test_a_method_for_the_package(self, store, tmp_path, monkeypatch):
+    def test_publish_into_catalogue_folder(self, store, tmp_path, monkeypatch):
         folder = tmp_path / "catalogue"
         (folder / "certificates").mkdir(parents=True)
-        made = promote(store.run(2), "CF4z", folder)
+        made = publish(store.run(2), "CF4z", folder)
         assert made.files == (folder / "CF4z.toml", folder / "certificates" / "CF4z.toml")
         catalogue = cg.catalogue.Catalogue(folder)
         assert catalogue["CF4z"] == made.method
@@ -181,15 +181,15 @@ class TestFromAStoreToTheCatalogue:
         import method_pages
 
         monkeypatch.setattr(method_pages, "FOLDER", tmp_path / "methods")
-        made = promote(store.run(2), "CF4z", tmp_path)
+        made = publish(store.run(2), "CF4z", tmp_path)
         text = method_pages.page(made.method)
         assert text.startswith("# CF4z\n")
         assert made.method.source in text
         for form in ("toml", "json", "c", "julia"):
             assert list((tmp_path / "methods" / "files" / form).iterdir())
 
-    def test_a_proof_in_part(self, store, tmp_path, monkeypatch):
-        module = sys.modules["cg.construction.results.publish"]
+    def test_publish_with_partial_certificate(self, store, tmp_path, monkeypatch):
+        module = sys.modules["cg.construction.results.publishing"]
 
         def whole_only(method, *, small=False):
             if not small:
@@ -198,15 +198,15 @@ class TestFromAStoreToTheCatalogue:
 
         certify = module.certify
         monkeypatch.setattr(module, "certify", whole_only)
-        made = promote(store.run(1), "Part", tmp_path)
+        made = publish(store.run(1), "Part", tmp_path)
         assert made.certificate is not None
         assert made.reason == "two conditions are left"
         assert len(made.files) == 2
 
-    def test_names_of_the_package_are_taken(self, store, tmp_path):
+    def test_publish_rejects_names_of_the_package(self, store, tmp_path):
         for name in ("CF4", "RKMK4"):
-            with pytest.raises(ValueError, match=f"'{name}', which the package has"):
-                promote(store.run(1), name, tmp_path)
+            with pytest.raises(ValueError, match=f"'{name}', a method of the package"):
+                publish(store.run(1), name, tmp_path)
         assert not list(tmp_path.iterdir())
 
 
@@ -217,7 +217,7 @@ class TestFromAStoreToTheCatalogue:
         "UPDATE starts SET coefficients = zeroblob(length(coefficients)) WHERE solved",
     ],
 )
-def test_what_is_no_solution_is_none_whatever_its_record_says(change, tmp_path):
+def test_rejects_records_that_are_no_solutions(change, tmp_path):
     path = tmp_path / "runs.db"
     cg.search(order=4, stages=5, starts=12, seed=0, algorithm="lmdif", store=path)
     with Store(path) as opened:

@@ -1,0 +1,164 @@
+"""Write a solution of a long run as a method with its certificate."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...catalogue import methods, munthe_kaas, save
+from ...catalogue.entries import CERTIFICATE_SUFFIX
+from ...method.method import Method
+from ...proofs import Certificate, CertificationError, certify
+from ...runs import StoredRun
+from ...support.checks import check_integer
+from ...support.parallel import single_threads
+from ...support.parsing import file_in
+from ..candidate import to_method
+from ..optimise import Goals, optimise, principal_error
+from .solutions import Solution, solutions
+
+__all__ = ["Publication", "publish"]
+
+
+@dataclass(frozen=True)
+class Publication:
+    """A method made of a solution, and its files.
+
+    Attributes
+    ----------
+    method : Method
+        Exact in binary128.
+    principal_error : float
+        Principal error of the method.
+    initial_principal_error : float
+        Principal error of the solution before optimisation.
+    certificate : Certificate or None
+        None if the order isn't proved. The certificate isn't `complete` if some conditions are
+        only shown to be small.
+    reason : str
+        Why there is no complete certificate; empty if there is one.
+    files : tuple of Path
+        The file of the method, and that of the certificate if there is one.
+    """
+
+    method: Method
+    principal_error: float
+    initial_principal_error: float
+    certificate: Certificate | None
+    reason: str
+    files: tuple[Path, ...]
+
+
+@single_threads()
+def publish(
+    run: StoredRun,
+    name: str,
+    folder: str | os.PathLike[str],
+    *,
+    number: int | None = None,
+    goals: Goals | None = None,
+    max_iterations: int = 60,
+) -> Publication:
+    """Optimise a solution along the solution set, refine and certify it, and write its files.
+
+    Parameters
+    ----------
+    run : StoredRun
+    name : str
+        Name of the method; must be valid as the name of a file.
+    folder : path
+        Folder for ``NAME.toml`` and ``NAME.certificate.toml``. If `cg.methods` searches this
+        folder, it has the method and its certificate by this name. If the folder has a folder
+        ``certificates``, as the catalogue of the package has, the certificate is written there;
+        ``make catalogue`` and ``make docs`` then add the method to the package.
+    number : int, optional
+        Number of the start; by default the one with the smallest principal error.
+    goals : Goals, optional
+        Objective of the optimisation; by default the principal error.
+    max_iterations : int, optional
+        Number of optimisation steps; 0 for none.
+
+    Returns
+    -------
+    Publication
+
+    Raises
+    ------
+    ValueError
+        If the run has no such solution, the name isn't valid as the name of a file, the package
+        has a method of that name, or a file of that name exists.
+    NotADirectoryError
+        If the folder doesn't exist.
+
+    Examples
+    --------
+    >>> import tempfile, cg
+    >>> from cg.runs import Store
+    >>> folder = tempfile.mkdtemp()
+    >>> _ = cg.search(order=3, stages=3, starts=6, seed=5, store=folder + "/runs.db")
+    >>> with Store(folder + "/runs.db") as store:
+    ...     publication = publish(store.run(1), "Mine", folder)
+    >>> publication.method.order, publication.certificate is not None
+    (3, True)
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise NotADirectoryError(f"folder must be an existing folder, got {str(folder)!r}")
+    if name in methods or name in munthe_kaas:
+        raise ValueError(f"name must be new, got {name!r}, a method of the package")
+    proofs = folder / "certificates"
+    file = file_in(folder, name)
+    proof = file_in(proofs, name) if proofs.is_dir() else file_in(folder, name, CERTIFICATE_SUFFIX)
+    for path in (file, proof):
+        if path.exists():
+            raise ValueError(f"name must be new, got {name!r}: {path} exists")
+    chosen = _choose(run, number)
+    candidate = chosen.candidate
+    if check_integer("max_iterations", max_iterations, 0):
+        candidate = optimise(candidate, goals or Goals(), max_iterations=max_iterations)
+    settings = run.settings()
+    source = (
+        f"{run.kind()}, seed {settings['seed']}, start {chosen.record.number}"
+        f"{', then along the solution set' if max_iterations else ''}"
+    )
+    method = to_method(candidate, name=name, source=source)
+    certificate, reason = _certify(method)
+    save(method, file)
+    files = [file]
+    if certificate is not None:
+        certificate.save(proof)
+        files.append(proof)
+    return Publication(
+        method=method,
+        principal_error=principal_error(candidate),
+        initial_principal_error=chosen.principal_error,
+        certificate=certificate,
+        reason=reason,
+        files=tuple(files),
+    )
+
+
+def _certify(method: Method) -> tuple[Certificate | None, str]:
+    """Return a complete certificate if possible, else a partial one or None, and the reason."""
+    try:
+        return certify(method), ""
+    except CertificationError as error:
+        reason = str(error)
+    try:
+        return certify(method, small=True), reason
+    except CertificationError:
+        return None, reason
+
+
+def _choose(run: StoredRun, number: int | None) -> Solution:
+    distinct = {solution.record.number: solution for solution in solutions(run)}
+    if not distinct:
+        raise ValueError(f"run {run.number} has no start that led to a method")
+    if number is None:
+        return min(distinct.values(), key=lambda solution: solution.principal_error)
+    if number not in distinct:
+        raise ValueError(
+            f"number must be that of a solution, {list(distinct)[:20]} …, got {number!r}"
+        )
+    return distinct[number]

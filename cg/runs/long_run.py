@@ -1,0 +1,176 @@
+"""Long runs: numbered pieces of work on an executor, with a store and a progress line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import BrokenExecutor
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import asdict, dataclass
+from typing import Any, Generic, TypeVar
+
+from .execution import ExecutorLike, check_executor, completed
+from .one_run import StoredRun
+from .progress import ProgressLine, Score, Tally
+from .records import Failure, Record
+from .store import Store
+
+__all__ = ["LongRun", "RunOptions", "stored_run"]
+
+Result = TypeVar("Result")
+
+_NOUNS = {"search": "search", "construct": "construction"}
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a long run is carried out; none of it changes results.
+
+    Attributes
+    ----------
+    workers : int or None
+    executor : ExecutorLike
+    store : path or None
+    progress : callable or None
+        Called with the numbers of finished and of all pieces.
+    line : ProgressLine or None
+    """
+
+    workers: int | None
+    executor: ExecutorLike
+    store: str | os.PathLike[str] | None
+    progress: Callable[[int, int], None] | None
+    line: ProgressLine | None
+
+    @classmethod
+    def checked(
+        cls,
+        workers: int | None,
+        executor: ExecutorLike,
+        store: str | os.PathLike[str] | None,
+        progress: Callable[[int, int], None] | ProgressLine | bool | None,
+    ) -> RunOptions:
+        """Return the options of a run after checking the arguments that users pass.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is of the wrong type or out of range. The store is checked when it
+            is opened.
+        """
+        line = ProgressLine() if progress is True else None
+        if isinstance(progress, ProgressLine):
+            line = progress
+        elif not (progress is None or isinstance(progress, bool) or callable(progress)):
+            raise TypeError(
+                f"progress must be callable, got {progress!r}; True asks for a line on standard "
+                "error"
+            )
+        call = progress if callable(progress) else None
+        return cls(*check_executor(executor, workers)[::-1], store, call, line)
+
+
+@dataclass(frozen=True)
+class LongRun(Generic[Result]):
+    """Pieces of work numbered from 0, each a function of the settings and its number.
+
+    Attributes
+    ----------
+    kind : {"search", "construct"}
+    pieces : str
+        What the pieces are called in the progress line.
+    settings : dataclass
+        All that determines the results, as plain data.
+    work : callable
+        Runs the piece of a number; must be picklable for executors other than threads.
+    to_record : callable
+        Takes a result and the seconds it took; returns its record in the store.
+    from_record : callable
+        Returns the result of a record after checking it; raises ValueError if it is wrong.
+    score : callable
+        Returns the `Score` of a result.
+    """
+
+    kind: str
+    pieces: str
+    settings: Any
+    work: Callable[[int], Result]
+    to_record: Callable[[Result, float], Record]
+    from_record: Callable[[Record], Result]
+    score: Callable[[Result], Score]
+
+    @contextmanager
+    def running(
+        self, total: int, options: RunOptions
+    ) -> Iterator[tuple[StoredRun | None, Iterator[tuple[int, Result | Failure]]]]:
+        """Open the store and yield its run, and an iterator over numbers and results.
+
+        The iterator yields first what the store has, then every piece as it finishes, after
+        storing it and reporting progress.
+        """
+        with ExitStack() as stack:
+            stored = None
+            if options.store is not None:
+                run = stored_run(options.store, self.kind, asdict(self.settings))
+                stored = stack.enter_context(run)
+            results = self._results(total, options, stored)
+            yield stored, stack.enter_context(closing(results))
+
+    def _results(
+        self, total: int, options: RunOptions, stored: StoredRun | None
+    ) -> Generator[tuple[int, Result | Failure], None, None]:
+        tally = Tally(options.line, self.pieces, total)
+        known = bytearray(total)
+        for number, result in self._stored_results(stored):
+            if number < total:
+                known[number] = 1
+                tally.count(self._score(result))
+                yield number, result
+        running = completed(
+            self.work,
+            (number for number in range(total) if not known[number]),
+            total - sum(known),
+            options.workers,
+            options.executor,
+            finish_on_interrupt=stored is not None,
+        )
+        with closing(running), tally:
+            for finished in running:
+                failure = Failure(finished.index, str(finished.failure))
+                result = failure if finished.result is None else finished.result
+                if stored is not None:
+                    if isinstance(result, Failure):
+                        stored.fail(result)
+                    else:
+                        stored.append([self.to_record(result, finished.seconds)])
+                tally.report(self._score(result))
+                if options.progress:
+                    options.progress(tally.done, total)
+                yield finished.index, result
+
+    def _score(self, result: Result | Failure) -> Score | None:
+        return None if isinstance(result, Failure) else self.score(result)
+
+    def _stored_results(self, stored: StoredRun | None) -> Iterator[tuple[int, Result | Failure]]:
+        if stored is None:
+            return
+        for record in stored.records():
+            yield record.number, self.from_record(record)
+        for failure in stored.failures():
+            yield failure.index, failure
+
+
+@contextmanager
+def stored_run(
+    path: str | os.PathLike[str], kind: str, settings: Mapping[str, Any]
+) -> Iterator[StoredRun]:
+    """Begin or resume a run of a store; add to errors that end it how to resume it."""
+    with Store(path) as store, closing(store.begin(kind, settings)) as run:
+        try:
+            yield run
+        except (KeyboardInterrupt, BrokenExecutor, OSError) as error:
+            error.add_note(
+                f"finished results are in {os.fspath(path)}; run the same {_NOUNS[kind]} again to "
+                "continue, on any executor"
+            )
+            raise
