@@ -4,8 +4,8 @@
 subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, flag)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
-  use external_field, only: field_at, rhs_i
-  use kinds_r64, only: wp
+  use external_field_m, only: field_at, rhs_i
+  use kinds, only: wp
   implicit none
   integer(c_intptr_t), intent(in) :: function_address
   integer(c_intptr_t), intent(in) :: data_address    ! 0 for none
@@ -53,7 +53,7 @@ end subroutine python_field_address
 ! The address of the right-hand side of a solution with its derivatives
 subroutine variational_field_address(address)
   use, intrinsic :: iso_c_binding, only: c_funloc, c_intptr_t
-  use variational, only: variational_field
+  use variational_m, only: variational_field
   implicit none
   integer(c_intptr_t), intent(out) :: address
 
@@ -62,9 +62,9 @@ end subroutine variational_field_address
 
 ! The coefficients of the flows from points x to points y
 subroutine frame_difference(blocks, description, points, x, y, fields, v)
-  use coordinates_r64, only: difference
-  use kinds_r64, only: wp
-  use frames_r64, only: frame_t, make_frame
+  use coordinates_m, only: difference
+  use kinds, only: wp
+  use frames_m, only: frame_t, make_frame
   implicit none
   integer, intent(in) :: blocks, points, fields
   integer, intent(in) :: description(3, blocks)
@@ -85,9 +85,9 @@ end subroutine frame_difference
 ! The derivatives of coordinates u that go with coefficients v, NaN where there are none
 subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use algebra_r64, only: dexpinv
-  use kinds_r64, only: wp
-  use frames_r64, only: frame_t, make_frame
+  use algebra_m, only: dexpinv
+  use kinds, only: wp
+  use frames_m, only: frame_t, make_frame
   implicit none
   integer, intent(in) :: blocks, fields
   integer, intent(in) :: description(3, blocks)
@@ -110,8 +110,8 @@ end subroutine frame_dexpinv
 ! Points moved along the time-1 flows of as many fields each, the first one first
 subroutine frame_move(blocks, description, numbers, constants, flows, fields, v, restoring, &
                       points, y)
-  use kinds_r64, only: wp
-  use frames_r64, only: frame_t, make_frame, move, restore
+  use kinds, only: wp
+  use frames_m, only: frame_t, make_frame, move, restore
   implicit none
   integer, intent(in) :: blocks, numbers, flows, fields, points
   integer, intent(in) :: description(3, blocks)

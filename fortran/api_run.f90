@@ -3,10 +3,10 @@
 subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, stages, &
                      c, implicit_stages, address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
-  use frames_r64, only: make_frame
-  use kinds_r64, only: wp
-  use method_r64, only: make_method
-  use run, only: at_address, plan_t
+  use frames_m, only: make_frame
+  use kinds, only: wp
+  use method_m, only: make_method
+  use run_m, only: at_address, plan_t
   implicit none
   integer, intent(in) :: blocks, numbers, integers, terms, stages
   integer, intent(in) :: description(3, blocks)
@@ -28,8 +28,8 @@ end subroutine plan_open
 subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
                            degree, basis, nodes, node, blend, used, used_c, flows, result_weight)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use kinds_r64, only: wp
-  use run, only: plan_at, plan_t
+  use kinds, only: wp
+  use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
@@ -61,9 +61,9 @@ end subroutine plan_set_scheme
 ! No less than the distances of points from the manifold; see distance_bound.
 subroutine plan_distance_bound(address, n, members, y, bound)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use frames_r64, only: distance_bound
-  use kinds_r64, only: wp
-  use run, only: plan_at, plan_t
+  use frames_m, only: distance_bound
+  use kinds, only: wp
+  use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, members
@@ -81,7 +81,7 @@ end subroutine plan_distance_bound
 
 subroutine plan_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: plan_at, plan_t
+  use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(plan_t), pointer :: plan
@@ -94,10 +94,10 @@ end subroutine plan_close
 subroutine loop_open(plan_address, record_address, address)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, c_null_ptr
-  use error_norm_r64, only: tolerances_t
-  use external_field, only: field_at
-  use kinds_r64, only: wp
-  use run, only: at_address, begin_run, plan_at, plan_t, run_t
+  use error_norm_m, only: tolerances_t
+  use external_field_m, only: field_at
+  use kinds, only: wp
+  use run_m, only: at_address, begin_run, plan_at, plan_t, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: plan_address, record_address
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
@@ -161,7 +161,7 @@ end subroutine loop_open
 
 subroutine loop_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: run_at, run_t
+  use run_m, only: run_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -173,7 +173,7 @@ end subroutine loop_close
 ! Until all members have ended, the budget is used up, or a buffer is full
 subroutine loop_drive(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: drive, run_at, run_t
+  use run_m, only: drive, run_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -185,7 +185,7 @@ end subroutine loop_drive
 ! The buffers of the record have changed.
 subroutine loop_set_output(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: run_at, run_t, set_output
+  use run_m, only: run_at, run_t, set_output
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -197,9 +197,9 @@ end subroutine loop_set_output
 ! All trajectories of a run that has as many lanes as members go on, up to other ends of segments.
 subroutine loop_continue(address, segments, stops)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use kinds_r64, only: wp
-  use run, only: run_at, run_t
-  use trajectory_r64, only: go_on
+  use kinds, only: wp
+  use run_m, only: run_at, run_t
+  use trajectory_m, only: go_on
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: segments
@@ -219,9 +219,9 @@ end subroutine loop_continue
 ! They go on from other points or another time, and with other data of the field.
 subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use kinds_r64, only: wp
-  use run, only: run_at, run_t
-  use trajectory_r64, only: set_start
+  use kinds, only: wp
+  use run_m, only: run_at, run_t
+  use trajectory_m, only: set_start
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, members
@@ -243,8 +243,8 @@ end subroutine loop_restart
 ! Asks for the interpolants of the last steps, which the next call of loop_drive keeps.
 subroutine loop_interpolate(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: run_at, run_t
-  use within_step_r64, only: request_interpolant
+  use run_m, only: run_at, run_t
+  use within_step_m, only: request_interpolant
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -260,9 +260,9 @@ end subroutine loop_interpolate
 ! All that trajectories need to go on bit for bit: read, or written
 subroutine loop_state(address, write, n, m, columns, members, reals, integers, points, slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
-  use kinds_r64, only: wp
-  use run, only: run_at, run_t
-  use trajectory_r64, only: load_state, save_state
+  use kinds, only: wp
+  use run_m, only: run_at, run_t
+  use trajectory_m, only: load_state, save_state
   implicit none
   integer(c_intptr_t), intent(in) :: address
   logical, intent(in) :: write
@@ -289,11 +289,11 @@ end subroutine loop_state
 ! Points of the solution within steps whose interpolants were kept
 subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, fields, y)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
-  use callback, only: python_t
-  use frames_r64, only: frame_t
-  use interpolant_r64, only: evaluate_interpolant, interpolant_t, reserve_interpolant
-  use kinds_r64, only: wp
-  use run, only: plan_at, plan_t
+  use callback_m, only: python_t
+  use frames_m, only: frame_t
+  use interpolant_m, only: evaluate_interpolant, interpolant_t, reserve_interpolant
+  use kinds, only: wp
+  use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address, context
   integer, intent(in) :: count, steps, n, m
@@ -338,8 +338,8 @@ end subroutine plan_interpolate
 ! The size and the number of equal steps, and the size of the last one
 subroutine equal_steps(start, stop, h, steps, last)
   use, intrinsic :: iso_fortran_env, only: int64
-  use kinds_r64, only: wp
-  use time_grid_r64, only: grid_t, make_grid
+  use kinds, only: wp
+  use time_grid_m, only: grid_t, make_grid
   implicit none
   real(wp), intent(in) :: start, stop, h
   integer(int64), intent(out) :: steps

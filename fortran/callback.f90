@@ -1,12 +1,12 @@
 ! Functions of Python, called by python_field.c, as the loop over steps knows them
-module callback
+module callback_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_intptr_t, &
                                          c_null_ptr, c_ptr
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use frames_r64, only: callback_t
-  use kinds_r64, only: wp
+  use frames_m, only: callback_t
+  use kinds, only: wp
   use shared_numbers, only: event_operation, jump_operation
-  use trajectory_r64, only: events_t
+  use trajectory_m, only: events_t
   implicit none
   private
   public :: python_t, external_events_t
@@ -108,4 +108,4 @@ contains
     flag = .not. all(abs(after) <= huge(after))
   end subroutine event_jump
 
-end module callback
+end module callback_m

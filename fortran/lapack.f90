@@ -1,6 +1,6 @@
 ! The few BLAS and LAPACK routines that the fast solver uses, by their addresses: SciPy brings
 ! the library, so nothing has to be linked and wheels stay small.
-module lapack
+module lapack_m
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_double, c_intptr_t, &
                                          c_f_procpointer, c_null_funptr
   implicit none
@@ -112,4 +112,4 @@ contains
 
     call dpotrs('L', size(factor, 1), 1, factor, size(factor, 1), b, size(b), info)
   end subroutine solve_cholesky
-end module lapack
+end module lapack_m

@@ -6,10 +6,10 @@
 ! J. Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares
 ! minimization, arXiv:1201.5885). Narrow bent valleys, which order conditions are full of, are
 ! followed in steps many times longer. lambda changes by H. B. Nielsen's rule (IMM-REP-1999-05).
-module minimum_norm
-  use kinds_r64, only: wp
-  use lapack, only: gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
-  use least_squares_r64, only: differentiable_t
+module minimum_norm_m
+  use kinds, only: wp
+  use lapack_m, only: gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
+  use least_squares_m, only: differentiable_t
   use shared_numbers, only: no_descent, not_finite, out_of_iterations, solved, stopped
   implicit none
   private
@@ -158,4 +158,4 @@ contains
     acceleration = -matmul(second, jac)
     if (norm2(acceleration) <= most_bend*norm2(step)) step = step + 0.5_wp*acceleration
   end subroutine bend
-end module minimum_norm
+end module minimum_norm_m

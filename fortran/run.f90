@@ -1,23 +1,23 @@
 ! Trajectories of any number of members, driven to their ends. As many are on their way at a time as
 ! there are lanes: one for a function of one point, many for a function of many points, which is
 ! called once for all of them that need it. A lane whose member has ended takes the next one.
-module run
+module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
                                          c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
-  use callback, only: external_events_t, python_t
-  use external_field, only: rhs_i
-  use frames_r64, only: frame_t
-  use interpolant_r64, only: scheme_t
-  use kinds_r64, only: wp
-  use loop_r64, only: resume
-  use method_r64, only: method_t
-  use output_r64, only: keep_step, output_t
+  use callback_m, only: external_events_t, python_t
+  use external_field_m, only: rhs_i
+  use frames_m, only: frame_t
+  use interpolant_m, only: scheme_t
+  use kinds, only: wp
+  use loop_m, only: resume
+  use method_m, only: method_t
+  use output_m, only: keep_step, output_t
   use shared_numbers, only: buffer_full, fields_operation, finished, needs_field, needs_maximum, &
                             needs_minimum, out_of_memory, paused, raised, raised_in_python, &
                             record_t, terminal_event
-  use trajectory_r64, only: problem_t, set_start, start, trajectory_t
-  use vector_field_r64, only: vector_field_t
+  use trajectory_m, only: problem_t, set_start, start, trajectory_t
+  use vector_field_m, only: vector_field_t
   implicit none
   private
   public :: plan_t, run_t, begin_run, drive, file_lane, set_output, at_address, plan_at, run_at
@@ -338,4 +338,4 @@ contains
     end associate
   end subroutine evaluate
 
-end module run
+end module run_m

@@ -3,13 +3,13 @@
 !   X' = A X + (0, df/dp),   A xi = df/dy xi + [f, xi],
 !
 ! with df/dy along the frame's fields. In Python it is cg/integration/variational/field.py.
-module variational
+module variational_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_intptr_t, c_null_ptr, c_ptr
-  use coordinates_r64, only: sizes
-  use external_field, only: field_at, rhs_i
-  use frames_r64, only: move
-  use kinds_r64, only: wp
-  use run, only: plan_at, plan_t
+  use coordinates_m, only: sizes
+  use external_field_m, only: field_at, rhs_i
+  use frames_m, only: move
+  use kinds, only: wp
+  use run_m, only: plan_at, plan_t
   use shared_numbers, only: variation_t
   implicit none
   private
@@ -230,4 +230,4 @@ contains
     end do
   end subroutine add_brackets
 
-end module variational
+end module variational_m

@@ -345,8 +345,7 @@ def tests_pass(folder: Path, names: str) -> tuple[bool, str]:
 
 def plant(folder: Path, error: Planted) -> tuple[str, str]:
     """Put an error in, test, and take it out; return what became of it, and which test saw it."""
-    names = [f"{error.file}.f90.in", f"{error.file}.f90"]
-    (path,) = [folder / "fortran" / name for name in names if (folder / "fortran" / name).exists()]
+    path = folder / "fortran" / f"{error.file}.f90"
     text = path.read_text("utf-8")
     if text.count(error.right) != 1:
         raise SystemExit(f"{path.name} must have once: {error.right}")

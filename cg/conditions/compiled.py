@@ -1,7 +1,7 @@
 """The one door to compiled weights and conditions of methods: memory is asked for before.
 
-Bounds of what calls allocate follow the declarations in ``fortran/weights.f90.in``,
-``gradient.f90.in``, ``conditions.f90.in`` and those of the solvers: change them together.
+Bounds of what calls allocate follow the declarations in ``fortran/weights.f90``,
+``gradient.f90``, ``conditions.f90`` and those of the solvers: change them together.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core_r64, _minimum_norm
+from .. import _core_r64
 from ..structure.layout import Layout
 from ..support import quads
 from ..support.memory import reserved
@@ -139,7 +139,7 @@ def fit_minimum_norm(
     accurate = m * (2 * k + m)  # of the QR factorisation, with a transposed copy
     needed = _derivatives(order, layout, m) + 8 * (solver + accurate)
     with reserved(needed, _what("the fit", order, layout)):
-        found: tuple[Any, ...] = _minimum_norm.fit_minimum_norm(
+        found: tuple[Any, ...] = _core_r64.fit_minimum_norm(
             order, layout.code, x, trees, owner, free, *arguments
         )
     return found

@@ -179,7 +179,7 @@ def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> 
 
 def equal_steps(h: float, ends: list[float]) -> int:
     """Return how many steps of a size there are between times; ValueError if h is too small."""
-    import cg._external as core
+    import cg._core_r64 as core
 
     total = 0
     for start, stop in pairwise(ends):

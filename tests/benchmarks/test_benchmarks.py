@@ -198,7 +198,7 @@ def test_lines_are_those_of_the_files(tmp_path):
     for folder in ("cg/integration/__pycache__", "fortran", "cg/other"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "cg/integration/a.py").write_text("one\n\nthree\n")
-    (tmp_path / "fortran/a.f90.in").write_text("one\n")
+    (tmp_path / "fortran/a.f90").write_text("one\n")
     (tmp_path / "cg/other/a.py").write_text("none\n")
     (tmp_path / "cg/integration/__pycache__/a.pyc").write_text("none\n")
     assert count_lines(tmp_path) == 4

@@ -52,7 +52,6 @@ def test_what_a_search_depends_on_is_found():
     assert {
         "cg._core_r64",
         "cg._core_r128",
-        "cg._minimum_norm",
         "cg.conditions.compiled",
         "cg.conditions",
         "cg.support.quads",

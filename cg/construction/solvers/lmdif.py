@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg._lmdif import lmdif as _compiled_lmdif
+from cg._core_r64 import lmdif as _compiled_lmdif
 from cg.support.shared_numbers import Status
 
 Vector = NDArray[np.float64]

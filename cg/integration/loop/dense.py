@@ -49,7 +49,7 @@ class Steps:
 
     def at(self, which: NDArray[np.intp], t: Array) -> Points:
         """Return points at times within steps, shape ``(n, *point_shape)``."""
-        import cg._external as core
+        import cg._core_r64 as core
 
         start, size = self.t[which, 0], self.t[which, 1]
         theta = np.clip((t - start) / size, 0.0, 1.0)

@@ -130,7 +130,7 @@ class CompiledRhs:
         """
         if self.frame is None:
             raise ValueError("frame must be given before a compiled f is called")
-        import cg._external as core
+        import cg._core_r64 as core
 
         points = np.array(y, dtype=self.frame.dtype, order="C")  # it may write into its own copy
         batch = points.shape[: points.ndim - len(self.frame.point_shape)]

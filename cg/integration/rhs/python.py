@@ -114,7 +114,7 @@ class PythonRhs:
 
     def addresses(self) -> tuple[int, int, int]:
         """Return addresses of the function and of the first member's data, and their distance."""
-        import cg._external as core
+        import cg._core_r64 as core
 
         if self.parameters is None or self.together:
             return core.python_field(), self.data_address, 0

@@ -102,7 +102,7 @@ class _CompiledFlows:
     """One call moves points along all flows: calls cost more than the arithmetic."""
 
     def __init__(self, frame: Frame) -> None:
-        import cg._external as core
+        import cg._core_r64 as core
 
         self.frame = frame
         self.move = core.move
@@ -147,7 +147,7 @@ class _GroupFlows:
 
 class _CompiledDifference:
     def __init__(self, frame: Frame) -> None:
-        import cg._external as core
+        import cg._core_r64 as core
 
         self.frame = frame
         self.difference = core.difference
@@ -166,7 +166,7 @@ class _CompiledDifference:
 
 class _CompiledDexpinv:
     def __init__(self, frame: Frame, order: int) -> None:
-        import cg._external as core
+        import cg._core_r64 as core
 
         self.frame = frame
         self.order = order

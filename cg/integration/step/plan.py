@@ -52,7 +52,7 @@ class Plan:
     """
 
     def __init__(self, frame: Frame, method: Method) -> None:
-        import cg._external as core
+        import cg._core_r64 as core
 
         self.core = core
         self.frame = frame
@@ -90,7 +90,7 @@ class Plan:
         return self._columns
 
     def _make_interpolants(self) -> int:
-        import cg._external as core
+        import cg._core_r64 as core
 
         method, nodes = self.method, node_count(self.method)
         extension, flows = extension_of(method), result_flows(method)

@@ -142,7 +142,7 @@ def compiled_variation(
     args
         Further arguments of functions in Python.
     """
-    import cg._external as core
+    import cg._core_r64 as core
 
     if variational.together or (variational.jac is None and not is_compiled(variational.frame)):
         return None

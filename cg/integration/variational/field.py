@@ -251,7 +251,7 @@ class VariationalField:
         shape: tuple[int, ...],
     ) -> Array:
         """Return what a compiled function gives at several points of one member."""
-        import cg._external as core
+        import cg._core_r64 as core
 
         points = np.array(y, dtype=self.frame.dtype, order="C").reshape(len(y), -1)
         found = np.full((len(y), math.prod(shape)), np.nan)

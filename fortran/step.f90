@@ -1,0 +1,248 @@
+! One step: its stages, its results and its error
+module step_m
+  use kinds, only: wp
+  use algebra_m, only: dexpinv, shorten
+  use controller_m, only: accepted_size, rejected_size
+  use error_norm_m, only: norm, point_difference, scales, tangent
+  use frames_m, only: move, restore
+  use method_m, only: method_t
+  use trajectory_m, only: accept_step, choose_step, copy, fail, finish_step, finite, &
+                              judge_step, known_stage, problem_t, reject_stage, request, &
+                              take_stage, trajectory_t
+  use iso_fortran_env, only: int64
+  use shared_numbers, only: needs_maximum, raised, solution_not_finite, stages_not_solved, &
+                            stages_operation, step_too_long
+  implicit none
+  private
+  public :: absorb_stage, finish, judge, reach_stage
+
+contains
+
+  ! Leads to the point of the next stage. The first one is at the start.
+  subroutine reach_stage(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, method => problem%method)
+      if (method%implicit) then
+        call solve_stages(problem, trajectory)
+        return
+      end if
+      if (x%stage == 1) then
+        x%f(:, 1) = x%slope
+        if (method%two_registers) then
+          x%y(:, 1) = x%y(:, 0)
+          call move_register(problem, trajectory)
+        end if
+        x%stage = 2
+      end if
+      if (x%stage > size(method%c)) then
+        x%phase = finish_step
+        return
+      end if
+      associate (path => merge(1, method%stage_path(x%stage), method%two_registers))
+        if (.not. method%two_registers) call follow_paths(problem, trajectory, path)
+        call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), known_stage)
+      end associate
+    end associate
+  end subroutine reach_stage
+
+  subroutine absorb_stage(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    logical :: exists
+
+    associate (x => trajectory, method => problem%method)
+      if (method%two_registers) then
+        x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%got
+        call move_register(problem, trajectory)
+      else
+        x%f(:, x%stage) = x%got
+        if (x%stage == method%final_stage) then
+          x%end_slope(:) = x%got
+          x%end_known = .true.
+        end if
+        if (method%on_algebra .and. method%stage_path(x%stage) > 0) then
+          if (x%path_of_u /= method%stage_path(x%stage)) then
+            call follow_coordinates(method, method%stage_path(x%stage), trajectory)
+          end if
+          call dexpinv(problem%frame, method%series, x%u(:, 1), x%f(:, x%stage), exists)
+          if (.not. exists) then
+            call reject_stage(problem, trajectory, step_too_long, x%t)
+            return
+          end if
+        end if
+      end if
+      x%stage = x%stage + 1
+      x%phase = take_stage
+    end associate
+  end subroutine absorb_stage
+
+  ! Follows the paths up to one. The flow of the lowest stage comes first on a path. Stages are off
+  ! the manifold by the rounding of one step; results would add it up.
+  subroutine follow_paths(problem, trajectory, last)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer, intent(in) :: last
+    integer, parameter :: one_flow(2) = [1, 2], first(1) = [1]
+    real(wp), parameter :: one(1) = [1.0_wp]
+    integer :: i
+
+    associate (x => trajectory, method => problem%method, frame => problem%frame)
+      do i = x%paths + 1, last
+        call copy(frame%point_size, x%y(:, method%origin(i)), x%y(:, i))
+        if (method%on_algebra) then
+          call follow_coordinates(method, i, trajectory)
+          call move(frame, 1, 1, 1, 1, 1, one_flow, one, first, x%u, x%y(:, i))
+        else
+          call move(frame, method%path_first(i), method%path_first(i + 1) - 1, method%flows, &
+                    method%terms, method%stages, method%flow_first, x%weight, method%term_stage, &
+                    x%f, x%y(:, i))
+        end if
+        if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
+        x%nexp = x%nexp + int(method%path_first(i + 1) - method%path_first(i), int64)
+      end do
+      x%paths = max(x%paths, last)
+    end associate
+  end subroutine follow_paths
+
+  ! The coordinates of the end of a path, which is one flow
+  subroutine follow_coordinates(method, path, trajectory)
+    type(method_t), intent(in) :: method
+    integer, intent(in) :: path
+    type(trajectory_t), intent(inout) :: trajectory
+    integer :: flow, k
+
+    associate (x => trajectory)
+      x%path_of_u = path
+      flow = method%path_first(path)
+      k = method%flow_first(flow)
+      x%u(:, 1) = x%weight(k) * x%f(:, method%term_stage(k))
+      do k = k + 1, method%flow_first(flow + 1) - 1
+        x%u(:, 1) = x%u(:, 1) + x%weight(k) * x%f(:, method%term_stage(k))
+      end do
+    end associate
+  end subroutine follow_coordinates
+
+  ! Of a method of two registers: the point moves along h b Z.
+  subroutine move_register(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer, parameter :: one_flow(2) = [1, 2], z(1) = [1]
+
+    associate (x => trajectory)
+      call move(problem%frame, 1, 1, 1, 1, 1, one_flow, [x%h * problem%method%b(x%stage)], z, x%f, &
+                x%y(:, 1))
+      call restore(problem%frame, x%y(:, 1))
+      x%nexp = x%nexp + 1
+    end associate
+  end subroutine move_register
+
+  ! Of an implicit method: all coefficients at stages at once, then what finding them took, and
+  ! whether they were found
+  subroutine solve_stages(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: answer(size(trajectory%f) + 5)
+
+    answer = -1.0_wp                                   ! no answer
+    associate (x => trajectory, n => size(trajectory%f))
+      call problem%frame%callback%apply(stages_operation, &
+                                         [x%t, x%h, real(x%member - 1, wp), x%slope], x%y(:, 0), &
+                                         answer)
+      x%phase = finish_step
+      if (.not. answer(n + 5) >= 0) then
+        call fail(x, raised, x%t)
+        return
+      end if
+      x%nfev = x%nfev + int(answer(n + 1), int64)
+      x%nexp = x%nexp + int(answer(n + 2), int64)
+      x%njev = x%njev + int(answer(n + 3), int64)
+      x%nlu = x%nlu + int(answer(n + 4), int64)
+      x%f = reshape(answer(:n), shape(x%f))
+      if (answer(n + 5) > 0) call reject_stage(problem, x, stages_not_solved, x%t)
+    end associate
+  end subroutine solve_stages
+
+  ! Follows the paths to the results, and measures the error.
+  subroutine finish(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer :: last
+
+    associate (x => trajectory, method => problem%method)
+      if (.not. method%two_registers) then
+        last = method%result
+        if (problem%adaptive) last = max(last, method%embedded)
+        call follow_paths(problem, trajectory, last)
+      end if
+      x%phase = judge_step
+      if (problem%adaptive) then
+        x%error = huge(1.0_wp)
+        if (finite(x%y(:, x%result))) call measure_error(problem, trajectory)
+        if (.not. x%error < huge(1.0_wp)) x%error = huge(1.0_wp)
+        x%shared = x%error
+        if (problem%common) x%status = needs_maximum
+      else if (.not. finite(x%y(:, x%result))) then
+        call fail(trajectory, solution_not_finite, x%end)
+      end if
+    end associate
+  end subroutine finish
+
+  ! The error in tolerances: of the difference of two results, or of one or two combinations of the
+  ! stages, which are made one as in DOP853
+  subroutine measure_error(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: errors(2), ratio
+    integer :: i, k
+
+    associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
+               method => problem%method, v => trajectory%u(:, 1))
+      call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%spare, x%scale)
+      if (size(method%error, 2) == 0) then
+        if (.not. finite(x%y(:, method%embedded))) return
+        call point_difference(frame, tolerances, x%y(:, method%embedded), x%y(:, x%result), x%v)
+        x%error = norm(tolerances, x%v, x%scale)
+        return
+      end if
+      errors = 0.0_wp
+      x%path_of_u = 0
+      do i = 1, size(method%error, 2)
+        v = x%h * method%error(1, i) * x%f(:, 1)
+        do k = 2, size(x%f, 2)
+          v = v + x%h * method%error(k, i) * x%f(:, k)
+        end do
+        call shorten(frame, x%y(:, x%result), v)
+        call tangent(frame, tolerances, v, x%y(:, x%result), x%spare)
+        errors(i) = norm(tolerances, x%spare, x%scale)
+      end do
+      ratio = hypot(errors(1), errors(2) / 10)
+      if (ratio > 0) ratio = errors(1) / ratio
+      x%error = errors(1) * ratio
+    end associate
+  end subroutine measure_error
+
+  ! Accepts a step or tries a smaller one.
+  subroutine judge(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, exponent => problem%tolerances%exponent)
+      x%phase = accept_step
+      if (.not. problem%adaptive) return
+      if (.not. x%shared <= 1) then
+        x%rejected = x%rejected + 1
+        x%after_rejection = .true.
+        x%size = rejected_size(abs(x%h), x%shared, exponent)
+        x%phase = choose_step
+        return
+      end if
+      call accepted_size(abs(x%h), x%shared, exponent, x%after_rejection, x%last_error, x%size)
+      ! the end of the segment says nothing about the next step
+      if (x%shortened .and. .not. x%after_rejection) x%size = max(x%size, x%wanted_size)
+      x%after_rejection = .false.
+    end associate
+  end subroutine judge
+
+end module step_m
