@@ -73,7 +73,7 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
   type(frame_t) :: frame
   integer :: i
 
-  call make_frame(description, [real(wp) ::], 1, frame)
+  call make_frame(description, [real(wp) ::], frame)
   associate (n => frame%point_size, m => frame%dimension)
     do i = 0, points / n - 1
       call difference(frame, x(i * n + 1:(i + 1) * n), y(i * n + 1:(i + 1) * n), &
@@ -98,7 +98,7 @@ subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   logical :: exists
   integer :: i
 
-  call make_frame(description, [real(wp) ::], 1, frame)
+  call make_frame(description, [real(wp) ::], frame)
   associate (m => frame%dimension)
     do i = 0, fields / m - 1
       call dexpinv(frame, order, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m), exists)
@@ -111,7 +111,7 @@ end subroutine frame_dexpinv
 subroutine frame_move(blocks, description, numbers, constants, flows, fields, v, restoring, &
                       points, y)
   use kinds, only: wp
-  use frames_m, only: frame_t, make_frame, move, restore
+  use frames_m, only: apply_flows, flow_sequence_t, frame_t, make_frame, restore
   implicit none
   integer, intent(in) :: blocks, numbers, flows, fields, points
   integer, intent(in) :: description(3, blocks)
@@ -120,12 +120,12 @@ subroutine frame_move(blocks, description, numbers, constants, flows, fields, v,
   logical, intent(in) :: restoring           ! whether to remove rounding off the manifold
   real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
   type(frame_t) :: frame
-  real(wp) :: ones(flows)
-  integer :: order(flows + 1), i
+  type(flow_sequence_t) :: sequence
+  integer :: i
 
-  call make_frame(description, constants, 1, frame)
-  ones = 1.0_wp
-  order = [(i, i=1, flows + 1)]
+  call make_frame(description, constants, frame)
+  sequence = flow_sequence_t(first=[(i, i=1, flows + 1)], weight=[(1.0_wp, i=1, flows)], &
+                             stage=[(i, i=1, flows)])
   call move_all(frame%dimension, frame%point_size, points / frame%point_size, v, y)
 
 contains
@@ -136,8 +136,7 @@ contains
     real(wp), intent(inout) :: y(point_size, trajectories)
 
     do i = 1, trajectories
-      call move(frame, 1, flows, flows, flows, flows, order, ones, order(:flows), v(:, :, i), &
-                y(:, i))
+      call apply_flows(frame, sequence, 1, flows, v(:, :, i), y(:, i))
       if (restoring) call restore(frame, y(:, i))
     end do
   end subroutine move_all

@@ -40,7 +40,7 @@ contains
     integer(int64) :: budget
     integer :: memory
 
-    call make_frame(description, constants, 1, frame)
+    call make_frame(description, constants, frame)
     call make_method(list, weight, c, method)
     problem%frame => frame
     problem%method => method

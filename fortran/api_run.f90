@@ -18,7 +18,7 @@ subroutine plan_open(blocks, description, numbers, constants, integers, list, te
   type(plan_t), pointer :: plan
 
   allocate (plan)
-  call make_frame(description, constants, 1, plan%frame)
+  call make_frame(description, constants, plan%frame)
   call make_method(list, weight, c, plan%method)
   plan%method%implicit = implicit_stages
   address = at_address(c_loc(plan))

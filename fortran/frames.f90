@@ -12,8 +12,8 @@ module frames_m
   implicit none
   ! What flows call is private, or it would not be compiled into the loops: a fifth of the time
   private
-  public :: frame_t, block_t, callback_t, make_frame, move, restore, &
-            get_quaternion, distance_bound
+  public :: flow_sequence_t, frame_t, block_t, callback_t, make_frame, apply_flows, flow_along, &
+            restore, get_quaternion, distance_bound
 
   ! Functions outside of compiled code: the operations of shared_numbers on two arrays
   type, abstract :: callback_t
@@ -46,12 +46,21 @@ module frames_m
     integer :: point_size = 0   ! number of entries of a point
   end type block_t
 
+  ! Time-1 flows one after the other; flow j is along the sum of weight(k) times the field stage(k),
+  ! over its terms k = first(j), ..., first(j + 1) - 1, at least one.
+  type :: flow_sequence_t
+    integer, allocatable :: first(:)         ! (flows + 1)
+    real(wp), allocatable :: weight(:)       ! (terms)
+    integer, allocatable :: stage(:)         ! (terms)
+  end type flow_sequence_t
+
   type :: frame_t
     integer :: dimension = 0
     integer :: point_size = 0
     real(wp), allocatable :: constants(:)    ! of blocks that have some: eigenvalues, increasing
     type(block_t), allocatable :: blocks(:)
     class(callback_t), pointer :: callback => null()
+    type(flow_sequence_t) :: single          ! one flow along one field with weight 1
   end type frame_t
 
   ! A square of it doesn't underflow, and sin(x) / x is exactly 1 at it.
@@ -59,32 +68,30 @@ module frames_m
 
 contains
 
-  ! The product of as many equal frames as there are members: an ensemble that moves as one
-  subroutine make_frame(description, constants, members, frame)
-    integer, intent(in) :: description(:, :)  ! (3, blocks): what it is, n, options
-    real(wp), intent(in) :: constants(:)      ! of all blocks of a member, or more
-    integer, intent(in) :: members
+  ! Makes the frame with the given blocks.
+  subroutine make_frame(description, constants, frame)
+    integer, intent(in) :: description(:, :)  ! (3, blocks): a BlockKind, n, a sum of BlockOptions
+    real(wp), intent(in) :: constants(:)      ! of all blocks, or more
     type(frame_t), intent(out) :: frame
-    integer :: i, j, used
+    integer :: i, used
 
     frame%constants = constants
-    allocate (frame%blocks(members * size(description, 2)))
+    frame%single = flow_sequence_t(first=[1, 2], weight=[1.0_wp], stage=[1])
+    allocate (frame%blocks(size(description, 2)))
     used = 0
     do i = 1, size(frame%blocks)
-      j = 1 + modulo(i - 1, size(description, 2))
-      if (j == 1) used = 0
-      associate (block => frame%blocks(i), options => description(3, j))
-        block%kind = description(1, j)
+      associate (block => frame%blocks(i), options => description(3, i))
+        block%kind = description(1, i)
         block%space = iand(options, space_axes) /= 0
         block%scalar_first = iand(options, scalar_first) /= 0
         block%vectors = frame%dimension
         block%points = frame%point_size
         block%dimension = 3
-        block%size = description(2, j)
+        block%size = description(2, i)
         select case (block%kind)
         case (euclidean_block)
-          block%dimension = description(2, j)
-          block%point_size = description(2, j)
+          block%dimension = block%size
+          block%point_size = block%size
         case (so3_block)
           block%point_size = 9
         case (quaternion_block)
@@ -122,98 +129,99 @@ contains
     end do
   end subroutine make_frame
 
-  ! Moves y along the time-1 flows from one to another, in their order: flow j is that of the sum of
-  ! weight(k) times the field stage(k), over the terms k = first(j), ..., first(j + 1) - 1, at least
-  ! one. Flows of different blocks commute, so each block is moved all the way at once.
-  subroutine move(frame, begin, end, flows, terms, stages, first, weight, stage, f, y)
+  ! Moves y along the time-1 flow of the field with coefficients v.
+  subroutine flow_along(frame, v, y)
     type(frame_t), intent(in) :: frame
-    integer, intent(in) :: begin, end               ! flows; none if the end is before the begin
-    integer, intent(in) :: flows, terms, stages     ! how many there are
-    integer, intent(in) :: first(flows + 1)
-    real(wp), intent(in) :: weight(terms)
-    integer, intent(in) :: stage(terms)
-    real(wp), intent(in) :: f(frame%dimension, stages)
+    real(wp), intent(in) :: v(frame%dimension)
     real(wp), intent(inout) :: y(frame%point_size)
+
+    call apply_flows(frame, frame%single, 1, 1, v, y)
+  end subroutine flow_along
+
+  ! Moves y along some flows of a sequence, in their order. Flows of different blocks commute, so
+  ! each block is moved along all of them at once.
+  subroutine apply_flows(frame, flows, begin, last, f, y)
+    type(frame_t), intent(in) :: frame
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: begin, last       ! flows; none if `last` is before `begin`
+    real(wp), intent(in) :: f(frame%dimension, *)            ! (dimension, stages) the fields
+    real(wp), intent(inout) :: y(frame%point_size)
+    real(wp) :: fields(frame%dimension, last - begin + 1)    ! of each flow, in one block
     integer :: i, k
 
+    if (last < begin) return
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), &
                  v => frame%blocks(i)%vectors, m => frame%blocks(i)%dimension, &
                  p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
         select case (block%kind)
         case (euclidean_block)
-          if (m == 3) then         ! what the compiler knows the size of
-            do k = first(begin), first(end + 1) - 1
-              y(p + 1:p + 3) = y(p + 1:p + 3) + weight(k) * f(v + 1:v + 3, stage(k))
+          if (m == 3) then         ! a size that the compiler knows
+            do k = flows%first(begin), flows%first(last + 1) - 1
+              y(p + 1:p + 3) = y(p + 1:p + 3) + flows%weight(k) * f(v + 1:v + 3, flows%stage(k))
             end do
           else
-            do k = first(begin), first(end + 1) - 1
-              y(p + 1:p + n) = y(p + 1:p + n) + weight(k) * f(v + 1:v + m, stage(k))
+            do k = flows%first(begin), flows%first(last + 1) - 1
+              y(p + 1:p + n) = y(p + 1:p + n) + flows%weight(k) * f(v + 1:v + m, flows%stage(k))
             end do
           end if
         case (se3_block)
-          call move_motion(block, begin, end, flows, terms, stages, frame%dimension, first, &
-                           weight, stage, f, y(p + 1))
+          call move_rigid_body(block, flows, begin, last, frame%dimension, f, y(p + 1))
         case (so_block)
-          call move_orthogonal(block%size, block%space, begin, end, first, weight, stage, &
-                               f(v + 1:v + m, :), y(p + 1:p + n))
+          call combine_fields(v, m)
+          call move_orthogonal(block%size, block%space, fields(:m, :), y(p + 1:p + n))
         case (isospectral_block)
-          call move_isospectral(block%size, begin, end, first, weight, stage, f(v + 1:v + m, :), &
-                                y(p + 1:p + n))
+          call combine_fields(v, m)
+          call move_isospectral(block%size, fields(:m, :), y(p + 1:p + n))
         case (su_block, u_block)
-          call move_unitary(block%kind, block%size, block%space, begin, end, first, weight, stage, &
-                            f(v + 1:v + m, :), y(p + 1:p + n))
-        case (callback_block)
-          call move_outside(frame, begin, end, first, weight, stage, f, y)
+          call combine_fields(v, m)
+          call move_unitary(block%kind, block%size, block%space, fields(:m, :), y(p + 1:p + n))
+        case (callback_block)      ! the only block
+          call combine_fields(v, m)
+          call frame%callback%apply(flow_operation, reshape(fields, [size(fields)]), (y), y)
         case default
-          call turn(block, begin, end, flows, terms, stages, frame%dimension, first, weight, &
-                    stage, f, y(p + 1))
+          call rotate(block, flows, begin, last, frame%dimension, f, y(p + 1))
         end select
       end associate
     end do
-  end subroutine move
 
-  ! The frame is a single block.
-  subroutine move_outside(frame, begin, end, first, weight, stage, f, y)
-    type(frame_t), intent(in) :: frame
-    integer, intent(in) :: begin, end
-    integer, intent(in) :: first(:), stage(:)
-    real(wp), intent(in) :: weight(:), f(:, :)
-    real(wp), contiguous, intent(inout) :: y(:)
-    real(wp) :: v(frame%dimension, begin:end)
-    integer :: j, k
+  contains
 
-    if (end < begin) return
-    do j = begin, end
-      v(:, j) = weight(first(j)) * f(:, stage(first(j)))
-      do k = first(j) + 1, first(j + 1) - 1
-        v(:, j) = v(:, j) + weight(k) * f(:, stage(k))
+    ! The m coefficients of each flow after the first v
+    subroutine combine_fields(v, m)
+      integer, intent(in) :: v, m
+      integer :: j, k
+
+      do j = begin, last
+        associate (field => fields(:m, j - begin + 1))
+          k = flows%first(j)
+          field = flows%weight(k) * f(v + 1:v + m, flows%stage(k))
+          do k = k + 1, flows%first(j + 1) - 1
+            field = field + flows%weight(k) * f(v + 1:v + m, flows%stage(k))
+          end do
+        end associate
       end do
-    end do
-    call frame%callback%apply(flow_operation, reshape(v, [size(v)]), (y), y)
-  end subroutine move_outside
+    end subroutine combine_fields
 
-  ! The rotations of all flows make one quaternion, which turns the point once. Its length is 1
-  ! but for rounding.
-  subroutine turn(block, begin, end, flows, terms, stages, m, first, weight, stage, f, y)
+  end subroutine apply_flows
+
+  ! Moves a point that one quaternion rotates, which is the product of the rotations of all flows. Its
+  ! length is 1 except for rounding.
+  subroutine rotate(block, flows, begin, last, m, f, y)
     type(block_t), intent(in) :: block
-    integer, intent(in) :: begin, end
-    integer, intent(in) :: flows, terms, stages, m  ! how many there are, and coefficients
-    integer, intent(in) :: first(flows + 1)
-    real(wp), intent(in) :: weight(terms)
-    integer, intent(in) :: stage(terms)
-    real(wp), intent(in) :: f(m, stages)
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: begin, last
+    integer, intent(in) :: m                 ! coefficients of the frame
+    real(wp), intent(in) :: f(m, *)
     real(wp), intent(inout) :: y(block%point_size)
     real(wp) :: q(4), e(4), half, sinc, side
     logical :: left
     integer :: j
 
-    if (end < begin) return
     left = block%space .or. block%kind == sphere_block
     side = merge(1.0_wp, -1.0_wp, left)
-    do j = begin, end
-      call exponential(combined(first(j), first(j + 1) - 1, terms, stages, m, weight, stage, f, &
-                                block%vectors), e, half, sinc)
+    do j = begin, last
+      call exponential(combined(flows, j, m, f, block%vectors), e, half, sinc)
       if (j == begin) then
         q(1) = e(1)            ! one by one: loads of pairs would wait for the stores
         q(2) = e(2)
@@ -240,22 +248,20 @@ contains
       call multiply(side, q, e(1), e(2), e(3), e(4))
       call set_quaternion(e, y)
     end select
-  end subroutine turn
+  end subroutine rotate
 
-  ! Three coefficients, those after `before`, of the field of one flow
-  pure function combined(begin, end, terms, stages, m, weight, stage, f, before)
-    integer, intent(in) :: begin, end               ! its terms
-    integer, intent(in) :: terms, stages, m
-    real(wp), intent(in) :: weight(terms)
-    integer, intent(in) :: stage(terms)
-    real(wp), intent(in) :: f(m, stages)
-    integer, intent(in) :: before
+  ! Three coefficients of flow j, those after the first `before`
+  pure function combined(flows, j, m, f, before)
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: j, m, before
+    real(wp), intent(in) :: f(m, *)
     real(wp) :: combined(3)
     integer :: k
 
-    combined = weight(begin) * f(before + 1:before + 3, stage(begin))
-    do k = begin + 1, end
-      combined = combined + weight(k) * f(before + 1:before + 3, stage(k))
+    k = flows%first(j)
+    combined = flows%weight(k) * f(before + 1:before + 3, flows%stage(k))
+    do k = k + 1, flows%first(j + 1) - 1
+      combined = combined + flows%weight(k) * f(before + 1:before + 3, flows%stage(k))
     end do
   end function combined
 
@@ -288,25 +294,21 @@ contains
   ! V u = a u + (1 - a) n (n . u) + b n x u, where v = angle n, a = sin(angle) / angle and
   ! b = (1 - cos(angle)) / angle. Along the unit vector n nothing cancels that isn't small
   ! beside u.
-  subroutine move_motion(block, begin, end, flows, terms, stages, m, first, weight, stage, f, y)
+  subroutine move_rigid_body(block, flows, begin, last, m, f, y)
     type(block_t), intent(in) :: block
-    integer, intent(in) :: begin, end
-    integer, intent(in) :: flows, terms, stages, m  ! how many there are, and coefficients
-    integer, intent(in) :: first(flows + 1)
-    real(wp), intent(in) :: weight(terms)
-    integer, intent(in) :: stage(terms)
-    real(wp), intent(in) :: f(m, stages)
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: begin, last
+    integer, intent(in) :: m                 ! coefficients of the frame
+    real(wp), intent(in) :: f(m, *)
     real(wp), intent(inout) :: y(16)
     real(wp) :: q(4), e(4), x(3), u(3), v(3), n(3), half, sinc, a, b
     integer :: j
 
-    if (end < begin) return
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
     x = 0.0_wp
-    do j = begin, end
-      v = combined(first(j), first(j + 1) - 1, terms, stages, m, weight, stage, f, block%vectors)
-      u = combined(first(j), first(j + 1) - 1, terms, stages, m, weight, stage, f, &
-                   block%vectors + 3)
+    do j = begin, last
+      v = combined(flows, j, m, f, block%vectors)
+      u = combined(flows, j, m, f, block%vectors + 3)
       call exponential(v, e, half, sinc)
       n = v / (2 * half)
       a = sinc * e(4)
@@ -334,7 +336,7 @@ contains
     y(4) = u(1)
     y(8) = u(2)
     y(12) = u(3)
-  end subroutine move_motion
+  end subroutine move_rigid_body
 
   ! Removes rounding from a point: one step of Newton and Schulz, y -> (3 y - y y^T y) / 2, towards
   ! the nearest rotation or unit vector. On the manifold it is the identity, and it squares a

@@ -25,7 +25,7 @@ module interpolant_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
   use coordinates_m, only: difference
-  use frames_m, only: frame_t, move
+  use frames_m, only: apply_flows, flow_along, flow_sequence_t, frame_t
   use shared_numbers, only: nearby_operation
   implicit none
   private
@@ -55,12 +55,13 @@ module interpolant_m
     logical :: complete = .false.
     integer :: known = 0                     ! derivatives, or nodes of the interpolant so far
     integer :: node = 0                      ! the next one, of the interpolant with one node more
-    integer :: flows = 0                     ! that it took
+    integer :: nexp = 0                      ! flows that it took
     real(wp) :: t0 = 0.0_wp
     real(wp) :: h = 0.0_wp
     real(wp), allocatable :: y0(:), y1(:)    ! (point_size)
-    ! workspace: coordinates (dimension, 1), a point (point_size), weights (derivatives)
-    real(wp), allocatable :: u(:, :), y(:), weight(:)
+    ! workspace: coordinates (dimension), a point (point_size), weights (derivatives)
+    real(wp), allocatable :: u(:), y(:), weight(:)
+    type(flow_sequence_t) :: flows           ! to a point, along the columns of `field`
     ! (dimension, columns) those of h phi_d; or coefficients at nodes, and of the last flow
     real(wp), allocatable :: field(:, :)
     ! (dimension, derivatives) or (dimension, nodes) coefficients at the nodes of the next one
@@ -81,11 +82,13 @@ contains
     memory = 0
     if (allocated(interpolant%y0)) return
     allocate (interpolant%y0(frame%point_size), interpolant%y1(frame%point_size), &
-              interpolant%u(frame%dimension, 1), interpolant%y(frame%point_size), &
+              interpolant%u(frame%dimension), interpolant%y(frame%point_size), &
               interpolant%weight(max(1, size(scheme%basis, 1), size(scheme%basis, 2))), &
               interpolant%field(frame%dimension, scheme%columns), &
               interpolant%next(frame%dimension, max(scheme%nodes, size(scheme%basis, 1))), &
-              stat=memory)
+              interpolant%flows%first(size(scheme%weight, 2) + 2), &
+              interpolant%flows%weight(size(scheme%weight, 2) * scheme%nodes + 1), &
+              interpolant%flows%stage(size(scheme%weight, 2) * scheme%nodes + 1), stat=memory)
   end subroutine reserve_interpolant
 
   subroutine begin_interpolant(frame, scheme, free, t0, h, y0, y1, first, last, stages, &
@@ -106,7 +109,7 @@ contains
     interpolant%y1(:) = y1
     interpolant%field(:, 1) = first
     interpolant%field(:, 2) = last
-    interpolant%flows = 0
+    interpolant%nexp = 0
     interpolant%complete = .false.
     interpolant%on_algebra = scheme%flat .or. free
     if (.not. interpolant%on_algebra) then
@@ -123,7 +126,7 @@ contains
           k(:, final) = last
           interpolant%weight(:size(stages, 2)) = h * scheme%basis(:size(stages, 2), 1)
           call combine(frame%dimension, size(stages, 2), interpolant%weight, k, interpolant%u)
-          call dexpinv(frame, scheme%series, interpolant%u(:, 1), k(:, final), exists)
+          call dexpinv(frame, scheme%series, interpolant%u, k(:, final), exists)
         end if
       else
         k(:, 1) = first
@@ -166,7 +169,7 @@ contains
     do i = 1, iterations
       y = interpolant%y0
       call flow_along(frame, u, y)
-      interpolant%flows = interpolant%flows + 1
+      interpolant%nexp = interpolant%nexp + 1
       call difference_nearby(frame, y, interpolant%y1, v)
       call dexpinv(frame, scheme%series, u, v, exists)
       if (.not. exists) return
@@ -188,14 +191,6 @@ contains
     end if
   end subroutine difference_nearby
 
-  subroutine flow_along(frame, u, y)
-    type(frame_t), intent(in) :: frame
-    real(wp), intent(in) :: u(frame%dimension, 1)
-    real(wp), contiguous, intent(inout) :: y(:)
-
-    call move(frame, 1, 1, 1, 1, 1, [1, 2], [1.0_wp], [1], u, y)
-  end subroutine flow_along
-
   subroutine finish_on_algebra(scheme, interpolant)
     type(scheme_t), intent(in) :: scheme
     type(interpolant_t), intent(inout) :: interpolant
@@ -204,7 +199,7 @@ contains
     associate (n => interpolant%known)
       do d = 1, size(scheme%basis, 2)
         interpolant%weight(:n) = interpolant%h * scheme%basis(:, d)
-        call combine(size(interpolant%u, 1), n, interpolant%weight, interpolant%next, &
+        call combine(size(interpolant%u), n, interpolant%weight, interpolant%next, &
                      interpolant%field(:, d))
       end do
     end associate
@@ -244,7 +239,7 @@ contains
       theta = scheme%node(interpolant%node, interpolant%known + 1)
       call evaluate_interpolant(frame, scheme, interpolant, theta, interpolant%y)
     end if
-    interpolant%flows = interpolant%flows + flows_of_evaluation(scheme, interpolant)
+    interpolant%nexp = interpolant%nexp + flows_of_evaluation(scheme, interpolant)
   end subroutine next_node
 
   ! The coefficients at the node
@@ -259,7 +254,7 @@ contains
     associate (n => interpolant%known)
       if (interpolant%on_algebra) then
         interpolant%next(:, n + 1) = f
-        call dexpinv(frame, scheme%series, interpolant%u(:, 1), interpolant%next(:, n + 1), exists)
+        call dexpinv(frame, scheme%series, interpolant%u, interpolant%next(:, n + 1), exists)
         n = n + 1
         call settle(frame, scheme, interpolant, exists)
         return
@@ -294,7 +289,7 @@ contains
     call evaluate_interpolant(frame, scheme, interpolant, 1.0_wp, reached)
     call difference_nearby(frame, reached, interpolant%y1, v)
     interpolant%field(:, interpolant%known + 1) = v
-    interpolant%flows = interpolant%flows + flows_of_evaluation(scheme, interpolant)
+    interpolant%nexp = interpolant%nexp + flows_of_evaluation(scheme, interpolant)
     interpolant%node = 2
     interpolant%complete = interpolant%known == scheme%nodes
   end subroutine close_level
@@ -334,30 +329,28 @@ contains
   subroutine follow_flows(frame, scheme, interpolant, theta, y)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
-    type(interpolant_t), intent(in) :: interpolant
+    type(interpolant_t), intent(inout) :: interpolant
     real(wp), intent(in) :: theta
     real(wp), contiguous, intent(inout) :: y(:)
     real(wp) :: basis(interpolant%known, size(scheme%c))
-    real(wp) :: weight(size(scheme%weight, 2) * interpolant%known + 1)
-    integer :: first(size(scheme%weight, 2) + 2), term(size(weight))
-    integer :: flows, i, j
+    integer :: i, j, k
 
-    associate (n => interpolant%known)
+    associate (n => interpolant%known, last => size(scheme%weight, 2) + 1, &
+               flows => interpolant%flows)
       call lagrange(scheme, n, theta, interpolant%h, basis)
-      flows = size(scheme%weight, 2)
-      do i = 1, flows
-        first(i) = (i - 1) * n + 1
+      k = 0
+      do i = 1, last - 1
+        flows%first(i) = k + 1
         do j = 1, n
-          weight(first(i) + j - 1) = dot_product(basis(j, :), scheme%weight(:, i))
-          term(first(i) + j - 1) = j
+          k = k + 1
+          flows%weight(k) = dot_product(basis(j, :), scheme%weight(:, i))
+          flows%stage(k) = j
         end do
       end do
-      first(flows + 1) = flows * n + 1
-      first(flows + 2) = flows * n + 2
-      weight(flows * n + 1) = blend_at(scheme, n, theta)
-      term(flows * n + 1) = n + 1
-      call move(frame, 1, flows + 1, flows + 1, size(weight), n + 1, first, weight, term, &
-                interpolant%field(:, :n + 1), y)
+      flows%first(last:last + 1) = [k + 1, k + 2]
+      flows%weight(k + 1) = blend_at(scheme, n, theta)
+      flows%stage(k + 1) = n + 1
+      call apply_flows(frame, flows, 1, last, interpolant%field, y)
     end associate
   end subroutine follow_flows
 

@@ -11,24 +11,19 @@ module isospectral_m
 
 contains
 
-  ! The rotations of all flows make one, which moves the point once: see move of frames.
-  pure subroutine move_isospectral(n, begin, end, first, weight, stage, f, y)
+  ! The rotations of all flows make one, which moves the point once.
+  pure subroutine move_isospectral(n, f, y)
     integer, intent(in) :: n
-    integer, intent(in) :: begin, end            ! flows
-    integer, intent(in) :: first(:)              ! (flows + 1)
-    real(wp), intent(in) :: weight(:)            ! (terms)
-    integer, intent(in) :: stage(:)              ! (terms)
-    real(wp), intent(in) :: f(:, :)              ! (dimension, stages)
+    real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
     real(wp), intent(inout) :: y(n, n)
     real(wp) :: g(n, n), product(n, n)           ! g is the transpose of the rotation
     integer :: i, j
 
-    if (end < begin) return
     g = 0.0_wp
     do i = 1, n
       g(i, i) = 1.0_wp
     end do
-    call move_orthogonal(n, .true., begin, end, first, weight, stage, f, g)
+    call move_orthogonal(n, .true., f, g)
     call multiply(n, y, g, product)
     do j = 1, n
       do i = 1, j

@@ -1,6 +1,7 @@
 ! An explicit method as its steps are taken: paths of flows that lead to the points that are kept,
 ! which are stages, results, and points that more than one path goes on from.
 module method_m
+  use frames_m, only: flow_sequence_t
   use kinds, only: wp
   implicit none
   private
@@ -10,10 +11,7 @@ module method_m
     ! paths, each after the path that it goes on from and the stages whose fields it flows along
     integer, allocatable :: origin(:)        ! (paths) the path that leads there, 0 for the start
     integer, allocatable :: path_first(:)    ! (paths + 1) the first flow of each
-    integer, allocatable :: flow_first(:)    ! (flows + 1) the first term of each
-    real(wp), allocatable :: weight(:)       ! (terms)
-    integer, allocatable :: term_stage(:)    ! (terms) the stage whose field has this weight
-    integer :: flows = 0, terms = 0, stages = 0   ! how many there are
+    type(flow_sequence_t) :: flows           ! of all paths; their fields are those of the stages
     ! stages
     integer, allocatable :: stage_path(:)    ! (stages) the path to each, 0 for the start
     real(wp), allocatable :: c(:)            ! (stages) abscissae
@@ -49,13 +47,10 @@ contains
     associate (paths => list(1), flows => list(2), terms => list(3), stages => list(4))
       call take(paths, method%origin)
       call take(paths + 1, method%path_first)
-      call take(flows + 1, method%flow_first)
-      call take(terms, method%term_stage)
+      call take(flows + 1, method%flows%first)
+      call take(terms, method%flows%stage)
       call take(stages, method%stage_path)
-      method%weight = weight(:terms)
-      method%flows = flows
-      method%terms = terms
-      method%stages = stages
+      method%flows%weight = weight(:terms)
       method%result = list(used + 1)
       method%embedded = list(used + 2)
       method%final_stage = list(used + 3)

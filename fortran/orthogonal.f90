@@ -13,24 +13,17 @@ module orthogonal_m
 
 contains
 
-  ! Flows one after the other, from the left or the right: see move of frames
-  pure subroutine move_orthogonal(n, left, begin, end, first, weight, stage, f, y)
+  ! Flows one after the other, from the left or the right
+  pure subroutine move_orthogonal(n, left, f, y)
     integer, intent(in) :: n
     logical, intent(in) :: left
-    integer, intent(in) :: begin, end            ! flows
-    integer, intent(in) :: first(:)              ! (flows + 1)
-    real(wp), intent(in) :: weight(:)            ! (terms)
-    integer, intent(in) :: stage(:)              ! (terms)
-    real(wp), intent(in) :: f(:, :)              ! (dimension, stages)
+    real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
     real(wp), intent(inout) :: y(n, n)
     real(wp) :: x(n, n), e(n, n), moved(n, n), v(size(f, 1))
-    integer :: j, k
+    integer :: j
 
-    do j = begin, end
-      v = -weight(first(j)) * f(:, stage(first(j)))
-      do k = first(j) + 1, first(j + 1) - 1
-        v = v - weight(k) * f(:, stage(k))
-      end do
+    do j = 1, size(f, 2)
+      v = -f(:, j)
       call skew_matrix(n, v, x)
       call exponential(n, x, e)
       if (left) then

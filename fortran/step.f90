@@ -4,7 +4,7 @@ module step_m
   use algebra_m, only: dexpinv, shorten
   use controller_m, only: accepted_size, rejected_size
   use error_norm_m, only: norm, point_difference, scales, tangent
-  use frames_m, only: move, restore
+  use frames_m, only: apply_flows, flow_along, restore
   use method_m, only: method_t
   use trajectory_m, only: accept_step, choose_step, copy, fail, finish_step, finite, &
                               judge_step, known_stage, problem_t, reject_stage, request, &
@@ -66,7 +66,7 @@ contains
           if (x%path_of_u /= method%stage_path(x%stage)) then
             call follow_coordinates(method, method%stage_path(x%stage), trajectory)
           end if
-          call dexpinv(problem%frame, method%series, x%u(:, 1), x%f(:, x%stage), exists)
+          call dexpinv(problem%frame, method%series, x%u, x%f(:, x%stage), exists)
           if (.not. exists) then
             call reject_stage(problem, trajectory, step_too_long, x%t)
             return
@@ -84,8 +84,6 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     integer, intent(in) :: last
-    integer, parameter :: one_flow(2) = [1, 2], first(1) = [1]
-    real(wp), parameter :: one(1) = [1.0_wp]
     integer :: i
 
     associate (x => trajectory, method => problem%method, frame => problem%frame)
@@ -93,11 +91,10 @@ contains
         call copy(frame%point_size, x%y(:, method%origin(i)), x%y(:, i))
         if (method%on_algebra) then
           call follow_coordinates(method, i, trajectory)
-          call move(frame, 1, 1, 1, 1, 1, one_flow, one, first, x%u, x%y(:, i))
+          call flow_along(frame, x%u, x%y(:, i))
         else
-          call move(frame, method%path_first(i), method%path_first(i + 1) - 1, method%flows, &
-                    method%terms, method%stages, method%flow_first, x%weight, method%term_stage, &
-                    x%f, x%y(:, i))
+          call apply_flows(frame, x%flows, method%path_first(i), method%path_first(i + 1) - 1, &
+                           x%f, x%y(:, i))
         end if
         if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
         x%nexp = x%nexp + int(method%path_first(i + 1) - method%path_first(i), int64)
@@ -113,13 +110,13 @@ contains
     type(trajectory_t), intent(inout) :: trajectory
     integer :: flow, k
 
-    associate (x => trajectory)
+    associate (x => trajectory, flows => trajectory%flows)
       x%path_of_u = path
       flow = method%path_first(path)
-      k = method%flow_first(flow)
-      x%u(:, 1) = x%weight(k) * x%f(:, method%term_stage(k))
-      do k = k + 1, method%flow_first(flow + 1) - 1
-        x%u(:, 1) = x%u(:, 1) + x%weight(k) * x%f(:, method%term_stage(k))
+      k = flows%first(flow)
+      x%u = flows%weight(k) * x%f(:, flows%stage(k))
+      do k = k + 1, flows%first(flow + 1) - 1
+        x%u = x%u + flows%weight(k) * x%f(:, flows%stage(k))
       end do
     end associate
   end subroutine follow_coordinates
@@ -128,11 +125,10 @@ contains
   subroutine move_register(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
-    integer, parameter :: one_flow(2) = [1, 2], z(1) = [1]
 
     associate (x => trajectory)
-      call move(problem%frame, 1, 1, 1, 1, 1, one_flow, [x%h * problem%method%b(x%stage)], z, x%f, &
-                x%y(:, 1))
+      x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
+      call flow_along(problem%frame, x%u, x%y(:, 1))
       call restore(problem%frame, x%y(:, 1))
       x%nexp = x%nexp + 1
     end associate
@@ -198,7 +194,7 @@ contains
     integer :: i, k
 
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
-               method => problem%method, v => trajectory%u(:, 1))
+               method => problem%method, v => trajectory%u)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%spare, x%scale)
       if (size(method%error, 2) == 0) then
         if (.not. finite(x%y(:, method%embedded))) return

@@ -4,7 +4,7 @@ module step_size_m
   use kinds, only: wp
   use controller_m, only: first_guess, first_size, tried_size
   use error_norm_m, only: norm, point_sizes, scales, tangent
-  use frames_m, only: move, restore
+  use frames_m, only: flow_along, restore
   use time_grid_m, only: make_grid
   use trajectory_m, only: choose_step, copy, ended, fail, guess_first, known_curvature, &
                               known_start, problem_t, request, shared_guess, shared_size, take_stage, &
@@ -86,8 +86,8 @@ contains
                     smallest_first(problem, x))
       x%h = sign(x%guess, problem%stops(x%segment) - x%t)
       call copy(size(moved), x%y(:, 0), moved)
-      x%u(:, 1) = x%slope
-      call move(problem%frame, 1, 1, 1, 1, 1, [1, 2], [x%h], [1], x%u, moved)
+      x%u = x%h * x%slope
+      call flow_along(problem%frame, x%u, moved)
       call restore(problem%frame, moved)
       x%nexp = x%nexp + 1
       call request(problem, x, x%t + x%h, moved, known_curvature)
@@ -164,7 +164,7 @@ contains
         x%h = x%end - x%t
       end if
       if (abs(x%h - x%weighted_by) > 0) then
-        x%weight(:) = x%h * problem%method%weight(:problem%method%terms)
+        x%flows%weight(:) = x%h * problem%method%flows%weight
         x%weighted_by = x%h
       end if
       x%stage = 1

@@ -6,7 +6,7 @@ module trajectory_m
   use kinds, only: wp
   use controller_m, only: rejected_size
   use error_norm_m, only: tolerances_t, width
-  use frames_m, only: frame_t
+  use frames_m, only: flow_sequence_t, frame_t
   use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use method_m, only: method_t
   use time_grid_m, only: grid_t
@@ -115,13 +115,13 @@ module trajectory_m
     real(wp) :: end = 0.0_wp                 ! its end
     real(wp) :: h = 0.0_wp                   ! its signed size
     real(wp) :: error = 0.0_wp
-    real(wp) :: weighted_by = 0.0_wp         ! the step size that weight belongs to
-    real(wp), allocatable :: weight(:)       ! (terms) those of the method times the step
+    type(flow_sequence_t) :: flows           ! those of the method, with weights times the step
+    real(wp) :: weighted_by = 0.0_wp         ! the step size that these weights belong to
     ! (dimension, stages) coefficients at the stages; of a method of two registers their combination Z
     real(wp), allocatable :: f(:, :)
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
-    real(wp), allocatable :: u(:, :)         ! (dimension, 1) coordinates of a stage in the algebra
+    real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     real(wp), allocatable :: v(:), scale(:), spare(:)  ! (width) workspace of errors
     real(wp) :: norms(3) = 0.0_wp            ! of point, slope and curvature, for the first size
     real(wp) :: guess = 0.0_wp
@@ -157,11 +157,12 @@ contains
       trajectory%result = merge(1, method%result, method%two_registers)
       allocate (trajectory%y(frame%point_size, 0:merge(1, size(method%origin), method%two_registers)), &
                 trajectory%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
-                trajectory%weight(method%terms), trajectory%want(frame%point_size), &
+                trajectory%want(frame%point_size), &
                 trajectory%got(frame%dimension), trajectory%slope(frame%dimension), &
-                trajectory%end_slope(frame%dimension), trajectory%u(frame%dimension, 1), &
+                trajectory%end_slope(frame%dimension), trajectory%u(frame%dimension), &
                 stat=memory)
       if (memory /= 0) return
+      trajectory%flows = method%flows
       n = 0
       if (problem%adaptive) n = width(frame, problem%tolerances)
       allocate (trajectory%v(n), trajectory%scale(n), trajectory%spare(n), stat=memory)

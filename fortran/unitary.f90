@@ -99,27 +99,18 @@ contains
     diagonal = sqrt(2 / (real(j - 1, wp) * real(j, wp)))
   end function diagonal
 
-  ! Flows one after the other, from the left or the right: see move of frames
-  subroutine move_unitary(kind, n, left, begin, end, first, weight, stage, f, y)
+  ! Flows one after the other, from the left or the right
+  subroutine move_unitary(kind, n, left, f, y)
     integer, intent(in) :: kind, n
     logical, intent(in) :: left
-    integer, intent(in) :: begin, end            ! flows
-    integer, intent(in) :: first(:)              ! (flows + 1)
-    real(wp), intent(in) :: weight(:)            ! (terms)
-    integer, intent(in) :: stage(:)              ! (terms)
-    real(wp), intent(in) :: f(:, :)              ! (dimension, stages)
+    real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
     real(wp), intent(inout) :: y(:)              ! (point_size)
     complex(wp), dimension(n, n) :: x, e, point, moved
-    real(wp) :: v(size(f, 1))
-    integer :: j, k
+    integer :: j
 
     call get_point(kind, n, y, point)
-    do j = begin, end
-      v = weight(first(j)) * f(:, stage(first(j)))
-      do k = first(j) + 1, first(j + 1) - 1
-        v = v + weight(k) * f(:, stage(k))
-      end do
-      call algebra_matrix(kind, n, v, x)
+    do j = 1, size(f, 2)
+      call algebra_matrix(kind, n, f(:, j), x)
       call exponential(n, x, e)
       if (left) then
         call multiply(n, e, point, moved)

@@ -4,10 +4,11 @@
 !
 ! with df/dy along the frame's fields. In Python it is cg/integration/variational/field.py.
 module variational_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_intptr_t, c_null_ptr, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int64_t, c_intptr_t, &
+                                         c_null_ptr, c_ptr
   use coordinates_m, only: sizes
   use external_field_m, only: field_at, rhs_i
-  use frames_m, only: move
+  use frames_m, only: flow_along
   use kinds, only: wp
   use run_m, only: plan_at, plan_t
   use shared_numbers, only: variation_t
@@ -107,7 +108,7 @@ contains
     integer(c_int), intent(in) :: code
     real(wp), intent(in) :: values(numbers)
 
-    if (code /= 0 .or. .not. finite(numbers, values)) record%failed = which
+    if (code /= 0 .or. .not. finite(numbers, values)) record%failed = int(which, c_int64_t)
   end subroutine note_failure
 
   pure logical function finite(numbers, x)
@@ -162,14 +163,15 @@ contains
     size_of = record%step * max(size_of, 1.0_wp)
     do j = 1, n
       v = 0.0_wp
-      v(j) = 1.0_wp
+      v(j) = size_of(j)
       point = y
-      call move(plan%frame, 1, 1, 1, 1, 1, [1, 2], [size_of(j)], [1], v, point)
+      call flow_along(plan%frame, v, point)
       ahead = record%nan
       code = call_at(field, data, t, width, point, ahead)
       if (code /= 0) return
       point = y
-      call move(plan%frame, 1, 1, 1, 1, 1, [1, 2], [-size_of(j)], [1], v, point)
+      v(j) = -size_of(j)
+      call flow_along(plan%frame, v, point)
       behind = record%nan
       code = call_at(field, data, t, width, point, behind)
       if (code /= 0) return

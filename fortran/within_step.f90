@@ -56,7 +56,7 @@ contains
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%t, x%end - x%t, &
                              x%y(:, 0), x%y(:, x%result), x%slope, x%end_slope, x%f, &
                              x%interpolant, exists)
-      call go_on_within(problem, trajectory, exists, x%interpolant%flows)
+      call go_on_within(problem, trajectory, exists, x%interpolant%nexp)
     end associate
   end subroutine interpolate
 
@@ -69,7 +69,7 @@ contains
     associate (x => trajectory)
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%t_old, x%h_old, &
                              x%y_old, x%y(:, 0), x%slope_old, slope, x%f, x%interpolant, exists)
-      call go_on_within(problem, trajectory, exists, x%interpolant%flows)
+      call go_on_within(problem, trajectory, exists, x%interpolant%nexp)
     end associate
   end subroutine interpolate_last
 
@@ -109,9 +109,9 @@ contains
     logical :: exists
 
     associate (x => trajectory)
-      before = x%interpolant%flows
+      before = x%interpolant%nexp
       call add_node(problem%frame, problem%scheme, x%got, x%interpolant, exists)
-      call go_on_within(problem, trajectory, exists, x%interpolant%flows - before)
+      call go_on_within(problem, trajectory, exists, x%interpolant%nexp - before)
     end associate
   end subroutine absorb_node
 

@@ -173,8 +173,8 @@ ERRORS = [
     Planted(
         "steps of lmdif's differences",
         "levenberg_marquardt",
-        "step = sqrt(max(epsfcn, eps)) * abs(held)",
-        "step = sqrt(epsfcn) * abs(held)",
+        "step = sqrt(max(solver%epsfcn, eps)) * abs(held)",
+        "step = sqrt(solver%epsfcn) * abs(held)",
         "lmdif_tolerances",
     ),
     Planted(
@@ -187,8 +187,8 @@ ERRORS = [
     Planted(
         "lmdif's test of convergence in x",
         "levenberg_marquardt",
-        "if (delta <= xtol * xnorm) info = small_step",
-        "if (0.5_wp * delta <= xtol * xnorm) info = small_step",
+        "if (delta <= solver%xtol * xnorm) info = small_step",
+        "if (0.5_wp * delta <= solver%xtol * xnorm) info = small_step",
         "lmdif_tolerances",
     ),
     Planted(
