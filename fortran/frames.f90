@@ -146,64 +146,79 @@ contains
     integer, intent(in) :: begin, last       ! flows; none if `last` is before `begin`
     real(wp), intent(in) :: f(frame%dimension, *)            ! (dimension, stages) the fields
     real(wp), intent(inout) :: y(frame%point_size)
-    real(wp) :: fields(frame%dimension, last - begin + 1)    ! of each flow, in one block
     integer :: i, k
 
     if (last < begin) return
+    k = flows%first(begin)
     do i = 1, size(frame%blocks)
       associate (block => frame%blocks(i), &
                  v => frame%blocks(i)%vectors, m => frame%blocks(i)%dimension, &
-                 p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
+                 p => frame%blocks(i)%points)
         select case (block%kind)
         case (euclidean_block)
-          if (m == 3) then         ! a size that the compiler knows
-            do k = flows%first(begin), flows%first(last + 1) - 1
-              y(p + 1:p + 3) = y(p + 1:p + 3) + flows%weight(k) * f(v + 1:v + 3, flows%stage(k))
-            end do
-          else
-            do k = flows%first(begin), flows%first(last + 1) - 1
-              y(p + 1:p + n) = y(p + 1:p + n) + flows%weight(k) * f(v + 1:v + m, flows%stage(k))
-            end do
-          end if
+          call translate(m, flows%first(last + 1) - k, flows%weight(k), flows%stage(k), &
+                         frame%dimension, f(v + 1, 1), y(p + 1))
         case (se3_block)
-          call move_rigid_body(block, flows, begin, last, frame%dimension, f, y(p + 1))
-        case (so_block)
-          call combine_fields(v, m)
-          call move_orthogonal(block%size, block%space, fields(:m, :), y(p + 1:p + n))
-        case (isospectral_block)
-          call combine_fields(v, m)
-          call move_isospectral(block%size, fields(:m, :), y(p + 1:p + n))
-        case (su_block, u_block)
-          call combine_fields(v, m)
-          call move_unitary(block%kind, block%size, block%space, fields(:m, :), y(p + 1:p + n))
-        case (callback_block)      ! the only block
-          call combine_fields(v, m)
-          call frame%callback%apply(flow_operation, reshape(fields, [size(fields)]), (y), y)
+          call move_rigid_body(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
+        case (so_block, isospectral_block, su_block, u_block, callback_block)
+          call move_matrix(frame, block, flows, begin, last, f(v + 1, 1), y(p + 1))
         case default
-          call rotate(block, flows, begin, last, frame%dimension, f, y(p + 1))
+          call rotate(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
         end select
       end associate
     end do
-
-  contains
-
-    ! The m coefficients of each flow after the first v
-    subroutine combine_fields(v, m)
-      integer, intent(in) :: v, m
-      integer :: j, k
-
-      do j = begin, last
-        associate (field => fields(:m, j - begin + 1))
-          k = flows%first(j)
-          field = flows%weight(k) * f(v + 1:v + m, flows%stage(k))
-          do k = k + 1, flows%first(j + 1) - 1
-            field = field + flows%weight(k) * f(v + 1:v + m, flows%stage(k))
-          end do
-        end associate
-      end do
-    end subroutine combine_fields
-
   end subroutine apply_flows
+
+  ! Adds all terms of all flows to a point of Euclidean space.
+  pure subroutine translate(n, terms, weight, stage, m, f, y)
+    integer, intent(in) :: n, terms
+    real(wp), intent(in) :: weight(terms)
+    integer, intent(in) :: stage(terms)
+    integer, intent(in) :: m                 ! coefficients of the frame
+    real(wp), intent(in) :: f(m, *)
+    real(wp), intent(inout) :: y(n)
+    integer :: k
+
+    if (n == 3) then                         ! a size that the compiler knows
+      do k = 1, terms
+        y(1:3) = y(1:3) + weight(k) * f(1:3, stage(k))
+      end do
+    else
+      do k = 1, terms
+        y = y + weight(k) * f(1:n, stage(k))
+      end do
+    end if
+  end subroutine translate
+
+  ! Moves a matrix of any size, or a point whose flows are outside of compiled code.
+  subroutine move_matrix(frame, block, flows, begin, last, f, y)
+    type(frame_t), intent(in) :: frame
+    type(block_t), intent(in) :: block
+    type(flow_sequence_t), intent(in) :: flows
+    integer, intent(in) :: begin, last
+    real(wp), intent(in) :: f(frame%dimension, *)
+    real(wp), intent(inout) :: y(block%point_size)
+    real(wp) :: v(block%dimension, begin:last)               ! coefficients of each flow
+    integer :: j, k
+
+    do j = begin, last
+      k = flows%first(j)
+      v(:, j) = flows%weight(k) * f(:block%dimension, flows%stage(k))
+      do k = k + 1, flows%first(j + 1) - 1
+        v(:, j) = v(:, j) + flows%weight(k) * f(:block%dimension, flows%stage(k))
+      end do
+    end do
+    select case (block%kind)
+    case (so_block)
+      call move_orthogonal(block%size, block%space, v, y)
+    case (isospectral_block)
+      call move_isospectral(block%size, v, y)
+    case (su_block, u_block)
+      call move_unitary(block%kind, block%size, block%space, v, y)
+    case (callback_block)
+      call frame%callback%apply(flow_operation, reshape(v, [size(v)]), (y), y)
+    end select
+  end subroutine move_matrix
 
   ! Moves a point that one quaternion rotates, which is the product of the rotations of all flows. Its
   ! length is 1 except for rounding.
@@ -216,12 +231,14 @@ contains
     real(wp), intent(inout) :: y(block%point_size)
     real(wp) :: q(4), e(4), half, sinc, side
     logical :: left
-    integer :: j
+    integer :: j, k
 
     left = block%space .or. block%kind == sphere_block
     side = merge(1.0_wp, -1.0_wp, left)
     do j = begin, last
-      call exponential(combined(flows, j, m, f, block%vectors), e, half, sinc)
+      k = flows%first(j)
+      call exponential(combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f), e, &
+                       half, sinc)
       if (j == begin) then
         q(1) = e(1)            ! one by one: loads of pairs would wait for the stores
         q(2) = e(2)
@@ -250,18 +267,18 @@ contains
     end select
   end subroutine rotate
 
-  ! Three coefficients of flow j, those after the first `before`
-  pure function combined(flows, j, m, f, before)
-    type(flow_sequence_t), intent(in) :: flows
-    integer, intent(in) :: j, m, before
+  ! The first three coefficients of a flow
+  pure function combined(terms, weight, stage, m, f)
+    integer, intent(in) :: terms, m
+    real(wp), intent(in) :: weight(terms)
+    integer, intent(in) :: stage(terms)
     real(wp), intent(in) :: f(m, *)
     real(wp) :: combined(3)
     integer :: k
 
-    k = flows%first(j)
-    combined = flows%weight(k) * f(before + 1:before + 3, flows%stage(k))
-    do k = k + 1, flows%first(j + 1) - 1
-      combined = combined + flows%weight(k) * f(before + 1:before + 3, flows%stage(k))
+    combined = weight(1) * f(1:3, stage(1))
+    do k = 2, terms
+      combined = combined + weight(k) * f(1:3, stage(k))
     end do
   end function combined
 
@@ -302,13 +319,14 @@ contains
     real(wp), intent(in) :: f(m, *)
     real(wp), intent(inout) :: y(16)
     real(wp) :: q(4), e(4), x(3), u(3), v(3), n(3), half, sinc, a, b
-    integer :: j
+    integer :: j, k
 
     q = [0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
     x = 0.0_wp
     do j = begin, last
-      v = combined(flows, j, m, f, block%vectors)
-      u = combined(flows, j, m, f, block%vectors + 3)
+      k = flows%first(j)
+      v = combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f)
+      u = combined(flows%first(j + 1) - k, flows%weight(k), flows%stage(k), m, f(4, 1))
       call exponential(v, e, half, sinc)
       n = v / (2 * half)
       a = sinc * e(4)
