@@ -28,11 +28,13 @@ subroutine call_field(function_address, data_address, data_stride, t, members, n
   end do
 end subroutine call_field
 
-! The address of the function in C that calls one of Python
-subroutine python_field_address(address)
+! The addresses of functions of the type rhs_i: those that call a function of Python, whose data are
+! the user data or a member's, and the right-hand side of a solution with its derivatives
+subroutine function_addresses(python_field, python_member, variational)
   use, intrinsic :: iso_c_binding, only: c_double, c_funloc, c_int, c_intptr_t, c_ptr
+  use variational_m, only: variational_field
   implicit none
-  integer(c_intptr_t), intent(out) :: address
+  integer(c_intptr_t), intent(out) :: python_field, python_member, variational
 
   interface
 
@@ -45,20 +47,21 @@ subroutine python_field_address(address)
       integer(c_int) :: code
     end function call_python_field
 
+    function call_python_member(t, y, f, user_data) bind(c) result(code)
+      import :: c_double, c_int, c_ptr
+      real(c_double), value, intent(in) :: t
+      real(c_double), intent(in) :: y(*)
+      real(c_double), intent(inout) :: f(*)
+      type(c_ptr), value, intent(in) :: user_data
+      integer(c_int) :: code
+    end function call_python_member
+
   end interface
 
-  address = transfer(c_funloc(call_python_field), address)
-end subroutine python_field_address
-
-! The address of the right-hand side of a solution with its derivatives
-subroutine variational_field_address(address)
-  use, intrinsic :: iso_c_binding, only: c_funloc, c_intptr_t
-  use variational_m, only: variational_field
-  implicit none
-  integer(c_intptr_t), intent(out) :: address
-
-  address = transfer(c_funloc(variational_field), address)
-end subroutine variational_field_address
+  python_field = transfer(c_funloc(call_python_field), python_field)
+  python_member = transfer(c_funloc(call_python_member), python_member)
+  variational = transfer(c_funloc(variational_field), variational)
+end subroutine function_addresses
 
 ! The coefficients of the flows from points x to points y
 subroutine frame_difference(blocks, description, points, x, y, fields, v)

@@ -350,25 +350,3 @@ subroutine equal_steps(start, stop, h, steps, last)
   steps = grid%steps
   last = grid%last
 end subroutine equal_steps
-
-! The address of the function in C that calls one of Python whose data are those of a member
-subroutine python_member_address(address)
-  use, intrinsic :: iso_c_binding, only: c_double, c_funloc, c_int, c_intptr_t, c_ptr
-  implicit none
-  integer(c_intptr_t), intent(out) :: address
-
-  interface
-
-    function call_python_member(t, y, f, user_data) bind(c) result(code)
-      import :: c_double, c_int, c_ptr
-      real(c_double), value, intent(in) :: t
-      real(c_double), intent(in) :: y(*)
-      real(c_double), intent(inout) :: f(*)
-      type(c_ptr), value, intent(in) :: user_data
-      integer(c_int) :: code
-    end function call_python_member
-
-  end interface
-
-  address = transfer(c_funloc(call_python_member), address)
-end subroutine python_member_address

@@ -13,7 +13,7 @@ module error_norm_m
 
   ! What chooses the steps of a pair
   type :: tolerances_t
-    real(wp), allocatable :: atol(:)       ! (dimension of a member), or its point_size
+    real(wp), allocatable :: atol(:)       ! (width)
     real(wp) :: rtol = 0.0_wp
     logical :: in_entries = .false.        ! whether differences are those of entries
     integer :: parts = 1                   ! numbers of an entry: 2 if it is complex
@@ -22,9 +22,6 @@ module error_norm_m
   end type tolerances_t
 
 contains
-
-  ! Results are put into arrays of the caller, which knows of their memory: temporary arrays of an
-  ! ensemble may be large, and nothing tells if there is no room for them.
 
   ! How many numbers a difference has
   pure integer function width(frame, tolerances)
@@ -81,19 +78,15 @@ contains
     type(tolerances_t), intent(in) :: tolerances
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
     real(wp), contiguous, intent(out) :: found(:)      ! (width)
-    integer :: i, m, counted
+    integer :: counted
 
     if (.not. tolerances%in_entries) then
       call sizes(frame, y, found)
       return
     end if
-    m = size(tolerances%atol)
     counted = count(tolerances%atol <= huge(1.0_wp))
-    do i = 0, size(y) / m - 1
-      found(i * m + 1:i * m + m) = &
-        norm2(merge(y(i * m + 1:i * m + m), 0.0_wp, tolerances%atol <= huge(1.0_wp))) &
-        / sqrt(real(counted / tolerances%parts, wp))
-    end do
+    found = norm2(merge(y, 0.0_wp, tolerances%atol <= huge(1.0_wp))) &
+            / sqrt(real(counted / tolerances%parts, wp))
   end subroutine point_sizes
 
   ! The tolerances at the larger of two points, all positive
@@ -103,16 +96,10 @@ contains
     real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
     real(wp), contiguous, intent(out) :: spare(:)      ! (width) workspace
     real(wp), contiguous, intent(out) :: found(:)      ! (width)
-    integer :: i, m
 
     call point_sizes(frame, tolerances, x, spare)
     call point_sizes(frame, tolerances, y, found)
-    found = tolerances%rtol * max(found, spare)
-    m = size(tolerances%atol)
-    do i = 0, size(found) / m - 1
-      found(i * m + 1:i * m + m) = found(i * m + 1:i * m + m) + tolerances%atol
-    end do
-    found = max(found, tiny(1.0_wp))
+    found = max(tolerances%rtol * max(found, spare) + tolerances%atol, tiny(1.0_wp))
   end subroutine scales
 
   ! The root mean square of a difference in tolerances. Numbers whose tolerance is infinite don't count.

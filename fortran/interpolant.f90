@@ -30,7 +30,7 @@ module interpolant_m
   implicit none
   private
   public :: scheme_t, interpolant_t, add_node, begin_interpolant, evaluate_interpolant, &
-            flows_of_evaluation, next_node, reserve_interpolant
+            flows_of_evaluation, next_node, reserve_interpolant, set_ends
 
   ! What depends on the method
   type :: scheme_t
@@ -91,17 +91,12 @@ contains
               interpolant%flows%stage(size(scheme%weight, 2) * scheme%nodes + 1), stat=memory)
   end subroutine reserve_interpolant
 
-  subroutine begin_interpolant(frame, scheme, free, t0, h, y0, y1, first, last, stages, &
-                               interpolant, exists)
-    type(frame_t), intent(in) :: frame
-    type(scheme_t), intent(in) :: scheme
-    logical, intent(in) :: free              ! whether coordinates are known from the ends
+  ! Gives an interpolant the ends of its step.
+  pure subroutine set_ends(interpolant, t0, h, y0, y1, first, last)
+    type(interpolant_t), intent(inout) :: interpolant
     real(wp), intent(in) :: t0, h
     real(wp), contiguous, intent(in) :: y0(:), y1(:)         ! (point_size)
     real(wp), contiguous, intent(in) :: first(:), last(:)    ! (dimension) coefficients at the ends
-    real(wp), intent(in) :: stages(:, :)     ! (dimension, stages) of a flat method, derivatives
-    type(interpolant_t), intent(inout) :: interpolant
-    logical, intent(out) :: exists           ! false if the step is too long for coordinates
 
     interpolant%t0 = t0
     interpolant%h = h
@@ -109,6 +104,17 @@ contains
     interpolant%y1(:) = y1
     interpolant%field(:, 1) = first
     interpolant%field(:, 2) = last
+  end subroutine set_ends
+
+  ! Makes what is known of the interpolant from the ends and the stages of its step.
+  subroutine begin_interpolant(frame, scheme, free, stages, interpolant, exists)
+    type(frame_t), intent(in) :: frame
+    type(scheme_t), intent(in) :: scheme
+    logical, intent(in) :: free              ! whether coordinates are known from the ends
+    real(wp), intent(in) :: stages(:, :)     ! (dimension, stages) of a flat method, derivatives
+    type(interpolant_t), intent(inout) :: interpolant
+    logical, intent(out) :: exists           ! false if the step is too long for coordinates
+
     interpolant%nexp = 0
     interpolant%complete = .false.
     interpolant%on_algebra = scheme%flat .or. free
@@ -117,7 +123,8 @@ contains
       exists = .true.
       return
     end if
-    associate (k => interpolant%next, final => scheme%final)
+    associate (k => interpolant%next, final => scheme%final, h => interpolant%h, &
+               first => interpolant%field(:, 1), last => interpolant%field(:, 2))
       if (scheme%flat) then
         k(:, :size(stages, 2)) = stages
         interpolant%known = max(size(stages, 2), final)

@@ -5,7 +5,7 @@ module lapack_m
                                          c_f_procpointer, c_null_funptr
   implicit none
   private
-  public :: set_lapack, lapack_is_set, gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
+  public :: set_lapack, gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
 
   abstract interface
     subroutine syrk_i(uplo, trans, n, k, alpha, a, lda, beta, c, ldc) bind(c)
@@ -59,11 +59,6 @@ contains
     call c_f_procpointer(transfer(addresses(3), c_null_funptr), dpotrs)
     call c_f_procpointer(transfer(addresses(4), c_null_funptr), dgeqrf)
   end subroutine set_lapack
-
-  logical function lapack_is_set()
-    lapack_is_set = associated(dsyrk) .and. associated(dpotrf) .and. associated(dpotrs) &
-      .and. associated(dgeqrf)
-  end function lapack_is_set
 
   ! The lower triangle of a a^T.
   subroutine gram_matrix(a, gram)

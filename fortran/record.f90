@@ -5,8 +5,8 @@ module record_m
   use interpolant_m, only: flows_of_evaluation
   use output_m, only: keep_dense, keep_step, output_t
   use step_events_m, only: crosses, keep_events, locate_events
-  use trajectory_m, only: begin_segment, choose_step, ended, fail, known_end, problem_t, &
-                              record_step, request, trajectory_t
+  use trajectory_m, only: begin_segment, choose_step, ended, evaluate_events, fail, known_end, &
+                              problem_t, record_step, request, trajectory_t
   use within_step_m, only: interpolate, point_at
   use iso_fortran_env, only: int64
   use shared_numbers, only: jumps_without_progress, paused, raised, terminal_event
@@ -24,6 +24,7 @@ contains
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     type(output_t), intent(in) :: output
+    real(wp) :: values(size(trajectory%value))
     logical :: stopped
     integer :: i
 
@@ -35,12 +36,10 @@ contains
         if ((output%times(x%used + 1) - x%end) * sign(1.0_wp, x%h) < 0) x%within = .true.
       end if
       x%crossed = .false.
+      call evaluate_events(problem, trajectory, x%end, x%y(:, x%result), values, stopped)
+      if (stopped) return
+      x%value_after = values
       do i = 1, size(x%value)
-        call problem%events%value(x%member, i, x%end, x%y(:, x%result), x%value_after(i), stopped)
-        if (stopped) then
-          call fail(x, raised, x%end)
-          return
-        end if
         if (crosses(problem, x, i)) x%crossed = .true.
         if (crosses(problem, x, i) .and. abs(x%value_after(i)) > 0) x%within = .true.
       end do
@@ -138,8 +137,7 @@ contains
     real(wp), contiguous, intent(in) :: y(:)
     integer, intent(in) :: event                       ! that ended the step, 0 for none
     logical :: ends, stopped
-    real(wp) :: size_of
-    integer :: i
+    real(wp) :: size_of, values(size(trajectory%value))
 
     associate (x => trajectory)
       ends = .not. abs(t - problem%stops(x%segment)) > 0
@@ -167,13 +165,9 @@ contains
         call fail(x, jumps_without_progress, t)
         return
       end if
-      do i = 1, size(x%value)
-        call problem%events%value(x%member, i, t, y, x%value(i), stopped)
-        if (stopped) then
-          call fail(x, raised, t)
-          return
-        end if
-      end do
+      call evaluate_events(problem, trajectory, t, y, values, stopped)
+      if (stopped) return
+      x%value = values
       ! where the jump leaves the function at its zero, the same event can't happen again
       if (abs(x%value(event)) <= small_value * size_of) then
         x%jumped_from = x%value(event)

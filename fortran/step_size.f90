@@ -6,10 +6,10 @@ module step_size_m
   use error_norm_m, only: norm, point_sizes, scales, tangent
   use frames_m, only: flow_along, restore
   use time_grid_m, only: make_grid
-  use trajectory_m, only: choose_step, copy, ended, fail, guess_first, known_curvature, &
+  use trajectory_m, only: choose_step, copy, ended, evaluate_events, fail, guess_first, known_curvature, &
                               known_start, problem_t, request, shared_guess, shared_size, take_stage, &
                               trajectory_t
-  use shared_numbers, only: needs_minimum, raised, slope_not_finite, step_too_small, &
+  use shared_numbers, only: needs_minimum, slope_not_finite, step_too_small, &
                             too_many_steps
   implicit none
   private
@@ -20,8 +20,8 @@ contains
   subroutine begin(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: values(size(trajectory%value))
     logical :: stopped
-    integer :: i
 
     if (.not. abs(problem%stops(trajectory%segment) - trajectory%t) > 0) then
       if (trajectory%segment == size(problem%stops)) then
@@ -47,12 +47,8 @@ contains
     end if
     if (.not. associated(problem%events)) return
     if (any(trajectory%count > 0) .or. trajectory%steps > 0) return
-    do i = 1, problem%events%count
-      call problem%events%value(trajectory%member, i, trajectory%t, trajectory%y(:, 0), &
-                                trajectory%value(i), stopped)
-      if (stopped) call fail(trajectory, raised, trajectory%t)
-      if (stopped) return
-    end do
+    call evaluate_events(problem, trajectory, trajectory%t, trajectory%y(:, 0), values, stopped)
+    if (.not. stopped) trajectory%value = values
   end subroutine begin
 
   ! A first size from the norms of the point and of its derivative

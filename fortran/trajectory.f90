@@ -16,7 +16,7 @@ module trajectory_m
                             raised, raised_in_python, stage_not_finite, stopped_by_field
   implicit none
   private
-  public :: events_t, problem_t, trajectory_t, copy, fail, finite, follow_grid, go_on, load_state, &
+  public :: events_t, problem_t, trajectory_t, copy, evaluate_events, fail, finite, follow_grid, go_on, load_state, &
             reject_stage, request, judge_reply, save_state, set_start, start, begin_segment, &
             guess_first, choose_step, take_stage, finish_step, judge_step, accept_step, ask_end, &
             take_node, record_step, known_start, known_curvature, known_stage, known_end, &
@@ -366,6 +366,25 @@ contains
       call fail(trajectory, status, t)
     end select
   end subroutine reject_stage
+
+  ! The functions whose zeros are events, at a point; the trajectory fails if one has no value.
+  subroutine evaluate_events(problem, trajectory, t, y, values, stopped)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), intent(inout) :: values(:)               ! (events)
+    logical, intent(out) :: stopped
+    integer :: i
+
+    stopped = .false.
+    do i = 1, size(values)
+      call problem%events%value(trajectory%member, i, t, y, values(i), stopped)
+      if (.not. stopped) cycle
+      call fail(trajectory, raised, t)
+      return
+    end do
+  end subroutine evaluate_events
 
   subroutine fail(trajectory, status, t)
     type(trajectory_t), intent(inout) :: trajectory

@@ -3,6 +3,7 @@
 module unitary_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
+  use orthogonal_m, only: skew_coefficients, skew_matrix
   use shared_numbers, only: so_block, su_block, u_block
   implicit none
   private
@@ -21,22 +22,15 @@ contains
     integer, intent(in) :: kind, n
     real(wp), intent(in) :: v(:)                 ! (dimension)
     complex(wp), intent(out) :: x(n, n)
-    real(wp) :: d
+    real(wp) :: skew(n, n), d
     integer :: i, j, k
 
-    x = zero
     if (kind == so_block) then
-      k = size(v)
-      do i = 1, n
-        do j = i + 1, n
-          d = merge(v(k), -v(k), modulo(i + j, 2) == 1)
-          x(j, i) = cmplx(d, 0.0_wp, wp)
-          x(i, j) = -x(j, i)
-          k = k - 1
-        end do
-      end do
+      call skew_matrix(n, v, skew)
+      x = cmplx(skew, 0.0_wp, wp)
       return
     end if
+    x = zero
     k = 1
     do j = 2, n
       do i = 1, j - 1
@@ -68,14 +62,7 @@ contains
     integer :: i, j, k
 
     if (kind == so_block) then
-      k = size(v)
-      do i = 1, n
-        do j = i + 1, n
-          v(k) = real(x(j, i) - x(i, j), wp) / 2
-          if (modulo(i + j, 2) == 0) v(k) = -v(k)
-          k = k - 1
-        end do
-      end do
+      call skew_coefficients(n, (real(x, wp) - transpose(real(x, wp))) / 2, v)
       return
     end if
     k = 1

@@ -2,7 +2,7 @@
 module within_step_m
   use kinds, only: wp
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
-                               flows_of_evaluation, next_node, reserve_interpolant
+                               flows_of_evaluation, next_node, reserve_interpolant, set_ends
   use trajectory_m, only: ask_end, fail, known_node, problem_t, record_step, reject_stage, &
                               request, take_node, trajectory_t
   use iso_fortran_env, only: int64
@@ -53,9 +53,10 @@ contains
     logical :: exists
 
     associate (x => trajectory)
-      call begin_interpolant(problem%frame, problem%scheme, problem%free, x%t, x%end - x%t, &
-                             x%y(:, 0), x%y(:, x%result), x%slope, x%end_slope, x%f, &
-                             x%interpolant, exists)
+      call set_ends(x%interpolant, x%t, x%end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
+                    x%end_slope)
+      call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
+                             exists)
       call go_on_within(problem, trajectory, exists, x%interpolant%nexp)
     end associate
   end subroutine interpolate
@@ -67,8 +68,9 @@ contains
     logical :: exists
 
     associate (x => trajectory)
-      call begin_interpolant(problem%frame, problem%scheme, problem%free, x%t_old, x%h_old, &
-                             x%y_old, x%y(:, 0), x%slope_old, slope, x%f, x%interpolant, exists)
+      call set_ends(x%interpolant, x%t_old, x%h_old, x%y_old, x%y(:, 0), x%slope_old, slope)
+      call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
+                             exists)
       call go_on_within(problem, trajectory, exists, x%interpolant%nexp)
     end associate
   end subroutine interpolate_last

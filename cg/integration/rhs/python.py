@@ -116,9 +116,10 @@ class PythonRhs:
         """Return addresses of the function and of the first member's data, and their distance."""
         import cg._core_r64 as core
 
+        field, member, _ = core.function_addresses()
         if self.parameters is None or self.together:
-            return core.python_field(), self.data_address, 0
-        return core.python_member(), self.data_address, 8
+            return field, self.data_address, 0
+        return member, self.data_address, 8
 
     @property
     def data_address(self) -> int:

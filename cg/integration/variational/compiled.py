@@ -164,9 +164,9 @@ def compiled_variation(
             setattr(record, name, function.address)
             setattr(record, f"{name}_data", function.user_data)
         elif function is not None:
-            setattr(record, name, core.python_field())
+            setattr(record, name, core.function_addresses()[0])
     return CompiledVariation(
-        None, core.variational_field(), 0, variational=variational, plan=plan, args=args,
+        None, core.function_addresses()[2], 0, variational=variational, plan=plan, args=args,
         records=[record], kept=(index, constant),
     )  # fmt: skip
 
