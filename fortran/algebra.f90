@@ -10,7 +10,7 @@ module algebra_m
   use unitary_m, only: algebra_coefficients, algebra_matrix, multiply, times_real
   implicit none
   private
-  public :: dexpinv, shorten
+  public :: dexpinv, remove_isotropy
 
   ! |B_2k| / (2 k)! for k = 1, 2, ..., by the recurrence of Euler: (2 k + 1) b_k is the sum of b_j b_(k-j)
   real(wp), parameter :: b1(1) = [1 / 12.0_wp]
@@ -70,19 +70,19 @@ contains
           call frame%callback%apply(dexpinv_operation, u, (v), v)
           exists = all(abs(v) <= huge(v))
         case (se3_block)
-          call follow_motion(sign, u(k + 1:k + 6), v(k + 1:k + 6), exists)
+          call dexpinv_motion(sign, u(k + 1:k + 6), v(k + 1:k + 6), exists)
         case (so_block, isospectral_block)
-          if (block%size == 3) then                ! a matrix that SO(3) moves
-            call follow_turn(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
+          if (block%n == 3) then                   ! a matrix that SO(3) moves
+            call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
             cycle
           end if
-          call follow_skew(block%size, sign, order, u(k + 1:k + block%dimension), &
+          call dexpinv_skew(block%n, sign, order, u(k + 1:k + block%dimension), &
                            v(k + 1:k + block%dimension), exists)
         case (su_block, u_block)
-          call follow_matrix(block, sign, order, u(k + 1:k + block%dimension), &
+          call dexpinv_unitary(block, sign, order, u(k + 1:k + block%dimension), &
                              v(k + 1:k + block%dimension), exists)
         case default
-          call follow_turn(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
+          call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
         end select
       end associate
     end do
@@ -90,7 +90,7 @@ contains
 
   ! The bracket is the cross product times the sign, whose square is -|u|^2 across u. At small
   ! angles 1 - x cot x is rounding, which is small beside v.
-  pure subroutine follow_turn(sign, u, v, exists)
+  pure subroutine dexpinv_rotation(sign, u, v, exists)
     real(wp), intent(in) :: sign
     real(wp), intent(in) :: u(3)
     real(wp), intent(inout) :: v(3)
@@ -105,27 +105,27 @@ contains
     end if
     factor = (1 - half * cos(half) / sin(half)) / (4 * half**2)
     v = v - (sign / 2) * once + factor * cross(u, once)
-  end subroutine follow_turn
+  end subroutine dexpinv_rotation
 
   ! The series up to the power order - 2 of u
-  subroutine follow_matrix(block, sign, order, u, v, exists)
+  subroutine dexpinv_unitary(block, sign, order, u, v, exists)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: sign
     integer, intent(in) :: order
     real(wp), intent(in) :: u(:)
     real(wp), intent(inout) :: v(:)
     logical, intent(inout) :: exists
-    complex(wp), dimension(block%size, block%size) :: x, power, product, total
+    complex(wp), dimension(block%n, block%n) :: x, power, product, total
     real(wp) :: bound
     integer :: j
 
     if (order < 3) return
-    call algebra_matrix(block%kind, block%size, u, x)
-    call algebra_matrix(block%kind, block%size, v, power)
+    call algebra_matrix(block%kind, block%n, u, x)
+    call algebra_matrix(block%kind, block%n, v, power)
     bound = sqrt(2.0_wp) * length(x)             ! no difference of eigenvalues is larger
     if (bound >= radius) then
       total = times_real(1 / max(length(power), smallest), power)
-      call raise(total)
+      call apply_bracket(total)
       if (length(total) <= commute * bound) return
       if (.not. growth(total) < radius) then
         exists = .false.
@@ -133,33 +133,33 @@ contains
       end if
     end if
     total = power
-    call raise(power)
+    call apply_bracket(power)
     total = total + times_real(-0.5_wp, power)
     do j = 1, min((order - 2) / 2, size(b23))
-      if (j > 1) call raise(power)
-      call raise(power)
+      if (j > 1) call apply_bracket(power)
+      call apply_bracket(power)
       total = total + times_real(merge(b23(j), -b23(j), modulo(j, 2) == 1), power)
     end do
-    call algebra_coefficients(block%kind, block%size, total, v)
+    call algebra_coefficients(block%kind, block%n, total, v)
 
   contains
 
     ! The bracket with x, both being skew-Hermitian
-    subroutine raise(power)
-      complex(wp), intent(inout) :: power(block%size, block%size)
+    subroutine apply_bracket(power)
+      complex(wp), intent(inout) :: power(block%n, block%n)
       integer :: i, j
 
-      call multiply(block%size, x, power, product)
-      do j = 1, block%size
-        do i = 1, block%size
+      call multiply(block%n, x, power, product)
+      do j = 1, block%n
+        do i = 1, block%n
           power(i, j) = times_real(sign, product(i, j) - conjg(product(j, i)))
         end do
       end do
-    end subroutine raise
+    end subroutine apply_bracket
 
     ! The factor by which high powers grow, from the first one
     real(wp) function growth(power)
-      complex(wp), intent(inout) :: power(block%size, block%size)
+      complex(wp), intent(inout) :: power(block%n, block%n)
       real(wp) :: factor
       integer :: k
 
@@ -167,7 +167,7 @@ contains
       factor = length(power)
       do k = 2, powers
         power = times_real(1 / factor, power)
-        call raise(power)
+        call apply_bracket(power)
         factor = length(power)
         if (factor <= commute * bound) then
           growth = 0.0_wp
@@ -177,10 +177,10 @@ contains
       end do
     end function growth
 
-  end subroutine follow_matrix
+  end subroutine dexpinv_unitary
 
   ! The same in real numbers
-  subroutine follow_skew(n, sign, order, u, v, exists)
+  subroutine dexpinv_skew(n, sign, order, u, v, exists)
     integer, intent(in) :: n                         ! rows
     real(wp), intent(in) :: sign
     integer, intent(in) :: order
@@ -197,7 +197,7 @@ contains
     bound = norm2(x)                                 ! no sum of two angles is larger
     if (bound >= radius) then
       total = power / max(norm2(power), smallest)
-      call raise(total)
+      call apply_bracket(total)
       if (norm2(total) <= commute * bound) return
       if (.not. growth(total) < radius) then
         exists = .false.
@@ -205,23 +205,23 @@ contains
       end if
     end if
     total = power
-    call raise(power)
+    call apply_bracket(power)
     total = total - power / 2
     do j = 1, min((order - 2) / 2, size(b23))
-      if (j > 1) call raise(power)
-      call raise(power)
+      if (j > 1) call apply_bracket(power)
+      call apply_bracket(power)
       total = total + merge(b23(j), -b23(j), modulo(j, 2) == 1) * power
     end do
     call skew_coefficients(n, total, v)
 
   contains
 
-    subroutine raise(power)
+    subroutine apply_bracket(power)
       real(wp), intent(inout) :: power(n, n)
 
       call skew_bracket(n, x, power, next)
       power = next
-    end subroutine raise
+    end subroutine apply_bracket
 
     real(wp) function growth(power)
       real(wp), intent(inout) :: power(n, n)
@@ -232,7 +232,7 @@ contains
       factor = norm2(power)
       do k = 2, powers
         power = power / factor
-        call raise(power)
+        call apply_bracket(power)
         factor = norm2(power)
         if (factor <= commute * bound) then
           growth = 0.0_wp
@@ -242,7 +242,7 @@ contains
       end do
     end function growth
 
-  end subroutine follow_skew
+  end subroutine dexpinv_skew
 
   pure real(wp) function length(x)
     complex(wp), intent(in) :: x(:, :)
@@ -252,7 +252,7 @@ contains
 
   ! ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4, with the value and
   ! the derivative of the series at the eigenvalues of ad
-  pure subroutine follow_motion(sign, u, v, exists)
+  pure subroutine dexpinv_motion(sign, u, v, exists)
     real(wp), intent(in) :: sign
     real(wp), intent(in) :: u(6)
     real(wp), intent(inout) :: v(6)
@@ -271,7 +271,7 @@ contains
     sum = sum + a * power
     power = bracket(u, bracket(u, power))
     v = sum + b * power
-  end subroutine follow_motion
+  end subroutine dexpinv_motion
 
   pure subroutine motion_factors(square, a, b)
     real(wp), intent(in) :: square           ! of the angle
@@ -316,7 +316,7 @@ contains
   end function cross
 
   ! Leaves out what moves no point: of turns of a sphere, those about the point
-  subroutine shorten(frame, y, v)
+  subroutine remove_isotropy(frame, y, v)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)         ! (point_size)
     real(wp), contiguous, intent(inout) :: v(:)      ! (dimension)
@@ -332,6 +332,6 @@ contains
                          - dot_product(v(k + 1:k + 3), y(p + 1:p + 3)) * y(p + 1:p + 3)
       end associate
     end do
-  end subroutine shorten
+  end subroutine remove_isotropy
 
 end module algebra_m

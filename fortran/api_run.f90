@@ -199,7 +199,7 @@ subroutine loop_continue(address, segments, stops)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use kinds, only: wp
   use run_m, only: run_at, run_t
-  use trajectory_m, only: go_on
+  use trajectory_m, only: continue_run
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: segments
@@ -210,7 +210,7 @@ subroutine loop_continue(address, segments, stops)
   run => run_at(address)
   run%problem%stops = stops
   do i = 1, size(run%lanes)
-    call go_on(run%lanes(i))
+    call continue_run(run%lanes(i))
   end do
   run%busy = .true.
   run%next = size(run%lanes) + 1

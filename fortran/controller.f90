@@ -14,12 +14,12 @@ module controller_m
   ! Powers of the last error and of the one before it, times the exponent
   real(wp), parameter :: last_power = 0.7_wp
   real(wp), parameter :: before_last_power = 0.4_wp
-  real(wp), parameter :: least_last_error = 1e-4_wp
+  real(wp), parameter :: min_last_error = 1e-4_wp
   ! What the first step's error is meant to be, in tolerances
   real(wp), parameter :: first_error = 0.01_wp
   ! A size or a slope below this many tolerances tells nothing, and the first guess is this fraction
   ! of the span.
-  real(wp), parameter :: nothing = 1e-5_wp
+  real(wp), parameter :: negligible = 1e-5_wp
   real(wp), parameter :: blind_fraction = 1e-6_wp
   real(wp), parameter :: smallest_step = 10.0_wp      ! in spacings of numbers at the time
 
@@ -49,7 +49,7 @@ contains
     end if
     if (after_rejection) factor = min(factor, 1.0_wp)
     next = taken * factor
-    last_error = max(error, least_last_error)
+    last_error = max(error, min_last_error)
   end subroutine accepted_size
 
   ! The size to try, negative if it is below the resolution of time, unless it leads to the end. That
@@ -72,7 +72,7 @@ contains
     real(wp), intent(in) :: span           ! of the whole integration
 
     first_guess = blind_fraction * span
-    if (point > nothing .and. slope * span > nothing) first_guess = 0.01_wp * point / slope
+    if (point > negligible .and. slope * span > negligible) first_guess = 0.01_wp * point / slope
   end function first_guess
 
   ! A better one, huge if any would do. The rate at which the solution changes stands for its

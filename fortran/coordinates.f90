@@ -59,9 +59,9 @@ contains
     case (se3_block)
       v = twist(block, x, y)
     case (sphere_block)
-      v = shortest_turn(x, y)
+      v = smallest_rotation(x, y)
     case (so_block, su_block, u_block)
-      call unitary_difference(block%kind, block%size, block%space, x, y, v)
+      call unitary_difference(block%kind, block%n, block%space, x, y, v)
     case default                           ! there are no such coordinates
       v = ieee_value(v, ieee_quiet_nan)
     end select
@@ -204,7 +204,7 @@ contains
     cross(3) = u(1) * v(2) - u(2) * v(1)
   end function cross
 
-  pure function shortest_turn(x, y) result(v)
+  pure function smallest_rotation(x, y) result(v)
     real(wp), intent(in) :: x(3), y(3)
     real(wp) :: v(3), short(3)
     real(wp) :: sine, cosine
@@ -220,6 +220,6 @@ contains
     else if (.not. cosine > 0) then
       v = ieee_value(sine, ieee_quiet_nan)
     end if
-  end function shortest_turn
+  end function smallest_rotation
 
 end module coordinates_m

@@ -64,7 +64,7 @@ contains
         if (frame%blocks(i)%kind == callback_block) then
           call frame%callback%apply(tangent_operation, v, y, found)
         else
-          call isospectral_tangent(frame%blocks(i)%size, v(k + 1:k + m), y(p + 1:p + n), &
+          call isospectral_tangent(frame%blocks(i)%n, v(k + 1:k + m), y(p + 1:p + n), &
                                    found(p + 1:p + n))
         end if
       end associate

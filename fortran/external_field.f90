@@ -1,7 +1,8 @@
 ! A vector field that is a function in C, in double precision:
 !   int rhs(double t, const double *y, double *f, void *user_data)
 module external_field_m
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_intptr_t, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_intptr_t, &
+                                         c_ptr
   implicit none
   private
   public :: field_at, rhs_i

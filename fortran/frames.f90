@@ -38,7 +38,7 @@ module frames_m
     integer :: kind = 0
     logical :: space = .false.
     logical :: scalar_first = .false.
-    integer :: size = 0         ! n of R^n, SO(n), SU(n), U(n), rows of isospectral matrices
+    integer :: n = 0            ! n of R^n, SO(n), SU(n), U(n), rows of isospectral matrices
     integer :: constants = 0    ! constants of the blocks before
     integer :: vectors = 0      ! coefficients of the blocks before
     integer :: points = 0       ! entries of the points of the blocks before
@@ -87,11 +87,11 @@ contains
         block%vectors = frame%dimension
         block%points = frame%point_size
         block%dimension = 3
-        block%size = description(2, i)
+        block%n = description(2, i)
         select case (block%kind)
         case (euclidean_block)
-          block%dimension = block%size
-          block%point_size = block%size
+          block%dimension = block%n
+          block%point_size = block%n
         case (so3_block)
           block%point_size = 9
         case (quaternion_block)
@@ -104,21 +104,21 @@ contains
         case (su2_block)
           block%point_size = 8
         case (so_block)
-          block%dimension = block%size * (block%size - 1) / 2
-          block%point_size = block%size**2
+          block%dimension = block%n * (block%n - 1) / 2
+          block%point_size = block%n**2
         case (su_block)
-          block%dimension = block%size**2 - 1
-          block%point_size = 2 * block%size**2
+          block%dimension = block%n**2 - 1
+          block%point_size = 2 * block%n**2
         case (u_block)
-          block%dimension = block%size**2
-          block%point_size = 2 * block%size**2
+          block%dimension = block%n**2
+          block%point_size = 2 * block%n**2
         case (isospectral_block)
-          block%dimension = block%size * (block%size - 1) / 2
-          block%point_size = block%size**2
+          block%dimension = block%n * (block%n - 1) / 2
+          block%point_size = block%n**2
           block%constants = used
-          used = used + block%size
+          used = used + block%n
         case (callback_block)
-          block%dimension = block%size
+          block%dimension = block%n
           block%point_size = options
         case default
           error stop 'make_frame: there is no such block'
@@ -210,11 +210,11 @@ contains
     end do
     select case (block%kind)
     case (so_block)
-      call move_orthogonal(block%size, block%space, v, y)
+      call move_orthogonal(block%n, block%space, v, y)
     case (isospectral_block)
-      call move_isospectral(block%size, v, y)
+      call move_isospectral(block%n, v, y)
     case (su_block, u_block)
-      call move_unitary(block%kind, block%size, block%space, v, y)
+      call move_unitary(block%kind, block%n, block%space, v, y)
     case (callback_block)
       call frame%callback%apply(flow_operation, reshape(v, [size(v)]), (y), y)
     end select
@@ -251,9 +251,9 @@ contains
 
     select case (block%kind)
     case (so3_block)
-      call turn_matrix(q, left, y(1:3), y(4:6), y(7:9))
+      call rotate_matrix(q, left, y(1:3), y(4:6), y(7:9))
     case (sphere_block)
-      call turn_vector(q, y)
+      call rotate_vector(q, y)
     case (quaternion_block)
       if (block%scalar_first) then
         call multiply(side, q, y(2), y(3), y(4), y(1))
@@ -333,10 +333,10 @@ contains
       b = half * sinc**2
       u = a * u + (1 - a) * dot_product(n, u) * n + b * cross(n, u)
       if (block%space) then
-        call turn_vector(e, x)
+        call rotate_vector(e, x)
         x = x + u
       else
-        call turn_vector(q, u)
+        call rotate_vector(q, u)
         x = x + u
       end if
       call multiply(merge(1.0_wp, -1.0_wp, block%space), e, q(1), q(2), q(3), q(4))
@@ -344,13 +344,13 @@ contains
 
     if (block%space) then
       u = [y(4), y(8), y(12)]
-      call turn_vector(q, u)
+      call rotate_vector(q, u)
       u = u + x
     else
       u = [y(4) + dot_product(y(1:3), x), y(8) + dot_product(y(5:7), x), &
            y(12) + dot_product(y(9:11), x)]
     end if
-    call turn_matrix(q, block%space, y(1:3), y(5:7), y(9:11))
+    call rotate_matrix(q, block%space, y(1:3), y(5:7), y(9:11))
     y(4) = u(1)
     y(8) = u(2)
     y(12) = u(3)
@@ -376,13 +376,13 @@ contains
           y(p + 1:p + n) = (1.5_wp - 0.5_wp * dot_product(y(p + 1:p + n), y(p + 1:p + n))) &
                            * y(p + 1:p + n)
         case (so_block)
-          call to_orthogonal(frame%blocks(i)%size, y(p + 1:p + n))
+          call to_orthogonal(frame%blocks(i)%n, y(p + 1:p + n))
         case (isospectral_block)
-          associate (m => frame%blocks(i)%size, k => frame%blocks(i)%constants)
+          associate (m => frame%blocks(i)%n, k => frame%blocks(i)%constants)
             call restore_isospectral(m, frame%constants(k + 1:k + m), y(p + 1:p + n))
           end associate
         case (su_block, u_block)
-          call restore_unitary(frame%blocks(i)%kind, frame%blocks(i)%size, y(p + 1:p + n))
+          call restore_unitary(frame%blocks(i)%kind, frame%blocks(i)%n, y(p + 1:p + n))
         case (callback_block)
           call frame%callback%apply(restore_operation, (y), (y), y)
         case (su2_block)
@@ -499,17 +499,17 @@ contains
     cross(3) = u(1) * v(2) - u(2) * v(1)
   end function cross
 
-  pure subroutine turn_vector(q, u)
+  pure subroutine rotate_vector(q, u)
     real(wp), intent(in) :: q(4)
     real(wp), intent(inout) :: u(3)
     real(wp) :: twice(3)
 
     twice = 2 * cross(q(1:3), u)
     u = u + q(4) * twice + cross(q(1:3), twice)
-  end subroutine turn_vector
+  end subroutine rotate_vector
 
   ! The matrix with rows x, y, z times the rotation of q, which stands at its left or right
-  pure subroutine turn_matrix(q, left, x, y, z)
+  pure subroutine rotate_matrix(q, left, x, y, z)
     real(wp), intent(in) :: q(4)
     logical, intent(in) :: left
     real(wp), intent(inout) :: x(3), y(3), z(3)
@@ -538,6 +538,6 @@ contains
       y = y(1) * a + y(2) * b + y(3) * c
       z = z(1) * a + z(2) * b + z(3) * c
     end if
-  end subroutine turn_matrix
+  end subroutine rotate_matrix
 
 end module frames_m

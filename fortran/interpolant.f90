@@ -143,11 +143,11 @@ contains
         if (exists) call dexpinv(frame, scheme%series, h * k(:, 2), k(:, final), exists)
       end if
     end associate
-    call settle(frame, scheme, interpolant, exists)
+    call finish_or_fall_back(frame, scheme, interpolant, exists)
   end subroutine begin_interpolant
 
   ! Steps that are too long for coordinates may still be those of other methods.
-  subroutine settle(frame, scheme, interpolant, exists)
+  subroutine finish_or_fall_back(frame, scheme, interpolant, exists)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
     type(interpolant_t), intent(inout) :: interpolant
@@ -160,7 +160,7 @@ contains
       interpolant%on_algebra = .false.
       call begin_flows(frame, scheme, interpolant)
     end if
-  end subroutine settle
+  end subroutine finish_or_fall_back
 
   ! The coordinates of y1, on the branch on which the solution leads there: from those that the
   ! coefficients at both ends suggest, by Newton's method
@@ -263,7 +263,7 @@ contains
         interpolant%next(:, n + 1) = f
         call dexpinv(frame, scheme%series, interpolant%u, interpolant%next(:, n + 1), exists)
         n = n + 1
-        call settle(frame, scheme, interpolant, exists)
+        call finish_or_fall_back(frame, scheme, interpolant, exists)
         return
       end if
       interpolant%next(:, interpolant%node) = f
@@ -272,7 +272,7 @@ contains
       interpolant%field(:, n + 1) = interpolant%field(:, n)
       interpolant%field(:, 2:n) = interpolant%next(:, 2:n)
       n = n + 1
-      call close_level(frame, scheme, interpolant)
+      call add_last_flow(frame, scheme, interpolant)
     end associate
   end subroutine add_node
 
@@ -282,11 +282,11 @@ contains
     type(interpolant_t), intent(inout) :: interpolant
 
     interpolant%known = 2
-    call close_level(frame, scheme, interpolant)
+    call add_last_flow(frame, scheme, interpolant)
   end subroutine begin_flows
 
   ! The last flow, which leads to the end of the step
-  subroutine close_level(frame, scheme, interpolant)
+  subroutine add_last_flow(frame, scheme, interpolant)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
     type(interpolant_t), intent(inout) :: interpolant
@@ -299,7 +299,7 @@ contains
     interpolant%nexp = interpolant%nexp + flows_of_evaluation(scheme, interpolant)
     interpolant%node = 2
     interpolant%complete = interpolant%known == scheme%nodes
-  end subroutine close_level
+  end subroutine add_last_flow
 
   pure integer function flows_of_evaluation(scheme, interpolant)
     type(scheme_t), intent(in) :: scheme

@@ -7,7 +7,7 @@ module isospectral_m
   private
   public :: move_isospectral, isospectral_tangent, restore_isospectral
 
-  integer, parameter :: most_sweeps = 30
+  integer, parameter :: max_sweeps = 30
 
 contains
 
@@ -91,7 +91,7 @@ contains
     largest = maxval(abs(matrix))
     a = 0.0_wp
     if (largest > 0) a = matrix / largest
-    do sweep = 1, most_sweeps
+    do sweep = 1, max_sweeps
       done = .true.
       do q = 2, n
         do p = 1, q - 1

@@ -15,11 +15,11 @@ module minimum_norm_m
   private
   public :: minimise_norm
 
-  real(wp), parameter :: least_damping = 1.0e-17_wp
-  real(wp), parameter :: least_accurate = 1.0e-22_wp ! the same where J J^T isn't formed
-  real(wp), parameter :: most_damping = 1.0e8_wp
+  real(wp), parameter :: min_damping = 1.0e-17_wp
+  real(wp), parameter :: min_damping_accurate = 1.0e-22_wp  ! the same where J J^T isn't formed
+  real(wp), parameter :: max_damping = 1.0e8_wp
   real(wp), parameter :: probe = 0.1_wp              ! where along p the second derivative is taken
-  real(wp), parameter :: most_bend = 0.75_wp         ! largest |a| / |p| that is trusted
+  real(wp), parameter :: max_bend = 0.75_wp          ! largest |a| / |p| that is trusted
 
 contains
 
@@ -45,7 +45,7 @@ contains
     allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
     allocate (r(conditions), r_trial(conditions), y(conditions), step(size(free)), trial(size(x)))
 
-    least = merge(least_accurate, least_damping, accurate)
+    least = merge(min_damping_accurate, min_damping, accurate)
     status = not_finite
     iterations = 0
     evaluations = 1
@@ -74,7 +74,7 @@ contains
       y = r
       call solve_cholesky(factor, y)
       step = -matmul(y, jac)
-      call bend(problem, x, r, jac, factor, free, step, trial, r_trial)
+      call add_acceleration(problem, x, r, jac, factor, free, step, trial, r_trial)
       trial = x
       trial(free) = x(free) + step
       flag = 0
@@ -99,7 +99,7 @@ contains
       else
         damping = damping*growth
         growth = 2.0_wp*growth
-        if (damping > most_damping) status = no_descent
+        if (damping > max_damping) status = no_descent
       end if
     end do
 
@@ -136,7 +136,7 @@ contains
     end do
   end subroutine factorise
 
-  subroutine bend(problem, x, r, jac, factor, free, step, trial, r_trial)
+  subroutine add_acceleration(problem, x, r, jac, factor, free, step, trial, r_trial)
     class(differentiable_t), intent(inout) :: problem
     real(wp), intent(in) :: x(:)                      ! (unknowns)
     real(wp), intent(in) :: r(:)                      ! (conditions) residual at x
@@ -156,6 +156,6 @@ contains
     second = (2.0_wp/probe)*((r_trial - r)/probe - matmul(jac, step))
     call solve_cholesky(factor, second)
     acceleration = -matmul(second, jac)
-    if (norm2(acceleration) <= most_bend*norm2(step)) step = step + 0.5_wp*acceleration
-  end subroutine bend
+    if (norm2(acceleration) <= max_bend*norm2(step)) step = step + 0.5_wp*acceleration
+  end subroutine add_acceleration
 end module minimum_norm_m

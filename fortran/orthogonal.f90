@@ -90,15 +90,15 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n)
     real(wp), intent(out) :: e(n, n)
-    real(wp) :: scaled(n, n), length, most
+    real(wp) :: scaled(n, n), length, max_terms
     integer :: k, squarings
 
     ! the largest angle: each counts twice
     length = sqrt(sum(x**2) / 2)
-    most = merge(longest_reduced, longest, n <= largest_reduced)
+    max_terms = merge(longest_reduced, longest, n <= largest_reduced)
     squarings = 0
     if (.not. length <= huge(length)) length = 0.0_wp     ! nothing helps
-    if (length > most) squarings = exponent(length / most)
+    if (length > max_terms) squarings = exponent(length / max_terms)
     scaled = scale(1.0_wp, -squarings) * x
     if (n <= largest_reduced) then
       call reduced_series(n, scaled, scale(length, -squarings), e)
@@ -163,15 +163,15 @@ contains
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n), length
     real(wp), intent(out) :: e(n, n)
-    integer, parameter :: most = 40
-    real(wp) :: power(n, n, 4), even(n, n), odd(n, n), product(n, n), factor(0:2 * most + 1), bound
+    integer, parameter :: max_terms = 40
+    real(wp) :: power(n, n, 4), even(n, n), odd(n, n), product(n, n), factor(0:2 * max_terms + 1), bound
     integer :: k, terms, width, block
 
     factor(0) = 1.0_wp
     factor(1) = 1.0_wp
     bound = length**2 / 2
     terms = 0                            ! powers of the square
-    do while (bound > epsilon(bound) / 8 .and. terms < most)
+    do while (bound > epsilon(bound) / 8 .and. terms < max_terms)
       terms = terms + 1
       factor(2 * terms) = factor(2 * terms - 1) / real(2 * terms, wp)
       factor(2 * terms + 1) = factor(2 * terms) / real(2 * terms + 1, wp)
@@ -235,7 +235,7 @@ contains
   end subroutine to_orthogonal
 
   ! What the compiler knows the size of takes a third of the time.
-  pure subroutine multiply_fours(a, b, c)
+  pure subroutine multiply_4x4(a, b, c)
     real(wp), intent(in) :: a(4, 4), b(4, 4)
     real(wp), intent(out) :: c(4, 4)
     integer :: j
@@ -243,7 +243,7 @@ contains
     do j = 1, 4
       c(:, j) = a(:, 1) * b(1, j) + a(:, 2) * b(2, j) + a(:, 3) * b(3, j) + a(:, 4) * b(4, j)
     end do
-  end subroutine multiply_fours
+  end subroutine multiply_4x4
 
   ! By hand, since calls of the library cost more than so small products
   pure subroutine multiply(n, a, b, c)
@@ -253,7 +253,7 @@ contains
     integer :: j, k
 
     if (n == 4) then
-      call multiply_fours(a, b, c)
+      call multiply_4x4(a, b, c)
       return
     end if
     do j = 1, n

@@ -1,19 +1,20 @@
-! What is kept of trajectories, in memory of the caller
+! The output of trajectories: views of the caller's arrays, and how many entries are used.
+! When an array may not have room for another step, the trajectories pause and the caller empties it.
 module output_m
   use iso_fortran_env, only: int64
   use kinds, only: wp
   use interpolant_m, only: interpolant_t
   implicit none
   private
-  public :: output_t, has_room, keep_dense, keep_event, keep_step
+  public :: output_t, has_room, store_interpolant, store_event, store_step
 
   type :: output_t
-    ! points at wanted times
+    ! points at output times
     integer :: wanted = 0
     real(wp), pointer, contiguous :: times(:) => null()        ! (wanted)
     real(wp), pointer, contiguous :: y(:, :, :) => null()      ! (point_size, members, wanted)
-    ! ends of steps, of a single trajectory
-    integer(int64) :: every = 1              ! steps between stored ones; the last is stored always
+    ! ends of steps, for a single trajectory
+    integer(int64) :: every = 1              ! every so many steps are stored, and the last one
     integer(int64) :: step_capacity = 0, steps = 0
     real(wp), pointer, contiguous :: step_t(:) => null()       ! (capacity)
     real(wp), pointer, contiguous :: step_y(:, :) => null()    ! (point_size, capacity)
@@ -26,8 +27,8 @@ module output_m
     real(wp), pointer, contiguous :: dense_field(:, :, :) => null()    ! (dimension, columns, capacity)
     ! events
     integer(int64) :: event_capacity = 0, events = 0
-    integer(int64) :: functions = 0          ! whose zeros are looked for
-    integer(int64) :: lanes = 1              ! trajectories on their way, each of which may write a step
+    integer(int64) :: functions = 0          ! number of event functions
+    integer(int64) :: lanes = 1              ! trajectories that may each write one step
     integer(int64), pointer, contiguous :: event_of(:, :) => null()    ! (2, capacity) member, event
     real(wp), pointer, contiguous :: event_t(:) => null()
     real(wp), pointer, contiguous :: event_y(:, :, :) => null()        ! (point_size, 2, capacity)
@@ -35,7 +36,7 @@ module output_m
 
 contains
 
-  ! Whether there is room for what one step of all trajectories may bring
+  ! Whether there is room for the output of one step of all trajectories
   pure logical function has_room(output)
     type(output_t), intent(in) :: output
 
@@ -45,24 +46,26 @@ contains
                .and. output%events + output%functions * output%lanes <= output%event_capacity
   end function has_room
 
-  pure subroutine keep_step(output, number, t, y, last)
+  ! Stores the end of a step.
+  pure subroutine store_step(output, number, t, y, last)
     type(output_t), intent(inout) :: output
     integer(int64), intent(in) :: number               ! of the step, from 1
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
-    logical, intent(in) :: last                        ! whether it is kept in any case
+    logical, intent(in) :: last                        ! whether to store it in any case
 
     if (output%step_capacity == 0) return
     if (.not. (last .or. mod(number, output%every) == 0)) return
     output%steps = output%steps + 1
     output%step_t(output%steps) = t
     output%step_y(:, output%steps) = y
-  end subroutine keep_step
+  end subroutine store_step
 
-  pure subroutine keep_dense(output, member, t_end, interpolant)
+  ! Stores an interpolant.
+  pure subroutine store_interpolant(output, member, t_end, interpolant)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member                      ! from 1
-    real(wp), intent(in) :: t_end                      ! up to where it is the solution
+    real(wp), intent(in) :: t_end                      ! end of its validity, before t0 + h after an event
     type(interpolant_t), intent(in) :: interpolant
 
     output%interpolants = output%interpolants + 1
@@ -74,9 +77,10 @@ contains
       output%dense_y(:, 2, k) = interpolant%y1
       output%dense_field(:, :, k) = interpolant%field
     end associate
-  end subroutine keep_dense
+  end subroutine store_interpolant
 
-  pure subroutine keep_event(output, member, event, t, before, after)
+  ! Stores an event.
+  pure subroutine store_event(output, member, event, t, before, after)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member, event
     real(wp), intent(in) :: t
@@ -89,6 +93,6 @@ contains
       output%event_y(:, 1, k) = before
       output%event_y(:, 2, k) = after
     end associate
-  end subroutine keep_event
+  end subroutine store_event
 
 end module output_m

@@ -1,84 +1,87 @@
-! What an accepted step brings: events, points at wanted times, its end, where the next one begins
+! The output of an accepted step: events, points at output times, and its end.
+! Then the next step starts, at the end or after a jump.
 module record_m
   use kinds, only: wp
   use controller_m, only: smallest_size
   use interpolant_m, only: flows_of_evaluation
-  use output_m, only: keep_dense, keep_step, output_t
-  use step_events_m, only: crosses, keep_events, locate_events
-  use trajectory_m, only: begin_segment, choose_step, ended, evaluate_events, fail, known_end, &
-                              problem_t, record_step, request, trajectory_t
+  use output_m, only: store_interpolant, store_step, output_t
+  use step_events_m, only: crosses, record_events, locate_events
+  use trajectory_m, only: phase_begin_segment, phase_choose_step, phase_ended, evaluate_events, &
+                          fail, phase_end_received, problem_t, phase_record_step, request, &
+                          trajectory_t
   use within_step_m, only: interpolate, point_at
   use iso_fortran_env, only: int64
   use shared_numbers, only: jumps_without_progress, paused, raised, terminal_event
   implicit none
   private
-  public :: prepare, record
+  public :: examine_step, record_step
 
   integer, parameter :: max_stuck = 20
-  real(wp), parameter :: small_value = 1e-9_wp         ! of an event's function, of those at the step
+  real(wp), parameter :: small_value = 1e-9_wp         ! of an event's function, relative to its values at both ends
 
 contains
 
-  ! Looks for what happens within an accepted step, and asks for the interpolant if something does.
-  subroutine prepare(problem, trajectory, output)
+  ! Detects output times and events within an accepted step, and starts its interpolant if there are any.
+  subroutine examine_step(problem, trajectory, output)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     type(output_t), intent(in) :: output
-    real(wp) :: values(size(trajectory%value))
+    real(wp) :: values(size(trajectory%event_before))
     logical :: stopped
     integer :: i
 
     associate (x => trajectory)
       x%steps = x%steps + 1
-      x%done = x%done + 1
-      x%within = output%dense
-      if (x%used < output%wanted) then
-        if ((output%times(x%used + 1) - x%end) * sign(1.0_wp, x%h) < 0) x%within = .true.
+      x%grid_done = x%grid_done + 1
+      x%needs_interpolant = output%dense
+      if (x%outputs_done < output%wanted) then
+        if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) x%needs_interpolant = .true.
       end if
-      x%crossed = .false.
-      call evaluate_events(problem, trajectory, x%end, x%y(:, x%result), values, stopped)
+      x%event_found = .false.
+      call evaluate_events(problem, trajectory, x%t_end, x%y(:, x%result), values, stopped)
       if (stopped) return
-      x%value_after = values
-      do i = 1, size(x%value)
-        if (crosses(problem, x, i)) x%crossed = .true.
-        if (crosses(problem, x, i) .and. abs(x%value_after(i)) > 0) x%within = .true.
+      x%event_after = values
+      do i = 1, size(x%event_before)
+        if (crosses(problem, x, i)) x%event_found = .true.
+        if (crosses(problem, x, i) .and. abs(x%event_after(i)) > 0) x%needs_interpolant = .true.
       end do
-      if (x%jumped > 0) then
-        x%within = .true.
-        x%crossed = .true.
+      if (x%jump_event > 0) then
+        x%needs_interpolant = .true.
+        x%event_found = .true.
       end if
-      x%phase = record_step
-      if (.not. x%within) return
+      x%phase = phase_record_step
+      if (.not. x%needs_interpolant) return
       if (x%end_known) then
         call interpolate(problem, trajectory)
       else
-        call request(problem, trajectory, x%end, x%y(:, x%result), known_end)
+        call request(problem, trajectory, x%t_end, x%y(:, x%result), phase_end_received)
       end if
     end associate
-  end subroutine prepare
+  end subroutine examine_step
 
-  ! Keeps what is wanted of a step, up to the first event that ends it, and goes on to the next one.
-  subroutine record(problem, trajectory, output)
+  ! Records the output of a step, up to the first event that ends it, and starts the next step.
+  subroutine record_step(problem, trajectory, output)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), target, intent(inout) :: trajectory
     type(output_t), intent(inout) :: output
 
-    if (trajectory%alone) then
-      call keep_dense(output, trajectory%member, trajectory%t, trajectory%interpolant)
-      trajectory%alone = .false.
-      trajectory%phase = choose_step
+    if (trajectory%interpolate_only) then
+      call store_interpolant(output, trajectory%member, trajectory%t, trajectory%interpolant)
+      trajectory%interpolate_only = .false.
+      trajectory%phase = phase_choose_step
       trajectory%status = paused
       return
     end if
-    if (trajectory%crossed) then
-      call record_events(problem, trajectory, output)
+    if (trajectory%event_found) then
+      call record_with_events(problem, trajectory, output)
     else
-      call record_step_to(problem, trajectory, trajectory%end, &
+      call record_until(problem, trajectory, trajectory%t_end, &
                           trajectory%y(:, trajectory%result), 0, output)
     end if
-  end subroutine record
+  end subroutine record_step
 
-  subroutine record_events(problem, trajectory, output)
+  ! Locates the events of a step and records its output up to the one that ends it.
+  subroutine record_with_events(problem, trajectory, output)
     type(problem_t), target, intent(in) :: problem
     type(trajectory_t), target, intent(inout) :: trajectory
     type(output_t), intent(inout) :: output
@@ -89,25 +92,25 @@ contains
 
     associate (x => trajectory)
       call locate_events(problem, trajectory, theta, stopped)
-      if (.not. stopped) call keep_events(problem, trajectory, theta, output, until, event, after, &
+      if (.not. stopped) call record_events(problem, trajectory, theta, output, until, event, after, &
                                           stopped)
       if (stopped) then
-        call fail(x, raised, x%end)
+        call fail(x, raised, x%t_end)
         return
       end if
-      t = x%end
-      if (until < 1) t = x%t + until * (x%end - x%t)
+      t = x%t_end
+      if (until < 1) t = x%t + until * (x%t_end - x%t)
       if (event > 0) then
         y = after
       else
         call point_at(problem, trajectory, until, y)
       end if
-      call record_step_to(problem, trajectory, t, y, event, output)
+      call record_until(problem, trajectory, t, y, event, output)
     end associate
-  end subroutine record_events
+  end subroutine record_with_events
 
-  ! Of a step that ends at t with y
-  subroutine record_step_to(problem, trajectory, t, y, event, output)
+  ! Records the output of a step up to time t, where the solution is y.
+  subroutine record_until(problem, trajectory, t, y, event, output)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp), intent(in) :: t
@@ -116,72 +119,73 @@ contains
     type(output_t), intent(inout) :: output
 
     associate (x => trajectory)
-      call keep_wanted(problem, trajectory, t, y, output)
-      if (output%dense) call keep_dense(output, x%member, t, x%interpolant)
-      call keep_step(output, x%steps, t, y, .not. abs(t - problem%stops(size(problem%stops))) > 0 &
+      call record_outputs(problem, trajectory, t, y, output)
+      if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
+      call store_step(output, x%steps, t, y, .not. abs(t - problem%stops(size(problem%stops))) > 0 &
                      .or. event > 0)
       if (x%keep_last) then
         x%t_old = x%t
-        x%h_old = x%end - x%t
+        x%h_old = x%t_end - x%t
         x%y_old(:) = x%y(:, 0)
         x%slope_old(:) = x%slope
       end if
-      call move_on(problem, trajectory, t, y, event)
+      call begin_next_step(problem, trajectory, t, y, event)
     end associate
-  end subroutine record_step_to
+  end subroutine record_until
 
-  subroutine move_on(problem, trajectory, t, y, event)
+  ! Starts the next step at time t and point y.
+  subroutine begin_next_step(problem, trajectory, t, y, event)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp), intent(in) :: t
     real(wp), contiguous, intent(in) :: y(:)
     integer, intent(in) :: event                       ! that ended the step, 0 for none
     logical :: ends, stopped
-    real(wp) :: size_of, values(size(trajectory%value))
+    real(wp) :: size_of, values(size(trajectory%event_before))
 
     associate (x => trajectory)
       ends = .not. abs(t - problem%stops(x%segment)) > 0
       if (event > 0) then
-        if (abs(t - x%t) > 10 * smallest_size(t)) x%stuck = 0
-        x%stuck = x%stuck + 1
+        if (abs(t - x%t) > 10 * smallest_size(t)) x%jumps_in_place = 0
+        x%jumps_in_place = x%jumps_in_place + 1
       end if
       x%t = t
       x%y(:, 0) = y
-      x%phase = choose_step
-      x%known = x%end_known .and. event == 0 .and. .not. (ends .and. x%segment < size(problem%stops))
-      if (x%known) x%slope(:) = x%end_slope
+      x%phase = phase_choose_step
+      x%slope_known = x%end_known .and. event == 0 .and. .not. (ends .and. x%segment < size(problem%stops))
+      if (x%slope_known) x%slope(:) = x%end_slope
       size_of = 0.0_wp
-      if (event > 0) size_of = max(abs(x%value(event)), abs(x%value_after(event)))
-      if (size(x%value) > 0) x%value(:) = x%value_after
-      x%jumped = 0
-      if (ends) x%phase = begin_segment
+      if (event > 0) size_of = max(abs(x%event_before(event)), abs(x%event_after(event)))
+      if (size(x%event_before) > 0) x%event_before(:) = x%event_after
+      x%jump_event = 0
+      if (ends) x%phase = phase_begin_segment
       if (event == 0) return
-      if (x%count(event) >= problem%events%most(event)) then
-        x%phase = ended
+      if (x%event_count(event) >= problem%events%most(event)) then
+        x%phase = phase_ended
         x%status = terminal_event
         return
       end if
-      if (x%stuck > max_stuck) then
+      if (x%jumps_in_place > max_stuck) then
         call fail(x, jumps_without_progress, t)
         return
       end if
       call evaluate_events(problem, trajectory, t, y, values, stopped)
       if (stopped) return
-      x%value = values
-      ! where the jump leaves the function at its zero, the same event can't happen again
-      if (abs(x%value(event)) <= small_value * size_of) then
-        x%jumped_from = x%value(event)
-        x%value(event) = 0.0_wp
-        x%jumped = event
+      x%event_before = values
+      ! the jump leaves the function at zero: this zero isn't another event
+      if (abs(x%event_before(event)) <= small_value * size_of) then
+        x%value_after_jump = x%event_before(event)
+        x%event_before(event) = 0.0_wp
+        x%jump_event = event
       end if
-      x%size = 0.0_wp
+      x%step_size = 0.0_wp
       x%last_error = 1.0_wp
-      x%phase = begin_segment
+      x%phase = phase_begin_segment
     end associate
-  end subroutine move_on
+  end subroutine begin_next_step
 
-  ! The points at the wanted times of a step that goes to t, where it ends at y
-  subroutine keep_wanted(problem, trajectory, t, y, output)
+  ! Records the points at the output times up to t, where the solution is y.
+  subroutine record_outputs(problem, trajectory, t, y, output)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp), intent(in) :: t
@@ -189,20 +193,20 @@ contains
     type(output_t), intent(inout) :: output
 
     associate (x => trajectory)
-      do while (x%used < output%wanted)
-        associate (time => output%times(x%used + 1))
+      do while (x%outputs_done < output%wanted)
+        associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
-          x%used = x%used + 1
+          x%outputs_done = x%outputs_done + 1
           if (.not. abs(time - t) > 0) then
-            output%y(:, x%member, x%used) = y
+            output%y(:, x%member, x%outputs_done) = y
           else
-            call point_at(problem, trajectory, (time - x%t) / (x%end - x%t), &
-                          output%y(:, x%member, x%used))
+            call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), &
+                          output%y(:, x%member, x%outputs_done))
             x%nexp = x%nexp + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
           end if
         end associate
       end do
     end associate
-  end subroutine keep_wanted
+  end subroutine record_outputs
 
 end module record_m

@@ -1,6 +1,6 @@
-! Trajectories of any number of members, driven to their ends. As many are on their way at a time as
-! there are lanes: one for a function of one point, many for a function of many points, which is
-! called once for all of them that need it. A lane whose member has ended takes the next one.
+! Runs of any number of trajectories. A run has lanes, each of which integrates one member at a time
+! and takes the next one when it has ended: one lane for a function of one point, many lanes for a
+! vectorized function, which is called once for all lanes that need coefficients.
 module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
                                          c_null_ptr, c_ptr
@@ -12,7 +12,7 @@ module run_m
   use kinds, only: wp
   use loop_m, only: resume
   use method_m, only: method_t
-  use output_m, only: keep_step, output_t
+  use output_m, only: store_step, output_t
   use shared_numbers, only: buffer_full, fields_operation, finished, needs_field, needs_maximum, &
                             needs_minimum, out_of_memory, paused, raised, raised_in_python, &
                             record_t, terminal_event
@@ -20,7 +20,7 @@ module run_m
   use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, begin_run, drive, file_lane, set_output, at_address, plan_at, run_at
+  public :: plan_t, run_t, begin_run, drive, store_lane, set_output, at_address, plan_at, run_at
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -41,14 +41,14 @@ module run_m
 
   type :: run_t
     type(problem_t) :: problem
-    type(frame_t) :: frame                   ! that of the plan with this run's callback
+    type(frame_t) :: frame                   ! of the plan, with the callback of this run
     type(python_t) :: python
     type(external_events_t) :: events
     type(function_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
-    integer :: next = 1                      ! the member that takes the next free lane
+    integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
     real(wp), pointer, contiguous :: places(:, :) => null()            ! (point_size + 2, members)
@@ -57,12 +57,14 @@ module run_m
 
 contains
 
+  ! The integer value of a pointer
   integer(c_intptr_t) function at_address(pointer)
     type(c_ptr), intent(in) :: pointer
 
     at_address = transfer(pointer, at_address)
   end function at_address
 
+  ! The plan at an address
   function plan_at(address) result(plan)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -70,6 +72,7 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), plan)
   end function plan_at
 
+  ! The run at an address
   function run_at(address) result(run)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -77,7 +80,7 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), run)
   end function run_at
 
-  ! Finds the caller's memory, and makes as many lanes as there may be.
+  ! Makes the views of the caller's memory and allocates the lanes.
   subroutine begin_run(run, memory)
     type(run_t), target, intent(inout) :: run
     integer, intent(out) :: memory           ! nonzero if there isn't enough
@@ -106,7 +109,7 @@ contains
     call set_output(run)
   end subroutine begin_run
 
-  ! Looks up the caller's buffers, which may have changed.
+  ! Makes the views of the caller's output arrays, which may have changed.
   subroutine set_output(run)
     type(run_t), target, intent(inout) :: run
     integer :: dense, events, steps, wanted, members
@@ -142,7 +145,7 @@ contains
     end associate
   end subroutine set_output
 
-  ! Goes on until all members have ended, the budget is used up, or a buffer is full.
+  ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer :: requests(size(run%lanes))     ! lanes that need coefficients
@@ -161,7 +164,7 @@ contains
       do i = 1, size(run%lanes)
         do
           if (.not. run%busy(i)) then
-            call take_member(run, i)
+            call start_member(run, i)
             if (.not. run%busy(i)) exit
           end if
           associate (lane => run%lanes(i))
@@ -185,7 +188,7 @@ contains
               stops = .true.
               exit
             case default
-              call file_lane(run, i)
+              call store_lane(run, i)
               run%busy(i) = .false.
               run%record%ended = run%record%ended + 1
               if (all(lane%status /= [finished, terminal_event])) then
@@ -202,16 +205,16 @@ contains
       if (count > 0) then
         call evaluate(run, requests(:count))
       else if (waits .and. .not. stops) then
-        call share(run)
+        call exchange(run)
       else
         exit
       end if
     end do drive_all
-    call tell(run, budget)
+    call store_counters(run, budget)
   end subroutine drive
 
-  ! The next member takes a free lane.
-  subroutine take_member(run, i)
+  ! Starts the next member in a free lane.
+  subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
 
@@ -225,22 +228,22 @@ contains
       lane%steps = 0
       lane%rejected = 0
       lane%attempts = 0
-      lane%used = 0
+      lane%outputs_done = 0
       call set_start(run%record%t0, run%places(:n, member), run%problem%first_step, lane)
-      call keep_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
+      call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
       if (run%output%wanted > 0) then
         if (.not. abs(run%output%times(1) - run%record%t0) > 0) then
           run%output%y(:, member, 1) = lane%y(:, 0)
-          lane%used = 1
+          lane%outputs_done = 1
         end if
       end if
       run%busy(i) = .true.
       run%next = run%next + 1
     end associate
-  end subroutine take_member
+  end subroutine start_member
 
-  ! Writes down where the member of a lane has got to.
-  subroutine file_lane(run, i)
+  ! Stores the point and the counts of the member of a lane.
+  subroutine store_lane(run, i)
     type(run_t), intent(inout) :: run
     integer, intent(in) :: i
 
@@ -250,25 +253,26 @@ contains
       run%tallies(:, lane%member) = [int([lane%status, lane%flag], int64), lane%nfev, lane%nexp, &
                                      lane%njev, lane%nlu, lane%steps, lane%rejected]
     end associate
-  end subroutine file_lane
+  end subroutine store_lane
 
-  subroutine tell(run, budget)
+  ! Stores the results of a call in the record.
+  subroutine store_counters(run, budget)
     type(run_t), intent(inout) :: run
     integer(int64), intent(in) :: budget               ! what is left of it
     integer :: i
 
     do i = 1, size(run%lanes)
-      if (run%busy(i)) call file_lane(run, i)
+      if (run%busy(i)) call store_lane(run, i)
     end do
     run%record%budget = max(budget, 0_int64)
     run%record%step_size = run%lanes(1)%h
     run%record%steps = run%output%steps
     run%record%interpolants = run%output%interpolants
     run%record%events = run%output%events
-  end subroutine tell
+  end subroutine store_counters
 
-  ! What trajectories with common steps wait for
-  subroutine share(run)
+  ! Exchanges the minimum or maximum that trajectories with common steps wait for.
+  subroutine exchange(run)
     type(run_t), intent(inout) :: run
     real(wp) :: shared
     integer :: kind, i
@@ -290,9 +294,9 @@ contains
       run%lanes(i)%shared = shared
       if (run%busy(i)) run%lanes(i)%status = paused
     end do
-  end subroutine share
+  end subroutine exchange
 
-  ! What the function leaves out stays NaN.
+  ! Evaluates a function in C. Coefficients that it doesn't write are NaN.
   subroutine coefficients(self, n, m, t, y, f, flag)
     class(function_t), intent(inout) :: self
     integer, intent(in) :: n, m
@@ -306,7 +310,7 @@ contains
                                       * self%data_stride, c_null_ptr))
   end subroutine coefficients
 
-  ! The coefficients that lanes need, by a function of many points
+  ! Evaluates a vectorized function for all lanes that need coefficients.
   subroutine evaluate(run, requests)
     type(run_t), intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
@@ -323,15 +327,15 @@ contains
       end if
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          where(i) = lane%want_t
+          where(i) = lane%request_t
           where(k + i) = real(lane%member - 1, wp)
-          points((i - 1) * n + 1:i * n) = lane%want
+          points((i - 1) * n + 1:i * n) = lane%request_y
         end associate
       end do
       call run%python%apply(fields_operation, where, points, slopes)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          lane%got = slopes((i - 1) * m + 1:i * m)
+          lane%received = slopes((i - 1) * m + 1:i * m)
           lane%flag = 0
         end associate
       end do

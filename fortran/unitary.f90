@@ -12,7 +12,7 @@ module unitary_m
 
   ! norms of matrices whose series is summed: by products of matrices, and by numbers
   real(wp), parameter :: longest = 0.5_wp, longest_of_three = 2.0_wp
-  integer, parameter :: most_iterations = 30
+  integer, parameter :: max_iterations = 30
   complex(wp), parameter :: zero = cmplx(0.0_wp, 0.0_wp, wp)
 
 contains
@@ -141,13 +141,13 @@ contains
     e = times_real(1 / real(terms, wp), scaled)
     do k = terms - 1, 1, -1
       do i = 1, n
-        e(i, i) = plus(1.0_wp, e(i, i))
+        e(i, i) = add_real(1.0_wp, e(i, i))
       end do
       call multiply(n, scaled, e, next)
       e = times_real(1 / real(k, wp), next)
     end do
     do i = 1, n
-      e(i, i) = plus(1.0_wp, e(i, i))
+      e(i, i) = add_real(1.0_wp, e(i, i))
     end do
     do k = 1, squarings
       call multiply(n, e, e, next)
@@ -168,7 +168,7 @@ contains
     trace = (aimag(x(1, 1)) + aimag(x(2, 2)) + aimag(x(3, 3))) / 3
     q1 = cmplx(aimag(x), -real(x, wp), wp)
     do i = 1, 3
-      q1(i, i) = plus(-trace, q1(i, i))
+      q1(i, i) = add_real(-trace, q1(i, i))
     end do
     length = sqrt(2 * sum(real(q1, wp)**2 + aimag(q1)**2) / 3)      ! no eigenvalue is larger
     squarings = 0
@@ -176,7 +176,7 @@ contains
     if (length > longest_of_three) squarings = exponent(length / longest_of_three)
     length = scale(length, -squarings)
     q1 = times_real(scale(1.0_wp, -squarings), q1)
-    call multiply_threes(q1, q1, q2)
+    call multiply_3x3(q1, q1, q2)
     c = (real(q2(1, 1), wp) + real(q2(2, 2), wp) + real(q2(3, 3), wp)) / 2
     d = sum(real(q1, wp) * real(q2, wp) + aimag(q1) * aimag(q2)) / 3
     p = 0.0_wp
@@ -212,7 +212,7 @@ contains
     end do
     do k = 1, squarings
       q1 = e
-      call multiply_threes(q1, q1, e)
+      call multiply_3x3(q1, q1, e)
       if (squarings > 4) call orthogonalise(3, e)
     end do
     if (abs(trace) > 0) e = cmplx(cos(trace), sin(trace), wp) * e
@@ -229,8 +229,8 @@ contains
     call orthogonalise(n, point)
     if (kind == su_block) then
       do k = 1, 2                                  ! once more after flows by large angles
-        excess = plus(-1.0_wp, determinant(n, point))
-        point = point * plus(1.0_wp, times_real(-1 / real(n, wp), excess))
+        excess = add_real(-1.0_wp, determinant(n, point))
+        point = point * add_real(1.0_wp, times_real(-1 / real(n, wp), excess))
         if (abs(excess) < sqrt(epsilon(1.0_wp)) / 16) exit
       end do
     end if
@@ -260,7 +260,7 @@ contains
     integer :: i, j, pivot
 
     a = matrix
-    determinant = plus(1.0_wp, zero)
+    determinant = add_real(1.0_wp, zero)
     do i = 1, n
       pivot = i - 1 + maxloc(abs(a(i:, i)), dim=1)
       if (.not. abs(a(pivot, i)) > 0) then
@@ -302,7 +302,7 @@ contains
     total = zero
     rest = quotient
     v = ieee_value(length, ieee_quiet_nan)
-    do k = 1, most_iterations
+    do k = 1, max_iterations
       step = times_real(0.5_wp, rest - conjg(transpose(rest)))
       total = total + step
       length = sqrt(sum(real(step, wp)**2 + aimag(step)**2))
@@ -311,9 +311,9 @@ contains
       call exponential(n, -total, e)
       call multiply(n, e, quotient, rest)
     end do
-    if (k > most_iterations) return
+    if (k > max_iterations) return
     do i = 1, n
-      rest(i, i) = plus(-1.0_wp, rest(i, i))       ! its eigenvalues: 0, or -2 where half a turn is
+      rest(i, i) = add_real(-1.0_wp, rest(i, i))   ! its eigenvalues: 0, or -2 where half a turn is
     end do
     if (.not. sum(real(rest, wp)**2 + aimag(rest)**2) < 1.0_wp) return
     if (kind == su_block) then
@@ -360,12 +360,12 @@ contains
     end do
   end subroutine put_point
 
-  elemental complex(wp) function plus(r, z)
+  elemental complex(wp) function add_real(r, z)
     real(wp), intent(in) :: r
     complex(wp), intent(in) :: z
 
-    plus = cmplx(r + real(z, wp), aimag(z), wp)
-  end function plus
+    add_real = cmplx(r + real(z, wp), aimag(z), wp)
+  end function add_real
 
   elemental complex(wp) function times_real(r, z)
     real(wp), intent(in) :: r
@@ -374,7 +374,7 @@ contains
     times_real = cmplx(r * real(z, wp), r * aimag(z), wp)
   end function times_real
 
-  pure subroutine multiply_threes(a, b, c)
+  pure subroutine multiply_3x3(a, b, c)
     complex(wp), intent(in) :: a(3, 3), b(3, 3)
     complex(wp), intent(out) :: c(3, 3)
     integer :: i, j
@@ -384,7 +384,7 @@ contains
         c(i, j) = a(i, 1) * b(1, j) + a(i, 2) * b(2, j) + a(i, 3) * b(3, j)
       end do
     end do
-  end subroutine multiply_threes
+  end subroutine multiply_3x3
 
   ! By hand, since calls of the library cost more than so small products
   pure subroutine multiply(n, a, b, c)
@@ -394,7 +394,7 @@ contains
     integer :: i, j, k
 
     if (n == 3) then
-      call multiply_threes(a, b, c)
+      call multiply_3x3(a, b, c)
       return
     end if
     do j = 1, n

@@ -180,9 +180,9 @@ contains
     allocate (self%head(cuts), self%tail(cuts))
     do t = 2, trees
       call split_word(t, children, head, tail)
-      associate (begin => self%split_start(t), end => self%split_start(t + 1) - 1)
-        self%head(begin:end) = head(1:children - 1)
-        self%tail(begin:end) = tail(1:children - 1)
+      associate (begin => self%split_start(t), last => self%split_start(t + 1) - 1)
+        self%head(begin:last) = head(1:children - 1)
+        self%tail(begin:last) = tail(1:children - 1)
       end associate
     end do
     allocate (self%x(self%pattern%unknowns))
@@ -239,7 +239,7 @@ contains
 
     associate (pattern => self%pattern)
       if (pattern%one_weight) then
-        call scale(pattern%points, pattern%segments, self%x, pattern%at, self%chi(:, t), &
+        call scale_by_weights(pattern%points, pattern%segments, self%x, pattern%at, self%chi(:, t), &
                    self%letter(:, t))
       else
         call combine(pattern%points, pattern%unknowns, pattern%segments, pattern%weight_start, &
@@ -248,7 +248,7 @@ contains
     end associate
   end subroutine letters
 
-  pure subroutine scale(points, segments, x, at, chi, letter)
+  pure subroutine scale_by_weights(points, segments, x, at, chi, letter)
     integer, intent(in) :: points, segments
     real(wp), intent(in) :: x(points), chi(0:segments)
     integer, intent(in) :: at(points)
@@ -258,7 +258,7 @@ contains
     do m = 1, points
       letter(m) = x(m)*chi(at(m))
     end do
-  end subroutine scale
+  end subroutine scale_by_weights
 
   pure subroutine combine(points, unknowns, segments, weight_start, x, at, chi, letter)
     integer, intent(in) :: points, unknowns, segments
@@ -302,9 +302,9 @@ contains
     real(wp) :: change(path(1):path(size(path)))
     integer :: i
 
-    associate (begin => path(1), end => path(size(path)))
-      call exponential(self, t, begin, end, change)
-      call add_splits(self, t, begin, end, change)
+    associate (begin => path(1), last => path(size(path)))
+      call exponential(self, t, begin, last, change)
+      call add_splits(self, t, begin, last, change)
     end associate
     if (size(change) == size(path)) then
       phi = sum(change)
@@ -325,31 +325,31 @@ contains
     phi = self%chi(self%pattern%segment_of_stage(stage), t)
   end function stage_weight
 
-  pure subroutine exponential(self, t, begin, end, e)
+  pure subroutine exponential(self, t, begin, last, e)
     class(weights_t), intent(in) :: self
-    integer, intent(in) :: t, begin, end
-    real(wp), intent(out) :: e(begin:end)
+    integer, intent(in) :: t, begin, last
+    real(wp), intent(out) :: e(begin:last)
     integer :: children
 
     children = child_start(t + 1) - child_start(t)
     if (children == 1) then
-      e = self%letter(begin:end, first(t))
+      e = self%letter(begin:last, first(t))
     else if (iand(children, children - 1) == 0) then  ! a product is exact, too, and faster
-      e = self%e(begin:end, rest(t))*self%letter(begin:end, first(t))*(1.0_wp/real(children, wp))
+      e = self%e(begin:last, rest(t))*self%letter(begin:last, first(t))*(1.0_wp/real(children, wp))
     else
-      e = self%e(begin:end, rest(t))*self%letter(begin:end, first(t))/real(children, wp)
+      e = self%e(begin:last, rest(t))*self%letter(begin:last, first(t))/real(children, wp)
     end if
   end subroutine exponential
 
   ! Adds what words take in two parts, one before a point and one at it.
-  pure subroutine add_splits(self, t, begin, end, change)
+  pure subroutine add_splits(self, t, begin, last, change)
     class(weights_t), intent(in) :: self
-    integer, intent(in) :: t, begin, end
-    real(wp), intent(inout) :: change(begin:end)
+    integer, intent(in) :: t, begin, last
+    real(wp), intent(inout) :: change(begin:last)
     integer :: i
 
     do i = self%split_start(t), self%split_start(t + 1) - 1
-      change = change + self%left(begin:end, self%head(i))*self%e(begin:end, self%tail(i))
+      change = change + self%left(begin:last, self%head(i))*self%e(begin:last, self%tail(i))
     end do
   end subroutine add_splits
 end module weights_m

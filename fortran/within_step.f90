@@ -1,66 +1,70 @@
-! The solution within a step, for which coefficients are asked for at nodes
+! The interpolant of a step of a trajectory.
+! Its nodes are requested one after the other, until it is complete.
 module within_step_m
   use kinds, only: wp
   use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
                                flows_of_evaluation, next_node, reserve_interpolant, set_ends
-  use trajectory_m, only: ask_end, fail, known_node, problem_t, record_step, reject_stage, &
-                              request, take_node, trajectory_t
+  use trajectory_m, only: phase_request_end, fail, phase_node_received, problem_t, &
+                          phase_record_step, reject_stage, request, phase_next_node, trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: out_of_memory, paused, step_too_long
   implicit none
   private
-  public :: absorb_node, interpolate, know_end, point_at, reach_node, request_interpolant
+  public :: store_node, interpolate, store_end, point_at, request_node, request_interpolant
 
 contains
 
-  ! The solution within the last step is wanted, and nothing else.
+  ! Requests the interpolant of the last step, and no further step.
   subroutine request_interpolant(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     integer :: memory
 
-    trajectory%alone = .true.
+    trajectory%interpolate_only = .true.
     trajectory%status = paused
-    trajectory%phase = ask_end
+    trajectory%phase = phase_request_end
     call reserve_interpolant(problem%frame, problem%scheme, trajectory%interpolant, memory)
     if (memory /= 0) then
       call fail(trajectory, out_of_memory, trajectory%t)
-    else if (trajectory%known) then
+    else if (trajectory%slope_known) then
       call interpolate_last(problem, trajectory, trajectory%slope)
     end if
   end subroutine request_interpolant
 
-  subroutine know_end(problem, trajectory)
+  ! Stores the coefficients at the end of a step, and starts its interpolant.
+  subroutine store_end(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
 
     associate (x => trajectory)
-      if (x%alone) then
-        x%slope(:) = x%got
-        x%known = x%segment == size(problem%stops) .or. abs(x%t - x%want_t) <= 0
+      if (x%interpolate_only) then
+        x%slope(:) = x%received
+        x%slope_known = x%segment == size(problem%stops) .or. abs(x%t - x%request_t) <= 0
         call interpolate_last(problem, trajectory, x%slope)
       else
-        x%end_slope(:) = x%got
+        x%end_slope(:) = x%received
         x%end_known = .true.
         call interpolate(problem, trajectory)
       end if
     end associate
-  end subroutine know_end
+  end subroutine store_end
 
+  ! Starts the interpolant of the present step.
   subroutine interpolate(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     logical :: exists
 
     associate (x => trajectory)
-      call set_ends(x%interpolant, x%t, x%end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
+      call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
                     x%end_slope)
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
                              exists)
-      call go_on_within(problem, trajectory, exists, x%interpolant%nexp)
+      call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp)
     end associate
   end subroutine interpolate
 
+  ! Starts the interpolant of the step before.
   subroutine interpolate_last(problem, trajectory, slope)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -71,27 +75,28 @@ contains
       call set_ends(x%interpolant, x%t_old, x%h_old, x%y_old, x%y(:, 0), x%slope_old, slope)
       call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
                              exists)
-      call go_on_within(problem, trajectory, exists, x%interpolant%nexp)
+      call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp)
     end associate
   end subroutine interpolate_last
 
-  ! On to the next node of the interpolant, or past the last one
-  subroutine go_on_within(problem, trajectory, exists, flows)
+  ! Chooses the phase after a node of the interpolant.
+  subroutine advance_interpolant(problem, trajectory, exists, flows)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     logical, intent(in) :: exists
-    integer, intent(in) :: flows                       ! that were taken
+    integer, intent(in) :: flows                       ! that the node has taken
 
     trajectory%nexp = trajectory%nexp + int(flows, int64)
-    trajectory%phase = known_node
+    trajectory%phase = phase_node_received
     if (.not. exists) then
       call reject_stage(problem, trajectory, step_too_long, trajectory%interpolant%t0)
     else
-      trajectory%phase = merge(record_step, take_node, trajectory%interpolant%complete)
+      trajectory%phase = merge(phase_record_step, phase_next_node, trajectory%interpolant%complete)
     end if
-  end subroutine go_on_within
+  end subroutine advance_interpolant
 
-  subroutine reach_node(problem, trajectory)
+  ! Moves to the next node and requests the coefficients there.
+  subroutine request_node(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     real(wp) :: theta
@@ -100,11 +105,12 @@ contains
       call next_node(problem%frame, problem%scheme, x%interpolant, theta)
       x%nexp = x%nexp + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
       call request(problem, trajectory, x%interpolant%t0 + theta * x%interpolant%h, &
-                   x%interpolant%y, known_node)
+                   x%interpolant%y, phase_node_received)
     end associate
-  end subroutine reach_node
+  end subroutine request_node
 
-  subroutine absorb_node(problem, trajectory)
+  ! Stores the coefficients at a node.
+  subroutine store_node(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
     integer :: before
@@ -112,12 +118,12 @@ contains
 
     associate (x => trajectory)
       before = x%interpolant%nexp
-      call add_node(problem%frame, problem%scheme, x%got, x%interpolant, exists)
-      call go_on_within(problem, trajectory, exists, x%interpolant%nexp - before)
+      call add_node(problem%frame, problem%scheme, x%received, x%interpolant, exists)
+      call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp - before)
     end associate
-  end subroutine absorb_node
+  end subroutine store_node
 
-  ! The point at a fraction of the step
+  ! Evaluates the solution at a fraction theta of the step.
   subroutine point_at(problem, trajectory, theta, y)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory

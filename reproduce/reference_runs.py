@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from cg.catalogue import resolve_method
 from cg.frames.arrays import Array
 from cg.frames.base import Frame
-from cg.integration.arguments import check_count
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.step.blocks import block_constants, describe_blocks
 from cg.integration.step.paths import paths_of
@@ -22,7 +21,7 @@ from cg.method.method import Method
 from cg.problems.affine import AffineField
 from cg.problems.heavy_top import HeavyTop
 from cg.support import quads
-from cg.support.checks import memory
+from cg.support.checks import check_integer, memory
 from cg.support.parsing import read_fraction
 from cg.support.shared_numbers import Stop
 
@@ -179,7 +178,7 @@ def _integrate(
         raise ValueError(f"h must be a finite number, got {h!r}") from error
     if size <= 0:
         raise ValueError(f"h must be positive, got {h!r}")
-    steps = check_count(steps, "steps")
+    steps = check_integer("steps", steps, 1)
     if kind not in ("real64", "real128"):
         raise ValueError(f'kind must be "real64" or "real128", got {kind!r}')
 

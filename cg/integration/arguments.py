@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.catalogue import resolve_method
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
 from cg.integration.step.plan import Plan
 from cg.method.method import Method
-from cg.support.checks import memory
+from cg.support.checks import check_integer, memory
 
 DEFAULT_MAX_STEPS = 10**6
 """The number of adaptive steps, rejected ones included, after which it is given up."""
@@ -141,14 +140,9 @@ def check_max_steps(max_steps: Any) -> int:
     """Return the largest number of steps or the default; ValueError unless it is positive."""
     if max_steps is None:
         return DEFAULT_MAX_STEPS
-    return min(check_count(max_steps, "max_steps"), 2**62)  # which compiled code can count
-
-
-def check_count(value: object, name: str) -> int:
-    """Return ``value`` as an int; ValueError unless it is a positive integer."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{name} must be a positive integer, got {value!r}")
-    return int(value)
+    return min(
+        check_integer("max_steps", max_steps, 1), 2**62
+    )  # fits the counters of compiled code
 
 
 def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> None:
@@ -193,11 +187,6 @@ def equal_steps(h: float, ends: list[float]) -> int:
             )
         total += core.equal_steps(start, stop, h)[0]
     return total
-
-
-def check_method(method: Any) -> Method:
-    """Return the method; TypeError or ValueError if it is none, or has no such name."""
-    return resolve_method(method)
 
 
 def check_algebra(frame: Frame, method: Method) -> None:

@@ -13,7 +13,7 @@ from scipy import LowLevelCallable
 
 from cg.frames.arrays import Points
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
-from cg.integration.arguments import check_count, check_grid, equal_steps
+from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.loop.messages import FINISHED, LEFT_MANIFOLD, MANY_REJECTIONS, TERMINAL_EVENT
@@ -27,6 +27,7 @@ from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import Plan
 from cg.method.method import Method
+from cg.support.checks import check_integer
 from cg.support.shared_numbers import Stop
 
 __all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
@@ -280,7 +281,7 @@ def integrate(
         f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
         stage_solver=stage_solver,
     )  # fmt: skip
-    every = min(check_count(save_every, "save_every"), 2**62)
+    every = min(check_integer("save_every", save_every, 1), 2**62)
     check_grid(problem.plan, h, grid_steps(problem), every, False)
     return solve_one(problem, every, Progress(progress, problem.t0, problem.t1))
 

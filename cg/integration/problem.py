@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from numpy.typing import ArrayLike
 
+from cg.catalogue import resolve_method
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.integration.arguments import (
@@ -16,7 +17,6 @@ from cg.integration.arguments import (
     check_args,
     check_atol,
     check_max_steps,
-    check_method,
     check_points,
     check_rtol,
     check_span,
@@ -213,7 +213,7 @@ def make_problem(
         rtol = check_rtol(rtol)
     if isinstance(method, str) and method == AUTO:
         method = choose_method(frame, rtol if h is None else None)
-    chosen = check_method(method)
+    chosen = resolve_method(method)
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen)
     plan = plan_of(frame, chosen)

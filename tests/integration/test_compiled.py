@@ -304,8 +304,8 @@ def test_on_frames_that_are_not_compiled_it_is_called_from_python(frame, y0, fun
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"save_every": 0}, ValueError, "save_every must be a positive integer, got 0"),
-        ({"save_every": 1.0}, ValueError, "save_every must be a positive integer"),
+        ({"save_every": 0}, ValueError, "save_every must be at least 1, got 0"),
+        ({"save_every": 1.0}, TypeError, "save_every must be an integer"),
         ({"y0": [1.0, 2.0]}, ValueError, "y0 must have shape"),
         ({"y0": [np.nan]}, ValueError, "y0 must be finite"),
         ({"h": -0.1}, ValueError, "h must be positive"),

@@ -80,7 +80,7 @@ def test_spans_of_all_numbers(t_span):
         ({"h": np.float32("inf")}, ValueError, "h must be positive and finite, got .*inf"),
         ({"h": np.longdouble("1e4000")}, ValueError, "h must be positive and finite, got"),
         ({"h": Fraction(1, 10**400)}, ValueError, "h must be positive and finite, got"),
-        ({"max_steps": True}, ValueError, "max_steps must be a positive integer, got True"),
+        ({"max_steps": True}, TypeError, "max_steps must be an integer, got True"),
     ],
 )
 def test_options(changes, error, message):

@@ -238,8 +238,8 @@ HALVES = Tableau([["1/2"]], ["1"])
         ({"h": 0.1, "max_step": 0.05}, ValueError, "h must not be larger than max_step = 0.05"),
         ({"max_step": 0.0}, ValueError, "max_step must be positive, got 0.0"),
         ({"max_step": np.nan}, ValueError, "max_step must be positive"),
-        ({"max_steps": 0}, ValueError, "max_steps must be a positive integer, got 0"),
-        ({"max_steps": 1e3}, ValueError, "max_steps must be a positive integer, got 1000.0"),
+        ({"max_steps": 0}, ValueError, "max_steps must be at least 1, got 0"),
+        ({"max_steps": 1e3}, TypeError, "max_steps must be an integer, got 1000.0"),
         ({"h": 0.1, "max_steps": 3}, ValueError, "max_steps must not be given together with h"),
         ({"h": 1e-9}, ValueError, r"h is too small for t_span: 1000000000 steps need .* GiB"),
         (

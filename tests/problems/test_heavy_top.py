@@ -267,8 +267,8 @@ def test_order_five_far_below_the_rounding_of_doubles():
         ({"h": np.nan}, ValueError, "h must be a finite number"),
         ({"h": "1/0"}, ValueError, "h must be a finite number"),
         ({"h": None}, ValueError, "h must be a finite number"),
-        ({"steps": 0}, ValueError, "steps must be a positive integer, got 0"),
-        ({"steps": 2.0}, ValueError, "steps must be a positive integer"),
+        ({"steps": 0}, ValueError, "steps must be at least 1, got 0"),
+        ({"steps": 2.0}, TypeError, "steps must be an integer"),
         ({"kind": "real16"}, ValueError, 'kind must be "real64" or "real128"'),
     ],
 )

@@ -29,7 +29,9 @@ class Progress:
     """
 
     def __init__(self, function: Any, start: float, stop: float, members: int = 1) -> None:
-        self.function = check_progress(function)
+        if function is not None and not callable(function):
+            raise TypeError(f"progress must be callable, got {function!r}")
+        self.function = function
         self.length = abs(stop - start)
         self.total = members * self.length
         self._before = 0.0
@@ -57,10 +59,3 @@ class Progress:
     def _tell(self) -> None:
         self.function(self._done, self.total)
         self._told = time.perf_counter()
-
-
-def check_progress(function: Any) -> Any:
-    """Return a function of the user or None; TypeError if it is neither."""
-    if function is not None and not callable(function):
-        raise TypeError(f"progress must be callable, got {function!r}")
-    return function

@@ -147,11 +147,6 @@ class EventTable:
     def __len__(self) -> int:
         return len(self.events)
 
-    @property
-    def in_python(self) -> bool:
-        """Whether a function or a jump is one of Python."""
-        return bool(self.jumps.any() or (self.functions[:, :1] == 0).any())
-
     def value(self, index: int, member: int, t: float, y: Points) -> list[float]:
         """Return the value of a function, after checking it."""
         return [self.value_with(index, t, y, self.arguments(member))]

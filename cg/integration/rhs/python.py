@@ -178,13 +178,11 @@ class PythonRhs:
             wanted = f"an array of shape {shape}" if self.together else f"{shape[0]} real numbers"
             traced = type(value).__module__.partition(".")[0] == "jax"
             hint = "; cg.jax has the methods for JAX, with gradients" if traced else ""
-            raise ValueError(
-                f"f must return {wanted}, got {value!r} at {_when(t)}{hint}"
-            ) from error
+            raise ValueError(f"f must return {wanted}, got {value!r} at {when(t)}{hint}") from error
         if coefficients.shape != shape:
             got = "None" if value is None else f"shape {coefficients.shape}"
             raise ValueError(
-                f"f must return an array of shape {shape}, got {got} at {_when(t)}"
+                f"f must return an array of shape {shape}, got {got} at {when(t)}"
                 f"{self._hint(coefficients.shape[len(shape) - 1 :])}"
             )
         # Sums are finite only if all their terms are, and take a fraction of the time.
@@ -194,9 +192,9 @@ class PythonRhs:
                 coefficients.reshape(len(rows), -1)
             ).all(axis=1)
             if wrong.any():
-                raise ValueError(f"f must return finite numbers, got {coefficients} at {_when(t)}")
+                raise ValueError(f"f must return finite numbers, got {coefficients} at {when(t)}")
             if finite_only:
-                raise StageOverflowError(f"a stage is no longer finite at {_when(t)}")
+                raise StageOverflowError(f"a stage is no longer finite at {when(t)}")
         return coefficients
 
     def _hint(self, shape: tuple[int, ...]) -> str:
@@ -210,5 +208,6 @@ class PythonRhs:
         return f"; {name}(matrix) are those of a matrix in the Lie algebra"
 
 
-def _when(t: Any) -> str:
+def when(t: Any) -> str:
+    """Return the time of a call, the first one of many, for a message."""
     return f"t = {np.atleast_1d(t)[0]:.17g}"

@@ -108,9 +108,6 @@ class _CompiledFlows:
         self.move = core.move
         self.blocks = describe_blocks(frame), block_constants(frame)
 
-    def __reduce__(self) -> tuple[Callable[[Frame], Flows], tuple[Frame]]:
-        return flows_of, (self.frame,)  # compiled functions can't be pickled
-
     def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
         moved = np.array(y, dtype=self.frame.dtype, order="C")
         if v.size and moved.size:
@@ -131,9 +128,6 @@ class _GroupFlows:
         self.group = _CompiledFlows(frame.group)
         self.identity = np.eye(frame.group.size, dtype=frame.group.dtype)
 
-    def __reduce__(self) -> tuple[Callable[[Frame], Flows], tuple[Frame]]:
-        return flows_of, (self.frame,)
-
     def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
         start = self.identity
         if v.ndim > 2:
@@ -153,9 +147,6 @@ class _CompiledDifference:
         self.difference = core.difference
         self.description = describe_blocks(frame)
 
-    def __reduce__(self) -> tuple[Callable[[Frame], Difference], tuple[Frame]]:
-        return difference_of, (self.frame,)
-
     def __call__(self, y0: Points, y1: Points) -> Array:
         rank = len(self.frame.point_shape)
         found = np.empty((*y0.shape[: y0.ndim - rank], self.frame.dim))
@@ -172,9 +163,6 @@ class _CompiledDexpinv:
         self.order = order
         self.dexpinv = core.dexpinv
         self.description = describe_blocks(frame)
-
-    def __reduce__(self) -> tuple[Callable[[Frame, int], Dexpinv], tuple[Frame, int]]:
-        return dexpinv_of, (self.frame, self.order)
 
     def __call__(self, u: Array, v: Array) -> Array:
         found = np.array(v, order="C")

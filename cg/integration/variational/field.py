@@ -15,7 +15,7 @@ from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
-from cg.integration.rhs.python import PythonRhs
+from cg.integration.rhs.python import PythonRhs, when
 from cg.integration.step.flows import Flows, flows_of
 
 __all__ = ["DIFFERENCE_STEP", "VariationalField"]
@@ -126,7 +126,7 @@ class VariationalField:
                 slope[..., self.frame.dim :] += self.parameter_derivative(t, y, arguments)
         if not math.isfinite(slope.sum()) and not np.isfinite(slope).all():
             raise OverflowError(
-                f"derivatives of the solution exceed the range of floating point at {_when(t)}"
+                f"derivatives of the solution exceed the range of floating point at {when(t)}"
             )
         return np.concatenate([coefficients, slope.reshape(*slope.shape[:-2], -1)], axis=-1)
 
@@ -224,15 +224,15 @@ class VariationalField:
                 value = real_array(value if value is not None else "None", name)
             except ValueError as error:
                 raise ValueError(
-                    f"{name} must return an array of shape {wanted}, got {value!r} at {_when(t)}"
+                    f"{name} must return an array of shape {wanted}, got {value!r} at {when(t)}"
                 ) from error
         if value.shape != wanted:
             raise ValueError(
                 f"{name} must return an array of shape {wanted}, got shape {value.shape} at "
-                f"{_when(t)}"
+                f"{when(t)}"
             )
         if not math.isfinite(value.sum()) and not np.isfinite(value).all():
-            raise ValueError(f"{name} must return finite numbers, got {value} at {_when(t)}")
+            raise ValueError(f"{name} must return finite numbers, got {value} at {when(t)}")
         return np.ascontiguousarray(value)
 
     def data_address(self, arguments: tuple[Any, ...]) -> int:
@@ -259,9 +259,9 @@ class VariationalField:
         rows = points.view(np.float64)
         _, code = core.call_field(function.address, data, 0, t, rows.T, found.T)
         if code:
-            raise RuntimeError(f"{name} returned the error code {code} at {_when(t)}")
+            raise RuntimeError(f"{name} returned the error code {code} at {when(t)}")
         if not np.isfinite(found).all() and np.isfinite(rows).all():
-            raise ValueError(f"{name} must return finite numbers, got {found[0]} at {_when(t)}")
+            raise ValueError(f"{name} must return finite numbers, got {found[0]} at {when(t)}")
         return found.reshape(len(y), *shape)
 
 
@@ -307,7 +307,3 @@ def _read_only(y: Points) -> Points:
     view = y.view()
     view.flags.writeable = False
     return view
-
-
-def _when(t: Any) -> str:
-    return f"t = {np.atleast_1d(t)[0]:.17g}"
