@@ -1,4 +1,5 @@
-! Coefficients that are affine in the point and in time: f = constant + linear y + t slope
+! Right-hand sides that are affine in the point and in time.
+! The coefficients are f = constant + linear y + t slope.
 module affine_field_m
   use kinds, only: wp
   use vector_field_m, only: vector_field_t
@@ -16,6 +17,7 @@ module affine_field_m
 
 contains
 
+  ! Evaluates f.
   subroutine coefficients(self, n, m, t, y, f, flag)
     class(affine_field_t), intent(inout) :: self
     integer, intent(in) :: n, m

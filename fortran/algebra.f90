@@ -1,6 +1,6 @@
-! The Lie algebra of a frame's fields: how coordinates of a point change. For y = exp(u) y0 with
-! y' = sum_i v_i E_i(y) it is u' = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12 - ..., with the
-! numbers of Bernoulli. On most blocks the series has a closed sum.
+! The inverse derivative of the exponential, dexp^-1, in the Lie algebra of a frame's fields. For y
+! = exp(u) y0 with y' = sum_i v_i E_i(y) it is u' = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12
+! - ..., a series in Bernoulli numbers. On most blocks it has a closed form.
 module algebra_m
   use kinds, only: wp
   use frames_m, only: block_t, frame_t
@@ -12,7 +12,8 @@ module algebra_m
   private
   public :: dexpinv, remove_isotropy
 
-  ! |B_2k| / (2 k)! for k = 1, 2, ..., by the recurrence of Euler: (2 k + 1) b_k is the sum of b_j b_(k-j)
+  ! |B_2k| / (2 k)! for k = 1, 2, ..., by Euler's recurrence:
+  ! (2 k + 1) b_k is the sum of b_j b_(k-j).
   real(wp), parameter :: b1(1) = [1 / 12.0_wp]
   real(wp), parameter :: b2(2) = [b1, dot_product(b1, b1(1:1:-1)) / 5]
   real(wp), parameter :: b3(3) = [b2, dot_product(b2, b2(2:1:-1)) / 7]
@@ -36,24 +37,26 @@ module algebra_m
   real(wp), parameter :: b21(21) = [b20, dot_product(b20, b20(20:1:-1)) / 43]
   real(wp), parameter :: b22(22) = [b21, dot_product(b21, b21(21:1:-1)) / 45]
   real(wp), parameter :: b23(23) = [b22, dot_product(b22, b22(22:1:-1)) / 47]
-  ! Each is less than the one before by 4 pi^2, so that so many leave less than rounding.
+  ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding.
   integer, parameter :: last_term = merge(11, 23, digits(1.0_wp) <= 53)
   real(wp), parameter :: series_below = 1.0_wp             ! of the square of an angle
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))     ! its square doesn't underflow
   ! The radius of the series: at a full turn of rotations
   real(wp), parameter :: radius = 8 * atan(1.0_wp)
-  real(wp), parameter :: commute = 16 * epsilon(1.0_wp)    ! brackets below, relative, are rounding
-  ! The growth of the latter half is that of all further ones.
+  ! relative brackets below this are rounding
+  real(wp), parameter :: commute = 16 * epsilon(1.0_wp)
+  ! Number of powers computed; the growth of the latter half is taken for that of all.
   integer, parameter :: powers = 20
 
 contains
 
+  ! Replaces v by dexp_u^-1 v.
   subroutine dexpinv(frame, order, u, v, exists)
     type(frame_t), intent(in) :: frame
-    integer, intent(in) :: order                     ! of the method, which says how much of a series
+    integer, intent(in) :: order                     ! of the method; truncates the series
     real(wp), contiguous, intent(in) :: u(:)         ! (dimension)
     real(wp), contiguous, intent(inout) :: v(:)      ! (dimension)
-    ! whether the whole series converges; v is spoilt if not
+    ! whether the whole series converges; if not, v is undefined
     logical, intent(out) :: exists
     real(wp) :: sign
     integer :: i
@@ -72,7 +75,7 @@ contains
         case (se3_block)
           call dexpinv_motion(sign, u(k + 1:k + 6), v(k + 1:k + 6), exists)
         case (so_block, isospectral_block)
-          if (block%n == 3) then                   ! a matrix that SO(3) moves
+          if (block%n == 3) then                   ! SO(3) acts on the matrix
             call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
             cycle
           end if
@@ -88,8 +91,8 @@ contains
     end do
   end subroutine dexpinv
 
-  ! The bracket is the cross product times the sign, whose square is -|u|^2 across u. At small
-  ! angles 1 - x cot x is rounding, which is small beside v.
+  ! For rotations the bracket is the cross product times the sign, and ad^3 = -|u|^2 ad gives a
+  ! closed form. At small angles 1 - x cot x is rounding, which is small relative to v.
   pure subroutine dexpinv_rotation(sign, u, v, exists)
     real(wp), intent(in) :: sign
     real(wp), intent(in) :: u(3)
@@ -107,7 +110,8 @@ contains
     v = v - (sign / 2) * once + factor * cross(u, once)
   end subroutine dexpinv_rotation
 
-  ! The series up to the power order - 2 of u
+  ! For unitary matrices: the series up to the power order - 2 of u. Beyond the radius of
+  ! convergence it is used only if the brackets of this v don't grow.
   subroutine dexpinv_unitary(block, sign, order, u, v, exists)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: sign
@@ -144,7 +148,7 @@ contains
 
   contains
 
-    ! The bracket with x, both being skew-Hermitian
+    ! Replaces a skew-Hermitian matrix by its bracket with x.
     subroutine apply_bracket(power)
       complex(wp), intent(inout) :: power(block%n, block%n)
       integer :: i, j
@@ -157,7 +161,7 @@ contains
       end do
     end subroutine apply_bracket
 
-    ! The factor by which high powers grow, from the first one
+    ! The factor by which repeated brackets with x grow
     real(wp) function growth(power)
       complex(wp), intent(inout) :: power(block%n, block%n)
       real(wp) :: factor
@@ -179,7 +183,7 @@ contains
 
   end subroutine dexpinv_unitary
 
-  ! The same in real numbers
+  ! For real skew matrices, as dexpinv_unitary
   subroutine dexpinv_skew(n, sign, order, u, v, exists)
     integer, intent(in) :: n                         ! rows
     real(wp), intent(in) :: sign
@@ -216,6 +220,7 @@ contains
 
   contains
 
+    ! Replaces a skew matrix by its bracket with x.
     subroutine apply_bracket(power)
       real(wp), intent(inout) :: power(n, n)
 
@@ -223,6 +228,7 @@ contains
       power = next
     end subroutine apply_bracket
 
+    ! The factor by which repeated brackets with x grow
     real(wp) function growth(power)
       real(wp), intent(inout) :: power(n, n)
       real(wp) :: factor
@@ -244,14 +250,15 @@ contains
 
   end subroutine dexpinv_skew
 
+  ! The Frobenius norm
   pure real(wp) function length(x)
     complex(wp), intent(in) :: x(:, :)
 
     length = sqrt(sum(real(x, wp)**2 + aimag(x)**2))
   end function length
 
-  ! ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4, with the value and
-  ! the derivative of the series at the eigenvalues of ad
+  ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
+  ! with the value and the derivative of the series at the eigenvalues of ad
   pure subroutine dexpinv_motion(sign, u, v, exists)
     real(wp), intent(in) :: sign
     real(wp), intent(in) :: u(6)
@@ -273,6 +280,7 @@ contains
     v = sum + b * power
   end subroutine dexpinv_motion
 
+  ! The coefficients a and b of dexpinv_motion
   pure subroutine motion_factors(square, a, b)
     real(wp), intent(in) :: square           ! of the angle
     real(wp), intent(out) :: a, b
@@ -298,6 +306,7 @@ contains
     end if
   end subroutine motion_factors
 
+  ! The bracket of two rigid motions
   pure function bracket(u, v)
     real(wp), intent(in) :: u(6), v(6)       ! a rotation and a velocity
     real(wp) :: bracket(6)
@@ -306,6 +315,7 @@ contains
     bracket(4:6) = cross(u(1:3), v(4:6)) - cross(v(1:3), u(4:6))
   end function bracket
 
+  ! The cross product
   pure function cross(u, v)
     real(wp), intent(in) :: u(3), v(3)
     real(wp) :: cross(3)
@@ -315,7 +325,7 @@ contains
     cross(3) = u(1) * v(2) - u(2) * v(1)
   end function cross
 
-  ! Leaves out what moves no point: of turns of a sphere, those about the point
+  ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.
   subroutine remove_isotropy(frame, y, v)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)         ! (point_size)

@@ -1,4 +1,5 @@
-! Faces for f2py: they only shape and call. Quads cross as bytes on the Python side.
+! Interface for f2py of the order conditions and of conversions between kinds.
+! In Python numbers of the wide kind are arrays of bytes.
 
 subroutine core_digits(count)
   use kinds, only: wp

@@ -1,7 +1,9 @@
-! Faces for f2py of functions in C and of flows on their own: they only shape and call.
+! Interface for f2py of functions in C and of single operations of frames.
+! Each procedure converts its arguments and calls the core.
 
-! One call of a function in C for each of some points, which it may write into
-subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, flag)
+! Calls a function in C for each of some points, which it may overwrite.
+subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, &
+                      flag)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use external_field_m, only: field_at, rhs_i

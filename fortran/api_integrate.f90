@@ -1,5 +1,5 @@
-! Faces for f2py of built-in problems from time 0, with equal steps, each of which is stored: count
-! steps after the first ones, which are done. They only shape and call.
+! Interface for f2py of built-in problems with equal steps from time 0, all of which are stored.
+! A call takes `count` steps after the first `done` ones, which earlier calls have taken.
 module built_in_m
   use iso_fortran_env, only: int64
   use kinds, only: wp
@@ -18,6 +18,7 @@ module built_in_m
 
 contains
 
+  ! Takes some steps of a built-in problem.
   subroutine integrate_steps(field, description, constants, list, weight, c, h, steps, done, &
                              count, y, status, failed_at)
     class(vector_field_t), target, intent(inout) :: field
@@ -66,7 +67,7 @@ contains
 
 end module built_in_m
 
-! The spinning top
+! The heavy top
 subroutine core_heavy_top(inertia, mgl, integers, list, terms, weight, stages, c, h, steps, done, &
                            count, y, status, failed_at)
   use built_in_m, only: integrate_steps

@@ -1,5 +1,5 @@
-! Face for f2py of lmdif on a function that calls Python back. In double only, and never
-! `threadsafe`: the function needs the interpreter's lock.
+! Interface for f2py of lmdif on a function in Python, in double precision.
+! It is never `threadsafe`, since the function needs the interpreter's lock.
 module lmdif_callback_m
   use, intrinsic :: iso_fortran_env, only: real64
   use least_squares_m, only: least_squares_t

@@ -1,4 +1,5 @@
-! Faces for f2py of the fast solver, which is in double precision only.
+! Interface for f2py of the minimum-norm solver, in double precision.
+! The addresses of LAPACK are set once.
 
 subroutine core_set_lapack(addresses)
   use, intrinsic :: iso_c_binding, only: c_intptr_t

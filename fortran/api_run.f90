@@ -1,7 +1,9 @@
-! Faces for f2py of plans and runs, which stay here between calls and are known by their addresses.
+! Interface for f2py of plans and runs.
+! Both stay in memory between calls, and the caller knows them by their addresses.
 
-subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, stages, &
-                     c, implicit_stages, address)
+! Makes a plan from a frame and a method.
+subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, &
+                     stages, c, implicit_stages, address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
   use frames_m, only: make_frame
   use kinds, only: wp
@@ -24,7 +26,7 @@ subroutine plan_open(blocks, description, numbers, constants, integers, list, te
   address = at_address(c_loc(plan))
 end subroutine plan_open
 
-! How the solution within steps is made; see scheme_t.
+! Sets the coefficients of the interpolants of a plan; see scheme_t.
 subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
                            degree, basis, nodes, node, blend, used, used_c, flows, result_weight)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
@@ -34,7 +36,8 @@ subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, 
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
   logical, intent(in) :: flat
-  real(wp), intent(in) :: theta(extra)                 ! a last one is left out: none may be empty
+  ! the last one is unused, since no array may be empty
+  real(wp), intent(in) :: theta(extra)
   real(wp), intent(in) :: row(derivatives, extra), basis(derivatives, degree)
   real(wp), intent(in) :: node(nodes, nodes - 1), blend(nodes + 2, nodes - 1)
   real(wp), intent(in) :: used_c(used), result_weight(used, flows)
@@ -79,6 +82,7 @@ subroutine plan_distance_bound(address, n, members, y, bound)
   end do
 end subroutine plan_distance_bound
 
+! Frees a plan.
 subroutine plan_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run_m, only: plan_at, plan_t
@@ -90,7 +94,7 @@ subroutine plan_close(address)
   deallocate (plan)
 end subroutine plan_close
 
-! The run that a record describes
+! Makes the run that a record describes.
 subroutine loop_open(plan_address, record_address, address)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, c_null_ptr
@@ -159,6 +163,7 @@ subroutine loop_open(plan_address, record_address, address)
   end if
 end subroutine loop_open
 
+! Frees a run.
 subroutine loop_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run_m, only: run_at, run_t
@@ -170,7 +175,7 @@ subroutine loop_close(address)
   deallocate (run)
 end subroutine loop_close
 
-! Until all members have ended, the budget is used up, or a buffer is full
+! Advances a run until all members have ended, the budget is used up, or a buffer is full.
 subroutine loop_drive(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run_m, only: drive, run_at, run_t
@@ -182,7 +187,7 @@ subroutine loop_drive(address)
   call drive(run)
 end subroutine loop_drive
 
-! The buffers of the record have changed.
+! Takes new buffers from the record.
 subroutine loop_set_output(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run_m, only: run_at, run_t, set_output
@@ -194,7 +199,7 @@ subroutine loop_set_output(address)
   call set_output(run)
 end subroutine loop_set_output
 
-! All trajectories of a run that has as many lanes as members go on, up to other ends of segments.
+! Lets all trajectories continue with other ends of segments. There are as many lanes as members.
 subroutine loop_continue(address, segments, stops)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use kinds, only: wp
@@ -216,7 +221,7 @@ subroutine loop_continue(address, segments, stops)
   run%next = size(run%lanes) + 1
 end subroutine loop_continue
 
-! They go on from other points or another time, and with other data of the field.
+! Starts all trajectories from other points or another time, with other data of the field.
 subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use kinds, only: wp
@@ -240,7 +245,7 @@ subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   run%next = members + 1
 end subroutine loop_restart
 
-! Asks for the interpolants of the last steps, which the next call of loop_drive keeps.
+! Requests the interpolants of the last steps, which the next call of loop_drive stores.
 subroutine loop_interpolate(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
   use run_m, only: run_at, run_t
@@ -257,7 +262,7 @@ subroutine loop_interpolate(address)
   run%busy = .true.
 end subroutine loop_interpolate
 
-! All that trajectories need to go on bit for bit: read, or written
+! Reads or writes the states of all trajectories.
 subroutine loop_state(address, write, n, m, columns, members, reals, integers, points, slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
   use kinds, only: wp
@@ -286,8 +291,9 @@ subroutine loop_state(address, write, n, m, columns, members, reals, integers, p
   run%next = members + 1
 end subroutine loop_state
 
-! Points of the solution within steps whose interpolants were kept
-subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, fields, y)
+! Evaluates stored interpolants.
+subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, &
+                            fields, y)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
   use callback_m, only: python_t
   use frames_m, only: frame_t
@@ -335,7 +341,7 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   end do
 end subroutine plan_interpolate
 
-! The size and the number of equal steps, and the size of the last one
+! The number of equal steps in a span, and the size of the last one
 subroutine equal_steps(start, stop, h, steps, last)
   use, intrinsic :: iso_fortran_env, only: int64
   use kinds, only: wp

@@ -1,4 +1,5 @@
-! Face for f2py of one whole fit: no Python call inside, so that threads can run many at once.
+! Interface for f2py of lmdif on the order conditions.
+! It never calls Python, so that threads can run many fits at once.
 
 ! MINPACK's lmdif on the order conditions. Zeros in the list of trees are rows of zeros: the
 ! solver wants at least as many rows as unknowns.

@@ -1,4 +1,5 @@
-! Functions of Python, called by python_field.c, as the loop over steps knows them
+! Functions of Python and events in C for the loop over steps.
+! python_field.c calls Python.
 module callback_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_intptr_t, &
                                          c_null_ptr, c_ptr
@@ -56,7 +57,8 @@ module callback_m
 
 contains
 
-  ! The exception that a function raised is found when the call from Python returns.
+  ! Applies an operation in Python. If it raises an exception, the result is NaN, and the exception
+  ! remains set until the call from Python returns.
   subroutine apply(self, operation, a, b, c)
     class(python_t), intent(in) :: self
     integer, intent(in) :: operation
@@ -67,6 +69,7 @@ contains
     c = ieee_value(c, ieee_quiet_nan)
   end subroutine apply
 
+  ! Evaluates the function of an event.
   subroutine event_value(self, member, event, t, y, g, flag)
     class(external_events_t), intent(in) :: self
     integer, intent(in) :: member, event
@@ -91,11 +94,13 @@ contains
       flag = .not. abs(g) <= huge(g)
       return
     end if
-    call self%python%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, answer)
+    call self%python%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
+                           answer)
     g = answer(1)
     flag = .not. abs(g) <= huge(g)
   end subroutine event_value
 
+  ! Evaluates the point after a jump.
   subroutine event_jump(self, member, event, t, y, after, flag)
     class(external_events_t), intent(in) :: self
     integer, intent(in) :: member, event

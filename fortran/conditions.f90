@@ -25,8 +25,8 @@ contains
 
   ! The owner of a condition is a result, zero for the first and -1 for the second. A positive one,
   ! k, asks stage k to be right at its own abscissa, Phi_k(t) = c_k^(|t| - 1) / gamma(t), a
-  ! simplifying assumption of stage order |t| - 1; with `middle_abscissa` instead of a tree, it asks c_k to
-  ! lie in the middle of its piece, c_k = sum_{j<k} b_j + b_k/2, in tableaux only.
+  ! simplifying assumption of stage order |t| - 1; with `middle_abscissa` instead of a tree, it asks
+  ! c_k to lie in the middle of its piece, c_k = sum_{j<k} b_j + b_k/2, in tableaux only.
   subroutine set_up(self, order, layout, trees, owner)
     class(order_conditions_t), intent(inout) :: self
     integer, intent(in) :: order
@@ -45,6 +45,7 @@ contains
     end do
   end subroutine set_up
 
+  ! Computes the residuals of all conditions.
   subroutine residual(self, x, f, flag)
     class(order_conditions_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)      ! (unknowns)
@@ -73,6 +74,7 @@ contains
     if (.not. all(abs(f) <= huge(f))) flag = -1
   end subroutine residual
 
+  ! Computes the derivatives of all residuals.
   subroutine jacobian(self, x, jac, flag)
     class(order_conditions_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)        ! (unknowns)

@@ -1,6 +1,5 @@
-! How the size of a step follows from the errors of those before: the PI control of Gustafsson, and
-! the first step of Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", sections
-! II.4 and IV.2. Compiled steps and those of Python's loop ask here.
+! Step size control: the PI controller of Gustafsson, and the first step of Hairer, Norsett, Wanner,
+! "Solving Ordinary Differential Equations I", section II.4; for the controller see volume II, IV.2.
 module controller_m
   use kinds, only: wp
   implicit none
@@ -15,26 +14,27 @@ module controller_m
   real(wp), parameter :: last_power = 0.7_wp
   real(wp), parameter :: before_last_power = 0.4_wp
   real(wp), parameter :: min_last_error = 1e-4_wp
-  ! What the first step's error is meant to be, in tolerances
+  ! Target of the error of the first step, in tolerances
   real(wp), parameter :: first_error = 0.01_wp
-  ! A size or a slope below this many tolerances tells nothing, and the first guess is this fraction
-  ! of the span.
+  ! If a norm is below this many tolerances, the first guess is this fraction of the span.
   real(wp), parameter :: negligible = 1e-5_wp
   real(wp), parameter :: blind_fraction = 1e-6_wp
   real(wp), parameter :: smallest_step = 10.0_wp      ! in spacings of numbers at the time
 
 contains
 
-  ! The size of the next try after a step that had too large an error, or huge where there is none
+  ! The size of the next attempt after a rejected step; its error is huge if there is no estimate.
   pure real(wp) function rejected_size(taken, error, exponent)
     real(wp), intent(in) :: taken          ! size of the step
     real(wp), intent(in) :: error          ! in tolerances
-    real(wp), intent(in) :: exponent       ! of errors that steps are proportional to
+    real(wp), intent(in) :: exponent       ! power of an error that a step size is proportional to
 
     rejected_size = failure_factor * taken
-    if (error < huge(error)) rejected_size = max(smallest_factor, safety * error**(-exponent)) * taken
+    if (error < huge(error)) rejected_size = max(smallest_factor, safety * error**(-exponent)) &
+      * taken
   end function rejected_size
 
+  ! Computes the size of the step after an accepted one.
   pure subroutine accepted_size(taken, error, exponent, after_rejection, last_error, next)
     real(wp), intent(in) :: taken, error, exponent
     logical, intent(in) :: after_rejection
@@ -52,8 +52,8 @@ contains
     last_error = max(error, min_last_error)
   end subroutine accepted_size
 
-  ! The size to try, negative if it is below the resolution of time, unless it leads to the end. That
-  ! may be due to a rejection; before one the smallest size is tried.
+  ! The size to try, negative if it is below the resolution of time, unless it leads to the end.
+  ! That may be due to a rejection; before one the smallest size is tried.
   pure real(wp) function tried_size(wanted, t, stop, max_step, after_rejection)
     real(wp), intent(in) :: wanted, t, stop, max_step
     logical, intent(in) :: after_rejection
@@ -66,7 +66,7 @@ contains
     if (tried_size < min(smallest, abs(stop - t))) tried_size = -1.0_wp
   end function tried_size
 
-  ! A first size from norms, in tolerances, of the point and of its derivative
+  ! A first guess from the norms, in tolerances, of the point and of its derivative
   pure real(wp) function first_guess(point, slope, span)
     real(wp), intent(in) :: point, slope
     real(wp), intent(in) :: span           ! of the whole integration
@@ -75,7 +75,7 @@ contains
     if (point > negligible .and. slope * span > negligible) first_guess = 0.01_wp * point / slope
   end function first_guess
 
-  ! A better one, huge if any would do. The rate at which the solution changes stands for its
+  ! The first size, huge if there is no limit. The rate at which the solution changes stands for its
   ! derivatives beyond the second, so that the unit of time makes no difference.
   pure real(wp) function first_size(point, slope, curvature, exponent)
     real(wp), intent(in) :: point, slope, curvature
@@ -92,8 +92,8 @@ contains
     end if
   end function first_size
 
-  ! The size below which steps can't be told apart from rounding of the time. The intrinsic
-  ! function spacing has a larger value at numbers near zero.
+  ! The smallest step size that is larger than the rounding of the time. The intrinsic function
+  ! spacing has a larger value near zero.
   pure real(wp) function smallest_size(t)
     real(wp), intent(in) :: t
 

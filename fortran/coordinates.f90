@@ -1,5 +1,5 @@
-! Differences of points: the coefficients of the flow from one to the other, and what to compare
-! them with
+! Differences of points: the coefficients of the flow from one point to another.
+! `sizes` gives the magnitudes that relative tolerances of such coefficients refer to.
 module coordinates_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
@@ -15,13 +15,13 @@ module coordinates_m
   real(wp), parameter :: pi = acos(-1.0_wp)
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))    ! its square doesn't underflow
 
-  ! of the distance from the opposite point of a sphere, the least part that must be along it
+  ! near the opposite point of a sphere, the least fraction of the distance that is along the sphere
   real(wp), parameter :: opposite = 1.0e-4_wp
 
 contains
 
-  ! The smallest v whose flow leads from x to y; NaN between opposite points of a sphere and
-  ! where matrices of any size are half a turn apart
+  ! Computes the smallest v whose flow leads from x to y. It is NaN between opposite points of a
+  ! sphere and between matrices that are half a turn apart.
   subroutine difference(frame, x, y, v)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
@@ -41,6 +41,7 @@ contains
     end do
   end subroutine difference
 
+  ! Computes the difference in one block.
   pure subroutine difference_in_block(block, x, y, v)
     type(block_t), intent(in) :: block
     real(wp), contiguous, intent(in) :: x(:), y(:)
@@ -62,13 +63,13 @@ contains
       v = smallest_rotation(x, y)
     case (so_block, su_block, u_block)
       call unitary_difference(block%kind, block%n, block%space, x, y, v)
-    case default                           ! there are no such coordinates
+    case default                           ! no coordinates are known
       v = ieee_value(v, ieee_quiet_nan)
     end select
   end subroutine difference_in_block
 
-  ! What errors in each coordinate are relative to: |y_i| on Euclidean space, the distance from the
-  ! origin for the translations of a rigid motion, 1 for angles
+  ! Computes the magnitude that the error in each coordinate is relative to: |y_i| on Euclidean
+  ! space, the distance from the origin for the translations of a rigid motion, 1 for angles
   subroutine sizes(frame, y, s)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)     ! (point_size)
@@ -102,6 +103,7 @@ contains
     rotation(3, :) = y(2 * n + 1:2 * n + 3)
   end function rotation
 
+  ! The rotation from x to y, x^T y in body axes and y x^T in space axes
   pure function quotient(block, x, y)
     type(block_t), intent(in) :: block
     real(wp), intent(in) :: x(3, 3), y(3, 3)
@@ -195,6 +197,7 @@ contains
     r(4) = dot_product(p, q)
   end function quaternion_quotient
 
+  ! The cross product
   pure function cross(u, v)
     real(wp), intent(in) :: u(3), v(3)
     real(wp) :: cross(3)
@@ -204,6 +207,7 @@ contains
     cross(3) = u(1) * v(2) - u(2) * v(1)
   end function cross
 
+  ! The smallest rotation vector that rotates the unit vector x to y
   pure function smallest_rotation(x, y) result(v)
     real(wp), intent(in) :: x(3), y(3)
     real(wp) :: v(3), short(3)

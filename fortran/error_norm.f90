@@ -1,6 +1,5 @@
-! What errors of steps are measured in: root mean squares over the coefficients of the flow from one
-! point to another or, on frames that know no such coefficients, over the entries of points. In
-! Python it is cg/integration/error_norm.py.
+! Norms of errors of steps: root mean squares over the coefficients of the flow from one
+! point to another or, on frames without such coefficients, over the entries of points.
 module error_norm_m
   use kinds, only: wp
   use coordinates_m, only: difference, sizes
@@ -11,19 +10,19 @@ module error_norm_m
   private
   public :: tolerances_t, norm, point_difference, point_sizes, scales, tangent, width
 
-  ! What chooses the steps of a pair
+  ! The tolerances of a pair and the limits of its steps
   type :: tolerances_t
     real(wp), allocatable :: atol(:)       ! (width)
     real(wp) :: rtol = 0.0_wp
-    logical :: in_entries = .false.        ! whether differences are those of entries
+    logical :: in_entries = .false.        ! whether differences of entries are measured
     integer :: parts = 1                   ! numbers of an entry: 2 if it is complex
-    real(wp) :: exponent = 0.0_wp          ! of errors, in the choice of a step
+    real(wp) :: exponent = 0.0_wp          ! power of an error that a step size is proportional to
     real(wp) :: max_step = 0.0_wp
   end type tolerances_t
 
 contains
 
-  ! How many numbers a difference has
+  ! The number of entries of a difference
   pure integer function width(frame, tolerances)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
@@ -31,6 +30,7 @@ contains
     width = merge(frame%point_size, frame%dimension, tolerances%in_entries)
   end function width
 
+  ! Computes the difference of two points.
   subroutine point_difference(frame, tolerances, x, y, v)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
@@ -44,8 +44,8 @@ contains
     end if
   end subroutine point_difference
 
-  ! The field with coefficients v as a difference. Where entries are compared all blocks are
-  ! isospectral.
+  ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
+  ! isospectral or outside of compiled code.
   subroutine tangent(frame, tolerances, v, y, found)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
@@ -71,8 +71,8 @@ contains
     end do
   end subroutine tangent
 
-  ! What relative errors are relative to; that of an entry is the root mean square of the entries whose
-  ! tolerance is finite.
+  ! Computes the magnitudes that relative errors refer to; for entries, the root mean square of all
+  ! entries whose tolerance is finite.
   subroutine point_sizes(frame, tolerances, y, found)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
@@ -89,7 +89,7 @@ contains
             / sqrt(real(counted / tolerances%parts, wp))
   end subroutine point_sizes
 
-  ! The tolerances at the larger of two points, all positive
+  ! Computes the tolerances at the larger of two points, all positive.
   subroutine scales(frame, tolerances, x, y, spare, found)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
@@ -102,7 +102,8 @@ contains
     found = max(tolerances%rtol * max(found, spare) + tolerances%atol, tiny(1.0_wp))
   end subroutine scales
 
-  ! The root mean square of a difference in tolerances. Numbers whose tolerance is infinite don't count.
+  ! The root mean square of a difference in tolerances. Entries with infinite tolerance are left
+  ! out.
   pure real(wp) function norm(tolerances, v, scale)
     type(tolerances_t), intent(in) :: tolerances
     real(wp), contiguous, intent(in) :: v(:), scale(:)       ! (width)

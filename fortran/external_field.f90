@@ -1,4 +1,4 @@
-! A vector field that is a function in C, in double precision:
+! Right-hand sides that are functions in C, in double precision:
 !   int rhs(double t, const double *y, double *f, void *user_data)
 module external_field_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_intptr_t, &

@@ -1,4 +1,4 @@
-! Rigid frames: manifolds with vector fields whose flows are known. A frame is a row of blocks,
+! Frames: manifolds with vector fields E_i whose flows are known. A frame is a product of blocks,
 ! each with its own manifold; points and coefficients of the blocks lie one after the other.
 module frames_m
   use kinds, only: wp
@@ -10,12 +10,12 @@ module frames_m
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
-  ! What flows call is private, or it would not be compiled into the loops: a fifth of the time
+  ! What flows call is private so that it is inlined; otherwise flows take a fifth longer.
   private
   public :: flow_sequence_t, frame_t, block_t, callback_t, make_frame, apply_flows, flow_along, &
             restore, get_quaternion, distance_bound
 
-  ! Functions outside of compiled code: the operations of shared_numbers on two arrays
+  ! Functions outside of compiled code, by their Operation
   type, abstract :: callback_t
   contains
     procedure(apply_i), deferred :: apply
@@ -23,7 +23,7 @@ module frames_m
 
   abstract interface
 
-    ! The result is NaN where there is none.
+    ! Applies an operation to two arrays. The result is NaN where there is none.
     subroutine apply_i(self, operation, a, b, c)
       import :: callback_t, wp
       class(callback_t), intent(in) :: self
@@ -63,7 +63,7 @@ module frames_m
     type(flow_sequence_t) :: single          ! one flow along one field with weight 1
   end type frame_t
 
-  ! A square of it doesn't underflow, and sin(x) / x is exactly 1 at it.
+  ! Its square doesn't underflow, and sin(x) / x is exactly 1 there.
   real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))
 
 contains
@@ -220,8 +220,8 @@ contains
     end select
   end subroutine move_matrix
 
-  ! Moves a point that one quaternion rotates, which is the product of the rotations of all flows. Its
-  ! length is 1 except for rounding.
+  ! Rotates a point by the product of the rotations of all flows, a quaternion of length 1 up to
+  ! rounding.
   subroutine rotate(block, flows, begin, last, m, f, y)
     type(block_t), intent(in) :: block
     type(flow_sequence_t), intent(in) :: flows
@@ -282,8 +282,8 @@ contains
     end do
   end function combined
 
-  ! The quaternion (vector part, scalar part) that a point is. For SU(2) it is the nearest one to
-  ! the matrix w - i (x, y, z) . (the matrices of Pauli), so that rounding off the group is lost.
+  ! The quaternion (vector part, scalar part) of a point. For SU(2) it is the nearest one to the
+  ! matrix w - i (x, y, z) . (the Pauli matrices), so that rounding off the group is removed.
   pure function get_quaternion(block, y) result(q)
     type(block_t), intent(in) :: block
     real(wp), contiguous, intent(in) :: y(:)       ! (4) or (8)
@@ -298,7 +298,7 @@ contains
     end if
   end function get_quaternion
 
-  ! Of SU(2)
+  ! Stores a quaternion as a matrix of SU(2).
   pure subroutine set_quaternion(q, y)
     real(wp), intent(in) :: q(4)
     real(wp), contiguous, intent(inout) :: y(:)    ! (8)
@@ -306,11 +306,10 @@ contains
     y = [q(4), -q(3), -q(2), -q(1), q(2), -q(1), q(4), q(3)]
   end subroutine set_quaternion
 
-  ! Rigid motions (R, x), y -> R y + x; the coefficients are a rotation vector and a velocity.
-  ! One flow's motion is (exp hat v, V u), V the mean of exp(s hat v) over s from 0 to 1:
-  ! V u = a u + (1 - a) n (n . u) + b n x u, where v = angle n, a = sin(angle) / angle and
-  ! b = (1 - cos(angle)) / angle. Along the unit vector n nothing cancels that isn't small
-  ! beside u.
+  ! Moves a rigid motion (R, x), y -> R y + x; the coefficients are a rotation vector and a
+  ! velocity. One flow's motion is (exp hat v, V u), V the mean of exp(s hat v) over s from 0 to 1:
+  ! V u = a u + (1 - a) n (n . u) + b n x u, where v = angle n, a = sin(angle) / angle and b = (1 -
+  ! cos(angle)) / angle. Along the unit vector n nothing cancels that isn't small beside u.
   subroutine move_rigid_body(block, flows, begin, last, m, f, y)
     type(block_t), intent(in) :: block
     type(flow_sequence_t), intent(in) :: flows
@@ -356,9 +355,10 @@ contains
     y(12) = u(3)
   end subroutine move_rigid_body
 
-  ! Removes rounding from a point: one step of Newton and Schulz, y -> (3 y - y y^T y) / 2, towards
-  ! the nearest rotation or unit vector. On the manifold it is the identity, and it squares a
-  ! distance; without it rounding errors add up from step to step. Eigenvalues are replaced.
+  ! Removes rounding off the manifold from a point: one Newton-Schulz step, y -> (3 y - y y^T y) /
+  ! 2, towards the nearest rotation or unit vector. It is the identity on the manifold and squares
+  ! the distance; without it rounding errors accumulate. Eigenvalues of isospectral points are
+  ! replaced.
   subroutine restore(frame, y)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(inout) :: y(:)    ! (point_size)
@@ -394,8 +394,8 @@ contains
     end do
   end subroutine restore
 
-  ! No less than the distance of a point from the manifold, huge where that takes more than a glance.
-  ! Singular values s of a matrix y are within |s^2 - 1| of 1, and so within the norm of y y^T - 1.
+  ! An upper bound of the distance of a point from the manifold, huge where none is cheap. Singular
+  ! values s of a matrix y are within |s^2 - 1| of 1, and so within the norm of y y^T - 1.
   pure real(wp) function distance_bound(frame, y)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: y(:)       ! (point_size)
@@ -432,6 +432,7 @@ contains
     if (.not. distance_bound <= huge(distance_bound)) distance_bound = huge(distance_bound)
   end function distance_bound
 
+  ! An upper bound of the distance of a matrix from the rotations
   pure real(wp) function rotation_bound(x, y, z)
     real(wp), intent(in) :: x(3), y(3), z(3)       ! rows of a matrix
 
@@ -441,6 +442,7 @@ contains
     if (.not. dot_product(cross(x, y), z) > 0) rotation_bound = huge(rotation_bound)
   end function rotation_bound
 
+  ! One Newton-Schulz step of a matrix of three rows
   pure subroutine orthogonalise(x, y, z)
     real(wp), intent(inout) :: x(3), y(3), z(3)    ! rows of a matrix near a rotation
     real(wp) :: xx, yy, zz, xy, yz, zx, old(3, 3)
@@ -459,8 +461,8 @@ contains
     z = zx * old(:, 1) + yz * old(:, 2) + zz * old(:, 3)
   end subroutine orthogonalise
 
-  ! The unit quaternion (vector part, scalar part) that turns by v. The quotient sin(x) / x is
-  ! right to a rounding or two at every x in any kind, so that no series takes over near zero.
+  ! The unit quaternion (vector part, scalar part) of the rotation vector v. The quotient sin(x) / x
+  ! is accurate to one or two roundings at every x, so that no series is needed near zero.
   pure subroutine exponential(v, e, half, sinc)
     real(wp), intent(in) :: v(3)
     real(wp), intent(out) :: e(4)
@@ -490,6 +492,7 @@ contains
     w = d
   end subroutine multiply
 
+  ! The cross product
   pure function cross(u, v)
     real(wp), intent(in) :: u(3), v(3)
     real(wp) :: cross(3)
@@ -499,6 +502,7 @@ contains
     cross(3) = u(1) * v(2) - u(2) * v(1)
   end function cross
 
+  ! Rotates a vector by a unit quaternion.
   pure subroutine rotate_vector(q, u)
     real(wp), intent(in) :: q(4)
     real(wp), intent(inout) :: u(3)
@@ -508,7 +512,7 @@ contains
     u = u + q(4) * twice + cross(q(1:3), twice)
   end subroutine rotate_vector
 
-  ! The matrix with rows x, y, z times the rotation of q, which stands at its left or right
+  ! Multiplies the matrix with rows x, y, z by the rotation of q, from the left or the right.
   pure subroutine rotate_matrix(q, left, x, y, z)
     real(wp), intent(in) :: q(4)
     logical, intent(in) :: left

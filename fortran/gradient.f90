@@ -112,7 +112,8 @@ contains
       do m = 1, child_start(trees(c) + 1) - child_start(trees(c))
         u = child(child_start(trees(c)) + m - 1)
         do i = 1, n
-          do k = weights%pattern%weight_start(path(i)), weights%pattern%weight_start(path(i) + 1) - 1
+          do k = weights%pattern%weight_start(path(i)), weights%pattern%weight_start(path(i) &
+                                                                                     + 1) - 1
             associate (at => weights%pattern%at(k))
               jac(c, k) = jac(c, k) + weights%chi(at, u)*z(i, m)
               if (at > 0) adjoint(c, u, at) = adjoint(c, u, at) + weights%x(k)*z(i, m)
@@ -123,6 +124,7 @@ contains
     end do
   end subroutine seed
 
+  ! The same for simplifying assumptions on stages
   subroutine seed_assumptions(weights, trees, owner, jac, adjoint)
     class(weights_t), intent(in) :: weights
     integer, intent(in) :: trees(:), owner(:)      ! (conditions)
@@ -217,7 +219,8 @@ contains
     end do
   end function first_condition
 
-  ! The first `points` points of the arrays are wanted.
+  ! Computes Z(p, m), the derivatives by the letter at each place m of a word, for the first
+  ! `points` points.
   subroutine by_letter(order, e, left, right, t, points, z)
     integer, intent(in) :: order
     real(wp), intent(in), contiguous :: e(:, :), left(:, :), right(:, :)  ! (points.., stage_trees)

@@ -1,4 +1,4 @@
-! The spinning top in body coordinates: B' = B hat(w), m' = m x w + MgL (B^T e3) x e3, I w = m.
+! The heavy top in body coordinates: B' = B hat(w), m' = m x w + MgL (B^T e3) x e3, I w = m.
 ! A point is B row by row, then m: the frame is SO(3) times R^3.
 module heavy_top_m
   use kinds, only: wp
@@ -16,6 +16,7 @@ module heavy_top_m
 
 contains
 
+  ! Evaluates w and m'.
   subroutine coefficients(self, n, m, t, y, f, flag)
     class(heavy_top_t), intent(inout) :: self
     integer, intent(in) :: n, m                    ! 12, 6

@@ -1,5 +1,5 @@
-! The solution within one step, on the manifold and as accurate as the step, in one of two forms;
-! cg/integration/step/interpolant.py tells where their numbers come from.
+! The solution within one step, on the manifold and as accurate as the step, in one of two forms.
+! cg/integration/step/interpolant.py derives their coefficients.
 !
 ! On a Lie algebra the coordinates of y = exp(u) y0 are a polynomial,
 !
@@ -8,19 +8,19 @@
 !
 ! in derivatives k_j of coordinates: those at the stages of a flat method, or that at the start and
 ! the mean u(1) / h, then that at the end, and those at further nodes, each evaluated where the ones
-! before it lead. One flow leads to a point.
+! before it lead. One flow reaches a point.
 !
 ! Elsewhere the coefficients F(theta) = f(t0 + theta h, y(theta)) are interpolated by a polynomial P
 ! at nodes 0 = theta_1 < ... < theta_n = 1. The flows that lead to the method's result solve
 ! z' = h sum_i P_i(theta) E_i(z), z(0) = y0, to the order of the method, without evaluations of f.
-! One flow more makes z(1) into y1:
+! One more flow moves z(1) to y1:
 !
 !   y(theta) = exp(w(theta) v) z(theta),   exp(v) z(1) = y1,   w(theta) = W(theta) / W(1),
 !
-! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega times
-! a constant in leading order, so that this flow takes it away, and the error is O(h^(n + 2)). Nodes
-! are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant with n
-! nodes leads.
+! where W is the integral of omega(s) = (s - theta_1) ... (s - theta_n). The error of P is omega
+! times a constant in leading order, so that this flow removes it, and the error is O(h^(n + 2)).
+! Nodes are added one at a time: the coefficients at n + 1 nodes are evaluated where the interpolant
+! with n nodes leads.
 module interpolant_m
   use kinds, only: wp
   use algebra_m, only: dexpinv
@@ -32,7 +32,7 @@ module interpolant_m
   public :: scheme_t, interpolant_t, add_node, begin_interpolant, evaluate_interpolant, &
             flows_of_evaluation, next_node, reserve_interpolant, set_ends
 
-  ! What depends on the method
+  ! The coefficients of the interpolants of a method
   type :: scheme_t
     integer :: columns = 0                   ! of an interpolant's coefficients; 0: not yet known
     ! on a Lie algebra
@@ -69,10 +69,11 @@ module interpolant_m
   end type interpolant_t
 
   integer, parameter :: iterations = 20
-  real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! whose square is below rounding
+  real(wp), parameter :: converged = sqrt(epsilon(1.0_wp)) / 8   ! its square is below rounding
 
 contains
 
+  ! Allocates the memory of an interpolant once.
   subroutine reserve_interpolant(frame, scheme, interpolant, memory)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
@@ -106,7 +107,7 @@ contains
     interpolant%field(:, 2) = last
   end subroutine set_ends
 
-  ! Makes what is known of the interpolant from the ends and the stages of its step.
+  ! Starts an interpolant from the ends and the stages of its step.
   subroutine begin_interpolant(frame, scheme, free, stages, interpolant, exists)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
@@ -146,7 +147,8 @@ contains
     call finish_or_fall_back(frame, scheme, interpolant, exists)
   end subroutine begin_interpolant
 
-  ! Steps that are too long for coordinates may still be those of other methods.
+  ! Finishes an interpolant in coordinates if all derivatives are known. If the step is too long for
+  ! coordinates and the method doesn't need them, the other form is used.
   subroutine finish_or_fall_back(frame, scheme, interpolant, exists)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
@@ -162,8 +164,8 @@ contains
     end if
   end subroutine finish_or_fall_back
 
-  ! The coordinates of y1, on the branch on which the solution leads there: from those that the
-  ! coefficients at both ends suggest, by Newton's method
+  ! Computes the coordinates of y1 by Newton's method, starting from the mean of the coefficients at
+  ! both ends, which selects the branch of the logarithm that the solution follows.
   subroutine find_mean(frame, scheme, interpolant, exists)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
@@ -187,6 +189,7 @@ contains
     interpolant%next(:, 2) = u / interpolant%h
   end subroutine find_mean
 
+  ! Computes a difference of nearby points on any frame.
   subroutine difference_nearby(frame, x, y, v)
     type(frame_t), intent(in) :: frame
     real(wp), contiguous, intent(in) :: x(:), y(:)
@@ -198,6 +201,7 @@ contains
     end if
   end subroutine difference_nearby
 
+  ! Computes the coefficients of the polynomial from all derivatives.
   subroutine finish_on_algebra(scheme, interpolant)
     type(scheme_t), intent(in) :: scheme
     type(interpolant_t), intent(inout) :: interpolant
@@ -213,7 +217,7 @@ contains
     interpolant%complete = .true.
   end subroutine finish_on_algebra
 
-  ! A sum of vectors; shapes are explicit since to describe arrays takes as long as to add so few.
+  ! A weighted sum of vectors. Shapes are explicit, since array descriptors take as long as the sum.
   pure subroutine combine(m, n, weight, k, sum)
     integer, intent(in) :: m, n
     real(wp), intent(in) :: weight(n), k(m, n)
@@ -226,11 +230,11 @@ contains
     end do
   end subroutine combine
 
-  ! Where the next coefficients are wanted
+  ! Computes the point of the next node.
   subroutine next_node(frame, scheme, interpolant, theta)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
-    type(interpolant_t), intent(inout) :: interpolant        ! whose y becomes the point
+    type(interpolant_t), intent(inout) :: interpolant        ! its y becomes the point
     real(wp), intent(out) :: theta
 
     if (interpolant%on_algebra) then
@@ -249,7 +253,7 @@ contains
     interpolant%nexp = interpolant%nexp + flows_of_evaluation(scheme, interpolant)
   end subroutine next_node
 
-  ! The coefficients at the node
+  ! Stores the coefficients at the node.
   subroutine add_node(frame, scheme, f, interpolant, exists)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
@@ -276,6 +280,7 @@ contains
     end associate
   end subroutine add_node
 
+  ! Starts an interpolant by flows.
   subroutine begin_flows(frame, scheme, interpolant)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
@@ -285,7 +290,7 @@ contains
     call add_last_flow(frame, scheme, interpolant)
   end subroutine begin_flows
 
-  ! The last flow, which leads to the end of the step
+  ! Computes the last flow, which reaches the end of the step.
   subroutine add_last_flow(frame, scheme, interpolant)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
@@ -301,6 +306,7 @@ contains
     interpolant%complete = interpolant%known == scheme%nodes
   end subroutine add_last_flow
 
+  ! The number of flows that one evaluation takes
   pure integer function flows_of_evaluation(scheme, interpolant)
     type(scheme_t), intent(in) :: scheme
     type(interpolant_t), intent(in) :: interpolant
@@ -309,7 +315,7 @@ contains
     if (.not. interpolant%on_algebra) flows_of_evaluation = size(scheme%weight, 2) + 1
   end function flows_of_evaluation
 
-  ! The point at a fraction of the step
+  ! Evaluates the interpolant at a fraction of the step.
   subroutine evaluate_interpolant(frame, scheme, interpolant, theta, y)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
@@ -333,6 +339,7 @@ contains
     end if
   end subroutine evaluate_interpolant
 
+  ! Moves a point along the flows of the second form.
   subroutine follow_flows(frame, scheme, interpolant, theta, y)
     type(frame_t), intent(in) :: frame
     type(scheme_t), intent(in) :: scheme
@@ -381,6 +388,7 @@ contains
     end do
   end subroutine lagrange
 
+  ! The polynomial w(theta) for n nodes
   pure real(wp) function blend_at(scheme, n, theta)
     type(scheme_t), intent(in) :: scheme
     integer, intent(in) :: n

@@ -1,5 +1,5 @@
-! Symmetric matrices with given eigenvalues, moved by y -> g y g^T with rotations g. Such a point is
-! its own transpose, so that rows and columns make no difference.
+! Flows on isospectral orbits: symmetric matrices with given eigenvalues, moved by y -> g y g^T with
+! rotations g. A point is its own transpose, so that the order of storage doesn't matter.
 module isospectral_m
   use kinds, only: wp
   use orthogonal_m, only: move_orthogonal, multiply, skew_matrix, to_orthogonal
@@ -11,7 +11,7 @@ module isospectral_m
 
 contains
 
-  ! The rotations of all flows make one, which moves the point once.
+  ! Moves a point by the product of the rotations of all flows.
   pure subroutine move_isospectral(n, f, y)
     integer, intent(in) :: n
     real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
@@ -54,7 +54,7 @@ contains
     real(wp) :: vectors(n, n), scaled(n, n), values(n)
     integer :: i, j, k, place
 
-    if (.not. all(abs(y) <= huge(y))) return     ! there are none
+    if (.not. all(abs(y) <= huge(y))) return     ! no eigenvalues
     call diagonalise(n, y, values, vectors)
     call to_orthogonal(n, vectors)
     do k = 1, n
@@ -73,8 +73,8 @@ contains
     end do
   end subroutine restore_isospectral
 
-  ! Eigenvalues and eigenvectors by Jacobi's rotations, pair after pair of rows until all other
-  ! entries are rounding
+  ! Eigenvalues and eigenvectors by cyclic Jacobi rotations, until all entries off the diagonal are
+  ! rounding
   pure subroutine diagonalise(n, matrix, values, vectors)
     integer, intent(in) :: n
     real(wp), intent(in) :: matrix(n, n)

@@ -1,5 +1,5 @@
-! The few BLAS and LAPACK routines that the fast solver uses, by their addresses: SciPy brings
-! the library, so nothing has to be linked and wheels stay small.
+! The BLAS and LAPACK routines of the minimum-norm solver, by their addresses.
+! SciPy provides the library, so that nothing has to be linked and wheels stay small.
 module lapack_m
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_double, c_intptr_t, &
                                          c_f_procpointer, c_null_funptr
@@ -51,6 +51,7 @@ module lapack_m
 
 contains
 
+  ! Sets the addresses of the routines.
   subroutine set_lapack(addresses)
     integer(c_intptr_t), intent(in) :: addresses(4)  ! dsyrk, dpotrf, dpotrs, dgeqrf
 
@@ -69,6 +70,7 @@ contains
                gram, size(gram, 1))
   end subroutine gram_matrix
 
+  ! The Cholesky factor of a symmetric matrix
   subroutine cholesky(a, info)
     real(c_double), intent(inout), contiguous :: a(:, :)  ! (m, m): lower triangle in, factor out
     integer, intent(out) :: info                          ! not 0: not positive definite
@@ -76,8 +78,8 @@ contains
     call dpotrf('L', size(a, 1), a, size(a, 1), info)
   end subroutine cholesky
 
-  ! The factor of a a^T + damping I, without forming it: small singular values of a, whose squares
-  ! would drown in rounding, keep their digits.
+  ! The Cholesky factor of a a^T + damping I by QR, without forming that matrix, in which the
+  ! squares of small singular values would be lost in rounding
   subroutine cholesky_of_gram(a, damping, factor)
     real(c_double), intent(in), contiguous :: a(:, :)         ! (m, n)
     real(c_double), intent(in) :: damping                     ! > 0
@@ -100,6 +102,7 @@ contains
     end do
   end subroutine cholesky_of_gram
 
+  ! Solves a linear system by its Cholesky factor.
   subroutine solve_cholesky(factor, b)
     real(c_double), intent(in), contiguous :: factor(:, :)  ! (m, m)
     real(c_double), intent(inout), contiguous :: b(:)       ! (m)

@@ -1,5 +1,5 @@
-! What a least-squares problem is to the solvers: m residuals of n unknowns,
-! and, for those that have it, their Jacobian.
+! The interface of least-squares problems: m residuals of n unknowns, and for some their Jacobian.
+! Another thread can stop a solve by a flag.
 module least_squares_m
   use kinds, only: wp
   use stop_flag_m, only: stop_requested

@@ -1,6 +1,6 @@
-! MINPACK's lmdif: nonlinear least squares with a Jacobian by forward differences, by steps within an
-! elliptic trust region |D p| <= delta.
-! J. J. More, The Levenberg-Marquardt algorithm: implementation and theory, LNM 630 (1978).
+! MINPACK's lmdif: nonlinear least squares with a Jacobian by forward differences, by steps within
+! an elliptic trust region |D p| <= delta. J. J. More, The Levenberg-Marquardt algorithm:
+! implementation and theory, LNM 630 (1978).
 module levenberg_marquardt_m
   use kinds, only: wp
   use least_squares_m, only: least_squares_t, residual_calls, jacobian_calls

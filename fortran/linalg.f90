@@ -117,6 +117,7 @@ contains
     end do
   end subroutine qrfac
 
+  ! Exchanges two columns.
   pure subroutine swap_columns(a, j, k)
     real(wp), intent(inout), contiguous :: a(:,:)  ! (m, n)
     integer, intent(in) :: j, k
@@ -232,6 +233,7 @@ contains
     end do
   end subroutine rotate_in
 
+  ! The number of elements before the first zero
   pure integer function leading_nonzeros(d)
     real(wp), intent(in) :: d(:)  ! (n)
 
@@ -240,6 +242,7 @@ contains
     end do
   end function leading_nonzeros
 
+  ! The diagonal of a matrix
   pure function diagonal(r)
     real(wp), intent(in), contiguous :: r(:,:)  ! (>= n, n)
     real(wp) :: diagonal(size(r, 2))

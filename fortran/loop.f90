@@ -75,7 +75,8 @@ contains
         trajectory%slope(:) = trajectory%received
         trajectory%slope_known = .true.
         trajectory%phase = phase_next_stage
-        if (problem%adaptive .and. .not. trajectory%step_size > 0) trajectory%phase = phase_guess_size
+        if (problem%adaptive .and. .not. trajectory%step_size > 0) &
+          trajectory%phase = phase_guess_size
       case (phase_next_stage)
         call request_stage(problem, trajectory)
       case (phase_stage_received)

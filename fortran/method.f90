@@ -1,5 +1,5 @@
-! An explicit method as its steps are taken: paths of flows that lead to the points that are kept,
-! which are stages, results, and points that more than one path goes on from.
+! A method as paths of flows from one point to another. The points are stages, results, and points
+! from which more than one path starts.
 module method_m
   use frames_m, only: flow_sequence_t
   use kinds, only: wp
@@ -8,8 +8,9 @@ module method_m
   public :: method_t, make_method
 
   type :: method_t
-    ! paths, each after the path that it goes on from and the stages whose fields it flows along
-    integer, allocatable :: origin(:)        ! (paths) the path that leads there, 0 for the start
+    ! paths, in an order in which each can be followed when it is reached
+    ! (paths) the path to its start, 0 for the start of the step
+    integer, allocatable :: origin(:)
     integer, allocatable :: path_first(:)    ! (paths + 1) the first flow of each
     type(flow_sequence_t) :: flows           ! of all paths; their fields are those of the stages
     ! stages
@@ -18,24 +19,24 @@ module method_m
     ! results
     integer :: result = 0                    ! the path to it
     integer :: embedded = 0                  ! the path to the second one of a pair
-    integer :: final_stage = 0               ! one that is at the end of the step, if there is any
+    integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     ! of a method of two registers, Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1)
     logical :: two_registers = .false.
     real(wp), allocatable :: a(:), b(:)      ! (stages)
     logical :: on_algebra = .false.
-    logical :: implicit = .false.            ! whether coefficients at stages come from outside
-    integer :: series = 0                    ! order up to which dexp^-1 is needed
-    ! weights on stages of differences of results, by which errors are estimated without a flow
+    logical :: implicit = .false.            ! whether Python solves the stage equations
+    integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
+    ! weights of the stages in error estimates that need no flow
     real(wp), allocatable :: error(:, :)     ! (stages, estimates)
   end type method_t
 
 contains
 
-  ! All integers of a method come as one list, as cg/integration/step/paths.py writes them: the
-  ! numbers of paths, flows, terms and stages, then the components of the type in their order, 1 if
-  ! the method has two registers, a number that isn't zero if it is one on a Lie algebra, and that of
-  ! its error estimates. The weights are followed by a and b of registers, by those of errors, and
-  ! always by one number more, since the caller's arrays can't be empty.
+  ! Makes a method. All its integers come as one list, as cg/integration/step/paths.py writes them:
+  ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
+  ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, and
+  ! that of its error estimates. The weights are followed by a and b of registers, by those of
+  ! errors, and always by one number more, since the caller's arrays can't be empty.
   subroutine make_method(list, weight, c, method)
     integer, intent(in) :: list(:)
     real(wp), intent(in) :: weight(:)        ! (terms + 1) or more

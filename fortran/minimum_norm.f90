@@ -23,7 +23,7 @@ module minimum_norm_m
 
 contains
 
-  ! Moves the unknowns listed in `free` only.
+  ! Minimises the sum of squared residuals over the unknowns listed in `free`.
   subroutine minimise_norm(problem, x, conditions, free, ftol, first_damping, max_iterations, &
                            accurate, f, iterations, evaluations, status)
     class(differentiable_t), intent(inout) :: problem
@@ -105,6 +105,7 @@ contains
 
   contains
 
+    ! Computes the Jacobian and its Gram matrix.
     subroutine linearise(largest, flag)
       real(wp), intent(out) :: largest  ! diagonal entry of J J^T
       integer, intent(out) :: flag
@@ -118,7 +119,7 @@ contains
     end subroutine linearise
   end subroutine minimise_norm
 
-  ! Raises the damping where rounding leaves the matrix indefinite.
+  ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
   subroutine factorise(gram, factor, damping)
     real(wp), intent(in) :: gram(:, :)                    ! (conditions, conditions)
     real(wp), intent(out), contiguous :: factor(:, :)     ! (conditions, conditions)
@@ -136,6 +137,7 @@ contains
     end do
   end subroutine factorise
 
+  ! Adds half of the acceleration to a step.
   subroutine add_acceleration(problem, x, r, jac, factor, free, step, trial, r_trial)
     class(differentiable_t), intent(inout) :: problem
     real(wp), intent(in) :: x(:)                      ! (unknowns)

@@ -1,4 +1,4 @@
-! Rotations of any size in real numbers: flows, the way back to the group, brackets. Points are
+! Flows, brackets and orthogonalisation for rotations of any size, in real numbers. Points are
 ! matrices row by row, which here are their transposes.
 module orthogonal_m
   use kinds, only: wp
@@ -6,14 +6,14 @@ module orthogonal_m
   private
   public :: move_orthogonal, multiply, skew_bracket, skew_coefficients, skew_matrix, to_orthogonal
 
-  ! Norms of matrices whose series are summed: of powers reduced by the characteristic polynomial,
-  ! whose factors are numbers, and of products of matrices
+  ! Largest norms of matrices whose exponential series is summed: in numbers, with powers reduced by
+  ! the characteristic polynomial, and in matrices
   real(wp), parameter :: longest_reduced = 2.0_wp, longest = 0.85_wp
   integer, parameter :: largest_reduced = 5        ! rows of matrices with at most two angles
 
 contains
 
-  ! Flows one after the other, from the left or the right
+  ! Moves a point by flows one after the other, from the left or the right.
   pure subroutine move_orthogonal(n, left, f, y)
     integer, intent(in) :: n
     logical, intent(in) :: left
@@ -53,6 +53,7 @@ contains
     end do
   end subroutine skew_matrix
 
+  ! The coefficients of a skew matrix
   pure subroutine skew_coefficients(n, x, v)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n)
@@ -84,8 +85,8 @@ contains
     end do
   end subroutine skew_bracket
 
-  ! The series of a fraction of a matrix, squared. Of large ones rounding off the group is removed
-  ! each time.
+  ! The exponential by scaling and squaring of the series. If there are many squarings, rounding off
+  ! the group is removed after each.
   pure subroutine exponential(n, x, e)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n)
@@ -97,7 +98,7 @@ contains
     length = sqrt(sum(x**2) / 2)
     max_terms = merge(longest_reduced, longest, n <= largest_reduced)
     squarings = 0
-    if (.not. length <= huge(length)) length = 0.0_wp     ! nothing helps
+    if (.not. length <= huge(length)) length = 0.0_wp     ! the result is NaN
     if (length > max_terms) squarings = exponent(length / max_terms)
     scaled = scale(1.0_wp, -squarings) * x
     if (n <= largest_reduced) then
@@ -112,8 +113,8 @@ contains
     end do
   end subroutine exponential
 
-  ! With the squares of the two angles as zeros, X^5 = -a X^3 - b X. So X^(2 j + 1) = p X^3 + q X, and
-  ! the next ones have q - a p and -b p.
+  ! The series of a matrix with at most two angles, for which X^5 = -a X^3 - b X. All odd powers are
+  ! p X^3 + q X, where the next odd power has q - a p and -b p.
   pure subroutine reduced_series(n, x, length, e)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n), length
@@ -157,14 +158,15 @@ contains
     end do
   end subroutine reduced_series
 
-  ! By M. S. Paterson and L. J. Stockmeyer, in powers of the square: the sum of 1, x^2 / 2!, ..., and
-  ! x times that of 1, x^2 / 3!, ...
+  ! The series by the scheme of M. S. Paterson and L. J. Stockmeyer (SIAM J. Comput. 2 (1973)), in
+  ! powers of the square: 1 + x^2 / 2! + ... and x (1 + x^2 / 3! + ...).
   pure subroutine series(n, x, length, e)
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n, n), length
     real(wp), intent(out) :: e(n, n)
     integer, parameter :: max_terms = 40
-    real(wp) :: power(n, n, 4), even(n, n), odd(n, n), product(n, n), factor(0:2 * max_terms + 1), bound
+    real(wp) :: power(n, n, 4), even(n, n), odd(n, n), product(n, n), &
+      factor(0:2 * max_terms + 1), bound
     integer :: k, terms, width, block
 
     factor(0) = 1.0_wp
@@ -198,7 +200,7 @@ contains
 
   contains
 
-    ! The terms of a block, from that of its lowest power
+    ! Adds the terms of one block of powers.
     pure subroutine add(block, last, even, odd)
       integer, intent(in) :: block, last
       real(wp), intent(inout) :: even(n, n), odd(n, n)
@@ -217,7 +219,7 @@ contains
 
   end subroutine series
 
-  ! One step of Newton and Schulz
+  ! One Newton-Schulz step
   pure subroutine to_orthogonal(n, y)
     integer, intent(in) :: n
     real(wp), intent(inout) :: y(n, n)
@@ -234,7 +236,7 @@ contains
     y = 1.5_wp * y - 0.5_wp * product
   end subroutine to_orthogonal
 
-  ! What the compiler knows the size of takes a third of the time.
+  ! The product of matrices whose size the compiler knows takes a third of the time.
   pure subroutine multiply_4x4(a, b, c)
     real(wp), intent(in) :: a(4, 4), b(4, 4)
     real(wp), intent(out) :: c(4, 4)
@@ -245,7 +247,7 @@ contains
     end do
   end subroutine multiply_4x4
 
-  ! By hand, since calls of the library cost more than so small products
+  ! The product of small matrices; a call of matmul takes longer.
   pure subroutine multiply(n, a, b, c)
     integer, intent(in) :: n
     real(wp), intent(in) :: a(n, n), b(n, n)

@@ -1,5 +1,5 @@
-! The output of trajectories: views of the caller's arrays, and how many entries are used.
-! When an array may not have room for another step, the trajectories pause and the caller empties it.
+! The output of trajectories: views of the caller's arrays, and how many entries are used. When an
+! array may not have room for another step, the trajectories pause and the caller empties it.
 module output_m
   use iso_fortran_env, only: int64
   use kinds, only: wp
@@ -22,9 +22,11 @@ module output_m
     logical :: dense = .false.               ! of all steps
     integer(int64) :: dense_capacity = 0, interpolants = 0
     integer(int64), pointer, contiguous :: dense_member(:) => null()
-    real(wp), pointer, contiguous :: dense_t(:, :) => null()   ! (4, capacity) start, size, end, 1 on an algebra
+    ! (4, capacity) start, size, end, 1 on an algebra
+    real(wp), pointer, contiguous :: dense_t(:, :) => null()
     real(wp), pointer, contiguous :: dense_y(:, :, :) => null()        ! (point_size, 2, capacity)
-    real(wp), pointer, contiguous :: dense_field(:, :, :) => null()    ! (dimension, columns, capacity)
+    ! (dimension, columns, capacity)
+    real(wp), pointer, contiguous :: dense_field(:, :, :) => null()
     ! events
     integer(int64) :: event_capacity = 0, events = 0
     integer(int64) :: functions = 0          ! number of event functions
@@ -65,7 +67,8 @@ contains
   pure subroutine store_interpolant(output, member, t_end, interpolant)
     type(output_t), intent(inout) :: output
     integer, intent(in) :: member                      ! from 1
-    real(wp), intent(in) :: t_end                      ! end of its validity, before t0 + h after an event
+    ! end of its validity, before t0 + h after an event
+    real(wp), intent(in) :: t_end
     type(interpolant_t), intent(in) :: interpolant
 
     output%interpolants = output%interpolants + 1

@@ -17,11 +17,13 @@ module record_m
   public :: examine_step, record_step
 
   integer, parameter :: max_stuck = 20
-  real(wp), parameter :: small_value = 1e-9_wp         ! of an event's function, relative to its values at both ends
+  ! of an event's function, relative to its values at both ends
+  real(wp), parameter :: small_value = 1e-9_wp
 
 contains
 
-  ! Detects output times and events within an accepted step, and starts its interpolant if there are any.
+  ! Detects output times and events within an accepted step, and starts its interpolant if there are
+  ! any.
   subroutine examine_step(problem, trajectory, output)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -35,7 +37,8 @@ contains
       x%grid_done = x%grid_done + 1
       x%needs_interpolant = output%dense
       if (x%outputs_done < output%wanted) then
-        if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) x%needs_interpolant = .true.
+        if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) &
+          x%needs_interpolant = .true.
       end if
       x%event_found = .false.
       call evaluate_events(problem, trajectory, x%t_end, x%y(:, x%result), values, stopped)
@@ -92,8 +95,8 @@ contains
 
     associate (x => trajectory)
       call locate_events(problem, trajectory, theta, stopped)
-      if (.not. stopped) call record_events(problem, trajectory, theta, output, until, event, after, &
-                                          stopped)
+      if (.not. stopped) call record_events(problem, trajectory, theta, output, until, event, &
+                                            after, stopped)
       if (stopped) then
         call fail(x, raised, x%t_end)
         return
@@ -152,7 +155,8 @@ contains
       x%t = t
       x%y(:, 0) = y
       x%phase = phase_choose_step
-      x%slope_known = x%end_known .and. event == 0 .and. .not. (ends .and. x%segment < size(problem%stops))
+      x%slope_known = x%end_known .and. event == 0 .and. .not. (ends &
+          .and. x%segment < size(problem%stops))
       if (x%slope_known) x%slope(:) = x%end_slope
       size_of = 0.0_wp
       if (event > 0) size_of = max(abs(x%event_before(event)), abs(x%event_after(event)))

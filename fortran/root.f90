@@ -1,5 +1,5 @@
-! A zero of a function between two places where it has opposite signs: Brent's method, which takes
-! the step of an interpolation where that converges, and bisects where it doesn't (R. P. Brent,
+! A zero of a function between two points where it has opposite signs, by Brent's method: steps of
+! interpolation where they converge, bisection where they don't (R. P. Brent,
 ! "Algorithms for Minimization without Derivatives", 1973, chapter 4).
 module root_m
   use kinds, only: wp
@@ -25,18 +25,19 @@ module root_m
   end interface
 
   real(wp), parameter :: tolerance = 4 * epsilon(1.0_wp)
-  ! Bisection alone takes 53; near zeros of high multiplicity interpolation may waste some as often.
+  ! Bisection takes 53; near zeros of high multiplicity each may follow some useless interpolations.
   integer, parameter :: max_iterations = 3600
 
 contains
 
+  ! Finds a zero of g between low and high.
   subroutine find_root(g, low, high, at_low, at_high, x, stopped)
     class(function_t), intent(inout) :: g
     real(wp), intent(in) :: low, high              ! the ends
     real(wp), intent(in) :: at_low, at_high        ! values there, of opposite signs
     real(wp), intent(out) :: x
     logical, intent(out) :: stopped                ! by the function
-    ! the best place, the one before, and one on the other side of the zero
+    ! the best estimate, the one before, and one on the other side of the zero
     real(wp) :: a, b, c, fa, fb, fc
     real(wp) :: middle, enough, step, last_step, p, q, r, s
     integer :: i

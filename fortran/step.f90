@@ -44,7 +44,8 @@ contains
       end if
       associate (path => merge(1, method%stage_path(x%stage), method%two_registers))
         if (.not. method%two_registers) call follow_paths(problem, trajectory, path)
-        call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), phase_stage_received)
+        call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), &
+                     phase_stage_received)
       end associate
     end associate
   end subroutine request_stage
@@ -137,8 +138,8 @@ contains
     end associate
   end subroutine advance_register
 
-  ! Solves the stage equations of an implicit method in Python. The answer is the coefficients at all
-  ! stages, then nfev, nexp, njev, nlu, and 0 if they were solved.
+  ! Solves the stage equations of an implicit method in Python. The answer is the coefficients at
+  ! all stages, then nfev, nexp, njev, nlu, and 0 if they were solved.
   subroutine solve_stages(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -188,8 +189,9 @@ contains
     end associate
   end subroutine finish_step
 
-  ! Estimates the error in tolerances: from the difference of two results, or from one or two weighted
-  ! sums of stages, whose norms e1 and e2 are combined to e1^2 / sqrt(e1^2 + e2^2 / 100) as in DOP853.
+  ! Estimates the error in tolerances: from the difference of two results, or from one or two
+  ! weighted sums of stages, whose norms e1 and e2 are combined to e1^2 / sqrt(e1^2 + e2^2 / 100) as
+  ! in DOP853.
   subroutine estimate_error(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -239,7 +241,8 @@ contains
       end if
       call accepted_size(abs(x%h), x%shared, exponent, x%after_rejection, x%last_error, x%step_size)
       ! a step that was shortened to end with its segment doesn't shorten the next one
-      if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, x%unshortened_size)
+      if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, &
+                                                                       x%unshortened_size)
       x%after_rejection = .false.
     end associate
   end subroutine accept_or_reject

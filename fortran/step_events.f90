@@ -58,8 +58,8 @@ contains
       theta(i) = 1.0_wp
       if (.not. abs(trajectory%event_after(i)) > 0) cycle
       g%event = i
-      call find_root(g, 0.0_wp, 1.0_wp, trajectory%event_before(i), trajectory%event_after(i), theta(i), &
-                     stopped)
+      call find_root(g, 0.0_wp, 1.0_wp, trajectory%event_before(i), trajectory%event_after(i), &
+                     theta(i), stopped)
       if (stopped) return
     end do
   end subroutine locate_events
@@ -105,8 +105,8 @@ contains
     associate (trajectory => self%trajectory)
       call point_at(self%problem, trajectory, x, self%y)
       call self%problem%events%value(trajectory%member, self%event, &
-                                     trajectory%t + x * (trajectory%t_end - trajectory%t), self%y, y, &
-                                     stop)
+                                     trajectory%t + x * (trajectory%t_end - trajectory%t), &
+                                       self%y, y, stop)
     end associate
   end subroutine event_along_step
 

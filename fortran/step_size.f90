@@ -105,7 +105,8 @@ contains
         call tangent(problem%frame, tolerances, x%slope, x%y(:, 0), start_value)
         call tangent(problem%frame, tolerances, x%received, x%y(:, x%result), x%v)
         x%norms(3) = norm(tolerances, x%v - start_value, x%scale)
-        x%shared = first_size(x%norms(1), x%norms(2), x%norms(3) / x%guessed_size, tolerances%exponent)
+        x%shared = first_size(x%norms(1), x%norms(2), x%norms(3) / x%guessed_size, &
+                              tolerances%exponent)
         x%shared = max(min(100 * x%guessed_size, x%shared, span(problem, x), tolerances%max_step), &
                        smallest_first(problem, x))
       end if
@@ -151,7 +152,8 @@ contains
           call fail(x, too_many_steps, x%t)
           return
         end if
-        x%step_size = tried_size(x%step_size, x%t, stop, problem%tolerances%max_step, x%after_rejection)
+        x%step_size = tried_size(x%step_size, x%t, stop, problem%tolerances%max_step, &
+                                 x%after_rejection)
         if (x%step_size < 0) then
           call fail(x, step_too_small, x%t)
           return

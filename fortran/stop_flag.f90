@@ -1,4 +1,5 @@
-! The flag by which another thread ends a call.
+! The flag by which another thread stops a call.
+! Long loops read it.
 module stop_flag_m
   implicit none
   private
@@ -6,7 +7,7 @@ module stop_flag_m
 
 contains
 
-  ! Whether another thread has set the flag since the call began. Without a flag nobody can.
+  ! Whether another thread has set the flag since the call began; false without a flag
   logical function stop_requested(stop_flag)
     ! volatile, which excludes intent(in): every call reads the memory afresh
     integer, intent(inout), volatile, optional :: stop_flag

@@ -1,4 +1,5 @@
-! Equal steps from one time to another, of which the last may be shorter
+! Grids of equal steps from one time to another.
+! The last step may be shorter.
 module time_grid_m
   use iso_fortran_env, only: int64
   use kinds, only: wp
@@ -15,9 +16,9 @@ module time_grid_m
 
 contains
 
-  ! If h divides the span up to the rounding of its ends and of h, all steps are equal; otherwise the
-  ! last one is the rest of the span. Each end carries half a unit of its rounding, the span from
-  ! which an end was computed another, and each step half a unit of h.
+  ! Makes the grid. If h divides the span up to the rounding of its ends and of h, all steps are
+  ! equal; otherwise the last one is the rest of the span. Each end carries half a unit of its
+  ! rounding, the span from which an end was computed another, and each step half a unit of h.
   pure subroutine make_grid(start, stop, h, grid)
     real(wp), intent(in) :: start, stop
     real(wp), intent(in) :: h                ! positive
@@ -46,7 +47,7 @@ contains
     if (abs(rest - h) > slack) grid%last = sign(rest, stop - start)
   end subroutine make_grid
 
-  ! What rounding took from the span
+  ! The rounding error of the span
   pure real(wp) function rounded_off(start, stop)
     real(wp), intent(in) :: start, stop
     real(wp) :: difference, part
@@ -67,6 +68,7 @@ contains
     minus_product = (x - p) + (((p - ah * bh) - ah * bl - al * bh) - al * bl)
   end function minus_product
 
+  ! Splits a number into two halves of its digits (Dekker).
   pure subroutine split(x, high, low)
     real(wp), intent(in) :: x
     real(wp), intent(out) :: high, low
@@ -77,6 +79,7 @@ contains
     low = x - high
   end subroutine split
 
+  ! The distance to the next number
   pure real(wp) function unit(x)
     real(wp), intent(in) :: x
 

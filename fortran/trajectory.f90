@@ -1,6 +1,6 @@
-! The state of one trajectory, and how it requests coefficients of the right-hand side.
-! If the problem has a field, `request` calls it at once; otherwise the loop returns with the request
-! and is called again with the answer, so that one call can answer many trajectories.
+! The state of one trajectory, and how it requests coefficients of the right-hand side. If the
+! problem has a field, `request` calls it at once; otherwise the loop returns with the request and
+! is called again with the answer, so that one call can answer many trajectories.
 module trajectory_m
   use kinds, only: wp
   use controller_m, only: rejected_size
@@ -160,7 +160,8 @@ contains
 
     associate (frame => problem%frame, method => problem%method)
       trajectory%result = merge(1, method%result, method%two_registers)
-      allocate (trajectory%y(frame%point_size, 0:merge(1, size(method%origin), method%two_registers)), &
+      allocate (trajectory%y(frame%point_size, 0:merge(1, size(method%origin), &
+                                                       method%two_registers)), &
                 trajectory%f(frame%dimension, merge(1, size(method%c), method%two_registers)), &
                 trajectory%request_y(frame%point_size), &
                 trajectory%received(frame%dimension), trajectory%slope(frame%dimension), &
@@ -174,7 +175,8 @@ contains
       if (memory /= 0) return
       n = 0
       if (associated(problem%events)) n = problem%events%count
-      allocate (trajectory%event_before(n), trajectory%event_after(n), trajectory%event_count(n), stat=memory)
+      allocate (trajectory%event_before(n), trajectory%event_after(n), &
+                trajectory%event_count(n), stat=memory)
       if (memory /= 0) return
       if (within) call reserve_interpolant(frame, problem%scheme, trajectory%interpolant, memory)
       if (memory /= 0 .or. .not. keep_last) return
@@ -240,7 +242,8 @@ contains
 
     associate (x => trajectory)
       reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h]
-      integers = [merge(1_int64, 0_int64, x%slope_known), merge(1_int64, 0_int64, x%after_rejection), &
+      integers = [merge(1_int64, 0_int64, x%slope_known), merge(1_int64, 0_int64, &
+                                                                x%after_rejection), &
                   x%nfev, x%nexp, x%njev, x%nlu, x%steps, x%rejected, x%attempts]
       points(:, 1) = x%y(:, 0)
       slopes(:, 1) = x%slope
@@ -309,8 +312,8 @@ contains
     if (.not. associated(problem%field)) return
     problem%field%member = trajectory%member
     call problem%field%coefficients(problem%frame%point_size, problem%frame%dimension, &
-                                    trajectory%request_t, trajectory%request_y, trajectory%received, &
-                                    trajectory%flag)
+                                    trajectory%request_t, trajectory%request_y, &
+                                      trajectory%received, trajectory%flag)
     call check_coefficients(problem, trajectory, y)
   end subroutine request
 
@@ -366,7 +369,8 @@ contains
       trajectory%steps = trajectory%steps - 1
       trajectory%rejected = trajectory%rejected + 1
       trajectory%after_rejection = .true.
-      trajectory%step_size = rejected_size(abs(trajectory%h), huge(1.0_wp), problem%tolerances%exponent)
+      trajectory%step_size = rejected_size(abs(trajectory%h), huge(1.0_wp), &
+                                           problem%tolerances%exponent)
       trajectory%status = finished
       trajectory%phase = phase_choose_step
     case default

@@ -1,5 +1,5 @@
-! Groups of unitary matrices of any size: SO(n), SU(n), U(n). Points are matrices row by row, those
-! of SO(n) real. Coefficients are those of cg/frames/so.py, su.py and u.py.
+! Flows and differences on groups of unitary matrices of any size: SO(n), SU(n), U(n). Points are
+! matrices row by row, real for SO(n). The bases are those of cg/frames/so.py, su.py and u.py.
 module unitary_m
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use kinds, only: wp
@@ -10,7 +10,7 @@ module unitary_m
   public :: algebra_coefficients, algebra_matrix, move_unitary, multiply, restore_unitary, &
             times_real, unitary_difference
 
-  ! norms of matrices whose series is summed: by products of matrices, and by numbers
+  ! largest norms of matrices whose exponential series is summed: in matrices, and in numbers
   real(wp), parameter :: longest = 0.5_wp, longest_of_three = 2.0_wp
   integer, parameter :: max_iterations = 30
   complex(wp), parameter :: zero = cmplx(0.0_wp, 0.0_wp, wp)
@@ -80,13 +80,14 @@ contains
     if (kind == u_block) v(k) = -sqrt(2 / real(n, wp)) * (total + aimag(x(n, n)))
   end subroutine algebra_coefficients
 
+  ! The normalisation of the diagonal basis matrix j
   pure real(wp) function diagonal(j)
     integer, intent(in) :: j
 
     diagonal = sqrt(2 / (real(j - 1, wp) * real(j, wp)))
   end function diagonal
 
-  ! Flows one after the other, from the left or the right
+  ! Moves a point by flows one after the other, from the left or the right.
   subroutine move_unitary(kind, n, left, f, y)
     integer, intent(in) :: kind, n
     logical, intent(in) :: left
@@ -109,8 +110,8 @@ contains
     call put_point(kind, n, point, y)
   end subroutine move_unitary
 
-  ! The exponential of a skew-Hermitian matrix: the series of a fraction of it, squared. Of large
-  ! ones rounding off the group is removed each time.
+  ! The exponential of a skew-Hermitian matrix by scaling and squaring of the series. If there are
+  ! many squarings, rounding off the group is removed after each.
   pure subroutine exponential(n, x, e)
     integer, intent(in) :: n
     complex(wp), intent(in) :: x(n, n)
@@ -156,8 +157,8 @@ contains
     end do
   end subroutine exponential
 
-  ! Of three rows. Without its trace the matrix is i Q, and Q^3 = c Q + d: powers of Q are p Q^2 + q Q
-  ! + r with real numbers, of which the series is summed.
+  ! The exponential of a matrix of three rows. Without its trace it is i Q with Q^3 = c Q + d, so
+  ! that all powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
   pure subroutine exponential_of_three(x, e)
     complex(wp), intent(in) :: x(3, 3)
     complex(wp), intent(out) :: e(3, 3)
@@ -172,7 +173,7 @@ contains
     end do
     length = sqrt(2 * sum(real(q1, wp)**2 + aimag(q1)**2) / 3)      ! no eigenvalue is larger
     squarings = 0
-    if (.not. length <= huge(length)) length = 0.0_wp     ! nothing helps
+    if (.not. length <= huge(length)) length = 0.0_wp     ! the result is NaN
     if (length > longest_of_three) squarings = exponent(length / longest_of_three)
     length = scale(length, -squarings)
     q1 = times_real(scale(1.0_wp, -squarings), q1)
@@ -218,7 +219,7 @@ contains
     if (abs(trace) > 0) e = cmplx(cos(trace), sin(trace), wp) * e
   end subroutine exponential_of_three
 
-  ! One step of Newton and Schulz, and for SU(n) one towards determinant 1
+  ! One Newton-Schulz step, and for SU(n) one towards determinant 1
   pure subroutine restore_unitary(kind, n, y)
     integer, intent(in) :: kind, n
     real(wp), intent(inout) :: y(:)              ! (point_size)
@@ -237,6 +238,7 @@ contains
     call put_point(kind, n, point, y)
   end subroutine restore_unitary
 
+  ! One Newton-Schulz step
   pure subroutine orthogonalise(n, y)
     integer, intent(in) :: n
     complex(wp), intent(inout) :: y(n, n)
@@ -253,6 +255,7 @@ contains
     y = times_real(1.5_wp, y) - times_real(0.5_wp, product)
   end subroutine orthogonalise
 
+  ! The determinant by Gaussian elimination
   pure complex(wp) function determinant(n, matrix)
     integer, intent(in) :: n
     complex(wp), intent(in) :: matrix(n, n)
@@ -280,8 +283,9 @@ contains
     end do
   end function determinant
 
-  ! The coefficients of the flow from x to y, NaN where half a turn or more is between them. With W
-  ! the quotient, X -> X + the skew part of exp(-X) W turns each angle by the sine of what is left.
+  ! The coefficients of the flow from x to y, NaN if they are half a turn or more apart. The
+  ! iteration X -> X + skew part of exp(-X) W, with the quotient W, changes each angle by the sine
+  ! of its error.
   pure subroutine unitary_difference(kind, n, left, x, y, v)
     integer, intent(in) :: kind, n
     logical, intent(in) :: left
@@ -322,6 +326,7 @@ contains
     call algebra_coefficients(kind, n, total, v)
   end subroutine unitary_difference
 
+  ! Reads a point as a complex matrix.
   pure subroutine get_point(kind, n, y, point)
     integer, intent(in) :: kind, n
     real(wp), intent(in) :: y(:)
@@ -342,6 +347,7 @@ contains
     end do
   end subroutine get_point
 
+  ! Stores a complex matrix as a point.
   pure subroutine put_point(kind, n, point, y)
     integer, intent(in) :: kind, n
     complex(wp), intent(in) :: point(n, n)
@@ -360,6 +366,7 @@ contains
     end do
   end subroutine put_point
 
+  ! r + z with a real r
   elemental complex(wp) function add_real(r, z)
     real(wp), intent(in) :: r
     complex(wp), intent(in) :: z
@@ -367,6 +374,7 @@ contains
     add_real = cmplx(r + real(z, wp), aimag(z), wp)
   end function add_real
 
+  ! r z with a real r
   elemental complex(wp) function times_real(r, z)
     real(wp), intent(in) :: r
     complex(wp), intent(in) :: z
@@ -374,6 +382,7 @@ contains
     times_real = cmplx(r * real(z, wp), r * aimag(z), wp)
   end function times_real
 
+  ! The product of matrices whose size the compiler knows
   pure subroutine multiply_3x3(a, b, c)
     complex(wp), intent(in) :: a(3, 3), b(3, 3)
     complex(wp), intent(out) :: c(3, 3)
@@ -386,7 +395,7 @@ contains
     end do
   end subroutine multiply_3x3
 
-  ! By hand, since calls of the library cost more than so small products
+  ! The product of small matrices; a call of matmul takes longer.
   pure subroutine multiply(n, a, b, c)
     integer, intent(in) :: n
     complex(wp), intent(in) :: a(n, n), b(n, n)

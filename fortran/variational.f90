@@ -134,8 +134,8 @@ contains
       end do
     end subroutine difference_along_fields
 
-    ! d(j, i) becomes the central difference of f(i) by parameter j. Parameters are changed in place,
-    ! since functions of Python hold a view of them.
+    ! d(j, i) becomes the central difference of f(i) by parameter j. Parameters are changed in
+    ! place, since functions of Python hold a view of them.
     subroutine difference_by_parameters()
       real(wp), pointer, contiguous :: values(:)
       real(wp), dimension(record%dimension) :: ahead, behind

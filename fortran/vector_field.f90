@@ -1,4 +1,5 @@
-! The right-hand side of a differential equation: the coefficients f of the field sum_i f_i(t, y) E_i(y)
+! The interface of right-hand sides.
+! A right-hand side gives the coefficients f of the field sum_i f_i(t, y) E_i(y) at one point.
 module vector_field_m
   use kinds, only: wp
   implicit none
@@ -6,15 +7,15 @@ module vector_field_m
   public :: vector_field_t
 
   type, abstract :: vector_field_t
-    integer :: member = 1                    ! whose coefficients are wanted
+    integer :: member = 1                    ! that the point belongs to
   contains
     procedure(coefficients_i), deferred :: coefficients
   end type vector_field_t
 
   abstract interface
 
-    ! Shapes are explicit, since to describe an array takes as long as to go through one of so few
-    ! numbers.
+    ! Evaluates the coefficients. Shapes are explicit, since array descriptors take as long as a
+    ! short loop.
     subroutine coefficients_i(self, n, m, t, y, f, flag)
       import :: vector_field_t, wp
       class(vector_field_t), intent(inout) :: self

@@ -57,8 +57,9 @@ module weights_m
 
 contains
 
-  ! Reads what cg.structure.layout.Layout.code says: numbers of stages and points, both results, then the
-  ! points of stages, the parents, how many weights each point has, and the stages of the weights.
+  ! Reads what cg.structure.layout.Layout.code says: numbers of stages and points, both results,
+  ! then the points of stages, the parents, how many weights each point has, and the stages of the
+  ! weights.
   pure subroutine read_layout(layout, pattern)
     integer, intent(in) :: layout(:)
     type(pattern_t), intent(inout) :: pattern
@@ -133,6 +134,7 @@ contains
     end do
   end function path
 
+  ! The segment at whose end a stage is
   pure integer function segment_of_stage(self, stage) result(segment)
     class(pattern_t), intent(in) :: self
     integer, intent(in) :: stage
@@ -156,6 +158,7 @@ contains
     end do
   end subroutine split_word
 
+  ! Allocates the workspace for a method and an order.
   subroutine set_up(self, order, layout)
     class(weights_t), intent(inout) :: self
     integer, intent(in) :: order
@@ -195,6 +198,7 @@ contains
     self%chi(:, 1) = 1.0_wp
   end subroutine set_up
 
+  ! Computes the weights of all trees with at most `order` nodes at the ends of all segments.
   subroutine evaluate(self, x)
     class(weights_t), intent(inout) :: self
     real(wp), intent(in) :: x(:)  ! (unknowns)
@@ -233,13 +237,15 @@ contains
     end do
   end subroutine add_up
 
+  ! Computes the letters of a tree at all points.
   pure subroutine letters(self, t)
     class(weights_t), intent(inout) :: self
     integer, intent(in) :: t
 
     associate (pattern => self%pattern)
       if (pattern%one_weight) then
-        call scale_by_weights(pattern%points, pattern%segments, self%x, pattern%at, self%chi(:, t), &
+        call scale_by_weights(pattern%points, pattern%segments, self%x, pattern%at, self%chi(:, &
+                                                                                             t), &
                    self%letter(:, t))
       else
         call combine(pattern%points, pattern%unknowns, pattern%segments, pattern%weight_start, &
@@ -248,6 +254,7 @@ contains
     end associate
   end subroutine letters
 
+  ! Letters where each point has one weight
   pure subroutine scale_by_weights(points, segments, x, at, chi, letter)
     integer, intent(in) :: points, segments
     real(wp), intent(in) :: x(points), chi(0:segments)
@@ -260,6 +267,7 @@ contains
     end do
   end subroutine scale_by_weights
 
+  ! Letters where points have several weights
   pure subroutine combine(points, unknowns, segments, weight_start, x, at, chi, letter)
     integer, intent(in) :: points, unknowns, segments
     integer, intent(in) :: weight_start(points + 1), at(unknowns)
@@ -294,6 +302,7 @@ contains
     end if
   end function weight
 
+  ! The weight at the end of a path
   function along(self, t, path) result(phi)
     class(weights_t), intent(in) :: self
     integer, intent(in) :: t
@@ -325,6 +334,7 @@ contains
     phi = self%chi(self%pattern%segment_of_stage(stage), t)
   end function stage_weight
 
+  ! Computes E_m(t) of a tree, the exponential of the letters, at some points.
   pure subroutine exponential(self, t, begin, last, e)
     class(weights_t), intent(in) :: self
     integer, intent(in) :: t, begin, last
@@ -341,7 +351,7 @@ contains
     end if
   end subroutine exponential
 
-  ! Adds what words take in two parts, one before a point and one at it.
+  ! Adds the products over all proper splits of a word, one part before a point and one at it.
   pure subroutine add_splits(self, t, begin, last, change)
     class(weights_t), intent(in) :: self
     integer, intent(in) :: t, begin, last
