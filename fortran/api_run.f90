@@ -123,7 +123,7 @@ subroutine loop_open(plan_address, record_address, address)
     run%field%data_address = record%data
     run%field%data_stride = record%data_stride
     problem%frame => run%frame
-    if (record%together == 0) problem%field => run%field
+    if (record%vectorized == 0) problem%field => run%field
     problem%method => plan%method
     problem%scheme => plan%scheme
     problem%common = record%common /= 0

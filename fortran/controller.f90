@@ -54,14 +54,14 @@ contains
 
   ! The size to try, negative if it is below the resolution of time, unless it leads to the end.
   ! That may be due to a rejection; before one the smallest size is tried.
-  pure real(wp) function tried_size(wanted, t, stop, max_step, after_rejection)
-    real(wp), intent(in) :: wanted, t, stop, max_step
+  pure real(wp) function tried_size(proposed, t, stop, max_step, after_rejection)
+    real(wp), intent(in) :: proposed, t, stop, max_step
     logical, intent(in) :: after_rejection
     real(wp) :: smallest
 
     smallest = smallest_size(t)
-    tried_size = wanted
-    if (.not. after_rejection) tried_size = max(wanted, smallest)
+    tried_size = proposed
+    if (.not. after_rejection) tried_size = max(proposed, smallest)
     tried_size = min(tried_size, max_step)
     if (tried_size < min(smallest, abs(stop - t))) tried_size = -1.0_wp
   end function tried_size

@@ -10,9 +10,9 @@ module output_m
 
   type :: output_t
     ! points at output times
-    integer :: wanted = 0
-    real(wp), pointer, contiguous :: times(:) => null()        ! (wanted)
-    real(wp), pointer, contiguous :: y(:, :, :) => null()      ! (point_size, members, wanted)
+    integer :: outputs = 0
+    real(wp), pointer, contiguous :: times(:) => null()        ! (outputs)
+    real(wp), pointer, contiguous :: y(:, :, :) => null()      ! (point_size, members, outputs)
     ! ends of steps, for a single trajectory
     integer(int64) :: every = 1              ! every so many steps are stored, and the last one
     integer(int64) :: step_capacity = 0, steps = 0

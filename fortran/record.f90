@@ -36,7 +36,7 @@ contains
       x%steps = x%steps + 1
       x%grid_done = x%grid_done + 1
       x%needs_interpolant = output%dense
-      if (x%outputs_done < output%wanted) then
+      if (x%outputs_done < output%outputs) then
         if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) &
           x%needs_interpolant = .true.
       end if
@@ -197,7 +197,7 @@ contains
     type(output_t), intent(inout) :: output
 
     associate (x => trajectory)
-      do while (x%outputs_done < output%wanted)
+      do while (x%outputs_done < output%outputs)
         associate (time => output%times(x%outputs_done + 1))
           if ((time - t) * sign(1.0_wp, x%h) > 0) return
           x%outputs_done = x%outputs_done + 1

@@ -51,8 +51,8 @@ module run_m
     integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
-    real(wp), pointer, contiguous :: places(:, :) => null()            ! (point_size + 2, members)
-    integer(c_int64_t), pointer, contiguous :: tallies(:, :) => null() ! (8, members)
+    real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 2, members)
+    integer(c_int64_t), pointer, contiguous :: counters(:, :) => null() ! (8, members)
   end type run_t
 
 contains
@@ -90,13 +90,13 @@ contains
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
       lanes = int(record%lanes)
-      call c_f_pointer(transfer(record%places, c_null_ptr), run%places, [n + 2, members])
-      call c_f_pointer(transfer(record%tallies, c_null_ptr), run%tallies, [8, members])
-      run%places(n + 1:, :) = record%t0
-      run%tallies(:, :) = 0
-      run%tallies(1, :) = paused
+      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 2, members])
+      call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [8, members])
+      run%states(n + 1:, :) = record%t0
+      run%counters(:, :) = 0
+      run%counters(1, :) = paused
       within = run%problem%scheme%columns > 0 &
-               .and. (record%dense /= 0 .or. record%wanted > 0 .or. associated(run%problem%events))
+               .and. (record%dense /= 0 .or. record%outputs > 0 .or. associated(run%problem%events))
       allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
       if (memory /= 0) return
       run%busy = .false.
@@ -112,18 +112,18 @@ contains
   ! Makes the views of the caller's output arrays, which may have changed.
   subroutine set_output(run)
     type(run_t), target, intent(inout) :: run
-    integer :: dense, events, steps, wanted, members
+    integer :: dense, events, steps, outputs, members
 
     associate (record => run%record, output => run%output, n => run%frame%point_size, &
                m => run%frame%dimension)
       members = int(record%members)
-      wanted = int(record%wanted)
+      outputs = int(record%outputs)
       steps = int(record%step_capacity)
       dense = int(record%dense_capacity)
       events = int(record%event_capacity)
-      output%wanted = wanted
-      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [wanted])
-      call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, wanted])
+      output%outputs = outputs
+      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [outputs])
+      call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, outputs])
       output%every = record%every
       output%step_capacity = record%step_capacity
       call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
@@ -218,7 +218,7 @@ contains
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
 
-    if (run%next > size(run%places, 2)) return
+    if (run%next > size(run%states, 2)) return
     associate (lane => run%lanes(i), member => run%next, n => run%frame%point_size)
       lane%member = member
       lane%nfev = 0
@@ -229,9 +229,9 @@ contains
       lane%rejected = 0
       lane%attempts = 0
       lane%outputs_done = 0
-      call set_start(run%record%t0, run%places(:n, member), run%problem%first_step, lane)
+      call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
       call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
-      if (run%output%wanted > 0) then
+      if (run%output%outputs > 0) then
         if (.not. abs(run%output%times(1) - run%record%t0) > 0) then
           run%output%y(:, member, 1) = lane%y(:, 0)
           lane%outputs_done = 1
@@ -248,9 +248,9 @@ contains
     integer, intent(in) :: i
 
     associate (lane => run%lanes(i), n => run%frame%point_size)
-      run%places(:n, lane%member) = lane%y(:, 0)
-      run%places(n + 1:, lane%member) = [lane%t, lane%failed_at]
-      run%tallies(:, lane%member) = [int([lane%status, lane%flag], int64), lane%nfev, lane%nexp, &
+      run%states(:n, lane%member) = lane%y(:, 0)
+      run%states(n + 1:, lane%member) = [lane%t, lane%failed_at]
+      run%counters(:, lane%member) = [int([lane%status, lane%flag], int64), lane%nfev, lane%nexp, &
                                      lane%njev, lane%nlu, lane%steps, lane%rejected]
     end associate
   end subroutine store_lane

@@ -1,4 +1,4 @@
-"""Points moved along several flows, and their differences: compiled for the frames that are."""
+"""Flows, differences and dexp⁻¹ of frames, compiled where possible."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class Flows(Protocol):
         y
             Points, shape ``(*batch, *point_shape)``.
         restore
-            Whether to remove rounding off the manifold, where flows don't do so by themselves.
+            Whether to remove rounding off the manifold, if flows don't do so.
         """
         ...
 
     def restore(self, y: Points) -> Points:
-        """Return points with rounding off the manifold removed, where flows don't do so."""
+        """Return points with rounding off the manifold removed, if flows don't do so."""
         ...
 
 
@@ -47,7 +47,7 @@ Difference = Callable[[Points, Points], Array | None]
 
 
 Dexpinv = Callable[[Array, Array], Array]
-"""Returns derivatives of coordinates ``(..., dim)`` that go with coefficients ``(..., dim)``."""
+"""``dexpinv(u, v)`` is `Frame.dexpinv`."""
 
 
 def flows_of(frame: Frame) -> Flows:
@@ -58,7 +58,7 @@ def flows_of(frame: Frame) -> Flows:
 
 
 def difference_of(frame: Frame) -> Difference:
-    """Return the function that finds the coefficients of the flow between two points."""
+    """Return the function that computes the flow from one point to another."""
     return _CompiledDifference(frame) if has_compiled_difference(frame) else frame.exp_coordinates
 
 
@@ -70,7 +70,7 @@ def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
 
 
 def _has_compiled_group(frame: Frame) -> TypeGuard[HomogeneousSpace]:
-    """Tell whether a group that is compiled moves the points, and they move in Python."""
+    """Return whether the group of a homogeneous space is compiled, and its action isn't."""
     return (
         isinstance(frame, HomogeneousSpace) and not is_compiled(frame) and is_compiled(frame.group)
     )
@@ -99,7 +99,7 @@ class _Flows:
 
 
 class _CompiledFlows:
-    """One call moves points along all flows: calls cost more than the arithmetic."""
+    """Compiled flows; one call applies all of them, since a call takes longer than a flow."""
 
     def __init__(self, frame: Frame) -> None:
         import cg._core_r64 as core
@@ -121,7 +121,7 @@ class _CompiledFlows:
 
 
 class _GroupFlows:
-    """Elements of the group that acts are compiled, its action is not."""
+    """Flows of a homogeneous space: group elements are compiled, their action is in Python."""
 
     def __init__(self, frame: HomogeneousSpace) -> None:
         self.frame = frame

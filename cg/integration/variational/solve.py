@@ -27,7 +27,7 @@ from cg.integration.variational.results import (
     EnsembleVariationalSolution,
     VariationalOutput,
     VariationalSolution,
-    parts_of,
+    split_results,
 )
 from cg.method.method import Method
 from cg.runs import ExecutorLike
@@ -167,7 +167,7 @@ def solve_variational(
         check_grid(joint.plan, h, grid_steps(joint), every, joint.dense)
     found = solve_one(joint, every, Progress(progress, joint.t0, joint.t1))
     field = joint.variational
-    changed: dict[str, Any] = {**parts_of(found.y, field, covariance), "frame": frame}
+    changed: dict[str, Any] = {**split_results(found.y, field, covariance), "frame": frame}
     if found.sol is not None:
         changed["sol"] = VariationalOutput(found.sol, field, covariance)
     changed["dt_events"] = None
@@ -268,11 +268,11 @@ def solve_variational_ensemble(
     >>> run.transition[-1].ravel().round(6)
     array([1.648721, 2.718282])
     """
-    together = check_flag("vectorized", vectorized)
+    vectorized = check_flag("vectorized", vectorized)
     common = check_flag("common_steps", common_steps)
     problem = make_problem(
         f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, many=True,
-        together=together, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
+        vectorized=vectorized, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
         first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
         events=events, breakpoints=breakpoints, stage_solver=stage_solver,
     )  # fmt: skip
@@ -280,7 +280,7 @@ def solve_variational_ensemble(
     covariance = check_covariance(P0, frame.dim, len(problem.points))
     field = joint.variational
     found = solve_members(joint, joint.source, executor, workers, None, progress)
-    changed: dict[str, Any] = {**parts_of(found.y, field, covariance), "frame": frame}
+    changed: dict[str, Any] = {**split_results(found.y, field, covariance), "frame": frame}
     if found.sol is not None:
         changed["sol"] = EnsembleVariationalOutput(found.sol, field, covariance)
     changed["dt_events"] = None
