@@ -75,8 +75,8 @@ def check_joined(frame: Product, y0: Any) -> None:
     shapes = [factor.point_shape for factor in frame.factors]
     pairs = zip(frame.factors, y0, strict=True)
     try:
-        found = [np.shape(factor.read_points(part)) for factor, part in pairs]
-        parts = found == shapes
+        part_shapes = [np.shape(factor.read_points(part)) for factor, part in pairs]
+        parts = part_shapes == shapes
     except ValueError:  # a ragged list
         parts = False
     if parts and any(shapes) and np.shape(y0[0]) != frame.point_shape:

@@ -431,13 +431,13 @@ class _EnsembleResults:
 def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
     """Raise TypeError or ValueError unless an array can hold all points."""
     try:
-        found, kind = tuple(out.shape), np.dtype(out.dtype)
+        actual, kind = tuple(out.shape), np.dtype(out.dtype)
     except (AttributeError, TypeError):
         raise TypeError(
             f"out must be an array, such as one of NumPy, zarr or h5py, got {out!r}"
         ) from None
-    if found != shape:
-        raise ValueError(f"out must have shape {shape}, got {found}")
+    if actual != shape:
+        raise ValueError(f"out must have shape {shape}, got {actual}")
     if kind.kind not in "fc" or not np.can_cast(dtype, kind, "same_kind"):
         raise ValueError(f"out must be able to hold numbers of type {dtype}, got one of {kind}")
     flags = getattr(out, "flags", None)

@@ -137,7 +137,7 @@ def solve_ivp(
     OverflowError
         With fixed steps, if the solution exceeds the range of floating point.
     ConvergenceError
-        With fixed steps, if the stages of an implicit method can't be found.
+        With fixed steps, if the iteration for implicit stages doesn't converge.
     StepTooLongError
         With fixed steps, if a step of a method on a Lie algebra is too long for dexp⁻¹.
 

@@ -200,7 +200,7 @@ RECORD = {
     # functions
     "context": "address",  # the `Callbacks` of the run
     "function": "address",  # the right-hand side
-    "functions": "integer",  # number of events
+    "vectorized": "integer",  # whether it takes many points, and is called through the context
     "data": "address",
     "data_stride": "integer",  # bytes from one member's data to the next
     "functions": "integer",  # number of events

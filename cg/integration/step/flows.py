@@ -149,10 +149,10 @@ class _CompiledDifference:
 
     def __call__(self, y0: Points, y1: Points) -> Array:
         rank = len(self.frame.point_shape)
-        found = np.empty((*y0.shape[: y0.ndim - rank], self.frame.dim))
-        if found.size:
-            self.difference(self.description, _flat(y0), _flat(y1), found.reshape(-1))
-        return found
+        v = np.empty((*y0.shape[: y0.ndim - rank], self.frame.dim))
+        if v.size:
+            self.difference(self.description, _flat(y0), _flat(y1), v.reshape(-1))
+        return v
 
 
 class _CompiledDexpinv:
@@ -165,11 +165,11 @@ class _CompiledDexpinv:
         self.description = describe_blocks(frame)
 
     def __call__(self, u: Array, v: Array) -> Array:
-        found = np.array(v, order="C")
-        if found.size:
+        result = np.array(v, order="C")
+        if result.size:
             coordinates = np.ascontiguousarray(u).reshape(-1)
-            self.dexpinv(self.description, self.order, coordinates, found.reshape(-1))
-        return found
+            self.dexpinv(self.description, self.order, coordinates, result.reshape(-1))
+        return result
 
 
 def _flat(y: Points) -> Array:

@@ -132,13 +132,13 @@ class VariationalField:
 
     def _where_finite(self, t: Any, z: Array, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients at finite points, and NaN at others, which end steps."""
-        found = np.full((*z.shape[:-1], self.product.dim), np.nan)
+        values = np.full((*z.shape[:-1], self.product.dim), np.nan)
         finite = np.isfinite(z).all(axis=-1)
         if self.vectorized and finite.any():
             if self.count:
                 arguments = (*arguments[:-1], arguments[-1][finite])
-            found[finite] = self(t[finite], z[finite], *arguments)
-        return found
+            values[finite] = self(t[finite], z[finite], *arguments)
+        return values
 
     def coefficients(self, t: Any, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients that ``f`` gives at points, after checking them."""
@@ -254,15 +254,15 @@ class VariationalField:
         import cg._core_r64 as core
 
         points = np.array(y, dtype=self.frame.dtype, order="C").reshape(len(y), -1)
-        found = np.full((len(y), math.prod(shape)), np.nan)
+        values = np.full((len(y), math.prod(shape)), np.nan)
         data = function.user_data or self.data_address(arguments)
         rows = points.view(np.float64)
-        _, code = core.call_field(function.address, data, 0, t, rows.T, found.T)
+        _, code = core.call_field(function.address, data, 0, t, rows.T, values.T)
         if code:
             raise RuntimeError(f"{name} returned the error code {code} at {when(t)}")
-        if not np.isfinite(found).all() and np.isfinite(rows).all():
-            raise ValueError(f"{name} must return finite numbers, got {found[0]} at {when(t)}")
-        return found.reshape(len(y), *shape)
+        if not np.isfinite(values).all() and np.isfinite(rows).all():
+            raise ValueError(f"{name} must return finite numbers, got {values[0]} at {when(t)}")
+        return values.reshape(len(y), *shape)
 
 
 def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
@@ -275,7 +275,7 @@ def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
     step
         Step size relative to the parameter, or to one if it is zero.
     """
-    found = []
+    steps_of = []
     for i in range(row.shape[-1]):
         size = step * np.where(row[..., i] == 0.0, 1.0, np.abs(row[..., i]))
 
@@ -284,8 +284,8 @@ def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
             other[..., i] += steps * size
             return other
 
-        found.append((moved, np.asarray(size)))
-    return found
+        steps_of.append((moved, np.asarray(size)))
+    return steps_of
 
 
 def _constants(frame: Frame) -> Array | None:
