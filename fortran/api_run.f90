@@ -97,18 +97,17 @@ end subroutine plan_close
 ! Makes the run that a record describes.
 subroutine loop_open(plan_address, record_address, address)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, c_null_ptr
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
   use error_norm_m, only: tolerances_t
   use external_field_m, only: field_at
   use kinds, only: wp
-  use run_m, only: at_address, begin_run, plan_at, plan_t, run_t
+  use run_m, only: at_address, begin_run, plan_at, plan_t, run_t, set_events
   implicit none
   integer(c_intptr_t), intent(in) :: plan_address, record_address
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
   type(plan_t), pointer :: plan
   type(run_t), pointer :: run
   real(wp), pointer, contiguous :: stops(:), atol(:)
-  integer(c_int64_t), pointer, contiguous :: table(:, :)
   integer :: i, memory, n
 
   allocate (run)
@@ -140,19 +139,7 @@ subroutine loop_open(plan_address, record_address, address)
       atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], rtol=record%rtol, &
       in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
       max_step=record%max_step)
-    if (record%functions > 0) then
-      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [5, int(record%functions)])
-      run%events%count = size(table, 2)
-      run%events%address = table(1, :)
-      run%events%data = table(2, :)
-      run%events%direction = int(table(3, :))
-      run%events%most = table(4, :)
-      run%events%jumps = table(5, :) /= 0
-      run%events%member_data = record%data
-      run%events%stride = record%data_stride
-      run%events%python = run%python
-      problem%events => run%events
-    end if
+    if (record%functions > 0) call set_events(run)
   end associate
   call begin_run(run, memory)
   address = 0

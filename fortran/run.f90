@@ -20,7 +20,8 @@ module run_m
   use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, begin_run, drive, store_lane, set_output, at_address, plan_at, run_at
+  public :: plan_t, run_t, begin_run, drive, store_lane, set_events, set_output, at_address, &
+            plan_at, run_at
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -109,6 +110,26 @@ contains
     call set_output(run)
   end subroutine begin_run
 
+  ! Sets the events of a run from the table in the record.
+  subroutine set_events(run)
+    type(run_t), target, intent(inout) :: run
+    integer(c_int64_t), pointer, contiguous :: table(:, :)
+
+    associate (record => run%record)
+      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [5, int(record%functions)])
+      run%events%count = size(table, 2)
+      run%events%address = table(1, :)
+      run%events%data = table(2, :)
+      run%events%direction = int(table(3, :))
+      run%events%most = table(4, :)
+      run%events%jumps = table(5, :) /= 0
+      run%events%member_data = record%data
+      run%events%stride = record%data_stride
+      run%events%python = run%python
+      run%problem%events => run%events
+    end associate
+  end subroutine set_events
+
   ! Makes the views of the caller's output arrays, which may have changed.
   subroutine set_output(run)
     type(run_t), target, intent(inout) :: run
@@ -162,45 +183,17 @@ contains
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
-        do
-          if (.not. run%busy(i)) then
-            call start_member(run, i)
-            if (.not. run%busy(i)) exit
-          end if
-          associate (lane => run%lanes(i))
-            if (lane%status == needs_minimum .or. lane%status == needs_maximum) then
-              waits = .true.
-              exit
-            end if
-            if (lane%status /= out_of_memory) then
-              call resume(run%problem, lane, run%output, budget)
-            end if
-            if (run%record%raised /= 0) lane%status = raised
-            select case (lane%status)
-            case (needs_field)
-              count = count + 1
-              requests(count) = i
-              exit
-            case (needs_minimum, needs_maximum)
-              waits = .true.
-              exit
-            case (paused, buffer_full)
-              stops = .true.
-              exit
-            case default
-              call store_lane(run, i)
-              run%busy(i) = .false.
-              run%record%ended = run%record%ended + 1
-              if (all(lane%status /= [finished, terminal_event])) then
-                run%record%failed = run%record%failed + 1
-              end if
-              if (lane%status == raised) then
-                run%record%raised = 1
-                exit drive_all
-              end if
-            end select
-          end associate
-        end do
+        select case (advance_lane(run, i, budget))
+        case (needs_field)
+          count = count + 1
+          requests(count) = i
+        case (needs_minimum, needs_maximum)
+          waits = .true.
+        case (paused, buffer_full)
+          stops = .true.
+        case (raised)
+          exit drive_all
+        end select
       end do
       if (count > 0) then
         call evaluate(run, requests(:count))
@@ -212,6 +205,34 @@ contains
     end do drive_all
     call store_counters(run, budget)
   end subroutine drive
+
+  ! Advances one lane, through several members if they end, until it needs something. The result is
+  ! what it needs, `raised` after an exception in Python, or `finished` if there are no more members.
+  integer function advance_lane(run, i, budget) result(status)
+    type(run_t), target, intent(inout) :: run
+    integer, intent(in) :: i
+    integer(int64), intent(inout) :: budget
+
+    associate (lane => run%lanes(i), record => run%record)
+      do
+        status = finished
+        if (.not. run%busy(i)) call start_member(run, i)
+        if (.not. run%busy(i)) return
+        status = lane%status
+        if (status == needs_minimum .or. status == needs_maximum) return
+        if (status /= out_of_memory) call resume(run%problem, lane, run%output, budget)
+        if (record%raised /= 0) lane%status = raised
+        status = lane%status
+        if (any(status == [needs_field, needs_minimum, needs_maximum, paused, buffer_full])) return
+        call store_lane(run, i)
+        run%busy(i) = .false.
+        record%ended = record%ended + 1
+        if (all(status /= [finished, terminal_event])) record%failed = record%failed + 1
+        if (status == raised) record%raised = 1
+        if (status == raised) return
+      end do
+    end associate
+  end function advance_lane
 
   ! Starts the next member in a free lane.
   subroutine start_member(run, i)
