@@ -107,14 +107,14 @@ def test_numbers_of_numpy_mean_what_they_hold():
         ({"h": np.True_}, "h must be a finite number, got np.True_"),
         ({"steps": 10**12}, "steps = 1000000000000 need .* GiB of memory, and there are"),
         ({"steps": 10**30}, "steps = 10{30} need .* GiB of memory, and there are"),
-        ({"steps": True}, "steps must be a positive integer, got True"),
+        ({"steps": True}, "steps must be an integer, got True"),
     ],
 )
 @pytest.mark.parametrize("kind", ["real64", "real128"])
 def test_built_in_problems(changes, message, kind):
     problem = AffineField(Euclidean(1), [1.0])
     options = {"method": "CG2", "h": 0.5, "steps": 3, "kind": kind} | changes
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         integrate_affine(problem, **options)
 
 
