@@ -107,7 +107,7 @@ def _parts(
     frame: Frame, f: Any, y0: NDArray[Any], order: int, rng: np.random.Generator
 ) -> tuple[Callable[[int, bool], Callable[[], object]], Callable[[], object], Callable[[], object]]:
     """Return functions that compute flows, evaluations and dexp⁻¹ of `_COUNT` points."""
-    import cg._external as core
+    import cg._core_r64 as core
 
     blocks, constants = describe_blocks(frame), block_constants(frame)
     points = np.repeat(y0[None], _COUNT, axis=0)

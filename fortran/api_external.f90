@@ -1,11 +1,13 @@
-! Faces for f2py of functions in C and of flows on their own: they only shape and call.
+! Interface for f2py of functions in C and of single operations of frames.
+! Each procedure converts its arguments and calls the core.
 
-! One call of a function in C for each of some points, which it may write into
-subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, flag)
+! Calls a function in C for each of some points, which it may overwrite.
+subroutine call_field(function_address, data_address, data_stride, t, members, n, m, y, f, done, &
+                      flag)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
-  use external_field, only: field_at, rhs_i
-  use kinds_r64, only: wp
+  use external_field_m, only: field_at, rhs_i
+  use kinds, only: wp
   implicit none
   integer(c_intptr_t), intent(in) :: function_address
   integer(c_intptr_t), intent(in) :: data_address    ! 0 for none
@@ -28,11 +30,13 @@ subroutine call_field(function_address, data_address, data_stride, t, members, n
   end do
 end subroutine call_field
 
-! The address of the function in C that calls one of Python
-subroutine python_field_address(address)
+! The addresses of functions of the type rhs_i: those that call a function of Python, whose data are
+! the user data or a member's, and the right-hand side of a solution with its derivatives
+subroutine function_addresses(python_field, python_member, variational)
   use, intrinsic :: iso_c_binding, only: c_double, c_funloc, c_int, c_intptr_t, c_ptr
+  use variational_m, only: variational_field
   implicit none
-  integer(c_intptr_t), intent(out) :: address
+  integer(c_intptr_t), intent(out) :: python_field, python_member, variational
 
   interface
 
@@ -45,26 +49,27 @@ subroutine python_field_address(address)
       integer(c_int) :: code
     end function call_python_field
 
+    function call_python_member(t, y, f, user_data) bind(c) result(code)
+      import :: c_double, c_int, c_ptr
+      real(c_double), value, intent(in) :: t
+      real(c_double), intent(in) :: y(*)
+      real(c_double), intent(inout) :: f(*)
+      type(c_ptr), value, intent(in) :: user_data
+      integer(c_int) :: code
+    end function call_python_member
+
   end interface
 
-  address = transfer(c_funloc(call_python_field), address)
-end subroutine python_field_address
-
-! The address of the right-hand side of a solution with its derivatives
-subroutine variational_field_address(address)
-  use, intrinsic :: iso_c_binding, only: c_funloc, c_intptr_t
-  use variational, only: variational_field
-  implicit none
-  integer(c_intptr_t), intent(out) :: address
-
-  address = transfer(c_funloc(variational_field), address)
-end subroutine variational_field_address
+  python_field = transfer(c_funloc(call_python_field), python_field)
+  python_member = transfer(c_funloc(call_python_member), python_member)
+  variational = transfer(c_funloc(variational_field), variational)
+end subroutine function_addresses
 
 ! The coefficients of the flows from points x to points y
 subroutine frame_difference(blocks, description, points, x, y, fields, v)
-  use coordinates_r64, only: difference
-  use kinds_r64, only: wp
-  use frames_r64, only: frame_t, make_frame
+  use coordinates_m, only: difference
+  use kinds, only: wp
+  use frames_m, only: frame_t, make_frame
   implicit none
   integer, intent(in) :: blocks, points, fields
   integer, intent(in) :: description(3, blocks)
@@ -73,7 +78,7 @@ subroutine frame_difference(blocks, description, points, x, y, fields, v)
   type(frame_t) :: frame
   integer :: i
 
-  call make_frame(description, [real(wp) ::], 1, frame)
+  call make_frame(description, [real(wp) ::], frame)
   associate (n => frame%point_size, m => frame%dimension)
     do i = 0, points / n - 1
       call difference(frame, x(i * n + 1:(i + 1) * n), y(i * n + 1:(i + 1) * n), &
@@ -85,9 +90,9 @@ end subroutine frame_difference
 ! The derivatives of coordinates u that go with coefficients v, NaN where there are none
 subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use algebra_r64, only: dexpinv
-  use kinds_r64, only: wp
-  use frames_r64, only: frame_t, make_frame
+  use algebra_m, only: dexpinv
+  use kinds, only: wp
+  use frames_m, only: frame_t, make_frame
   implicit none
   integer, intent(in) :: blocks, fields
   integer, intent(in) :: description(3, blocks)
@@ -98,7 +103,7 @@ subroutine frame_dexpinv(blocks, description, order, fields, u, v)
   logical :: exists
   integer :: i
 
-  call make_frame(description, [real(wp) ::], 1, frame)
+  call make_frame(description, [real(wp) ::], frame)
   associate (m => frame%dimension)
     do i = 0, fields / m - 1
       call dexpinv(frame, order, u(i * m + 1:(i + 1) * m), v(i * m + 1:(i + 1) * m), exists)
@@ -110,8 +115,8 @@ end subroutine frame_dexpinv
 ! Points moved along the time-1 flows of as many fields each, the first one first
 subroutine frame_move(blocks, description, numbers, constants, flows, fields, v, restoring, &
                       points, y)
-  use kinds_r64, only: wp
-  use frames_r64, only: frame_t, make_frame, move, restore
+  use kinds, only: wp
+  use frames_m, only: apply_flows, flow_sequence_t, frame_t, make_frame, restore
   implicit none
   integer, intent(in) :: blocks, numbers, flows, fields, points
   integer, intent(in) :: description(3, blocks)
@@ -120,12 +125,12 @@ subroutine frame_move(blocks, description, numbers, constants, flows, fields, v,
   logical, intent(in) :: restoring           ! whether to remove rounding off the manifold
   real(wp), intent(inout) :: y(points)       ! (point_size, trajectories)
   type(frame_t) :: frame
-  real(wp) :: ones(flows)
-  integer :: order(flows + 1), i
+  type(flow_sequence_t) :: sequence
+  integer :: i
 
-  call make_frame(description, constants, 1, frame)
-  ones = 1.0_wp
-  order = [(i, i=1, flows + 1)]
+  call make_frame(description, constants, frame)
+  sequence = flow_sequence_t(first=[(i, i=1, flows + 1)], weight=[(1.0_wp, i=1, flows)], &
+                             stage=[(i, i=1, flows)])
   call move_all(frame%dimension, frame%point_size, points / frame%point_size, v, y)
 
 contains
@@ -136,8 +141,7 @@ contains
     real(wp), intent(inout) :: y(point_size, trajectories)
 
     do i = 1, trajectories
-      call move(frame, 1, flows, flows, flows, flows, order, ones, order(:flows), v(:, :, i), &
-                y(:, i))
+      call apply_flows(frame, sequence, 1, flows, v(:, :, i), y(:, i))
       if (restoring) call restore(frame, y(:, i))
     end do
   end subroutine move_all

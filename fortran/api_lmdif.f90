@@ -1,8 +1,8 @@
-! Face for f2py of lmdif on a function that calls Python back. In double only, and never
-! `threadsafe`: the function needs the interpreter's lock.
-module callback_r64
+! Interface for f2py of lmdif on a function in Python, in double precision.
+! It is never `threadsafe`, since the function needs the interpreter's lock.
+module lmdif_callback_m
   use, intrinsic :: iso_fortran_env, only: real64
-  use least_squares_r64, only: least_squares_t
+  use least_squares_m, only: least_squares_t
   implicit none
   private
   public :: callback_t, evaluate_i
@@ -34,13 +34,13 @@ contains
     call self%evaluate(size(x), x, size(f), f, flag)
   end subroutine residual
 
-end module callback_r64
+end module lmdif_callback_m
 
-subroutine r64_lmdif_callback(evaluate, n, m, x, fvec, ftol, xtol, gtol, maxfev, epsfcn, diag, &
+subroutine core_lmdif_callback(evaluate, n, m, x, fvec, ftol, xtol, gtol, maxfev, epsfcn, diag, &
     mode, factor, info, nfev, fjac, ipvt, qtf)
   use, intrinsic :: iso_fortran_env, only: real64
-  use callback_r64, only: callback_t, evaluate_i
-  use lmdif_r64, only: lmdif
+  use lmdif_callback_m, only: callback_t, evaluate_i
+  use levenberg_marquardt_m, only: lmdif, solver_t
   implicit none
   procedure(evaluate_i) :: evaluate
   integer, intent(in) :: n, m, maxfev, mode
@@ -49,8 +49,16 @@ subroutine r64_lmdif_callback(evaluate, n, m, x, fvec, ftol, xtol, gtol, maxfev,
   real(real64), intent(out) :: fvec(m), fjac(m, n), qtf(n)
   integer, intent(out) :: info, nfev, ipvt(n)
   type(callback_t) :: problem
+  type(solver_t) :: solver
 
   problem%evaluate => evaluate
-  call lmdif(problem, x, fvec, ftol, xtol, gtol, maxfev, epsfcn, diag, mode, factor, info, nfev, &
-      fjac, ipvt, qtf)
-end subroutine r64_lmdif_callback
+  solver = solver_t(ftol=ftol, xtol=xtol, gtol=gtol, maxfev=maxfev, epsfcn=epsfcn, mode=mode, &
+                    factor=factor, diag=diag)
+  call lmdif(problem, x, fvec, solver)
+  diag = solver%diag
+  info = solver%info
+  nfev = solver%nfev
+  fjac = solver%fjac
+  ipvt = solver%ipvt
+  qtf = solver%qtf
+end subroutine core_lmdif_callback

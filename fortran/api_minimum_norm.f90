@@ -1,21 +1,22 @@
-! Faces for f2py of the fast solver, which is in double precision only.
+! Interface for f2py of the minimum-norm solver, in double precision.
+! The addresses of LAPACK are set once.
 
-subroutine r64_set_lapack(addresses)
+subroutine core_set_lapack(addresses)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use lapack, only: set_lapack
+  use lapack_m, only: set_lapack
   implicit none
   integer(c_intptr_t), intent(in) :: addresses(4)  ! dsyrk, dpotrf, dpotrs, dgeqrf
 
   call set_lapack(addresses)
-end subroutine r64_set_lapack
+end subroutine core_set_lapack
 
 ! The caller has set the addresses of LAPACK.
-subroutine r64_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, free, ftol, &
+subroutine core_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, free, ftol, &
                                 damping, max_iterations, accurate, stop_flag, x, f, iterations, &
                                 evaluations, status)
-  use kinds_r64, only: wp
-  use conditions_r64, only: order_conditions_t
-  use minimum_norm, only: minimise_norm
+  use kinds, only: wp
+  use conditions_m, only: order_conditions_t
+  use minimum_norm_m, only: minimise_norm
   implicit none
   integer, intent(in) :: order, l, n, m, k
   integer, intent(in) :: layout(l)      ! see read_layout
@@ -36,4 +37,4 @@ subroutine r64_fit_minimum_norm(order, l, layout, n, x0, m, trees, owner, k, fre
   x = x0
   call minimise_norm(conditions, x, m, free, ftol, damping, max_iterations, accurate /= 0, f, &
                      iterations, evaluations, status)
-end subroutine r64_fit_minimum_norm
+end subroutine core_fit_minimum_norm

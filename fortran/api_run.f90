@@ -1,12 +1,14 @@
-! Faces for f2py of plans and runs, which stay here between calls and are known by their addresses.
+! Interface for f2py of plans and runs.
+! Both stay in memory between calls, and the caller knows them by their addresses.
 
-subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, stages, &
-                     c, implicit_stages, address)
+! Makes a plan from a frame and a method.
+subroutine plan_open(blocks, description, numbers, constants, integers, list, terms, weight, &
+                     stages, c, implicit_stages, address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
-  use frames_r64, only: make_frame
-  use kinds_r64, only: wp
-  use method_r64, only: make_method
-  use run, only: at_address, plan_t
+  use frames_m, only: make_frame
+  use kinds, only: wp
+  use method_m, only: make_method
+  use run_m, only: at_address, plan_t
   implicit none
   integer, intent(in) :: blocks, numbers, integers, terms, stages
   integer, intent(in) :: description(3, blocks)
@@ -18,23 +20,24 @@ subroutine plan_open(blocks, description, numbers, constants, integers, list, te
   type(plan_t), pointer :: plan
 
   allocate (plan)
-  call make_frame(description, constants, 1, plan%frame)
+  call make_frame(description, constants, plan%frame)
   call make_method(list, weight, c, plan%method)
   plan%method%implicit = implicit_stages
   address = at_address(c_loc(plan))
 end subroutine plan_open
 
-! How the solution within steps is made; see scheme_t.
+! Sets the coefficients of the interpolants of a plan; see scheme_t.
 subroutine plan_set_scheme(address, columns, flat, final, series, extra, theta, derivatives, row, &
                            degree, basis, nodes, node, blend, used, used_c, flows, result_weight)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use kinds_r64, only: wp
-  use run, only: plan_at, plan_t
+  use kinds, only: wp
+  use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: columns, final, series, extra, derivatives, degree, nodes, used, flows
   logical, intent(in) :: flat
-  real(wp), intent(in) :: theta(extra)                 ! a last one is left out: none may be empty
+  ! the last one is unused, since no array may be empty
+  real(wp), intent(in) :: theta(extra)
   real(wp), intent(in) :: row(derivatives, extra), basis(derivatives, degree)
   real(wp), intent(in) :: node(nodes, nodes - 1), blend(nodes + 2, nodes - 1)
   real(wp), intent(in) :: used_c(used), result_weight(used, flows)
@@ -61,9 +64,9 @@ end subroutine plan_set_scheme
 ! No less than the distances of points from the manifold; see distance_bound.
 subroutine plan_distance_bound(address, n, members, y, bound)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use frames_r64, only: distance_bound
-  use kinds_r64, only: wp
-  use run, only: plan_at, plan_t
+  use frames_m, only: distance_bound
+  use kinds, only: wp
+  use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, members
@@ -79,9 +82,10 @@ subroutine plan_distance_bound(address, n, members, y, bound)
   end do
 end subroutine plan_distance_bound
 
+! Frees a plan.
 subroutine plan_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: plan_at, plan_t
+  use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(plan_t), pointer :: plan
@@ -90,21 +94,20 @@ subroutine plan_close(address)
   deallocate (plan)
 end subroutine plan_close
 
-! The run that a record describes
+! Makes the run that a record describes.
 subroutine loop_open(plan_address, record_address, address)
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, c_null_ptr
-  use error_norm_r64, only: tolerances_t
-  use external_field, only: field_at
-  use kinds_r64, only: wp
-  use run, only: at_address, begin_run, plan_at, plan_t, run_t
+  use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc, c_null_ptr
+  use error_norm_m, only: tolerances_t
+  use external_field_m, only: field_at
+  use kinds, only: wp
+  use run_m, only: at_address, begin_run, plan_at, plan_t, run_t, set_events
   implicit none
   integer(c_intptr_t), intent(in) :: plan_address, record_address
   integer(c_intptr_t), intent(out) :: address          ! 0 if there isn't enough memory
   type(plan_t), pointer :: plan
   type(run_t), pointer :: run
   real(wp), pointer, contiguous :: stops(:), atol(:)
-  integer(c_int64_t), pointer, contiguous :: table(:, :)
   integer :: i, memory, n
 
   allocate (run)
@@ -119,7 +122,7 @@ subroutine loop_open(plan_address, record_address, address)
     run%field%data_address = record%data
     run%field%data_stride = record%data_stride
     problem%frame => run%frame
-    if (record%together == 0) problem%field => run%field
+    if (record%vectorized == 0) problem%field => run%field
     problem%method => plan%method
     problem%scheme => plan%scheme
     problem%common = record%common /= 0
@@ -136,19 +139,7 @@ subroutine loop_open(plan_address, record_address, address)
       atol=[(atol(1 + (i - 1) / (n / size(atol))), i = 1, n)], rtol=record%rtol, &
       in_entries=record%in_entries /= 0, parts=int(record%parts), exponent=record%exponent, &
       max_step=record%max_step)
-    if (record%functions > 0) then
-      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [5, int(record%functions)])
-      run%events%count = size(table, 2)
-      run%events%address = table(1, :)
-      run%events%data = table(2, :)
-      run%events%direction = int(table(3, :))
-      run%events%most = table(4, :)
-      run%events%jumps = table(5, :) /= 0
-      run%events%member_data = record%data
-      run%events%stride = record%data_stride
-      run%events%python = run%python
-      problem%events => run%events
-    end if
+    if (record%functions > 0) call set_events(run)
   end associate
   call begin_run(run, memory)
   address = 0
@@ -159,9 +150,10 @@ subroutine loop_open(plan_address, record_address, address)
   end if
 end subroutine loop_open
 
+! Frees a run.
 subroutine loop_close(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: run_at, run_t
+  use run_m, only: run_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -170,10 +162,10 @@ subroutine loop_close(address)
   deallocate (run)
 end subroutine loop_close
 
-! Until all members have ended, the budget is used up, or a buffer is full
+! Advances a run until all members have ended, the budget is used up, or a buffer is full.
 subroutine loop_drive(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: drive, run_at, run_t
+  use run_m, only: drive, run_at, run_t
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -182,10 +174,10 @@ subroutine loop_drive(address)
   call drive(run)
 end subroutine loop_drive
 
-! The buffers of the record have changed.
+! Takes new buffers from the record.
 subroutine loop_set_output(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: run_at, run_t, set_output
+  use run_m, only: run_at, run_t, set_output
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -194,12 +186,12 @@ subroutine loop_set_output(address)
   call set_output(run)
 end subroutine loop_set_output
 
-! All trajectories of a run that has as many lanes as members go on, up to other ends of segments.
+! Lets all trajectories continue with other ends of segments. There are as many lanes as members.
 subroutine loop_continue(address, segments, stops)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use kinds_r64, only: wp
-  use run, only: run_at, run_t
-  use trajectory_r64, only: go_on
+  use kinds, only: wp
+  use run_m, only: run_at, run_t
+  use trajectory_m, only: continue_run
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: segments
@@ -210,18 +202,18 @@ subroutine loop_continue(address, segments, stops)
   run => run_at(address)
   run%problem%stops = stops
   do i = 1, size(run%lanes)
-    call go_on(run%lanes(i))
+    call continue_run(run%lanes(i))
   end do
   run%busy = .true.
   run%next = size(run%lanes) + 1
 end subroutine loop_continue
 
-! They go on from other points or another time, and with other data of the field.
+! Starts all trajectories from other points or another time, with other data of the field.
 subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use kinds_r64, only: wp
-  use run, only: run_at, run_t
-  use trajectory_r64, only: set_start
+  use kinds, only: wp
+  use run_m, only: run_at, run_t
+  use trajectory_m, only: set_start
   implicit none
   integer(c_intptr_t), intent(in) :: address
   integer, intent(in) :: n, members
@@ -240,11 +232,11 @@ subroutine loop_restart(address, n, members, t, y, first_step, data_address)
   run%next = members + 1
 end subroutine loop_restart
 
-! Asks for the interpolants of the last steps, which the next call of loop_drive keeps.
+! Requests the interpolants of the last steps, which the next call of loop_drive stores.
 subroutine loop_interpolate(address)
   use, intrinsic :: iso_c_binding, only: c_intptr_t
-  use run, only: run_at, run_t
-  use within_step_r64, only: request_interpolant
+  use run_m, only: run_at, run_t
+  use within_step_m, only: request_interpolant
   implicit none
   integer(c_intptr_t), intent(in) :: address
   type(run_t), pointer :: run
@@ -257,12 +249,12 @@ subroutine loop_interpolate(address)
   run%busy = .true.
 end subroutine loop_interpolate
 
-! All that trajectories need to go on bit for bit: read, or written
+! Reads or writes the states of all trajectories.
 subroutine loop_state(address, write, n, m, columns, members, reals, integers, points, slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
-  use kinds_r64, only: wp
-  use run, only: run_at, run_t
-  use trajectory_r64, only: load_state, save_state
+  use kinds, only: wp
+  use run_m, only: run_at, run_t
+  use trajectory_m, only: load_state, save_state
   implicit none
   integer(c_intptr_t), intent(in) :: address
   logical, intent(in) :: write
@@ -286,14 +278,15 @@ subroutine loop_state(address, write, n, m, columns, members, reals, integers, p
   run%next = members + 1
 end subroutine loop_state
 
-! Points of the solution within steps whose interpolants were kept
-subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, fields, y)
+! Evaluates stored interpolants.
+subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, t, y_ends, &
+                            fields, y)
   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_null_ptr
-  use callback, only: python_t
-  use frames_r64, only: frame_t
-  use interpolant_r64, only: evaluate_interpolant, interpolant_t, reserve_interpolant
-  use kinds_r64, only: wp
-  use run, only: plan_at, plan_t
+  use callback_m, only: python_t
+  use frames_m, only: frame_t
+  use interpolant_m, only: evaluate_interpolant, interpolant_t, reserve_interpolant
+  use kinds, only: wp
+  use run_m, only: plan_at, plan_t
   implicit none
   integer(c_intptr_t), intent(in) :: address, context
   integer, intent(in) :: count, steps, n, m
@@ -335,11 +328,11 @@ subroutine plan_interpolate(address, context, count, steps, n, m, which, theta, 
   end do
 end subroutine plan_interpolate
 
-! The size and the number of equal steps, and the size of the last one
+! The number of equal steps in a span, and the size of the last one
 subroutine equal_steps(start, stop, h, steps, last)
   use, intrinsic :: iso_fortran_env, only: int64
-  use kinds_r64, only: wp
-  use time_grid_r64, only: grid_t, make_grid
+  use kinds, only: wp
+  use time_grid_m, only: grid_t, make_grid
   implicit none
   real(wp), intent(in) :: start, stop, h
   integer(int64), intent(out) :: steps
@@ -350,25 +343,3 @@ subroutine equal_steps(start, stop, h, steps, last)
   steps = grid%steps
   last = grid%last
 end subroutine equal_steps
-
-! The address of the function in C that calls one of Python whose data are those of a member
-subroutine python_member_address(address)
-  use, intrinsic :: iso_c_binding, only: c_double, c_funloc, c_int, c_intptr_t, c_ptr
-  implicit none
-  integer(c_intptr_t), intent(out) :: address
-
-  interface
-
-    function call_python_member(t, y, f, user_data) bind(c) result(code)
-      import :: c_double, c_int, c_ptr
-      real(c_double), value, intent(in) :: t
-      real(c_double), intent(in) :: y(*)
-      real(c_double), intent(inout) :: f(*)
-      type(c_ptr), value, intent(in) :: user_data
-      integer(c_int) :: code
-    end function call_python_member
-
-  end interface
-
-  address = transfer(c_funloc(call_python_member), address)
-end subroutine python_member_address

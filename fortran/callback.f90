@@ -1,12 +1,13 @@
-! Functions of Python, called by python_field.c, as the loop over steps knows them
-module callback
+! Functions of Python and events in C for the loop over steps.
+! python_field.c calls Python.
+module callback_m
   use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_intptr_t, &
                                          c_null_ptr, c_ptr
   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-  use frames_r64, only: callback_t
-  use kinds_r64, only: wp
+  use frames_m, only: callback_t
+  use kinds, only: wp
   use shared_numbers, only: event_operation, jump_operation
-  use trajectory_r64, only: events_t
+  use trajectory_m, only: events_t
   implicit none
   private
   public :: python_t, external_events_t
@@ -56,7 +57,8 @@ module callback
 
 contains
 
-  ! The exception that a function raised is found when the call from Python returns.
+  ! Applies an operation in Python. If it raises an exception, the result is NaN, and the exception
+  ! remains set until the call from Python returns.
   subroutine apply(self, operation, a, b, c)
     class(python_t), intent(in) :: self
     integer, intent(in) :: operation
@@ -67,6 +69,7 @@ contains
     c = ieee_value(c, ieee_quiet_nan)
   end subroutine apply
 
+  ! Evaluates the function of an event.
   subroutine event_value(self, member, event, t, y, g, flag)
     class(external_events_t), intent(in) :: self
     integer, intent(in) :: member, event
@@ -91,11 +94,13 @@ contains
       flag = .not. abs(g) <= huge(g)
       return
     end if
-    call self%python%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, answer)
+    call self%python%apply(event_operation, [t, real(member - 1, wp), real(event - 1, wp)], y, &
+                           answer)
     g = answer(1)
     flag = .not. abs(g) <= huge(g)
   end subroutine event_value
 
+  ! Evaluates the point after a jump.
   subroutine event_jump(self, member, event, t, y, after, flag)
     class(external_events_t), intent(in) :: self
     integer, intent(in) :: member, event
@@ -108,4 +113,4 @@ contains
     flag = .not. all(abs(after) <= huge(after))
   end subroutine event_jump
 
-end module callback
+end module callback_m

@@ -1,7 +1,8 @@
-! A vector field that is a function in C, in double precision:
+! Right-hand sides that are functions in C, in double precision:
 !   int rhs(double t, const double *y, double *f, void *user_data)
-module external_field
-  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_intptr_t, c_ptr
+module external_field_m
+  use, intrinsic :: iso_c_binding, only: c_double, c_f_procpointer, c_funptr, c_int, c_intptr_t, &
+                                         c_ptr
   implicit none
   private
   public :: field_at, rhs_i
@@ -31,4 +32,4 @@ contains
     call c_f_procpointer(pointer, rhs)
   end function field_at
 
-end module external_field
+end module external_field_m

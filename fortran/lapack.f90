@@ -1,11 +1,11 @@
-! The few BLAS and LAPACK routines that the fast solver uses, by their addresses: SciPy brings
-! the library, so nothing has to be linked and wheels stay small.
-module lapack
+! The BLAS and LAPACK routines of the minimum-norm solver, by their addresses.
+! SciPy provides the library, so that nothing has to be linked and wheels stay small.
+module lapack_m
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_double, c_intptr_t, &
                                          c_f_procpointer, c_null_funptr
   implicit none
   private
-  public :: set_lapack, lapack_is_set, gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
+  public :: set_lapack, gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
 
   abstract interface
     subroutine syrk_i(uplo, trans, n, k, alpha, a, lda, beta, c, ldc) bind(c)
@@ -51,6 +51,7 @@ module lapack
 
 contains
 
+  ! Sets the addresses of the routines.
   subroutine set_lapack(addresses)
     integer(c_intptr_t), intent(in) :: addresses(4)  ! dsyrk, dpotrf, dpotrs, dgeqrf
 
@@ -59,11 +60,6 @@ contains
     call c_f_procpointer(transfer(addresses(3), c_null_funptr), dpotrs)
     call c_f_procpointer(transfer(addresses(4), c_null_funptr), dgeqrf)
   end subroutine set_lapack
-
-  logical function lapack_is_set()
-    lapack_is_set = associated(dsyrk) .and. associated(dpotrf) .and. associated(dpotrs) &
-      .and. associated(dgeqrf)
-  end function lapack_is_set
 
   ! The lower triangle of a a^T.
   subroutine gram_matrix(a, gram)
@@ -74,6 +70,7 @@ contains
                gram, size(gram, 1))
   end subroutine gram_matrix
 
+  ! The Cholesky factor of a symmetric matrix
   subroutine cholesky(a, info)
     real(c_double), intent(inout), contiguous :: a(:, :)  ! (m, m): lower triangle in, factor out
     integer, intent(out) :: info                          ! not 0: not positive definite
@@ -81,8 +78,8 @@ contains
     call dpotrf('L', size(a, 1), a, size(a, 1), info)
   end subroutine cholesky
 
-  ! The factor of a a^T + damping I, without forming it: small singular values of a, whose squares
-  ! would drown in rounding, keep their digits.
+  ! The Cholesky factor of a a^T + damping I by QR, without forming that matrix, in which the
+  ! squares of small singular values would be lost in rounding
   subroutine cholesky_of_gram(a, damping, factor)
     real(c_double), intent(in), contiguous :: a(:, :)         ! (m, n)
     real(c_double), intent(in) :: damping                     ! > 0
@@ -105,6 +102,7 @@ contains
     end do
   end subroutine cholesky_of_gram
 
+  ! Solves a linear system by its Cholesky factor.
   subroutine solve_cholesky(factor, b)
     real(c_double), intent(in), contiguous :: factor(:, :)  ! (m, m)
     real(c_double), intent(inout), contiguous :: b(:)       ! (m)
@@ -112,4 +110,4 @@ contains
 
     call dpotrs('L', size(factor, 1), 1, factor, size(factor, 1), b, size(b), info)
   end subroutine solve_cholesky
-end module lapack
+end module lapack_m

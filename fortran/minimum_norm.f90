@@ -6,24 +6,24 @@
 ! J. Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares
 ! minimization, arXiv:1201.5885). Narrow bent valleys, which order conditions are full of, are
 ! followed in steps many times longer. lambda changes by H. B. Nielsen's rule (IMM-REP-1999-05).
-module minimum_norm
-  use kinds_r64, only: wp
-  use lapack, only: gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
-  use least_squares_r64, only: differentiable_t
+module minimum_norm_m
+  use kinds, only: wp
+  use lapack_m, only: gram_matrix, cholesky, cholesky_of_gram, solve_cholesky
+  use least_squares_m, only: differentiable_t
   use shared_numbers, only: no_descent, not_finite, out_of_iterations, solved, stopped
   implicit none
   private
   public :: minimise_norm
 
-  real(wp), parameter :: least_damping = 1.0e-17_wp
-  real(wp), parameter :: least_accurate = 1.0e-22_wp ! the same where J J^T isn't formed
-  real(wp), parameter :: most_damping = 1.0e8_wp
+  real(wp), parameter :: min_damping = 1.0e-17_wp
+  real(wp), parameter :: min_damping_accurate = 1.0e-22_wp  ! the same where J J^T isn't formed
+  real(wp), parameter :: max_damping = 1.0e8_wp
   real(wp), parameter :: probe = 0.1_wp              ! where along p the second derivative is taken
-  real(wp), parameter :: most_bend = 0.75_wp         ! largest |a| / |p| that is trusted
+  real(wp), parameter :: max_bend = 0.75_wp          ! largest |a| / |p| that is trusted
 
 contains
 
-  ! Moves the unknowns listed in `free` only.
+  ! Minimises the sum of squared residuals over the unknowns listed in `free`.
   subroutine minimise_norm(problem, x, conditions, free, ftol, first_damping, max_iterations, &
                            accurate, f, iterations, evaluations, status)
     class(differentiable_t), intent(inout) :: problem
@@ -45,7 +45,7 @@ contains
     allocate (gram(conditions, conditions), factor(conditions, conditions), source=0.0_wp)
     allocate (r(conditions), r_trial(conditions), y(conditions), step(size(free)), trial(size(x)))
 
-    least = merge(least_accurate, least_damping, accurate)
+    least = merge(min_damping_accurate, min_damping, accurate)
     status = not_finite
     iterations = 0
     evaluations = 1
@@ -74,7 +74,7 @@ contains
       y = r
       call solve_cholesky(factor, y)
       step = -matmul(y, jac)
-      call bend(problem, x, r, jac, factor, free, step, trial, r_trial)
+      call add_acceleration(problem, x, r, jac, factor, free, step, trial, r_trial)
       trial = x
       trial(free) = x(free) + step
       flag = 0
@@ -99,12 +99,13 @@ contains
       else
         damping = damping*growth
         growth = 2.0_wp*growth
-        if (damping > most_damping) status = no_descent
+        if (damping > max_damping) status = no_descent
       end if
     end do
 
   contains
 
+    ! Computes the Jacobian and its Gram matrix.
     subroutine linearise(largest, flag)
       real(wp), intent(out) :: largest  ! diagonal entry of J J^T
       integer, intent(out) :: flag
@@ -118,7 +119,7 @@ contains
     end subroutine linearise
   end subroutine minimise_norm
 
-  ! Raises the damping where rounding leaves the matrix indefinite.
+  ! Factorises the damped Gram matrix; the damping increases if rounding makes it indefinite.
   subroutine factorise(gram, factor, damping)
     real(wp), intent(in) :: gram(:, :)                    ! (conditions, conditions)
     real(wp), intent(out), contiguous :: factor(:, :)     ! (conditions, conditions)
@@ -136,7 +137,8 @@ contains
     end do
   end subroutine factorise
 
-  subroutine bend(problem, x, r, jac, factor, free, step, trial, r_trial)
+  ! Adds half of the acceleration to a step.
+  subroutine add_acceleration(problem, x, r, jac, factor, free, step, trial, r_trial)
     class(differentiable_t), intent(inout) :: problem
     real(wp), intent(in) :: x(:)                      ! (unknowns)
     real(wp), intent(in) :: r(:)                      ! (conditions) residual at x
@@ -156,6 +158,6 @@ contains
     second = (2.0_wp/probe)*((r_trial - r)/probe - matmul(jac, step))
     call solve_cholesky(factor, second)
     acceleration = -matmul(second, jac)
-    if (norm2(acceleration) <= most_bend*norm2(step)) step = step + 0.5_wp*acceleration
-  end subroutine bend
-end module minimum_norm
+    if (norm2(acceleration) <= max_bend*norm2(step)) step = step + 0.5_wp*acceleration
+  end subroutine add_acceleration
+end module minimum_norm_m

@@ -1,26 +1,27 @@
-! Trajectories of any number of members, driven to their ends. As many are on their way at a time as
-! there are lanes: one for a function of one point, many for a function of many points, which is
-! called once for all of them that need it. A lane whose member has ended takes the next one.
-module run
+! Runs of any number of trajectories. A run has lanes, each of which integrates one member at a time
+! and takes the next one when it has ended: one lane for a function of one point, many lanes for a
+! vectorized function, which is called once for all lanes that need coefficients.
+module run_m
   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int64_t, c_intptr_t, c_loc, &
                                          c_null_ptr, c_ptr
   use, intrinsic :: iso_fortran_env, only: int64
-  use callback, only: external_events_t, python_t
-  use external_field, only: rhs_i
-  use frames_r64, only: frame_t
-  use interpolant_r64, only: scheme_t
-  use kinds_r64, only: wp
-  use loop_r64, only: resume
-  use method_r64, only: method_t
-  use output_r64, only: keep_step, output_t
+  use callback_m, only: external_events_t, python_t
+  use external_field_m, only: rhs_i
+  use frames_m, only: frame_t
+  use interpolant_m, only: scheme_t
+  use kinds, only: wp
+  use loop_m, only: resume
+  use method_m, only: method_t
+  use output_m, only: store_step, output_t
   use shared_numbers, only: buffer_full, fields_operation, finished, needs_field, needs_maximum, &
                             needs_minimum, out_of_memory, paused, raised, raised_in_python, &
                             record_t, terminal_event
-  use trajectory_r64, only: problem_t, set_start, start, trajectory_t
-  use vector_field_r64, only: vector_field_t
+  use trajectory_m, only: problem_t, set_start, start, trajectory_t
+  use vector_field_m, only: vector_field_t
   implicit none
   private
-  public :: plan_t, run_t, begin_run, drive, file_lane, set_output, at_address, plan_at, run_at
+  public :: plan_t, run_t, begin_run, drive, store_lane, set_events, set_output, at_address, &
+            plan_at, run_at
 
   ! A frame and a method, prepared for any number of runs
   type :: plan_t
@@ -41,28 +42,30 @@ module run
 
   type :: run_t
     type(problem_t) :: problem
-    type(frame_t) :: frame                   ! that of the plan with this run's callback
+    type(frame_t) :: frame                   ! of the plan, with the callback of this run
     type(python_t) :: python
     type(external_events_t) :: events
     type(function_t) :: field
     type(record_t), pointer :: record => null()
     type(trajectory_t), allocatable :: lanes(:)
     logical, allocatable :: busy(:)          ! (lanes)
-    integer :: next = 1                      ! the member that takes the next free lane
+    integer :: next = 1                      ! the member that starts next
     ! views of the caller's memory
     type(output_t) :: output
-    real(wp), pointer, contiguous :: places(:, :) => null()            ! (point_size + 2, members)
-    integer(c_int64_t), pointer, contiguous :: tallies(:, :) => null() ! (8, members)
+    real(wp), pointer, contiguous :: states(:, :) => null()            ! (point_size + 2, members)
+    integer(c_int64_t), pointer, contiguous :: counters(:, :) => null() ! (8, members)
   end type run_t
 
 contains
 
+  ! The integer value of a pointer
   integer(c_intptr_t) function at_address(pointer)
     type(c_ptr), intent(in) :: pointer
 
     at_address = transfer(pointer, at_address)
   end function at_address
 
+  ! The plan at an address
   function plan_at(address) result(plan)
     integer(c_intptr_t), intent(in) :: address
     type(plan_t), pointer :: plan
@@ -70,6 +73,7 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), plan)
   end function plan_at
 
+  ! The run at an address
   function run_at(address) result(run)
     integer(c_intptr_t), intent(in) :: address
     type(run_t), pointer :: run
@@ -77,7 +81,7 @@ contains
     call c_f_pointer(transfer(address, c_null_ptr), run)
   end function run_at
 
-  ! Finds the caller's memory, and makes as many lanes as there may be.
+  ! Makes the views of the caller's memory and allocates the lanes.
   subroutine begin_run(run, memory)
     type(run_t), target, intent(inout) :: run
     integer, intent(out) :: memory           ! nonzero if there isn't enough
@@ -87,13 +91,13 @@ contains
     associate (record => run%record, n => run%frame%point_size)
       members = int(record%members)
       lanes = int(record%lanes)
-      call c_f_pointer(transfer(record%places, c_null_ptr), run%places, [n + 2, members])
-      call c_f_pointer(transfer(record%tallies, c_null_ptr), run%tallies, [8, members])
-      run%places(n + 1:, :) = record%t0
-      run%tallies(:, :) = 0
-      run%tallies(1, :) = paused
+      call c_f_pointer(transfer(record%states, c_null_ptr), run%states, [n + 2, members])
+      call c_f_pointer(transfer(record%counters, c_null_ptr), run%counters, [8, members])
+      run%states(n + 1:, :) = record%t0
+      run%counters(:, :) = 0
+      run%counters(1, :) = paused
       within = run%problem%scheme%columns > 0 &
-               .and. (record%dense /= 0 .or. record%wanted > 0 .or. associated(run%problem%events))
+               .and. (record%dense /= 0 .or. record%outputs > 0 .or. associated(run%problem%events))
       allocate (run%lanes(lanes), run%busy(lanes), stat=memory)
       if (memory /= 0) return
       run%busy = .false.
@@ -106,21 +110,41 @@ contains
     call set_output(run)
   end subroutine begin_run
 
-  ! Looks up the caller's buffers, which may have changed.
+  ! Sets the events of a run from the table in the record.
+  subroutine set_events(run)
+    type(run_t), target, intent(inout) :: run
+    integer(c_int64_t), pointer, contiguous :: table(:, :)
+
+    associate (record => run%record)
+      call c_f_pointer(transfer(record%event_table, c_null_ptr), table, [5, int(record%functions)])
+      run%events%count = size(table, 2)
+      run%events%address = table(1, :)
+      run%events%data = table(2, :)
+      run%events%direction = int(table(3, :))
+      run%events%most = table(4, :)
+      run%events%jumps = table(5, :) /= 0
+      run%events%member_data = record%data
+      run%events%stride = record%data_stride
+      run%events%python = run%python
+      run%problem%events => run%events
+    end associate
+  end subroutine set_events
+
+  ! Makes the views of the caller's output arrays, which may have changed.
   subroutine set_output(run)
     type(run_t), target, intent(inout) :: run
-    integer :: dense, events, steps, wanted, members
+    integer :: dense, events, steps, outputs, members
 
     associate (record => run%record, output => run%output, n => run%frame%point_size, &
                m => run%frame%dimension)
       members = int(record%members)
-      wanted = int(record%wanted)
+      outputs = int(record%outputs)
       steps = int(record%step_capacity)
       dense = int(record%dense_capacity)
       events = int(record%event_capacity)
-      output%wanted = wanted
-      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [wanted])
-      call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, wanted])
+      output%outputs = outputs
+      call c_f_pointer(transfer(record%times, c_null_ptr), output%times, [outputs])
+      call c_f_pointer(transfer(record%y, c_null_ptr), output%y, [n, members, outputs])
       output%every = record%every
       output%step_capacity = record%step_capacity
       call c_f_pointer(transfer(record%step_t, c_null_ptr), output%step_t, [steps])
@@ -142,7 +166,7 @@ contains
     end associate
   end subroutine set_output
 
-  ! Goes on until all members have ended, the budget is used up, or a buffer is full.
+  ! Advances all lanes until all members have ended, the budget is used up, or a buffer is full.
   subroutine drive(run)
     type(run_t), target, intent(inout) :: run
     integer :: requests(size(run%lanes))     ! lanes that need coefficients
@@ -159,63 +183,63 @@ contains
       waits = .false.
       stops = .false.
       do i = 1, size(run%lanes)
-        do
-          if (.not. run%busy(i)) then
-            call take_member(run, i)
-            if (.not. run%busy(i)) exit
-          end if
-          associate (lane => run%lanes(i))
-            if (lane%status == needs_minimum .or. lane%status == needs_maximum) then
-              waits = .true.
-              exit
-            end if
-            if (lane%status /= out_of_memory) then
-              call resume(run%problem, lane, run%output, budget)
-            end if
-            if (run%record%raised /= 0) lane%status = raised
-            select case (lane%status)
-            case (needs_field)
-              count = count + 1
-              requests(count) = i
-              exit
-            case (needs_minimum, needs_maximum)
-              waits = .true.
-              exit
-            case (paused, buffer_full)
-              stops = .true.
-              exit
-            case default
-              call file_lane(run, i)
-              run%busy(i) = .false.
-              run%record%ended = run%record%ended + 1
-              if (all(lane%status /= [finished, terminal_event])) then
-                run%record%failed = run%record%failed + 1
-              end if
-              if (lane%status == raised) then
-                run%record%raised = 1
-                exit drive_all
-              end if
-            end select
-          end associate
-        end do
+        select case (advance_lane(run, i, budget))
+        case (needs_field)
+          count = count + 1
+          requests(count) = i
+        case (needs_minimum, needs_maximum)
+          waits = .true.
+        case (paused, buffer_full)
+          stops = .true.
+        case (raised)
+          exit drive_all
+        end select
       end do
       if (count > 0) then
         call evaluate(run, requests(:count))
       else if (waits .and. .not. stops) then
-        call share(run)
+        call exchange(run)
       else
         exit
       end if
     end do drive_all
-    call tell(run, budget)
+    call store_counters(run, budget)
   end subroutine drive
 
-  ! The next member takes a free lane.
-  subroutine take_member(run, i)
+  ! Advances one lane, through several members if they end, until it needs something. The result is
+  ! what it needs, `raised` after an exception in Python, or `finished` if there are no more members.
+  integer function advance_lane(run, i, budget) result(status)
+    type(run_t), target, intent(inout) :: run
+    integer, intent(in) :: i
+    integer(int64), intent(inout) :: budget
+
+    associate (lane => run%lanes(i), record => run%record)
+      do
+        status = finished
+        if (.not. run%busy(i)) call start_member(run, i)
+        if (.not. run%busy(i)) return
+        status = lane%status
+        if (status == needs_minimum .or. status == needs_maximum) return
+        if (status /= out_of_memory) call resume(run%problem, lane, run%output, budget)
+        if (record%raised /= 0) lane%status = raised
+        status = lane%status
+        if (any(status == [needs_field, needs_minimum, needs_maximum, paused, buffer_full])) return
+        call store_lane(run, i)
+        run%busy(i) = .false.
+        record%ended = record%ended + 1
+        if (all(status /= [finished, terminal_event])) record%failed = record%failed + 1
+        if (status == raised) record%raised = 1
+        if (status == raised) return
+      end do
+    end associate
+  end function advance_lane
+
+  ! Starts the next member in a free lane.
+  subroutine start_member(run, i)
     type(run_t), target, intent(inout) :: run
     integer, intent(in) :: i
 
-    if (run%next > size(run%places, 2)) return
+    if (run%next > size(run%states, 2)) return
     associate (lane => run%lanes(i), member => run%next, n => run%frame%point_size)
       lane%member = member
       lane%nfev = 0
@@ -225,50 +249,51 @@ contains
       lane%steps = 0
       lane%rejected = 0
       lane%attempts = 0
-      lane%used = 0
-      call set_start(run%record%t0, run%places(:n, member), run%problem%first_step, lane)
-      call keep_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
-      if (run%output%wanted > 0) then
+      lane%outputs_done = 0
+      call set_start(run%record%t0, run%states(:n, member), run%problem%first_step, lane)
+      call store_step(run%output, 0_int64, run%record%t0, lane%y(:, 0), .true.)
+      if (run%output%outputs > 0) then
         if (.not. abs(run%output%times(1) - run%record%t0) > 0) then
           run%output%y(:, member, 1) = lane%y(:, 0)
-          lane%used = 1
+          lane%outputs_done = 1
         end if
       end if
       run%busy(i) = .true.
       run%next = run%next + 1
     end associate
-  end subroutine take_member
+  end subroutine start_member
 
-  ! Writes down where the member of a lane has got to.
-  subroutine file_lane(run, i)
+  ! Stores the point and the counts of the member of a lane.
+  subroutine store_lane(run, i)
     type(run_t), intent(inout) :: run
     integer, intent(in) :: i
 
     associate (lane => run%lanes(i), n => run%frame%point_size)
-      run%places(:n, lane%member) = lane%y(:, 0)
-      run%places(n + 1:, lane%member) = [lane%t, lane%failed_at]
-      run%tallies(:, lane%member) = [int([lane%status, lane%flag], int64), lane%nfev, lane%nexp, &
+      run%states(:n, lane%member) = lane%y(:, 0)
+      run%states(n + 1:, lane%member) = [lane%t, lane%failed_at]
+      run%counters(:, lane%member) = [int([lane%status, lane%flag], int64), lane%nfev, lane%nexp, &
                                      lane%njev, lane%nlu, lane%steps, lane%rejected]
     end associate
-  end subroutine file_lane
+  end subroutine store_lane
 
-  subroutine tell(run, budget)
+  ! Stores the results of a call in the record.
+  subroutine store_counters(run, budget)
     type(run_t), intent(inout) :: run
     integer(int64), intent(in) :: budget               ! what is left of it
     integer :: i
 
     do i = 1, size(run%lanes)
-      if (run%busy(i)) call file_lane(run, i)
+      if (run%busy(i)) call store_lane(run, i)
     end do
     run%record%budget = max(budget, 0_int64)
     run%record%step_size = run%lanes(1)%h
     run%record%steps = run%output%steps
     run%record%interpolants = run%output%interpolants
     run%record%events = run%output%events
-  end subroutine tell
+  end subroutine store_counters
 
-  ! What trajectories with common steps wait for
-  subroutine share(run)
+  ! Exchanges the minimum or maximum that trajectories with common steps wait for.
+  subroutine exchange(run)
     type(run_t), intent(inout) :: run
     real(wp) :: shared
     integer :: kind, i
@@ -290,9 +315,9 @@ contains
       run%lanes(i)%shared = shared
       if (run%busy(i)) run%lanes(i)%status = paused
     end do
-  end subroutine share
+  end subroutine exchange
 
-  ! What the function leaves out stays NaN.
+  ! Evaluates a function in C. Coefficients that it doesn't write are NaN.
   subroutine coefficients(self, n, m, t, y, f, flag)
     class(function_t), intent(inout) :: self
     integer, intent(in) :: n, m
@@ -306,7 +331,7 @@ contains
                                       * self%data_stride, c_null_ptr))
   end subroutine coefficients
 
-  ! The coefficients that lanes need, by a function of many points
+  ! Evaluates a vectorized function for all lanes that need coefficients.
   subroutine evaluate(run, requests)
     type(run_t), intent(inout) :: run
     integer, contiguous, intent(in) :: requests(:)
@@ -323,19 +348,19 @@ contains
       end if
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          where(i) = lane%want_t
+          where(i) = lane%request_t
           where(k + i) = real(lane%member - 1, wp)
-          points((i - 1) * n + 1:i * n) = lane%want
+          points((i - 1) * n + 1:i * n) = lane%request_y
         end associate
       end do
       call run%python%apply(fields_operation, where, points, slopes)
       do i = 1, k
         associate (lane => run%lanes(requests(i)))
-          lane%got = slopes((i - 1) * m + 1:i * m)
+          lane%received = slopes((i - 1) * m + 1:i * m)
           lane%flag = 0
         end associate
       end do
     end associate
   end subroutine evaluate
 
-end module run
+end module run_m

@@ -28,7 +28,6 @@ def check_libraries() -> None:
     import cg
     import cg._core_r64
     import cg._core_r128
-    import cg._external
 
     assert "site-packages" in str(cg.__file__), cg.__file__
     method = cg.search(order=3, stages=3, starts=4, seed=1).methods[0]

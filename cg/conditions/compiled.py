@@ -1,7 +1,7 @@
 """Calls of compiled elementary weights, residuals and solvers, with checks of memory before.
 
-The bounds of allocated memory follow the declarations in ``fortran/weights.f90.in``,
-``gradient.f90.in``, ``conditions.f90.in`` and in the solvers. Change them together.
+The bounds of allocated memory follow the declarations in ``fortran/weights.f90``,
+``gradient.f90``, ``conditions.f90`` and in the solvers. Change them together.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core_r64, _minimum_norm
+from .. import _core_r64
 from ..structure.layout import Layout
 from ..support import quads
 from ..support.memory import reserved
@@ -147,7 +147,7 @@ def fit_minimum_norm(
     accurate = m * (2 * k + m)  # of the QR factorisation, with a transposed copy
     needed = _derivatives(order, layout, m) + 8 * (solver + accurate)
     with reserved(needed, _what("the fit", order, layout)):
-        results: tuple[Any, ...] = _minimum_norm.fit_minimum_norm(
+        results: tuple[Any, ...] = _core_r64.fit_minimum_norm(
             order, layout.code, x, trees, owner, free, *arguments
         )
     return results

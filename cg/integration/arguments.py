@@ -1,4 +1,4 @@
-"""Checks of the arguments of integrations: at one door, before any work."""
+"""Checks of the arguments of integrations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.catalogue import resolve_method
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.frames.product import Product
@@ -21,7 +20,7 @@ from cg.method.method import Method
 from cg.support.checks import check_integer, total_memory
 
 DEFAULT_MAX_STEPS = 10**6
-"""The number of adaptive steps, rejected ones included, after which it is given up."""
+"""Default limit of the number of adaptive steps, rejected ones included."""
 
 _POINTS_AT_A_TIME = 4096
 _MAX_STEPS = 2**53  # a step number must be an exact float, or times would not be distinct
@@ -32,7 +31,7 @@ _MIN_RTOL = 100.0 * float(np.finfo(np.float64).eps)
 
 
 def check_unused(**arguments: object) -> None:
-    """Raise ValueError if an argument is given that fixed steps have no use for."""
+    """Raise ValueError if an argument is given that has no effect on fixed steps."""
     for name, value in arguments.items():
         if value is not None:
             raise ValueError(f"{name} must not be given together with h, got {value!r}")
@@ -44,7 +43,7 @@ def check_t_eval(t_eval: ArrayLike, start: float, stop: float) -> Array:
     if times.ndim != 1:
         raise ValueError(f"t_eval must have one axis, got shape {times.shape}")
     low, high = min(start, stop), max(start, stop)
-    # Written so that a NaN is refused.
+    # written so that a NaN is rejected
     if not ((times >= low) & (times <= high)).all():
         raise ValueError(f"t_eval must lie within t_span, {low:g} to {high:g}, got {t_eval!r}")
     if not (math.copysign(1.0, stop - start) * (times[1:] - times[:-1]) > 0.0).all():
@@ -59,7 +58,7 @@ def check_args(args: Any) -> tuple[Any, ...]:
     if args is None:
         return ()
     try:
-        # what has no order, or is a single argument that happens to have parts
+        # a set has no order, and a string is probably a single argument
         if isinstance(args, str | bytes | bytearray | Set | Mapping):
             raise TypeError
         return tuple(args)
@@ -70,15 +69,15 @@ def check_args(args: Any) -> tuple[Any, ...]:
 
 
 def check_joined(frame: Product, y0: Any) -> None:
-    """Raise ValueError, which says what to do, if ``y0`` is a point of each factor of ``frame``."""
+    """Raise ValueError if ``y0`` is a list of points of the factors of ``frame``."""
     if not isinstance(y0, list | tuple) or len(y0) != len(frame.factors):
         return
     shapes = [factor.point_shape for factor in frame.factors]
     pairs = zip(frame.factors, y0, strict=True)
     try:
-        found = [np.shape(factor.read_points(part)) for factor, part in pairs]
-        parts = found == shapes
-    except ValueError:  # ragged, whatever it is
+        part_shapes = [np.shape(factor.read_points(part)) for factor, part in pairs]
+        parts = part_shapes == shapes
+    except ValueError:  # a ragged list
         parts = False
     if parts and any(shapes) and np.shape(y0[0]) != frame.point_shape:
         raise ValueError(
@@ -105,7 +104,7 @@ def check_number(value: Any, name: str) -> Any:
 
 
 def as_float(number: Any) -> float:
-    """Return an int or a fraction beyond all doubles as an infinity, which the caller judges."""
+    """Return a number as a float, infinite if it is beyond the range of doubles."""
     try:
         return float(number)
     except OverflowError:
@@ -141,11 +140,13 @@ def check_max_steps(max_steps: Any) -> int:
     """Return the largest number of steps or the default."""
     if max_steps is None:
         return DEFAULT_MAX_STEPS
-    return min(check_integer("max_steps", max_steps, 1), 2**62)  # which compiled code can count
+    return min(
+        check_integer("max_steps", max_steps, 1), 2**62
+    )  # fits the counters of compiled code
 
 
 def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> None:
-    """Raise ValueError if what is kept of equal steps needs more memory than the machine has.
+    """Raise ValueError if the output of equal steps needs more memory than the machine has.
 
     Parameters
     ----------
@@ -156,9 +157,9 @@ def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> 
     steps
         Number of steps.
     every
-        How many steps there are between those whose ends are kept; zero if none are.
+        Every so many steps one is stored; zero if none are.
     between
-        Whether the solution within steps is kept as well.
+        Whether interpolants are stored as well.
     """
     needed = (steps // every + 2) * (8 * plan.width + 8) if every else 0
     if between:
@@ -171,8 +172,8 @@ def check_grid(plan: Plan, h: object, steps: int, every: int, between: bool) -> 
 
 
 def equal_steps(h: float, ends: list[float]) -> int:
-    """Return how many steps of a size there are between times; ValueError if h is too small."""
-    import cg._external as core
+    """Return the number of steps of size h between times; ValueError if h is too small."""
+    import cg._core_r64 as core
 
     total = 0
     for start, stop in pairwise(ends):
@@ -188,13 +189,8 @@ def equal_steps(h: float, ends: list[float]) -> int:
     return total
 
 
-def check_method(method: Any) -> Method:
-    """Return the method; TypeError or ValueError if it is none, or has no such name."""
-    return resolve_method(method)
-
-
 def check_algebra(frame: Frame, method: Method) -> None:
-    """Raise ValueError if the fields of a frame make no Lie algebra for a method to work in."""
+    """Raise ValueError if a frame doesn't have the brackets that a method needs."""
     try:
         frame.bracket(np.zeros(frame.dim), np.zeros(frame.dim))
     except NotImplementedError as error:
@@ -207,18 +203,18 @@ def check_algebra(frame: Frame, method: Method) -> None:
 def check_points(
     plan: Plan, y0: ArrayLike, parameters: Any, many: bool
 ) -> tuple[Points, Array | None]:
-    """Return initial points, and numbers of each of them or None, as new arrays after checking.
+    """Return initial points and their parameters as new arrays, after checking them.
 
     Parameters
     ----------
     plan
-        Of the frame that is to hold the points.
+        The plan of the frame.
     y0
         Shape ``frame.point_shape``, or with one leading axis for ``many``.
     parameters
         Shape ``(k,)``, or ``(members, k)`` for ``many``, or None.
     many
-        Whether there may be several points: one alone then serves all rows of parameters.
+        Whether several points are allowed; a single one is then used for all rows of parameters.
 
     Returns
     -------
@@ -251,12 +247,12 @@ def check_points(
             )
         if points.size == 0:
             raise ValueError(f"y0 must hold at least one point, got shape {points.shape}")
-        # The worst one alone gets the full check, whose message names what is wrong with it.
-        if not plan.certainly_on(points):
+        # only the worst point gets the full check, whose message says what is wrong
+        if not plan.surely_on_manifold(points):
             worst = _worst(frame, points)
             frame.check_point(points[worst], name=f"y0[{worst}]")
         return points, numbers
-    if points.shape != frame.point_shape or not plan.certainly_on(points):
+    if points.shape != frame.point_shape or not plan.surely_on_manifold(points):
         frame.check_point(points, name="y0")
     points = points[None]
     if not many:
@@ -269,9 +265,9 @@ def check_points(
 
 
 def _worst(frame: Frame, points: Points) -> int:
-    """Return which of some points is farthest from the manifold, or the first that isn't finite.
+    """Return the index of the point farthest from the manifold, or of the first that isn't finite.
 
-    A part at a time, so that what it takes to find out needs no more memory than the points.
+    Points are checked in chunks to limit memory.
     """
     errors = np.empty(len(points))
     axes = tuple(range(1, points.ndim))
@@ -291,7 +287,7 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
         if isinstance(t_span, Mapping):
             raise ValueError("not a sequence")
         times = real_array(t_span, "t_span")
-        # in an array of numbers, a bool among others is one
+        # NumPy would convert a bool among numbers
         if times.shape != (2,) or not _BOOLS.isdisjoint(map(type, t_span)):
             raise ValueError("not two numbers")
         start, stop = times.tolist()
@@ -322,7 +318,7 @@ def check_stops(breakpoints: Any, start: float, stop: float) -> Array:
 
 
 def check_real_time(value: Any, name: str, *, infinite: bool = True) -> float:
-    """Return a time; TypeError or ValueError if it is none, or infinite where it must not be."""
+    """Return a time; TypeError or ValueError if it isn't a number or must be finite."""
     time = as_float(check_number(value, name))
     if math.isnan(time) or (math.isinf(time) and not infinite):
         raise ValueError(f"{name} must be a{'' if infinite else ' finite'} number, got {value!r}")
@@ -330,7 +326,7 @@ def check_real_time(value: Any, name: str, *, infinite: bool = True) -> float:
 
 
 def is_many(frame: Any, y0: Any) -> bool:
-    """Tell whether ``y0`` has an axis more than a point; a wrong one is seen later."""
+    """Return whether ``y0`` has one axis more than a point; its values are checked later."""
     if not isinstance(frame, Frame):
         return False
     try:

@@ -1,17 +1,17 @@
-"""Which pair takes the steps where the caller names none.
+"""The default method.
 
-The rule, with what ``python -m benchmarks estimates`` measures:
+It is chosen by these rules from the measurements of ``python -m benchmarks estimates``:
 
-1. A default is honest: over ten problems and fifty spins, at tolerances from 1e-3 to 1e-10, the
-   median of the error at the end is at most 5 tolerances, and the largest at most 50. And it calls
-   the right-hand side within the step alone.
-2. Of the honest pairs that cost least at equal errors, up to 10 per cent more, it is the one with
-   the fewest evaluations and flows together. Costs are compared at errors of 1e-3 for loose
-   tolerances and at 1e-8 for tight ones. They are processor time on frames that are compiled; flows
-   on frames in Python, where a flow costs many evaluations; evaluations and flows together on
-   frames without brackets, whose flows are functions of the user's.
+1. Its error estimate is reliable: over ten problems and fifty spins, at tolerances from 1e-3 to
+   1e-10, the median of the error at the end is at most 5 tolerances, and the largest at most 50.
+   And it evaluates the right-hand side only at times within the step.
+2. Of the reliable pairs whose cost at equal errors is within 10 per cent of the least, it is the
+   one with the smallest sum of evaluations and flows. Costs are compared at errors of 1e-3 for
+   loose tolerances and at 1e-8 for tight ones. The cost is processor time on compiled frames; the
+   number of flows on frames in Python, where a flow costs many evaluations; and the sum of
+   evaluations and flows on frames without brackets, whose flows are the user's functions.
 
-The benchmark's page tells which pairs the rule takes, and a test that the defaults are honest.
+The page of benchmarks lists the pairs that the rules select; a test checks their reliability.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from cg.integration.step.plan import has_brackets
 __all__ = ["AUTO", "choose_method"]
 
 AUTO = "auto"
-"""The name that leaves the choice of a method to `choose_method`."""
+"""Value of ``method`` for which `choose_method` chooses."""
 
-# Where the costs of both pairs are about equal
+# The tolerance at which the costs of both pairs are about equal
 _LOOSE = 1e-4
 # For loose and for tight tolerances
 _COMPILED = ("CF5(4)", "RKMK8(5,3)")
@@ -36,16 +36,16 @@ _WITHOUT = ("CF5(4)", "CF6(5)")
 
 
 def choose_method(frame: Frame, rtol: float | None) -> str:
-    """Return the name of the pair that takes the steps.
+    """Return the name of the default method.
 
     Parameters
     ----------
     frame
-        The frame; it matters whether it is compiled, and whether it has brackets.
+        The frame.  The choice depends on whether it is compiled and has brackets.
     rtol
         The relative tolerance: at 1e-4 or more the pair is one of order five, below it of order
-        eight where there are brackets and six where there are none. None for fixed steps, which
-        are taken as loose.
+        eight where there are brackets and six where there are none. None for fixed steps, for
+        which the pair of order five is used.
     """
     try:
         pairs = _pairs(frame)

@@ -1,4 +1,4 @@
-"""Ensembles: many points, each integrated for itself, on any executor."""
+"""Ensembles: many initial value problems, integrated independently on any executor."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from cg.support.shared_numbers import Stop
 
 __all__ = ["solve_ensemble", "solve_members"]
 
-_AT_A_TIME = 1 << 14  # members of one run, so that memory doesn't grow with the ensemble
+_MEMBERS_PER_RUN = 1 << 14  # limits the memory of a run
 
 
 def solve_ensemble(
@@ -131,11 +131,11 @@ def solve_ensemble(
     >>> run.y.shape, run.success
     ((3, 5, 3, 3), True)
     """
-    together = check_flag("vectorized", vectorized)
+    vectorized = check_flag("vectorized", vectorized)
     common = check_flag("common_steps", common_steps)
     problem = make_problem(
         f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, many=True,
-        together=together, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
+        vectorized=vectorized, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
         first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
         events=events, breakpoints=breakpoints, stage_solver=stage_solver,
     )  # fmt: skip
@@ -174,23 +174,23 @@ def solve_members(
     executor, workers = check_executor(executor, workers)
     if distributed and common:
         raise ValueError("executor and workers must be None with common_steps")
-    result = _Result(problem, out)
+    result = _EnsembleResults(problem, out)
     watch = Progress(progress, problem.t0, problem.t1, len(problem.points))
     if distributed:
         _distribute(problem, f, executor, workers, result, watch)
     else:
-        size = len(problem.points) if common else _AT_A_TIME
+        size = len(problem.points) if common else _MEMBERS_PER_RUN
         for first in range(0, len(problem.points), size):
             members = slice(first, min(first + size, len(problem.points)))
-            result.add(members, _integrate(_part(problem, members), watch))
-            watch.finish_members(members.stop - first)
+            result.add(members, _integrate(_select_members(problem, members), watch))
+            watch.count_finished(members.stop - first)
     watch.finish()
     return result.solution()
 
 
 @dataclass(frozen=True)
-class _Part:
-    """What some members came to: points at all times, records of each, steps and events."""
+class _MemberResults:
+    """Results of some members: points at all times, status and counts of each, steps and events."""
 
     y: Points
     reached: Array
@@ -201,13 +201,13 @@ class _Part:
     events: tuple[Any, Array, Points]
 
 
-def _part(problem: Problem, members: slice) -> Problem:
+def _select_members(problem: Problem, members: slice) -> Problem:
     if members == slice(0, len(problem.points)):
         return problem
     return replace(problem, points=problem.points[members], rhs=problem.rhs.part(members))
 
 
-def _integrate(problem: Problem, watch: Progress | None) -> _Part:
+def _integrate(problem: Problem, watch: Progress | None) -> _MemberResults:
     """Integrate members in this thread."""
     plan, times = problem.plan, problem.t_eval
     assert times is not None
@@ -215,46 +215,46 @@ def _integrate(problem: Problem, watch: Progress | None) -> _Part:
     y = np.full((len(times), members, plan.width), math.nan)
     table = problem.event_table()
     run = problem.run(Output(times, 0, problem.dense, y), table if len(table) else None)
-    run.drive(watch.reach if watch is not None and watch.function is not None else None)
+    run.drive(watch.update if watch is not None and watch.function is not None else None)
     messages = {}
     for member in np.flatnonzero(run.status != Stop.FINISHED).tolist():
-        trouble = run.trouble(member)
-        if isinstance(trouble, MemoryError):
-            raise trouble
-        messages[member] = TERMINAL_EVENT if trouble is None else f"{trouble}".removesuffix(".")
+        failure = run.failure(member)
+        if isinstance(failure, MemoryError):
+            raise failure
+        messages[member] = TERMINAL_EVENT if failure is None else f"{failure}".removesuffix(".")
     status = np.select(
         [run.status == Stop.FINISHED, run.status == Stop.TERMINAL_EVENT], [0, 1], default=-1
     )
     points = plan.points(y, (len(times), members))
     steps = run.interpolants() if problem.dense else None
-    return _Part(points, run.reached, status, run.counts, messages, steps, run.events())
+    return _MemberResults(points, run.reached, status, run.counts, messages, steps, run.events())
 
 
 @dataclass(frozen=True)
-class _Work:
-    """What every worker integrates its members with."""
+class _MemberTask:
+    """The task of a worker: integrate some members of a problem."""
 
     problem: Problem
     f: Any
 
-    def __call__(self, data: tuple[Points, Array | None]) -> _Part:
+    def __call__(self, data: tuple[Points, Array | None]) -> _MemberResults:
         """Integrate some members, given their points and parameters."""
         points, numbers = data
         problem = self.problem
         rhs, _ = make_rhs(
-            self.f, problem.plan.frame, problem.args or None, numbers, problem.rhs.together,
+            self.f, problem.plan.frame, problem.args or None, numbers, problem.rhs.vectorized,
             len(points),
         )  # fmt: skip
         return _integrate(replace(problem, points=points, rhs=rhs), None)
 
     def __getstate__(self) -> dict[str, Any]:
-        # by its name each process knows a method once, with what was found out about it
+        # a method is sent by its name, so that each process has one instance with its cached data
         problem, method = self.problem, self.problem.plan.method
         known = any(own.get(method.name) is method for own in (methods, munthe_kaas))
         plan = problem.plan.frame, method.name if known else method
         parts = {name: value for name, value in vars(problem).items() if name != "plan"}
-        together = problem.rhs.together
-        parts |= {"rhs": together, "points": None}
+        vectorized = problem.rhs.vectorized
+        parts |= {"rhs": vectorized, "points": None}
         return {"f": self.f, "plan": plan, "kind": type(problem), "parts": parts}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -269,10 +269,10 @@ class _Work:
 
 
 def _distribute(
-    problem: Problem, f: Any, executor: Any, workers: Any, result: _Result, watch: Progress
+    problem: Problem, f: Any, executor: Any, workers: Any, result: _EnsembleResults, watch: Progress
 ) -> None:
     """Integrate members on an executor."""
-    work = _Work(problem, f)
+    work = _MemberTask(problem, f)
     if executor is not None and executor != "threads":
         _check_pickle(work)
     points, numbers = problem.points, problem.rhs.parameters
@@ -288,14 +288,14 @@ def _distribute(
         for finished in running:
             members = slice(finished.chunk[0], finished.chunk[-1] + 1)
             if finished.result is None:
-                result.died(members, str(finished.failure))
+                result.add_failure(members, str(finished.failure))
             else:
                 result.add(members, finished.result)
-            watch.finish_members(members.stop - members.start)
-            watch.reach(0.0)
+            watch.count_finished(members.stop - members.start)
+            watch.update(0.0)
 
 
-def _check_pickle(work: _Work) -> None:
+def _check_pickle(work: _MemberTask) -> None:
     try:
         pickle.dumps(work)
     except Exception as error:
@@ -306,8 +306,8 @@ def _check_pickle(work: _Work) -> None:
         ) from error
 
 
-class _Result:
-    """What members came to, put together as it comes."""
+class _EnsembleResults:
+    """The results of all members, collected as they arrive."""
 
     def __init__(self, problem: Problem, out: Any) -> None:
         plan = problem.plan
@@ -328,11 +328,11 @@ class _Result:
         self._outputs: dict[int, DenseOutput] = {}
         self._table = problem.event_table() if problem.events is not None else None
         self._events: dict[int, list[tuple[Array, Points]]] = {}
-        self._alive = False
+        self._any_finished = False
 
-    def add(self, members: slice, part: _Part) -> None:
-        """Take what some members came to."""
-        self._alive = True
+    def add(self, members: slice, part: _MemberResults) -> None:
+        """Add the results of some members."""
+        self._any_finished = True
         self._y[:, members] = part.y
         if len(part.y):
             warn_off_manifold(self._problem.plan, part.y[-1], stacklevel=5)
@@ -358,17 +358,17 @@ class _Result:
                     (t[own][which == i], y[own][which == i]) for i in range(len(self._table))
                 ]
 
-    def died(self, members: slice, message: str) -> None:
-        """Take that the worker of some members died."""
+    def add_failure(self, members: slice, message: str) -> None:
+        """Record that the worker of some members died."""
         for member in range(members.start, members.stop):
             self._messages[member] = message
         if self._out is not None:
             self._y[:, members] = math.nan
 
     def solution(self) -> EnsembleSolution:
-        """Return the whole."""
+        """Return the solution of all members."""
         failures = {k: self._messages[k] for k in np.flatnonzero(self._status < 0).tolist()}
-        if not self._alive:
+        if not self._any_finished:
             raise RuntimeError(failed_members(failures, self._members))
         problem = self._problem
         if self._out is None:
@@ -386,7 +386,7 @@ class _Result:
         if problem.dense:
             empty = {k for k in range(self._members) if k not in self._outputs}
             for k in empty:
-                self._outputs[k] = self._nothing(k)
+                self._outputs[k] = self._empty_output(k)
             sol = EnsembleOutput([self._outputs[k] for k in range(self._members)])
         return EnsembleSolution(
             t=t,
@@ -404,8 +404,8 @@ class _Result:
             h=problem.control.h,
         )
 
-    def _nothing(self, member: int) -> DenseOutput:
-        """Return the solution of a member whose worker died."""
+    def _empty_output(self, member: int) -> DenseOutput:
+        """Return the continuous solution of a member whose worker died: its initial point."""
         plan = self._problem.plan
         width = plan.columns * plan.frame.dim
         none = np.empty(0, dtype=np.int64)
@@ -431,13 +431,13 @@ class _Result:
 def _check_out(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
     """Raise TypeError or ValueError unless an array can hold all points."""
     try:
-        found, kind = tuple(out.shape), np.dtype(out.dtype)
+        actual, kind = tuple(out.shape), np.dtype(out.dtype)
     except (AttributeError, TypeError):
         raise TypeError(
             f"out must be an array, such as one of NumPy, zarr or h5py, got {out!r}"
         ) from None
-    if found != shape:
-        raise ValueError(f"out must have shape {shape}, got {found}")
+    if actual != shape:
+        raise ValueError(f"out must have shape {shape}, got {actual}")
     if kind.kind not in "fc" or not np.can_cast(dtype, kind, "same_kind"):
         raise ValueError(f"out must be able to hold numbers of type {dtype}, got one of {kind}")
     flags = getattr(out, "flags", None)

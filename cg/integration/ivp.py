@@ -60,7 +60,7 @@ def solve_ivp(
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
 
     Steps are chosen by an error estimate if ``method`` is a pair, or are all of size ``h`` if
-    that is given.  Every point of the solution lies on the manifold, those between steps too.
+    that is given.  All points of the solution lie on the manifold, also those between steps.
     `cg.solve_ensemble` integrates many points, `cg.Stepper` takes steps one at a time.
 
     Parameters
@@ -76,12 +76,12 @@ def solve_ivp(
     frame
         The frame that holds the points and supplies the flows.
     method
-        Name of a method of the catalogue, or a method.  Of a pair the weights of higher order
-        make the steps.  Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with
-        brackets.  By default, ``"auto"``, the pair that costs least at equal errors, of those
-        whose error estimates tell the errors.  For ``rtol`` below 1e-4 it is ``"RKMK8(5,3)"`` on
-        frames with brackets and ``"CF6(5)"`` on others; else ``"RKMK5(4)"`` on frames in Python
-        with brackets and ``"CF5(4)"`` on all others.  ``solution.method`` tells which it was.
+        Name of a method of the catalogue, or a method.  The result of higher order of a pair is
+        used.  Methods of Munthe-Kaas (``"RKMK5(4)"``, `cg.MuntheKaas`) need a frame with brackets.
+        The default, ``"auto"``, is the fastest in the benchmarks of the pairs with reliable error
+        estimates.  For ``rtol`` below 1e-4 it is ``"RKMK8(5,3)"`` on frames with brackets and
+        ``"CF6(5)"`` on others; else ``"RKMK5(4)"`` on frames in Python with brackets and
+        ``"CF5(4)"`` on all others.  ``solution.method`` is the method used.
     h
         Size of fixed steps, positive; the last may be shorter.  No error is estimated.
     rtol, atol
@@ -114,12 +114,12 @@ def solve_ivp(
     args
         Further arguments of ``f`` and of the events.
     parameters
-        Numbers, shape ``(k,)``, that ``f`` and the events are given as last argument; a compiled
-        ``f`` is given their address.
+        Numbers, shape ``(k,)``, passed to ``f`` and the events as last argument; a compiled
+        ``f`` receives their address.
     stage_solver
-        How the stages of an implicit method are found: ``"newton"`` or ``"fixed-point"``.
+        Iteration for the stages of an implicit method: ``"newton"`` or ``"fixed-point"``.
     progress
-        Called with the time that was covered and the length of ``t_span``, at most ten times a
+        Called with the time covered so far and the length of ``t_span``, at most ten times a
         second and when the integration ends.
 
     Returns
@@ -137,7 +137,7 @@ def solve_ivp(
     OverflowError
         With fixed steps, if the solution exceeds the range of floating point.
     ConvergenceError
-        With fixed steps, if the stages of an implicit method can't be found.
+        With fixed steps, if the iteration for implicit stages doesn't converge.
     StepTooLongError
         With fixed steps, if a step of a method on a Lie algebra is too long for dexp⁻¹.
 
@@ -150,7 +150,7 @@ def solve_ivp(
 
     Examples
     --------
-    A body that is turned about its z axis ever faster: when has it made a full turn?
+    A body rotates faster and faster about its z axis.  The event is its first full turn.
 
     >>> import numpy as np
     >>> import cg
@@ -229,11 +229,11 @@ def integrate(
     args, parameters
         Further arguments of ``f``; see `cg.solve_ivp`.
     stage_solver
-        How the stages of an implicit method are found: ``"newton"`` or ``"fixed-point"``.
+        Iteration for the stages of an implicit method: ``"newton"`` or ``"fixed-point"``.
     save_every
-        Store the result of every so many steps, besides the initial and the final point.
+        Store every so many steps, besides the initial and the final point.
     progress
-        Called with the time that was covered and the length of ``t_span``, at most ten times a
+        Called with the time covered so far and the length of ``t_span``, at most ten times a
         second and when the end is reached.
 
     Returns
@@ -252,7 +252,7 @@ def integrate(
     OverflowError
         If the solution exceeds the range of floating point.
     ConvergenceError
-        If the stages of an implicit method can't be found.
+        If the iteration for the stages of an implicit method doesn't converge.
     StepTooLongError
         If a step of a method on a Lie algebra is too long for dexp⁻¹.
     RuntimeError
@@ -300,9 +300,9 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
     problem
         What to integrate.
     every
-        How many steps there are between those whose ends are kept.
+        Every so many steps one is stored; zero for none.
     watch
-        Is told how far the integration has come.
+        Receives the progress.
     """
     plan = problem.plan
     times, y, capacity = problem.t_eval, None, 0
@@ -314,7 +314,7 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
     run = problem.run(
         Output(times, every if times is None else 0, problem.dense, y, capacity), table
     )
-    run.drive(watch.reach if watch.function is not None else None)
+    run.drive(watch.update if watch.function is not None else None)
     watch.finish()
     status, message = _status(run)
     if times is None or y is None:
@@ -344,23 +344,23 @@ def solve_one(problem: Problem, every: int, watch: Progress) -> Solution:
 
 
 def warn_off_manifold(plan: Plan, points: Points, stacklevel: int) -> None:
-    """Warn if last points of solutions, those that are finite, are off the manifold."""
-    if plan.certainly_on(points):
+    """Warn if a final point that is finite is off the manifold."""
+    if plan.surely_on_manifold(points):
         return
     finite = np.isfinite(points).reshape(len(points), -1).all(axis=1)
-    distance = plan.distance_off(points if finite.all() else points[finite])
+    distance = plan.distance_from_manifold(points if finite.all() else points[finite])
     if distance is not None:
         text = LEFT_MANIFOLD.format(distance=distance, tolerance=MEMBERSHIP_TOLERANCE)
         warnings.warn(text, stacklevel=stacklevel)
 
 
 def _status(run: Run) -> tuple[int, str]:
-    """Return the status of a single point in SciPy's sense; raise what isn't a matter of steps."""
-    trouble = run.trouble(0) if run.record.failed else None
-    if isinstance(trouble, Exception):
-        raise trouble
-    if trouble is not None:
-        return -1, f"Failure: {trouble}."
+    """Return status and message as SciPy defines them; raise errors other than failed steps."""
+    failure = run.failure(0) if run.record.failed else None
+    if isinstance(failure, Exception):
+        raise failure
+    if failure is not None:
+        return -1, f"Failure: {failure}."
     if int(run.status[0]) == Stop.TERMINAL_EVENT:
         return 1, TERMINAL_EVENT
     return 0, FINISHED
@@ -377,7 +377,7 @@ def _events(table: EventTable | None, run: Run) -> dict[str, Any]:
     of, t, y = run.events()
     which = of[:, 1]
     return {
-        "t_events": table.sorted_by_event(which, t),
-        "y_events": table.sorted_by_event(which, y[:, 0]),
-        "y_after": table.sorted_by_event(which, y[:, 1]),
+        "t_events": table.group_by_event(which, t),
+        "y_events": table.group_by_event(which, y[:, 0]),
+        "y_after": table.group_by_event(which, y[:, 1]),
     }

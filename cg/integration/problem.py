@@ -1,4 +1,4 @@
-"""What is integrated: the arguments of all integrations after checking."""
+"""The problem of an integration: its arguments after checking."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from numpy.typing import ArrayLike
 
+from cg.catalogue import resolve_method
 from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.integration.arguments import (
@@ -16,7 +17,6 @@ from cg.integration.arguments import (
     check_args,
     check_atol,
     check_max_steps,
-    check_method,
     check_points,
     check_rtol,
     check_span,
@@ -57,17 +57,17 @@ class Problem:
     stops
         Breakpoints, then the final time.
     control
-        How steps are chosen.
+        The step size control.
     events
-        What the user gave as events.
+        The events as the user passed them.
     args
         Further arguments of ``f`` and of the events.
     t_eval
-        Times at which to keep the solution, or None.
+        Output times, or None.
     dense
-        Whether to keep a continuous solution.
+        Whether to store interpolants.
     stage_solver
-        How implicit stages are found.
+        Iteration for implicit stages.
     common
         Whether all members take the same steps.
     """
@@ -91,7 +91,7 @@ class Problem:
         return float(self.stops[-1])
 
     def arguments(self) -> Callable[[int], tuple[Any, ...]]:
-        """Return the function that gives a member's further arguments of the events."""
+        """Return a function of a member that returns the further arguments of its events."""
         rhs = self.rhs
         if isinstance(rhs, PythonRhs):
             return rhs.arguments
@@ -114,7 +114,7 @@ class Problem:
 
 
 def make_rhs(
-    f: Any, frame: Frame, args: Any, parameters: ArrayLike | None, together: bool, members: int
+    f: Any, frame: Frame, args: Any, parameters: ArrayLike | None, vectorized: bool, members: int
 ) -> tuple[CompiledRhs | PythonRhs, tuple[Any, ...]]:
     """Return the right-hand side of some members, and their further arguments, after checking.
 
@@ -131,10 +131,10 @@ def make_rhs(
     if compiled is None:
         if not callable(f):
             raise TypeError(f"f must be callable as f(t, y), got {f!r}")
-        return PythonRhs(cast(Coefficients, f), frame, extra, numbers, together), extra
-    if extra and not compiled.knows_args:
+        return PythonRhs(cast(Coefficients, f), frame, extra, numbers, vectorized), extra
+    if extra and not compiled.has_args:
         raise ValueError(f"args must be None for a compiled f, got {args!r}")
-    if together:
+    if vectorized:
         raise ValueError("vectorized must be False for a compiled f, which takes one point")
     return compiled.on(frame, numbers), extra
 
@@ -151,9 +151,10 @@ def make_control(
     span: float,
     given: object,
 ) -> Control:
-    """Return how steps are chosen, after checking it; ``given`` is what names the method.
+    """Return the step size control after checking it.
 
-    ``rtol`` has been checked unless ``h`` is given.
+    ``given`` is the argument that named the method.  ``rtol`` has been checked unless ``h`` is
+    given.
     """
     method = plan.method
     largest = check_step(max_step, "max_step", infinite=True)
@@ -191,7 +192,7 @@ def make_problem(
     args: Any = None,
     parameters: Any = None,
     many: bool = False,
-    together: bool = False,
+    vectorized: bool = False,
     common: bool = False,
     h: Any = None,
     rtol: Any = None,
@@ -213,13 +214,13 @@ def make_problem(
         rtol = check_rtol(rtol)
     if isinstance(method, str) and method == AUTO:
         method = choose_method(frame, rtol if h is None else None)
-    chosen = check_method(method)
+    chosen = resolve_method(method)
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen)
     plan = plan_of(frame, chosen)
     points, numbers = check_points(plan, y0, parameters, many)
-    plan.look_at(points[0])
-    rhs, extra = make_rhs(f, frame, args, numbers, together, len(points))
+    plan.detect_coordinates(points[0])
+    rhs, extra = make_rhs(f, frame, args, numbers, vectorized, len(points))
     start, stop = check_span(t_span)
     stops = check_stops(breakpoints, start, stop)
     control = make_control(

@@ -15,7 +15,7 @@ from cg.method.method import Method
 
 
 class _ReadOnly:
-    """Keeps arrays that are read-only so in copies."""
+    """Keeps read-only arrays read-only in copies."""
 
     def __getstate__(self) -> dict[str, Any]:
         fixed = [
@@ -44,7 +44,7 @@ class Solution(_ReadOnly):
         Points, shape ``(n, *point_shape)``, read-only.  Time is the *first* axis, unlike in
         SciPy, since points are arrays of any shape.
     sol
-        The continuous solution, or None unless ``dense_output`` was asked for.
+        The continuous solution, None without ``dense_output``.
     t_events
         For each event the times at which it happened, or None without events.
     y_events, y_after
@@ -55,7 +55,7 @@ class Solution(_ReadOnly):
     njev, nlu
         Jacobians of stage equations and their factorisations; zero for explicit methods.
     nexp
-        Flows (exponentials) that steps and continuous solution took, those of rejected steps
+        Number of flows (exponentials) of steps and of the continuous solution, rejected steps
         included.
     steps
         Accepted steps.
@@ -63,17 +63,17 @@ class Solution(_ReadOnly):
         Rejected steps.
     status
         0: the end was reached; 1: an event ended the integration; -1: the step size became too
-        small or the number of steps too large, and ``t`` and ``y`` hold what had been accepted.
+        small or the number of steps too large, and ``t`` and ``y`` hold the accepted steps.
     message
-        The same in words.
+        The status as a sentence.
     success
         Whether ``status`` is at least 0.
     method
-        The tableau that was used.
+        The method.
     frame
         The frame that holds the points.
     h
-        Absolute size of equal steps, None of chosen ones.
+        Absolute size of equal steps, None for adaptive ones.
 
     Examples
     --------
@@ -134,15 +134,15 @@ class EnsembleSolution(_ReadOnly):
         Points, shape ``(n, members, *point_shape)``, read-only unless it is ``out``; NaN at times
         that a member didn't reach.
     sol
-        The continuous solution of all members, or None unless ``dense_output`` was asked for.
+        The continuous solution of all members, None without ``dense_output``.
     t_end
-        Up to which time each member came, shape ``(members,)``.
+        The last time of each member, shape ``(members,)``.
     status, nfev, njev, nlu, nexp, steps, nrejected
         As those of `Solution`, shape ``(members,)``.
     messages
-        What there is to say of members whose status isn't 0, by their indices.
+        Messages of the members whose status isn't 0, by their indices.
     message
-        The same in one sentence.
+        The messages in one sentence.
     success
         Whether all members succeeded.
     t_events, y_events, y_after

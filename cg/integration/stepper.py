@@ -1,4 +1,4 @@
-"""Steps taken one at a time, with the contract of SciPy's OdeSolver."""
+"""Integration step by step, with the interface of SciPy's OdeSolver."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from cg.support.shared_numbers import Stop
 
 __all__ = ["Stepper"]
 
-_FAR = 2.0**40  # steps of fixed size, where no end is given
+_FAR = 2.0**40  # fixed steps without a final time
 _NO_LIMIT = 2**62
 _MANY = 2**30
 
 
 class Stepper:
-    """An integration that is taken step by step, or from time to time.
+    """An integration that advances step by step, or to given times.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Stepper:
         Initial point, shape ``frame.point_shape``, or those of the members of an ensemble, which
         have one leading axis.
     t_bound
-        Where steps end.  By default there is no end, and time increases.
+        Final time.  By default there is none, and time increases.
     parameters
         As for `cg.solve_ivp`, of an ensemble for `cg.solve_ensemble`.
     vectorized, common_steps
@@ -56,9 +56,9 @@ class Stepper:
     Attributes
     ----------
     t, y
-        Where the integration has got to; ``y`` is a read-only copy.
+        Present time and point; ``y`` is a read-only copy.
     t_old
-        Where the last step began, None before the first one.
+        Start of the last step, None before the first one.
     step_size
         Absolute size of the last step, None before the first one.
     direction
@@ -68,7 +68,7 @@ class Stepper:
     status
         ``"running"``, ``"finished"`` at ``t_bound``, or ``"failed"``.
     nfev, njev, nlu, nexp, nrejected
-        What it took so far; of an ensemble sums over the members.
+        Counts so far, for an ensemble summed over the members.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class Stepper:
 
     Examples
     --------
-    A control law that is sampled every tenth of a second:
+    A control law with a sampling time of a tenth of a second:
 
     >>> import numpy as np
     >>> import cg
@@ -119,14 +119,14 @@ class Stepper:
         start = check_real_time(t0, "t0", infinite=False)
         bound = check_real_time(t_bound, "t_bound")
         self.direction = -1.0 if bound < start else 1.0
-        together = check_flag("vectorized", vectorized)
+        vectorized = check_flag("vectorized", vectorized)
         common = check_flag("common_steps", common_steps)
         many = is_many(frame, y0)
-        if (together or common) and not many:
+        if (vectorized or common) and not many:
             raise ValueError("vectorized and common_steps must be False for a single point")
         problem = make_problem(
             f, (start, start + self.direction), y0, frame=frame, method=method, args=args,
-            parameters=parameters, many=many, together=together, common=common, h=h, rtol=rtol,
+            parameters=parameters, many=many, vectorized=vectorized, common=common, h=h, rtol=rtol,
             atol=atol, max_step=max_step, first_step=None, stage_solver=stage_solver,
         )  # fmt: skip
         self.f = f
@@ -160,13 +160,13 @@ class Stepper:
         self._target = np.empty(1)
         first = self._first_step or 0.0
         self._core.loop_restart(run.address, t, run.end.T, first, self._rhs.data_address)
-        self._on_way = True  # whether compiled code has the ends of `_stops`
+        self._stops_are_set = True  # whether compiled code uses `_stops`
         self.t = t
         return run
 
     @property
     def y(self) -> Points:
-        """Where the integration has got to, a read-only copy."""
+        """The present point, a read-only copy."""
         run = self._run
         lead = (run.members,) if self._many else ()
         points = run.plan.points(run.end.copy(), lead)
@@ -196,7 +196,7 @@ class Stepper:
         Returns
         -------
         str or None
-            Why the step couldn't be taken, None if it was.
+            Why the step failed, None if it was taken.
 
         Raises
         ------
@@ -209,14 +209,14 @@ class Stepper:
                 "step is for one point or common_steps; members with steps of their own advance(t)"
             )
         self._check_running()
-        if not self._on_way:
+        if not self._stops_are_set:
             self._continue(self._stops[self.direction * (self._stops - self.t) > 0.0])
-            self._on_way = True
+            self._stops_are_set = True
         before, begin = self._count(4), self.t
         while self._count(4) == before:
             run.record.budget = run.members
             run.call()
-            message = self._settle()
+            message = self._check_failures()
             if message is not None:
                 return message
         self.t = float(run.reached[0])
@@ -227,9 +227,9 @@ class Stepper:
         return None
 
     def advance(self, t: float) -> str | None:
-        """Take steps up to a time, at which the last one ends.
+        """Take steps up to a time.
 
-        A step that is shortened to end there doesn't shorten the next one.
+        The last step ends there; that it is shortened doesn't shorten the next one.
 
         Parameters
         ----------
@@ -239,7 +239,7 @@ class Stepper:
         Returns
         -------
         str or None
-            Why it wasn't reached, None if it was.
+            Why the time wasn't reached, None if it was.
 
         Raises
         ------
@@ -260,17 +260,17 @@ class Stepper:
             self._target[0] = target
             stops = self._target
         else:
-            # a breakpoint at the target stands twice: the step up to it must not see what follows
+            # a breakpoint at the target is repeated, so that the step up to it ends before it
             reached = self._stops[self.direction * (self._stops - target) <= 0.0]
             stops = np.append(reached, target)
             stops = stops[self.direction * (stops - self.t) > 0.0]
         self._continue(stops)
-        self._on_way = False
+        self._stops_are_set = False
         run = self._run
         while run.record.ended < run.members:
             run.record.budget = _MANY
             run.call()
-            message = self._settle()
+            message = self._check_failures()
             if message is not None:
                 return message
         size = abs(run.record.step_size)
@@ -289,9 +289,9 @@ class Stepper:
         parameters: ArrayLike | None = None,
         first_step: float | None = None,
     ) -> None:
-        """Go on from another time or point, or with other arguments of ``f``.
+        """Continue from another time or point, or with other arguments of ``f``.
 
-        What isn't given stays as it is.
+        Arguments that are None stay as they are.
 
         Parameters
         ----------
@@ -300,7 +300,7 @@ class Stepper:
         args, parameters
             Arguments of ``f``.
         first_step
-            Size of the next step, by default chosen anew.
+            Size of the next step, chosen by default.
 
         Raises
         ------
@@ -323,7 +323,7 @@ class Stepper:
                 numbers = numbers[None]
             self._rhs, self._args = make_rhs(
                 self.f, self.frame, self._args or None if args is None else args, numbers,
-                self._rhs.together, run.members,
+                self._rhs.vectorized, run.members,
             )  # fmt: skip
         elif args is not None:
             assert isinstance(self._rhs, PythonRhs)
@@ -335,7 +335,7 @@ class Stepper:
             run.end[...] = rows
         run.reached[...] = self.t
         run.record.ended = run.record.failed = run.record.raised = 0
-        self._on_way = False
+        self._stops_are_set = False
         self.status = "running" if self.t != self.t_bound else "finished"
 
     def _check_points(self, y: ArrayLike) -> Points:
@@ -364,19 +364,19 @@ class Stepper:
         run = self._run
         if self.t_old is None or (self._many and not self._common):
             raise RuntimeError("dense_output must come after a step that all members share")
-        run.give_dense(run.members)
+        run.allocate_interpolants(run.members)
         self._core.loop_set_output(run.address)
         self._core.loop_interpolate(run.address)
         run.record.budget = run.record.ended = 0
         run.call()
         steps = run.interpolants()
-        run.forget_interpolants()
+        run.stop_interpolants()
         begin = float(steps.t[0, 0])
         outputs = [
             DenseOutput(steps.of(k), begin, run.plan.points(steps.of(k).y[:1, 0], (1,))[0])
             for k in range(run.members)
         ]
-        self._on_way = False
+        self._stops_are_set = False
         return EnsembleOutput(outputs) if self._many else outputs[0]
 
     def _check_running(self) -> None:
@@ -389,18 +389,18 @@ class Stepper:
         self._core.loop_continue(self._run.address, stops)
         self._run.record.ended = self._run.record.failed = 0
 
-    def _settle(self) -> str | None:
-        """Return why steps failed, raise what isn't a matter of their sizes."""
+    def _check_failures(self) -> str | None:
+        """Return the message for failed steps, None if none failed; raise other errors."""
         run = self._run
         if not run.record.failed:
             return None
         bad = np.flatnonzero((run.status != Stop.PAUSED) & (run.status != Stop.FINISHED))
         self.status = "failed"
         self.t = float(run.reached[bad[0]])
-        trouble = run.trouble(int(bad[0]))
-        if isinstance(trouble, Exception):
-            raise trouble
-        return f"Failure: {trouble}."
+        failure = run.failure(int(bad[0]))
+        if isinstance(failure, Exception):
+            raise failure
+        return f"Failure: {failure}."
 
     def _state(self) -> dict[str, Any]:
         run = self._run
@@ -416,10 +416,10 @@ class Stepper:
         state = {
             name: value
             for name, value in vars(self).items()
-            if name not in ("_run", "_rhs", "_core", "_on_way", "_target")
+            if name not in ("_run", "_rhs", "_core", "_stops_are_set", "_target")
         }
         state["parameters"] = self._rhs.parameters
-        state["together"] = self._rhs.together
+        state["vectorized"] = self._rhs.vectorized
         state["trajectories"] = reals, integers, points, slopes
         state["counts"] = run.counts.copy(), run.status.copy(), run.flag.copy()
         state["stages"] = None if stages is None else stages.state()
@@ -446,14 +446,14 @@ def _restored(state: dict[str, Any]) -> Stepper:
     """Return the stepper with a state."""
     state = dict(state)
     stepper = object.__new__(Stepper)
-    numbers, together = state.pop("parameters"), state.pop("together")
+    numbers, vectorized = state.pop("parameters"), state.pop("vectorized")
     reals, integers, points, slopes = state.pop("trajectories")
     counts, status, flag = state.pop("counts")
     stages = state.pop("stages")
     vars(stepper).update(state)
     members = len(reals)
     stepper._rhs, _ = make_rhs(
-        stepper.f, stepper.frame, stepper._args or None, numbers, together, members
+        stepper.f, stepper.frame, stepper._args or None, numbers, vectorized, members
     )
     t = stepper.t
     plan = plan_of(stepper.frame, stepper.method)
@@ -466,5 +466,5 @@ def _restored(state: dict[str, Any]) -> Stepper:
     run.reached[...] = t
     if stages is not None and run.callbacks.stages is not None:
         run.callbacks.stages.restore(stages)
-    stepper._on_way = False
+    stepper._stops_are_set = False
     return stepper

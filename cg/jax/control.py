@@ -18,7 +18,7 @@ from cg.jax.rules import real_dtype
 
 __all__ = ["FrameController", "controller"]
 
-# These numbers are those of fortran/controller.f90.in, which says where they are from.
+# These numbers are those of fortran/controller.f90, which says where they are from.
 _SAFETY = 0.9
 _MIN_FACTOR = 0.2
 _MAX_FACTOR = 5.0

@@ -1,4 +1,4 @@
-"""Numbers that Python and the compiled core must agree on: one table, of which Fortran is made.
+"""Numbers and records that Python and the compiled core share.
 
 The build runs this file to write the Fortran module ``shared_numbers``, in which a member of an
 enumeration has its own name in lower case, followed by the suffix of the enumeration.
@@ -26,15 +26,15 @@ __all__ = [
 
 
 class Stop(IntEnum):
-    """Why the compiled loop over steps came back."""
+    """Why the compiled loop over steps returned."""
 
     FINISHED = 0
     STOPPED_BY_FIELD = 1  # it returned a nonzero flag
     FIELD_NOT_FINITE = 2
-    STAGE_NOT_FINITE = 3  # the point that the field was given
+    STAGE_NOT_FINITE = 3  # the point at which the field was evaluated
     SOLUTION_NOT_FINITE = 4
     OUT_OF_MEMORY = 5
-    PAUSED = 6  # to be called again
+    PAUSED = 6  # call again to continue
     STEP_TOO_SMALL = 7
     SLOPE_NOT_FINITE = 8  # relative to the tolerances
     STEP_TOO_LONG = 9  # coordinates of a stage are beyond the radius of dexp⁻¹
@@ -43,21 +43,21 @@ class Stop(IntEnum):
     TERMINAL_EVENT = 12
     JUMPS_WITHOUT_PROGRESS = 13
     RAISED = 14  # an exception of Python
-    # between trajectories and what drives them
+    # requests of a trajectory to its run
     NEEDS_FIELD = 20  # the coefficients at the requested time and point
     NEEDS_MINIMUM = 21  # of a step size over trajectories with common steps
     NEEDS_MAXIMUM = 22  # of an error over them
-    BUFFER_FULL = 23  # output must be taken away
+    BUFFER_FULL = 23  # the caller must empty the output arrays
 
 
 class FieldFlag(IntEnum):
-    """What a right-hand side may return that is not a number of its own."""
+    """A return value of right-hand sides that is reserved."""
 
     RAISED_IN_PYTHON = -(2**31) + 1
 
 
 class BlockKind(IntEnum):
-    """What a block of a compiled frame is."""
+    """The manifold of a block of a compiled frame."""
 
     EUCLIDEAN = 1  # R^n with the fields d/dx_i
     SO3 = 2  # rotation matrices, row by row
@@ -69,19 +69,19 @@ class BlockKind(IntEnum):
     SU = 8  # complex matrices of any size, row by row
     U = 9  # likewise, of any determinant
     ISOSPECTRAL = 10  # symmetric matrices with given eigenvalues, moved by SO(n)
-    CALLBACK = 11  # whatever functions outside of compiled code make of it
+    CALLBACK = 11  # any manifold, by functions outside of compiled code
 
 
 class Operation(IntEnum):
-    """What compiled code asks of Python; see ``cg/integration/step/callbacks.py``."""
+    """Callbacks from compiled code to Python; see ``cg/integration/step/callbacks.py``."""
 
-    FLOW = 1  # points moved along flows, the first one first
+    FLOW = 1  # move a point along flows, the first one first
     RESTORE = 2
-    COORDINATES = 3  # of the flow from one point to another
+    COORDINATES = 3  # coefficients of the flow from one point to another
     NEARBY = 4  # the same by iteration, which every frame has
-    SIZES = 5  # what relative errors are relative to
+    SIZES = 5  # magnitudes that relative errors refer to
     TANGENT = 6  # the value of a field
-    SHORTEST = 7  # coefficients with the same value
+    SHORTEST = 7  # coefficients without what leaves the point fixed
     DEXPINV = 8
     STAGES = 9  # coefficients at the stages of an implicit method
     FIELDS = 10  # coefficients at points of several members
@@ -97,7 +97,7 @@ class BlockOption(IntEnum):
 
 
 class Status(IntEnum):
-    """MINPACK's ``info``, by the names that the compiled solver has for it.
+    """MINPACK's ``info``.
 
     References
     ----------
@@ -162,14 +162,14 @@ class MinimumNormStatus(IntEnum):
 
 
 class ConditionOwner(IntEnum):
-    """What a condition is on; positive numbers are stages."""
+    """The owner of a condition; positive numbers are stages."""
 
     FIRST_RESULT = 0
     SECOND_RESULT = -1
 
 
 class StageEquation(IntEnum):
-    """What a condition on a stage may be in place of a tree."""
+    """Conditions on a stage that aren't given by a tree."""
 
     MIDDLE = -1  # its abscissa lies in the middle of its piece of the step
 
@@ -190,45 +190,45 @@ _SUFFIXES = {
 RECORD = {
     # a run
     "members": "integer",
-    "lanes": "integer",  # members on their way at the same time
-    "common": "integer",  # whether they all take the same steps
-    "keep_last": "integer",  # whether the solution within the last step may be asked for
-    "free": "integer",  # whether flows of different small coefficients lead to different points
+    "lanes": "integer",  # members integrated at the same time
+    "common": "integer",  # whether all members take the same steps
+    "keep_last": "integer",  # whether the interpolant of the last step may be requested
+    "free": "integer",  # whether small coefficients determine the end of their flow
     "t0": "real",
     "segments": "integer",
     "stops": "address",  # ends of segments
     # functions
-    "context": "address",  # a function of Python for operations
+    "context": "address",  # the `Callbacks` of the run
     "function": "address",  # the right-hand side
-    "together": "integer",  # whether it takes many points at a time, and belongs to the context
+    "vectorized": "integer",  # whether it takes many points, and is called through the context
     "data": "address",
     "data_stride": "integer",  # bytes from one member's data to the next
-    "functions": "integer",  # whose zeros are events
-    "event_table": "address",  # of each: address, data, direction, how often, whether it jumps
+    "functions": "integer",  # number of events
+    "event_table": "address",  # of each: address, data, direction, max count, whether it jumps
     # steps
-    "h": "real",  # size of equal ones, zero if they are chosen
+    "h": "real",  # size of equal steps, zero for adaptive ones
     "rtol": "real",
     "tolerances": "integer",
     "atol": "address",  # one tolerance, or one for each coordinate or entry
     "in_entries": "integer",
     "parts": "integer",  # of an entry: two if it is complex
-    "exponent": "real",  # of an error that sizes are proportional to
+    "exponent": "real",  # power of an error that sizes are proportional to
     "max_step": "real",
     "first_step": "real",  # zero to choose it
     "max_steps": "integer",
-    # what the driver is given at each call
-    "budget": "integer",  # trial steps of all trajectories until it pauses
-    # what it answers
-    "ended": "integer",  # trajectories that have come to an end
-    "failed": "integer",  # those of them that didn't come to the end of time or a terminal event
+    # input of each call
+    "budget": "integer",  # steps to try until the call returns
+    # output of each call
+    "ended": "integer",  # trajectories that have ended
+    "failed": "integer",  # those that reached neither the final time nor a terminal event
     "raised": "integer",  # whether Python raised an exception
     "step_size": "real",  # signed, of the last step of a single trajectory
     # of each member
-    "places": "address",  # the initial point, then the last one; its time; when it failed
-    "tallies": "address",  # its status, flag, evaluations, flows, Jacobians, factorisations, steps,
-    # rejected steps
-    # points at wanted times
-    "wanted": "integer",
+    "states": "address",  # its point (at first the initial one), its time, the time of a failure
+    # its status, flag, evaluations, flows, Jacobians, factorisations, steps, rejected steps
+    "counters": "address",
+    # points at output times
+    "outputs": "integer",
     "times": "address",
     "y": "address",
     # ends of steps
@@ -252,20 +252,20 @@ RECORD = {
     "event_t": "address",
     "event_y": "address",
 }
-"""The record by which Python and the compiled loop over steps speak: names and kinds of entries."""
+"""The record shared by Python and the compiled loop over steps: names and kinds of entries."""
 
 VARIATION = {
-    # functions in C and their data, 0 for none: then there are differences, or data of the members
+    # functions in C (0: use differences) and their data (0: use the data of the members)
     "f": "address",
     "f_data": "address",
     "jac": "address",
     "jac_data": "address",
     "df_dp": "address",
     "df_dp_data": "address",
-    "data": "address",  # of functions in C without any, where there are no parameters
+    "data": "address",  # of functions without data of their own, if there are no parameters
     "frame": "address",  # the plan of the frame alone
     "dimension": "integer",
-    "width": "integer",  # numbers of a point without its derivatives
+    "width": "integer",  # doubles of a point without its derivatives
     "parameters": "integer",
     # structure constants that aren't zero: i, j, k and the coefficient along E_k of [E_i, E_j]
     "constants": "integer",
@@ -273,7 +273,7 @@ VARIATION = {
     "constant": "address",
     "step": "real",  # of differences, relative
     "nan": "real",
-    "failed": "integer",  # what failed last: 0 for f, 1 for jac, 2 for df_dp, 3 for products
+    "failed": "integer",  # which function failed last: 0 f, 1 jac, 2 df_dp, 3 products
 }
 """The record of a right-hand side with derivatives: names and kinds of entries."""
 
@@ -294,7 +294,7 @@ def record_type(name: str, entries: dict[str, str]) -> list[str]:
 
 
 def fortran_module() -> str:
-    """Return the Fortran module that has all members as parameters."""
+    """Return the Fortran module with all members as parameters."""
     lines = [
         "! Made from cg/support/shared_numbers.py",
         "module shared_numbers",
@@ -311,7 +311,7 @@ def fortran_module() -> str:
 
 
 def c_header() -> str:
-    """Return the header that has those numbers that C must know."""
+    """Return the C header with the numbers that C uses."""
     members = ", ".join(f"{flag.name} = {flag.value}" for flag in FieldFlag)
     return f"/* Made from cg/support/shared_numbers.py */\nenum {{ {members} }};\n"
 

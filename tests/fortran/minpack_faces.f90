@@ -2,49 +2,11 @@
 ! what the package keeps to itself.
 module minpack_faces
   use, intrinsic :: iso_c_binding, only: c_double, c_int
-  use least_squares_r64, only: differentiable_t
-  use linalg_r64, only: enorm, lmpar, qrfac, qrsolv
-  use lmder_r64, only: lmder
+  use linalg_m, only: enorm, lmpar, qrfac, qrsolv
   implicit none
   private
 
-  abstract interface
-    ! f takes the residual if flag is 1, the Jacobian by columns if it is 2.
-    subroutine evaluate_i(n, m, x, f, flag) bind(c)
-      import :: c_double, c_int
-      integer(c_int), value :: n, m
-      real(c_double), intent(in) :: x(n)
-      real(c_double), intent(inout) :: f(*)
-      integer(c_int), intent(inout) :: flag
-    end subroutine evaluate_i
-  end interface
-
-  type, extends(differentiable_t) :: foreign_t
-    procedure(evaluate_i), pointer, nopass :: evaluate => null()
-  contains
-    procedure :: residual
-    procedure :: jacobian
-  end type foreign_t
-
 contains
-
-  subroutine residual(self, x, f, flag)
-    class(foreign_t), intent(inout) :: self
-    real(c_double), intent(in) :: x(:)
-    real(c_double), intent(out) :: f(:)
-    integer, intent(inout) :: flag
-
-    call self%evaluate(size(x), size(f), x, f, flag)
-  end subroutine residual
-
-  subroutine jacobian(self, x, jac, flag)
-    class(foreign_t), intent(inout) :: self
-    real(c_double), intent(in) :: x(:)
-    real(c_double), intent(out) :: jac(:,:)
-    integer, intent(inout) :: flag
-
-    call self%evaluate(size(x), size(jac, 1), x, jac, flag)
-  end subroutine jacobian
 
   real(c_double) function face_enorm(n, x) bind(c)
     integer(c_int), value :: n
@@ -83,20 +45,5 @@ contains
 
     call lmpar(r, ipvt, diag, qtb, delta, par, x, sdiag)
   end subroutine face_lmpar
-
-  subroutine face_lmder(evaluate, n, m, x, fvec, ftol, xtol, gtol, maxfev, diag, mode, factor, &
-      info, nfev, njev, fjac, ipvt, qtf) bind(c)
-    procedure(evaluate_i) :: evaluate
-    integer(c_int), value :: n, m, maxfev, mode
-    real(c_double), intent(inout) :: x(n), diag(n)
-    real(c_double), intent(out) :: fvec(m), fjac(m, n), qtf(n)
-    real(c_double), value :: ftol, xtol, gtol, factor
-    integer(c_int), intent(out) :: info, nfev, njev, ipvt(n)
-    type(foreign_t) :: problem
-
-    problem%evaluate => evaluate
-    call lmder(problem, x, fvec, ftol, xtol, gtol, maxfev, diag, mode, factor, info, nfev, &
-        njev, fjac, ipvt, qtf)
-  end subroutine face_lmder
 
 end module minpack_faces

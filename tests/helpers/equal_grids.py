@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cg import _external
+from cg import _core_r64 as core
 from cg.frames import Euclidean
 from cg.integration import integrate
 from cg.integration.arguments import equal_steps
@@ -19,7 +19,7 @@ class Grid:
 def make_grid(span, h):
     """Return the grid of steps of a size after the checks of integrations."""
     steps = equal_steps(h, [*span])
-    count, last = _external.equal_steps(*span, h)
+    count, last = core.equal_steps(*span, h)
     assert count == steps
     return Grid(steps, last)
 

@@ -16,8 +16,8 @@ from cg.support.shared_numbers import fortran_module
 
 TESTS = Path(__file__).parents[1]
 SOURCES = TESTS.parent / "fortran"
-MODULES = ("kinds", "stop_flag", "least_squares", "linalg", "levenberg_marquardt", "lmdif", "lmder")
-KINDS = {"r64": "real64", "r128": "real128"}
+MODULES = ("stop_flag", "least_squares", "linalg", "levenberg_marquardt")
+KINDS = ("r64", "r128")
 FLAGS = [
     *("-O1", "-g", "-frecursive", "-fimplicit-none", "-Wall", "-Wextra", "-Wconversion-extra"),
     *("-Wno-compare-reals", "-Wno-unused-dummy-argument", "-Werror"),
@@ -34,12 +34,8 @@ def compile_fortran(folder: Path, suffix: str, test_source: Path, output: str, *
     """Compile the solver and one source of the tests in one kind, into `output`."""
     shared = folder / "shared_numbers.f90"
     shared.write_text(fortran_module())
-    sources = [str(shared)]
-    for source in (*(SOURCES / f"{module}.f90.in" for module in MODULES), test_source):
-        text = source.read_text().replace("@SFX@", suffix).replace("@KIND@", KINDS[suffix])
-        configured = folder / source.name.removesuffix(".in")
-        configured.write_text(text)
-        sources.append(str(configured))
+    modules = [SOURCES / f"{module}.f90" for module in (f"kinds_{suffix}", *MODULES)]
+    sources = [str(source) for source in (shared, *modules, test_source)]
     target = folder / output
     command = ["gfortran", *FLAGS, *flags, f"-J{folder}", *sources, "-o", str(target)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -113,55 +109,9 @@ class DebianMinpack:
             "qtf": qtf,
         }
 
-    def lmder(
-        self,
-        f: Callable[[np.ndarray], np.ndarray],
-        jacobian: Callable[[np.ndarray], np.ndarray],
-        x0: np.ndarray,
-        m: int,
-        tolerance: float,
-    ) -> dict[str, Any]:
-        n = x0.size
-        x, fvec, fjac = x0.copy(), np.empty(m), np.empty((m, n), order="F")
-        diag, qtf, ipvt = np.ones(n), np.empty(n), np.empty(n, np.intc)
-        work = [np.empty(n), np.empty(n), np.empty(n), np.empty(m)]
-        info, nfev, njev = ctypes.c_int(), ctypes.c_int(), ctypes.c_int()
-
-        def callback(
-            _m: Any, _n: Any, x_in: Any, f_out: Any, jac_out: Any, _ld: Any, flag: Any
-        ) -> None:
-            at = np.ctypeslib.as_array(x_in, (n,)).copy()
-            if flag[0] == 1:
-                np.ctypeslib.as_array(f_out, (m,))[:] = f(at)
-            else:
-                np.ctypeslib.as_array(jac_out, (n, m))[:] = jacobian(at).T
-
-        signature = ctypes.CFUNCTYPE(
-            None, C_INTS, C_INTS, C_DOUBLES, C_DOUBLES, C_DOUBLES, C_INTS, C_INTS
-        )
-        self._library.lmder_(
-            signature(callback),
-            *(reference(m), reference(n), pointer(x), pointer(fvec)),
-            *(pointer(fjac), reference(m)),
-            *(reference(tolerance), reference(tolerance), reference(0.0)),
-            *(reference(1000), pointer(diag), reference(1), reference(100.0), reference(0)),
-            *(ctypes.byref(info), ctypes.byref(nfev), ctypes.byref(njev)),
-            *(pointer(ipvt), pointer(qtf), *(pointer(array) for array in work)),
-        )
-        return {
-            "x": x,
-            "fvec": fvec,
-            "info": info.value,
-            "nfev": nfev.value,
-            "njev": njev.value,
-            "fjac": fjac,
-            "ipvt": ipvt - 1,
-            "qtf": qtf,
-        }
-
 
 class Faces:
-    """The package's real(8) linear algebra and lmder, compiled for the tests."""
+    """The package's real(8) linear algebra, compiled for the tests."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
         self._library = library
@@ -207,43 +157,3 @@ class Faces:
             *(ctypes.c_double(delta), ctypes.byref(par), pointer(x), pointer(sdiag)),
         )
         return x, par.value
-
-    def lmder(
-        self,
-        f: Callable[[np.ndarray], np.ndarray],
-        jacobian: Callable[[np.ndarray], np.ndarray],
-        x0: np.ndarray,
-        m: int,
-        tolerance: float,
-    ) -> dict[str, Any]:
-        n = x0.size
-        x, fvec, fjac = x0.copy(), np.empty(m), np.empty((m, n), order="F")
-        diag, qtf, ipvt = np.ones(n), np.empty(n), np.empty(n, np.intc)
-        info, nfev, njev = ctypes.c_int(), ctypes.c_int(), ctypes.c_int()
-
-        def callback(_n: int, _m: int, x_in: Any, out: Any, flag: Any) -> None:
-            at = np.ctypeslib.as_array(x_in, (n,)).copy()
-            if flag[0] == 1:
-                np.ctypeslib.as_array(out, (m,))[:] = f(at)
-            else:
-                np.ctypeslib.as_array(out, (n, m))[:] = jacobian(at).T
-
-        signature = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_int, C_DOUBLES, C_DOUBLES, C_INTS)
-        zero, one = ctypes.c_double(0), ctypes.c_int(1)
-        self._library.face_lmder(
-            *(signature(callback), ctypes.c_int(n), ctypes.c_int(m), pointer(x), pointer(fvec)),
-            *(ctypes.c_double(tolerance), ctypes.c_double(tolerance), zero),
-            *(ctypes.c_int(1000), pointer(diag), one, ctypes.c_double(100)),
-            *(ctypes.byref(info), ctypes.byref(nfev), ctypes.byref(njev)),
-            *(pointer(fjac), pointer(ipvt), pointer(qtf)),
-        )
-        return {
-            "x": x,
-            "fvec": fvec,
-            "info": info.value,
-            "nfev": nfev.value,
-            "njev": njev.value,
-            "fjac": fjac,
-            "ipvt": ipvt - 1,
-            "qtf": qtf,
-        }

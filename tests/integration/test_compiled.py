@@ -324,7 +324,7 @@ def test_further_arguments_of_a_compiled_function_are_refused(function):
         cg.solve_ivp(function("growth"), (0, 1), [1.0], frame=Euclidean(1), h=0.1, args=(1,))
 
 
-def reads_numbers(library):
+def requires_data(library):
     """Return functions that read numbers, which a null pointer in their place would crash."""
     pointer = library["decays"]
     pointer.argtypes, pointer.restype = [ctypes.c_double, DOUBLES, DOUBLES, DOUBLES], ctypes.c_int
@@ -346,7 +346,7 @@ def reads_numbers(library):
 
 @pytest.mark.parametrize("kind", ["pointer", "prototype", "callable", "capsule", "cfunc"])
 def test_functions_that_read_numbers_need_them(kind, library):
-    f = reads_numbers(library)[kind]
+    f = requires_data(library)[kind]
     message = "parameters must be given for a compiled f .* double \\*, got None"
     with pytest.raises(ValueError, match=message):
         integrate(f, (0, 1), [1.0], **OPTIONS)
@@ -359,7 +359,7 @@ def test_functions_that_read_numbers_need_them(kind, library):
 
 def test_functions_that_read_numbers_may_have_user_data(library):
     data = np.array([-1.0, 2.0])
-    f = LowLevelCallable(reads_numbers(library)["pointer"], ctypes.c_void_p(data.ctypes.data))
+    f = LowLevelCallable(requires_data(library)["pointer"], ctypes.c_void_p(data.ctypes.data))
     found = integrate(f, (0, 1), [1.0], **(OPTIONS | {"h": 0.125}))
     assert found.y[-1, 0] == pytest.approx(np.exp(-1.0), abs=1e-3)
 

@@ -132,8 +132,8 @@ def test_bits_are_the_same_however_many_steps_are_made_at_once(frame, method, mo
     points = whole.sol(times)
     monkeypatch.setattr(StepBudget, "stop", lambda self, count: None)
     for size in (1, 2, 5, 20):
-        monkeypatch.setattr(run, "_FEW", size)
-        monkeypatch.setattr(run, "_MANY", size)
+        monkeypatch.setattr(run, "_MIN_BUFFER", size)
+        monkeypatch.setattr(run, "_MAX_BUFFER", size)
         monkeypatch.setattr(StepBudget, "start", lambda self, size=size: size)
         made = cg.solve_ivp(f, (0.0, 2.1), y0, **options)
         np.testing.assert_array_equal(made.y, whole.y)

@@ -323,7 +323,7 @@ def test_parts_and_pauses_change_nothing(size, function, monkeypatch):
         whole = run()
         np.testing.assert_allclose(whole.y[..., 0], np.exp(np.outer(whole.t, rates)), rtol=1e-7)
         with monkeypatch.context() as patched:
-            patched.setattr(ensemble, "_AT_A_TIME", size)
+            patched.setattr(ensemble, "_MEMBERS_PER_RUN", size)
             patched.setattr(step_budget, "_SECONDS", 0.0)
             parts = run()
         np.testing.assert_array_equal(parts.y, whole.y)

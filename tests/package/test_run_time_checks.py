@@ -10,7 +10,7 @@ from cg.trees.ordered import forest
 from cg.trees.tables import fortran_tables
 
 MODULES = (
-    *("kinds", "stop_flag", "least_squares", "linalg", "levenberg_marquardt", "lmdif"),
+    *("stop_flag", "least_squares", "linalg", "levenberg_marquardt"),
     *("weights", "gradient", "conditions"),
 )
 
@@ -22,13 +22,9 @@ def test_core_passes_with_checks_and_traps(tmp_path, suffix):
     tables.write_text(fortran_tables(forest(7)))
     shared = tmp_path / "shared_numbers.f90"
     shared.write_text(fortran_module())
-    sources = [str(tables), str(shared)]
-    templates = [SOURCES / f"{module}.f90.in" for module in MODULES]
-    for template in (*templates, TESTS / "fortran" / "core_checks.f90.in"):
-        text = template.read_text().replace("@SFX@", suffix).replace("@KIND@", KINDS[suffix])
-        configured = tmp_path / template.name.removesuffix(".in")
-        configured.write_text(text)
-        sources.append(str(configured))
+    modules = [SOURCES / f"{module}.f90" for module in (f"kinds_{suffix}", *MODULES)]
+    program_source = TESTS / "fortran" / "core_checks.f90"
+    sources = [str(source) for source in (tables, shared, *modules, program_source)]
     program = tmp_path / "core_checks"
     command = ["gfortran", *FLAGS, f"-J{tmp_path}", *sources, "-o", str(program)]
     compiled = subprocess.run(command, capture_output=True, text=True, check=False)

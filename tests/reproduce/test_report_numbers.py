@@ -52,7 +52,6 @@ def test_sources_include_all_modules_of_a_search():
     assert {
         "cg._core_r64",
         "cg._core_r128",
-        "cg._minimum_norm",
         "cg.conditions.compiled",
         "cg.conditions",
         "cg.support.quads",

@@ -10,7 +10,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from cg import _core_r64, _core_r128, _minimum_norm
+from cg import _core_r64, _core_r128
 from cg.conditions import table_rows
 from cg.construction import construct
 from cg.construction.search.random_search import search
@@ -38,7 +38,7 @@ def fit_fast(stop_flag):
     x0 = guess(TOO_FEW)
     trees, owner = ConditionSystem.tableau(ORDER, TOO_FEW).conditions(independent=True)
     free = np.arange(1, x0.size + 1, dtype=np.intc)
-    return _minimum_norm.fit_minimum_norm(
+    return _core_r64.fit_minimum_norm(
         ORDER, LAYOUT.code, x0, trees, owner, free, 0.0, 1e-2, FOREVER, False, stop_flag
     )
 

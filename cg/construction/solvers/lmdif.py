@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cg._lmdif import lmdif as _compiled_lmdif
+from cg._core_r64 import lmdif as _compiled_lmdif
 from cg.support.checks import MAX_COUNT, check_integer, check_real
 from cg.support.shared_numbers import Status
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cython_blas, cython_lapack
 
-from cg import _minimum_norm
+from cg import _core_r64
 
 from ...conditions.compiled import fit_minimum_norm
 from ...support.checks import MAX_COUNT, check_flag, check_integer, check_real
@@ -127,7 +127,7 @@ def _address(capsules: Mapping[str, object], name: str) -> int:
     return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
 
 
-_minimum_norm.set_lapack(
+_core_r64.set_lapack(
     [
         _address(cython_blas.__pyx_capi__, "dsyrk"),
         _address(cython_lapack.__pyx_capi__, "dpotrf"),

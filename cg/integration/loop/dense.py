@@ -18,17 +18,17 @@ __all__ = ["DenseOutput", "EnsembleOutput", "Steps"]
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Steps with what compiled code needs to evaluate the solution within them.
+    """Steps with the interpolants by which compiled code evaluates the solution within them.
 
     Attributes
     ----------
     plan
         The frame and the method.
     member
-        Whose steps they are, increasing, shape ``(n,)``.
+        The member of each step, increasing, shape ``(n,)``.
     t
-        Where they start, their signed sizes, where they end (an event may end a step before its
-        full size), and 1 where the interpolant is in coordinates, shape ``(n, 4)``.
+        Start, signed size, end (an event may end a step before its full size), and 1 if the
+        interpolant is in coordinates, shape ``(n, 4)``.
     y
         Points at both ends of the full step, as doubles, shape ``(n, 2, width)``.
     field
@@ -49,7 +49,7 @@ class Steps:
 
     def at(self, which: NDArray[np.intp], t: Array) -> Points:
         """Return points at times within steps, shape ``(n, *point_shape)``."""
-        import cg._external as core
+        import cg._core_r64 as core
 
         start, size = self.t[which, 0], self.t[which, 1]
         theta = np.clip((t - start) / size, 0.0, 1.0)
@@ -66,24 +66,23 @@ class Steps:
 class DenseOutput:
     """A solution as a function of time, on the manifold at all times and as accurate as the steps.
 
-    It holds all that it needs, and not ``f``.
+    It doesn't call ``f``.
 
     Parameters
     ----------
     steps
         The steps.
     t0, y0
-        Where the solution begins.
+        Initial time and point.
     marks
-        Times of events that end steps, shape ``(k,)``, and the points at which the solution goes
-        on from there.
+        Times of events that end steps, shape ``(k,)``, and the points after their jumps.
 
     Attributes
     ----------
     ts
         The times of the steps, shape ``(steps + 1,)``, read-only.
     t_min, t_max
-        Between which times there is a solution.
+        The interval of the solution.
 
     Examples
     --------
@@ -129,8 +128,8 @@ class DenseOutput:
         Returns
         -------
         ndarray
-            Shape ``(*t.shape, *point_shape)``: time comes first.  At an event with a jump it is
-            the point after the jump.
+            Shape ``(*t.shape, *point_shape)``: time comes first.  At an event with a jump it
+            is the point after the jump.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What is said of integrations that end early."""
+"""Messages and exceptions of integrations that end early."""
 
 from __future__ import annotations
 
@@ -40,64 +40,64 @@ TERMINAL_EVENT = "A terminal event ended the integration."
 def failure(
     stop: Stop, flag: int, t: float, slope: Array | None = None, name: str = "f"
 ) -> Exception:
-    """Return the exception for an integration that ``f`` or its numbers ended.
+    """Return the exception for an integration that failed.
 
     Parameters
     ----------
     stop
-        Why it ended.
+        The reason.
     flag
-        What a compiled function returned.
+        The value that a compiled function returned.
     t
-        When.
+        The time.
     slope
         The initial coefficients, where they are the reason.
     name
         The function that failed.
     """
     where = f"at t = {t:.17g}"
-    found: Exception = MemoryError("there is not enough memory for the stages of one step")
+    error: Exception = MemoryError("there is not enough memory for the stages of one step")
     match stop:
         case Stop.STOPPED_BY_FIELD:
-            found = RuntimeError(f"{name} returned the error code {flag} {where}")
+            error = RuntimeError(f"{name} returned the error code {flag} {where}")
         case Stop.FIELD_NOT_FINITE if name == DERIVATIVES:
-            found = OverflowError(f"{name} exceed the range of floating point {where}")
+            error = OverflowError(f"{name} exceed the range of floating point {where}")
         case Stop.FIELD_NOT_FINITE:
-            found = ValueError(f"{name} must return finite numbers, and all of them, {where}")
+            error = ValueError(f"{name} must return finite numbers, and all of them, {where}")
         case Stop.STAGE_NOT_FINITE:
-            found = StageOverflowError(f"a stage is no longer finite {where}")
+            error = StageOverflowError(f"a stage is no longer finite {where}")
         case Stop.STEP_TOO_LONG:
-            found = StepTooLongError(t)
+            error = StepTooLongError(t)
         case Stop.SOLUTION_NOT_FINITE:
-            found = OverflowError(f"the solution is no longer finite {where}")
+            error = OverflowError(f"the solution is no longer finite {where}")
         case Stop.SLOPE_NOT_FINITE:
-            found = OverflowError(f"f is too large to choose a step {where}, got {slope}")
-    return found
+            error = OverflowError(f"f is too large to choose a step {where}, got {slope}")
+    return error
 
 
 def too_small_a_step(t: float) -> str:
-    """Return what to say of a step size at ``t`` that is below the resolution of time."""
+    """Return the message for a step size at ``t`` below the resolution of time."""
     smallest = 10.0 * math.ulp(t)
     return f"the step size fell below {smallest:.3g}, the resolution of time, at t = {t:.17g}"
 
 
 def flow_not_finite(frame: Frame, t: float) -> str:
-    """Return what to say of a flow that returns NaN for the smallest of steps from ``t``."""
+    """Return the message for a flow that returns NaN even for the smallest step from ``t``."""
     return f"the flow of {frame!r} returned NaN or infinity at t = {t:.17g}, however small the step"
 
 
 def no_progress(t: float) -> str:
-    """Return what to say of jumps that follow each other without end."""
+    """Return the message for jumps without progress in time."""
     return f"jumps of events follow each other without progress at t = {t:.17g}"
 
 
 def too_many_steps(max_steps: int, t: float) -> str:
-    """Return what to say of steps that didn't get beyond ``t``."""
+    """Return the message for ``max_steps`` steps that reached only ``t``."""
     return f"max_steps = {max_steps} steps, rejected ones included, led only to t = {t:.17g}"
 
 
 def failed_members(failures: dict[int, str], total: int) -> str:
-    """Return what to say of trajectories of an ensemble that ended early."""
+    """Return the message for members of an ensemble that ended early."""
     first = min(failures)
     why = failures[first].removesuffix(".")
     return f"Failure of {len(failures)} of {total} trajectories; of y0[{first}]: {why}."

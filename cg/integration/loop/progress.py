@@ -1,4 +1,4 @@
-"""How far an integration has come, for a function of the user."""
+"""Reports of progress to a function of the user."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _SECONDS = 0.1
 
 
 class Progress:
-    """Tells a function how much time was covered, ten times a second at most.
+    """Calls a function with the time covered so far, at most ten times a second.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ class Progress:
     start, stop
         The ends of the integration.
     members
-        How many trajectories there are.
+        Number of trajectories.
 
     Raises
     ------
@@ -29,38 +29,33 @@ class Progress:
     """
 
     def __init__(self, function: Any, start: float, stop: float, members: int = 1) -> None:
-        self.function = check_progress(function)
+        if function is not None and not callable(function):
+            raise TypeError(f"progress must be callable, got {function!r}")
+        self.function = function
         self.length = abs(stop - start)
         self.total = members * self.length
         self._before = 0.0
         self._done = 0.0
-        self._told = time.perf_counter()
+        self._last_call = time.perf_counter()
 
-    def reach(self, covered: float) -> None:
-        """Note how much time the present trajectories have covered, summed over them."""
+    def update(self, covered: float) -> None:
+        """Set the time that the present trajectories have covered, summed over them."""
         if self.function is None:
             return
         self._done = max(self._done, self._before + covered)
-        if time.perf_counter() - self._told >= _SECONDS:
-            self._tell()
+        if time.perf_counter() - self._last_call >= _SECONDS:
+            self._call()
 
-    def finish_members(self, count: int) -> None:
-        """Note that the present trajectories have ended, perhaps early."""
+    def count_finished(self, count: int) -> None:
+        """Count the present trajectories as finished, even if they ended early."""
         self._before += count * self.length
         self._done = max(self._done, self._before)
 
     def finish(self) -> None:
-        """Tell what was reached."""
+        """Report the final progress."""
         if self.function is not None:
-            self._tell()
+            self._call()
 
-    def _tell(self) -> None:
+    def _call(self) -> None:
         self.function(self._done, self.total)
-        self._told = time.perf_counter()
-
-
-def check_progress(function: Any) -> Any:
-    """Return a function of the user or None; TypeError if it is neither."""
-    if function is not None and not callable(function):
-        raise TypeError(f"progress must be callable, got {function!r}")
-    return function
+        self._last_call = time.perf_counter()

@@ -1,4 +1,9 @@
-"""Runs: trajectories of any number of members, which compiled code takes to their ends."""
+"""Runs: trajectories of any number of members, advanced by compiled code.
+
+Python allocates all output and passes its addresses in one record (`RECORD` of
+`cg.support.shared_numbers`). A call of compiled code returns when all members have ended, the
+budget of steps is used up, or a buffer is full; then Python collects the output and calls again.
+"""
 
 from __future__ import annotations
 
@@ -39,10 +44,10 @@ _KINDS: dict[str, Any] = {
     "address": ctypes.c_void_p,
 }
 COUNTS = ("nfev", "nexp", "njev", "nlu", "steps", "nrejected")
-"""What is counted of each member, in the order of compiled code."""
+"""Counts of each member, in the order of compiled code."""
 
-_FEW, _MANY = 64, 2048  # steps that a buffer has room for, at first and at most
-_LANES = 1024  # members on their way at the same time for a function of many points
+_MIN_BUFFER, _MAX_BUFFER = 64, 2048  # initial and largest number of steps in a buffer
+_LANES = 1024  # members integrated at the same time by a vectorized function
 
 
 class _Record(ctypes.Structure):
@@ -50,18 +55,18 @@ class _Record(ctypes.Structure):
 
 
 class Control(NamedTuple):
-    """How the sizes of steps are found.
+    """The step size control.
 
     Attributes
     ----------
     h
-        Size of equal steps, or None if an error estimate chooses them.
+        Size of equal steps, None for adaptive steps.
     rtol, atol
         Tolerances, ``atol`` of shape () or that of `Plan.tolerance_shape`.
     max_step, first_step
-        Largest size, and the first one, None to choose it.
+        Largest size and first size, None to choose the first one.
     max_steps
-        Largest number of chosen steps, rejected ones included.
+        Largest number of adaptive steps, rejected ones included.
     """
 
     h: float | None = None
@@ -73,20 +78,20 @@ class Control(NamedTuple):
 
 
 class Output(NamedTuple):
-    """What is kept of trajectories.
+    """The output of trajectories.
 
     Attributes
     ----------
     times
-        Times at which to keep points, or None.
+        Output times, or None.
     every
-        How many steps there are between those whose ends are kept, 0 to keep none.
+        Every so many steps one is stored, 0 to store none.
     dense
-        Whether to keep the solution within steps.
+        Whether to store interpolants.
     y
-        Where points at ``times`` are written, shape ``(times, members, width)``, or None.
+        Array for the points at ``times``, shape ``(times, members, width)``, or None.
     capacity
-        The number of steps that are kept, 0 if it isn't known.
+        The number of steps to store, 0 if it isn't known.
     """
 
     times: Array | None = None
@@ -97,7 +102,7 @@ class Output(NamedTuple):
 
 
 class Run:
-    """Trajectories from the same time, each with what it needs to go on.
+    """Trajectories that start at the same time, and their output.
 
     Parameters
     ----------
@@ -112,19 +117,20 @@ class Run:
     stops
         Times at which steps end and the right-hand side may change: breakpoints, then the end.
     control
-        How steps are chosen.
+        The step size control.
     output
-        What is kept.
+        What to store.
     events
-        Functions whose zeros are looked for.
+        The events, or None.
     common
         Whether all members take the same steps.
     stage_solver
-        How implicit stages are found.
+        Iteration for implicit stages.
     keep_last
-        Whether the interpolant of the last step may be asked for.
+        Whether the interpolant of the last step may be requested.
     lanes
-        How many members are on their way at the same time, by default as few as serve.
+        How many members are integrated at the same time.  The default is 1 for a function of one
+        point and up to 1024 for a vectorized one.
 
     Attributes
     ----------
@@ -136,7 +142,7 @@ class Run:
         Of each member, shape ``(members, 6)``; see `COUNTS`.
     """
 
-    address = 0  # of what compiled code has of it
+    address = 0  # of the run in compiled code
 
     def __init__(
         self,
@@ -161,17 +167,17 @@ class Run:
         self.output = output
         self.members = members = len(points)
         if lanes is None:
-            lanes = members if common else _LANES if rhs.together else 1
+            lanes = members if common else _LANES if rhs.vectorized else 1
         self._lanes = lanes = min(lanes, members)
         self._functions = 0 if events is None else len(events)
-        plan.look_at(points[0])
+        plan.detect_coordinates(points[0])
         self.callbacks = self._callbacks(events, stage_solver, lanes)
         in_entries = control.h is None and not plan.in_algebra
         function, data, stride = rhs.addresses()
         self.record = record = _Record(
             members=members, lanes=lanes, common=common, keep_last=keep_last,
             t0=t0, segments=len(stops),
-            context=id(self.callbacks), function=function, together=rhs.together, data=data,
+            context=id(self.callbacks), function=function, vectorized=rhs.vectorized, data=data,
             data_stride=stride, functions=self._functions,
             h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
             in_entries=in_entries, parts=plan.parts if in_entries else 1, exponent=plan.exponent,
@@ -183,21 +189,21 @@ class Run:
         self._dense: list[tuple[Array, ...]] = []
         self._steps: list[tuple[Array, ...]] = []
         self._events: list[tuple[Array, ...]] = []
-        self._give_members(plan.doubles(points))
+        self._share_members(plan.doubles(points))
         self.t0 = t0
         if output.times is not None and output.y is not None and len(output.times):
-            self.record.wanted = len(output.times)
-            self._give("times", np.array(output.times))
-            self._give("y", output.y)
-        self._capacity = output.capacity or _FEW
+            self.record.outputs = len(output.times)
+            self._share("times", np.array(output.times))
+            self._share("y", output.y)
+        self._capacity = output.capacity or _MIN_BUFFER
         self._make_buffers(self._capacity)
-        self._give("stops", np.array(stops))
-        self._give("atol", control.atol.flatten())
+        self._share("stops", np.array(stops))
+        self._share("atol", control.atol.flatten())
         if events is not None and len(events):
-            columns = *events.functions.T, events.direction, events.most, events.jumps
-            self._give("event_table", np.stack(columns, axis=-1, dtype=np.int64))
+            columns = *events.functions.T, events.direction, events.max_counts, events.jumps
+            self._share("event_table", np.stack(columns, axis=-1, dtype=np.int64))
         needed = 1 << 16 if lanes == 1 else 0
-        within = output.dense or record.wanted or self._functions
+        within = output.dense or record.outputs or self._functions
         rows = plan.method.stages + 2 * (plan.columns if within else 0)
         record.free = bool(within or keep_last) and plan.is_free(points[0])
         needed += lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
@@ -210,17 +216,17 @@ class Run:
         if self.address:
             self._core.loop_close(self.address)
 
-    def _give_members(self, doubles: Array) -> None:
-        """Give compiled code memory for what it tells of each member."""
+    def _share_members(self, doubles: Array) -> None:
+        """Share arrays for the state and the counts of each member."""
         members, width = doubles.shape
-        places = self._give("places", np.empty((members, width + 2)))
-        tallies = self._give("tallies", np.empty((members, 2 + len(COUNTS)), dtype=np.int64))
-        self.end, self.reached, self.failed_at = places[:, :width], places[:, -2], places[:, -1]
-        self.status, self.flag, self.counts = tallies[:, 0], tallies[:, 1], tallies[:, 2:]
+        states = self._share("states", np.empty((members, width + 2)))
+        counters = self._share("counters", np.empty((members, 2 + len(COUNTS)), dtype=np.int64))
+        self.end, self.reached, self.failed_at = states[:, :width], states[:, -2], states[:, -1]
+        self.status, self.flag, self.counts = counters[:, 0], counters[:, 1], counters[:, 2:]
         self.end[...] = doubles
 
-    def _give(self, name: str, array: Any) -> Any:
-        """Tell compiled code where an array is, which is kept alive."""
+    def _share(self, name: str, array: Any) -> Any:
+        """Put the address of an array into the record, and keep the array alive."""
         self._buffers[name] = array
         if array.size:  # much faster than array.ctypes
             setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
@@ -233,47 +239,47 @@ class Run:
         if isinstance(method, Tableau) and not method.explicit:
             stages = ImplicitStages(rhs.at_member, plan.frame, method, stage_solver, lanes)
         return Callbacks(
-            plan, stages, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.together else None,
+            plan, stages, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.vectorized else None,
             None if events is None else events.value, None if events is None else events.jump,
         )  # fmt: skip
 
     def _make_buffers(self, capacity: int) -> None:
-        """Give compiled code memory for what so many steps bring."""
+        """Share arrays for the output of some number of steps."""
         output, width = self.output, self.plan.width
         if output.every:
             self.record.step_capacity = capacity
-            block = self._give("step_t", np.empty(capacity * (1 + width)))
+            block = self._share("step_t", np.empty(capacity * (1 + width)))
             self._buffers["step_y"] = block[capacity:].reshape(capacity, width)
             self.record.step_y = self.record.step_t + 8 * capacity
-        more = min(capacity, _MANY)
+        more = min(capacity, _MAX_BUFFER)
         if self._functions:
             self.record.event_capacity = self._functions * self._lanes + more
-            self._give_events(self.record.event_capacity)
+            self._share_events(self.record.event_capacity)
         if output.dense:
-            self.give_dense(self._lanes + more)
+            self.allocate_interpolants(self._lanes + more)
 
-    def _give_events(self, capacity: int) -> None:
+    def _share_events(self, capacity: int) -> None:
         width = self.plan.width
-        self._give("event_of", np.empty((capacity, 2), dtype=np.int64))
-        self._give("event_t", np.empty(capacity))
-        self._give("event_y", np.empty((capacity, 2, width)))
+        self._share("event_of", np.empty((capacity, 2), dtype=np.int64))
+        self._share("event_t", np.empty(capacity))
+        self._share("event_y", np.empty((capacity, 2, width)))
 
-    def give_dense(self, capacity: int) -> None:
+    def allocate_interpolants(self, capacity: int) -> None:
         """Give compiled code memory for so many interpolants."""
         plan = self.plan
         self.record.dense_capacity = capacity
-        self._give("dense_member", np.empty(capacity, dtype=np.int64))
-        self._give("dense_t", np.empty((capacity, 4)))
-        self._give("dense_y", np.empty((capacity, 2, plan.width)))
-        self._give("dense_field", np.empty((capacity, plan.columns * plan.frame.dim)))
+        self._share("dense_member", np.empty(capacity, dtype=np.int64))
+        self._share("dense_t", np.empty((capacity, 4)))
+        self._share("dense_y", np.empty((capacity, 2, plan.width)))
+        self._share("dense_field", np.empty((capacity, plan.columns * plan.frame.dim)))
 
     def drive(self, watch: Callable[[float], None] | None = None) -> None:
-        """Take all members to their ends.
+        """Advance all members to their ends.
 
         Parameters
         ----------
         watch
-            Is given the time that was covered, summed over all members.
+            Called with the time covered, summed over all members.
         """
         budget = StepBudget()
         while self.record.ended < self.members:
@@ -286,7 +292,7 @@ class Run:
                 watch(float(np.abs(self.reached - self.t0).sum()))
 
     def call(self) -> None:
-        """Go on in compiled code until something has to be done here, and take its output."""
+        """Call compiled code once and collect its output."""
         if self._lanes == 1:
             self._core.loop_drive(self.address)
         else:
@@ -300,35 +306,35 @@ class Run:
                 f"t = {float(self.failed_at.max()):.17g}"
             )
         if record.steps:
-            self._take(self._steps, record.steps, "step_t", "step_y")
+            self._collect(self._steps, record.steps, "step_t", "step_y")
         if record.interpolants:
             parts = ("dense_member", "dense_t", "dense_y", "dense_field")
-            self._take(self._dense, record.interpolants, *parts)
+            self._collect(self._dense, record.interpolants, *parts)
         if record.events:
-            self._take(self._events, record.events, "event_of", "event_t", "event_y")
+            self._collect(self._events, record.events, "event_of", "event_t", "event_y")
         if record.ended < self.members and (
             record.steps == record.step_capacity > 0
             or (record.dense and record.interpolants + self._lanes > record.dense_capacity)
             or record.events + self._functions * self._lanes > record.event_capacity
         ):
-            self._capacity = min(4 * self._capacity, _MANY)
+            self._capacity = min(4 * self._capacity, _MAX_BUFFER)
             self._make_buffers(self._capacity)
             self._core.loop_set_output(self.address)
 
-    def _take(self, taken: list[tuple[Array, ...]], count: int, *names: str) -> None:
-        """Keep what buffers hold, as copies where more is to come."""
+    def _collect(self, taken: list[tuple[Array, ...]], count: int, *names: str) -> None:
+        """Collect the used parts of buffers, as copies if the buffers are used again."""
         parts = [self._buffers[name][:count] for name in names]
         if self.record.ended < self.members:
             parts = [part.copy() for part in parts]
         taken.append(tuple(parts))
 
     def steps(self) -> tuple[Array, Points]:
-        """Return the initial time and point and those of all steps that were kept."""
+        """Return the times and points of the start and of all stored steps."""
         t, rows = map(np.concatenate, zip(*self._steps, strict=True))
         return t, self.plan.points(rows, (len(t),))
 
     def interpolants(self) -> Steps:
-        """Return the solution within all steps that were kept, in the order of the members."""
+        """Return the stored interpolants in the order of the members."""
         plan = self.plan
         if self._dense:
             member, *arrays = (np.concatenate(parts) for parts in zip(*self._dense, strict=True))
@@ -340,21 +346,21 @@ class Run:
             member, arrays = np.empty(0, dtype=np.int64), [np.empty((0, *s)) for s in shapes]
         return Steps(plan, member - 1, *arrays)
 
-    def forget_interpolants(self) -> None:
-        """Take no more interpolants."""
+    def stop_interpolants(self) -> None:
+        """Stop storing interpolants."""
         self._dense.clear()
         self.record.dense_capacity = 0
 
     def replace_rhs(self, rhs: CompiledRhs | PythonRhs) -> None:
-        """Take another right-hand side of the same kind, whose addresses compiled code is told."""
+        """Replace the right-hand side by another one of the same kind."""
         self.rhs = rhs
         if self.callbacks.stages is not None:
             self.callbacks.stages.rhs = rhs.at_member
-        if isinstance(rhs, PythonRhs) and rhs.together:
+        if isinstance(rhs, PythonRhs) and rhs.vectorized:
             self.callbacks.fields = rhs.at_members
 
     def events(self) -> tuple[NDArray[np.int64], Array, Points]:
-        """Return which event of which member happened when and where.
+        """Return all events.
 
         Returns
         -------
@@ -372,29 +378,29 @@ class Run:
         of, t, y = (np.concatenate(parts) for parts in zip(*self._events, strict=True))
         return of - 1, t, plan.points(y, (len(t), 2))
 
-    def trouble(self, member: int) -> Exception | str | None:  # noqa: PLR0911
-        """Return why a member ended early: an exception, or what to say of chosen steps."""
+    def failure(self, member: int) -> Exception | str | None:  # noqa: PLR0911
+        """Return why a member ended early: an exception, or a message for failed adaptive steps."""
         stop, t = Stop(self.status[member]), float(self.failed_at[member])
         match stop:
             case Stop.FINISHED | Stop.PAUSED | Stop.TERMINAL_EVENT:
                 return None
             case Stop.STEP_TOO_SMALL:
-                return self._why_no_step(member, t)
+                return self._explain_step_failure(member, t)
             case Stop.TOO_MANY_STEPS:
                 return too_many_steps(self.control.max_steps, t)
             case Stop.JUMPS_WITHOUT_PROGRESS:
                 return no_progress(t)
             case Stop.STAGES_NOT_SOLVED:
-                return self.callbacks.trouble
+                return self.callbacks.last_error
             case Stop.SLOPE_NOT_FINITE:
                 point = self.plan.points(self.end[member], ())
                 return failure(stop, 0, t, self.rhs.at_member(member, t, point))
-            case Stop.STAGE_NOT_FINITE if self.callbacks.trouble is not None:
-                return StageOverflowError(str(self.callbacks.trouble))
+            case Stop.STAGE_NOT_FINITE if self.callbacks.last_error is not None:
+                return StageOverflowError(str(self.callbacks.last_error))
         return failure(stop, int(self.flag[member]), t, name=self.rhs.name)
 
-    def _why_no_step(self, member: int, t: float) -> str:
-        """Return what to say where no step is small enough."""
+    def _explain_step_failure(self, member: int, t: float) -> str:
+        """Return the message for a step size that became too small."""
         plan = self.plan
         point = plan.points(self.end[member].copy(), ())
         try:

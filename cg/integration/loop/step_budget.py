@@ -1,24 +1,23 @@
-"""How many steps compiled code takes before Python looks for an interrupt."""
+"""The number of steps that compiled code takes between two checks for an interrupt."""
 
 from __future__ import annotations
 
 import time
 
 _SECONDS = 0.03
-_FASTEST_GROWTH = 8
-_MOST = 2**30  # as integers of 32 bits have them
+_MAX_GROWTH = 8
+_MAX_STEPS = 2**30  # fits into 32 bits
 
 
 class StepBudget:
-    """The number of steps to take at a time, from the time that the last ones took.
+    """The number of steps to take at a time, chosen from the duration of the last ones.
 
     Python can't stop compiled code, so that an interrupt from the keyboard waits until it pauses.
 
     Attributes
     ----------
     steps
-        How many steps to take next.  It begins with one, since nothing is known of what a step
-        costs.
+        The number of steps to take next.  It starts with one, since the cost of a step is unknown.
     """
 
     def __init__(self) -> None:
@@ -26,7 +25,7 @@ class StepBudget:
         self._since = time.perf_counter()
 
     def start(self) -> int:
-        """Return how many steps to take, and take the time from here."""
+        """Return the number of steps to take, and start the clock."""
         self._since = time.perf_counter()
         return self.steps
 
@@ -36,8 +35,8 @@ class StepBudget:
         Parameters
         ----------
         taken
-            How many steps were taken, fewer than wanted if the end came first.
+            Number of steps taken, less than `steps` if the integration has ended.
         """
         seconds = max(time.perf_counter() - self._since, 1e-6)
-        wanted = int(min(taken * _SECONDS / seconds, _MOST))
-        self.steps = max(1, min(wanted, _FASTEST_GROWTH * self.steps))
+        steps = int(min(taken * _SECONDS / seconds, _MAX_STEPS))
+        self.steps = max(1, min(steps, _MAX_GROWTH * self.steps))

@@ -29,23 +29,23 @@ _FUNCTION_POINTER: Any = ctypes.CFUNCTYPE(None).__mro__[1]
 class CompiledRhs:
     """A compiled right-hand side.
 
-    It can be called from Python too, as ``f(t, y)``, for what the compiled integrator can't do.
+    It can also be called from Python as ``f(t, y)``.
 
     Attributes
     ----------
     function
-        What the user gave; it is kept alive.
+        The object that the user passed, which is kept alive.
     address
         Address of the function.
     user_data
-        Address that it is given as its last argument, or 0.
+        Address passed as its last argument, or 0.
     parameters
-        The numbers of each member of an ensemble, shape ``(*batch, k)``, or None.  The function
-        is given the address of its member's in place of ``user_data``.
+        The parameters of each member of an ensemble, shape ``(*batch, k)``, or None.  The function
+        receives the address of those of its member in place of ``user_data``.
     frame
-        The frame that it gives coefficients for; needed to call it from Python.
-    reads_numbers
-        Whether the type of its last argument is a pointer to doubles, which it will read.
+        The frame of its points, needed to call it from Python.
+    requires_data
+        Whether its last argument is a pointer to doubles, so that it needs data.
     """
 
     function: Any
@@ -53,7 +53,7 @@ class CompiledRhs:
     user_data: int
     parameters: Array | None = None
     frame: Frame | None = None
-    reads_numbers: bool = False
+    requires_data: bool = False
 
     def on(self, frame: Frame, parameters: Array | None) -> CompiledRhs:
         """Return the same right-hand side for points of ``frame``.
@@ -61,9 +61,9 @@ class CompiledRhs:
         Parameters
         ----------
         frame
-            Where the points are.
+            The frame of the points.
         parameters
-            Numbers of each member, shape ``(members, k)``, or None.
+            Parameters of each member, shape ``(members, k)``, or None.
 
         Raises
         ------
@@ -71,7 +71,7 @@ class CompiledRhs:
             If there are parameters and user's data; or if there are neither and the function's
             last argument is a pointer to doubles.
         """
-        if parameters is None and self.reads_numbers and not self.user_data:
+        if parameters is None and self.requires_data and not self.user_data:
             raise ValueError(
                 "parameters must be given for a compiled f without user_data whose last "
                 "argument is of type double *, got None; of type void * it may be null"
@@ -80,19 +80,19 @@ class CompiledRhs:
             raise ValueError("parameters must be None for a compiled f that has user_data")
         return replace(self, frame=frame, parameters=parameters)
 
-    together = False
-    """Whether it takes points of several members at a time."""
+    vectorized = False
+    """Whether it takes points of several members in one call."""
 
-    knows_args = False
-    """Whether it has the further arguments already."""
+    has_args = False
+    """Whether further arguments are included."""
 
     @property
     def name(self) -> str:
-        """What to call it in an error message."""
+        """Its name in error messages."""
         return "f"
 
     def addresses(self) -> tuple[int, int, int]:
-        """Return addresses of the function and of the first member's data, and their distance."""
+        """Return the addresses of the function and of the first member's data, and their stride."""
         distance = 0 if self.parameters is None else 8 * self.parameters.shape[-1]
         return self.address, self.data_address, distance
 
@@ -107,12 +107,12 @@ class CompiledRhs:
         return replace(self, parameters=own)(t, y)
 
     def part(self, members: slice) -> CompiledRhs:
-        """Return the same for some of the members."""
+        """Return the right-hand side of some of the members."""
         own = None if self.parameters is None else self.parameters[members]
         return replace(self, parameters=own)
 
     def __call__(self, t: float, y: Points) -> Array:
-        """Return the coefficients, shape ``(*batch, dim)``; what the function leaves out is NaN.
+        """Return the coefficients, shape ``(*batch, dim)``, NaN where the function wrote nothing.
 
         Parameters
         ----------
@@ -124,15 +124,17 @@ class CompiledRhs:
         Raises
         ------
         ValueError
-            If no frame has been given.
+            If the frame is unknown.
         RuntimeError
             If the function returns another number than zero.
         """
         if self.frame is None:
             raise ValueError("frame must be given before a compiled f is called")
-        import cg._external as core
+        import cg._core_r64 as core
 
-        points = np.array(y, dtype=self.frame.dtype, order="C")  # it may write into its own copy
+        points = np.array(
+            y, dtype=self.frame.dtype, order="C"
+        )  # a copy, which the function may overwrite
         batch = points.shape[: points.ndim - len(self.frame.point_shape)]
         members = math.prod(batch)
         coefficients = np.empty((members, self.frame.dim))
@@ -145,7 +147,7 @@ class CompiledRhs:
 
 
 def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
-    """Return what the compiled integrator needs of ``f``, or None if it is no compiled function.
+    """Return a compiled function as a right-hand side, None if ``f`` isn't compiled.
 
     Parameters
     ----------
@@ -154,7 +156,7 @@ def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
         its types set, or a ``numba.cfunc``, of the signature ``int (double t, const double *y,
         double *f, void *user_data)``.
     name
-        What to call it in an error message.
+        Its name in error messages.
 
     Returns
     -------
@@ -174,18 +176,18 @@ def compiled_rhs(f: Any, name: str = "f") -> CompiledRhs | None:
         return None
     if not _fits(source.signature, SIGNATURE):
         raise ValueError(f"{name} must have the signature {SIGNATURE!r}, got {source.signature!r}")
-    reads_numbers = _words(source.signature).endswith(",double*)")
-    return CompiledRhs((f, source), *_addresses(source), reads_numbers=reads_numbers)
+    requires_data = _words(source.signature).endswith(",double*)")
+    return CompiledRhs((f, source), *_addresses(source), requires_data=requires_data)
 
 
 @dataclass(frozen=True)
 class CompiledEvent:
-    """A compiled function whose zeros are looked for.
+    """A compiled function of an event.
 
     Attributes
     ----------
     function
-        What the user gave; it is kept alive.
+        The object that the user passed, which is kept alive.
     address, user_data
         Address of the function, and of its data, 0 for those of the right-hand side.
     """
@@ -196,7 +198,7 @@ class CompiledEvent:
 
 
 def compiled_event(f: Any) -> CompiledEvent | None:
-    """Return what compiled code needs of an event, or None if it is no compiled function.
+    """Return a compiled function as an event, None if ``f`` isn't compiled.
 
     Raises
     ------
@@ -216,8 +218,8 @@ def compiled_event(f: Any) -> CompiledEvent | None:
 
 
 def _low_level(f: Any, name: str, signature: str) -> Any:
-    """Return a compiled function as SciPy has it, None if ``f`` isn't one."""
-    # A cfunc's type can't be named here, since numba may not be installed.
+    """Return a compiled function as a `LowLevelCallable`, None if ``f`` isn't compiled."""
+    # not isinstance, since numba may not be installed
     is_cfunc = hasattr(f, "address") and isinstance(getattr(f, "ctypes", None), _FUNCTION_POINTER)
     source: Any = f.ctypes if is_cfunc else f
     if isinstance(source, _FUNCTION_POINTER):
@@ -229,7 +231,7 @@ def _low_level(f: Any, name: str, signature: str) -> Any:
 
 def _addresses(source: Any) -> tuple[int, int]:
     """Return the addresses of a function and of its data."""
-    # SciPy keeps a capsule there, whose context is the user's data.
+    # the first item is a capsule, whose context is the address of the user's data
     capsule = tuple.__getitem__(source, 0)
     name = _capsule("GetName", ctypes.c_char_p, capsule)
     address = _capsule("GetPointer", ctypes.c_void_p, capsule, name)

@@ -1,4 +1,4 @@
-"""Events: where a function of the solution changes sign."""
+"""Events: zeros of functions along the solution."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cg.integration.rhs.compiled import compiled_event
 
 __all__ = ["Event", "EventTable"]
 
-_EVER = 2**62  # more often than anything happens
+_UNLIMITED = 2**62  # the event never ends the integration
 
 
 @dataclass(frozen=True)
 class Event:
-    """A function whose zeros along the solution are looked for.
+    """An event: a zero of a function along the solution.
 
     Functions with SciPy's attributes ``terminal`` and ``direction`` serve as well.
 
@@ -31,12 +31,13 @@ class Event:
         compiled, ``double (double t, const double *y, void *user_data)``, given as a right-hand
         side may be.
     terminal
-        Whether the event ends the integration, or after how many times; zero is never.
+        Whether the event ends the integration, or the number of times after which it does; zero
+        for never.
     direction
-        Positive for zeros where the function increases along the integration, negative for those
-        where it decreases, 0 for all.
+        Positive for zeros where the function increases along the solution, negative where it
+        decreases, 0 for both.
     jump
-        ``jump(t, y, *args)`` returns the point at which the solution goes on, shape
+        ``jump(t, y, *args)`` returns the point from which the solution continues, shape
         ``frame.point_shape``.
 
     Raises
@@ -79,11 +80,11 @@ class Event:
         if self.jump is not None and not callable(self.jump):
             raise TypeError(f"{name}.jump must be callable as jump(t, y), got {self.jump!r}")
         terminal = self.terminal
-        # Any number that isn't a whole one would silently mean another count.
+        # a number that isn't whole would silently be another count
         if isinstance(terminal, bool | np.bool_) or terminal is None:
-            most = 1 if terminal else _EVER
+            most = 1 if terminal else _UNLIMITED
         elif isinstance(terminal, int | float | np.integer) and _is_count(terminal):
-            most = _EVER if terminal == 0 or terminal > 2**53 else int(terminal)
+            most = _UNLIMITED if terminal == 0 or terminal > 2**53 else int(terminal)
         else:
             raise ValueError(
                 f"{name}.terminal must be a bool or a whole number, not negative, got {terminal!r}"
@@ -102,21 +103,22 @@ def _is_count(number: float | np.integer[Any]) -> bool:
 
 
 class EventTable:
-    """The events of one integration, checked.
+    """The events of one integration, after checking.
 
     Parameters
     ----------
     events
         A function or an `Event`, a sequence of them, or None.
     frame
-        Where the points are.
+        The frame of the points.
     arguments
         ``arguments(member)`` returns the further arguments of the functions.
 
     Attributes
     ----------
     most, direction, jumps, functions
-        As compiled code has them; ``functions`` are addresses and those of data, shape (n, 2).
+        Columns of the table for compiled code; ``functions`` are the addresses of functions and
+        of their data, shape (n, 2).
     """
 
     def __init__(
@@ -134,7 +136,7 @@ class EventTable:
         self.arguments = arguments
         self.events = [_as_event(event) for event in given]
         checked = [event._check(f"events[{i}]") for i, event in enumerate(self.events)]
-        self.most = np.array([most for most, _ in checked], dtype=np.int64)
+        self.max_counts = np.array([most for most, _ in checked], dtype=np.int64)
         self.direction = np.array([sign for _, sign in checked], dtype=np.intc)
         self.jumps = np.array([event.jump is not None for event in self.events], dtype=np.intc)
         compiled = [compiled_event(event.function) for event in self.events]
@@ -147,17 +149,12 @@ class EventTable:
     def __len__(self) -> int:
         return len(self.events)
 
-    @property
-    def in_python(self) -> bool:
-        """Whether a function or a jump is one of Python."""
-        return bool(self.jumps.any() or (self.functions[:, :1] == 0).any())
-
     def value(self, index: int, member: int, t: float, y: Points) -> list[float]:
-        """Return the value of a function, after checking it."""
+        """Return the value of an event's function, after checking it."""
         return [self.value_with(index, t, y, self.arguments(member))]
 
     def value_with(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> float:
-        """Return the value of a function of Python for any further arguments."""
+        """Return the value of a function in Python with other further arguments."""
         y.flags.writeable = False
         raw = self.events[index].function(t, y, *arguments)
         name = f"events[{index}]"
@@ -184,7 +181,7 @@ class EventTable:
         return self.jump_with(index, t, y, self.arguments(member))
 
     def jump_with(self, index: int, t: float, y: Points, arguments: tuple[Any, ...]) -> Points:
-        """Return the point after a jump for any further arguments."""
+        """Return the point after a jump with other further arguments."""
         y.flags.writeable = False
         jump = self.events[index].jump
         assert jump is not None
@@ -194,15 +191,15 @@ class EventTable:
         except (TypeError, ValueError) as error:
             raise type(error)(f"{error}, at t = {t:.17g}") from error
 
-    def sorted_by_event(self, of: Any, values: Array) -> list[Array]:
-        """Return values of each event from those of all, in their order."""
+    def group_by_event(self, of: Any, values: Array) -> list[Array]:
+        """Return a list of the values of each event; ``of`` is the event of each value."""
         return [values[of == index] for index in range(len(self.events))]
 
 
 def _as_event(event: Any) -> Event:
     if isinstance(event, Event):
         return event
-    made = object.__new__(Event)  # is checked with its place in the list
+    made = object.__new__(Event)  # checked later, with its index in messages
     for name, value in (
         ("function", event),
         ("terminal", getattr(event, "terminal", False)),

@@ -1,4 +1,4 @@
-"""A compiled right-hand side by its library's path, which other processes can be told."""
+"""Compiled right-hand sides that can be pickled: functions of shared libraries."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ __all__ = ["CompiledFunction"]
 
 
 class CompiledFunction:
-    """A compiled right-hand side, known by its library's path and its name there.
+    """A function of a shared library as right-hand side.
 
-    A pointer means nothing in another process; this can be pickled, and is loaded anew there.
+    Unlike a pointer it can be pickled; another process loads the library again.
 
-    A library doesn't tell the types of its functions, so they can't be checked.  A function of
+    The types of functions in a library aren't known, so that they can't be checked.  A function of
     another signature, or one that reads ``user_data`` where neither that nor ``parameters`` is
     given, can end the interpreter.
 
     Parameters
     ----------
     path : path
-        Of a shared library, which must be there in every process.
+        Path of a shared library, which must exist for every process.
     symbol : str
         Name of a function ``int (double t, const double *y, double *f, void *user_data)``.
     user_data : array_like of float, optional
-        Numbers that the function is given the address of; they are copied.
+        Numbers whose address is passed to the function; they are copied.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Right-hand sides that are functions in Python: their results are checked where they come in."""
+"""Right-hand sides that are functions in Python, and checks of their results."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, real_array, traced_hint
+from cg.frames.arrays import Array, Points, real_array
 from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
@@ -20,14 +20,14 @@ Coefficients = Callable[..., ArrayLike]
 
 
 class StageOverflowError(OverflowError):
-    """A stage is beyond the range of floating point; no error of f itself."""
+    """A stage exceeds the range of floating point, which isn't an error of ``f``."""
 
 
 class StepTooLongError(ArithmeticError):
     """A step of a method on a Lie algebra reached coordinates beyond the radius of dexp⁻¹.
 
-    Rotations reach it after a full turn.  A chosen step is tried again with a smaller size; a
-    fixed one needs a smaller ``h``.
+    Rotations reach it after a full turn.  An adaptive step is tried again with a smaller size;
+    with fixed steps a smaller ``h`` is needed.
 
     Examples
     --------
@@ -58,20 +58,20 @@ class StepTooLongError(ArithmeticError):
 class PythonRhs:
     """A right-hand side ``f(t, y, *args)``, or ``f(t, y, *args, parameters)``, in Python.
 
-    Compiled code calls it through a function in C whose data are kept here.
+    Compiled code calls it through a function in C, whose data are the contexts made here.
 
     Parameters
     ----------
     f
-        Returns the coefficients, shape ``(dim,)``; it is given a read-only ``y`` of shape
+        Returns the coefficients, shape ``(dim,)``; it receives a read-only ``y`` of shape
         ``point_shape``.
     frame
-        Where the points are.
+        The frame of the points.
     args
         Further arguments.
     parameters
-        Numbers of each member, shape ``(members, k)``, or None.
-    together
+        Parameters of each member, shape ``(members, k)``, or None.
+    vectorized
         Whether ``f`` takes times ``(n,)`` and points ``(n, *point_shape)`` of several members,
         with the rows of their parameters, and returns shape ``(n, dim)``.
     """
@@ -82,25 +82,25 @@ class PythonRhs:
         frame: Frame,
         args: tuple[Any, ...] = (),
         parameters: Array | None = None,
-        together: bool = False,
+        vectorized: bool = False,
     ) -> None:
         self.f = f
         self.frame = frame
         self.args = args
         self.parameters = parameters
-        self.together = together
+        self.vectorized = vectorized
         self._spare = [None]
         self.set_args(args)
 
     name = "f"
-    """What to call it in an error message."""
+    """Its name in error messages."""
 
     def set_args(self, args: tuple[Any, ...]) -> None:
-        """Take other further arguments."""
+        """Replace the further arguments."""
         self.args = args
         frame = self.frame
         rest = frame.point_shape, frame.dtype.num, (frame.dim,), self.check, self._spare
-        if self.parameters is None or self.together:
+        if self.parameters is None or self.vectorized:
             self._contexts = [(self.f, args, *rest)]
         else:
             self._contexts = [(self.f, (*args, row), *rest) for row in self.parameters]
@@ -113,28 +113,29 @@ class PythonRhs:
         return (*self.args, self.parameters[member])
 
     def addresses(self) -> tuple[int, int, int]:
-        """Return addresses of the function and of the first member's data, and their distance."""
-        import cg._external as core
+        """Return the addresses of the function and of the first member's data, and their stride."""
+        import cg._core_r64 as core
 
-        if self.parameters is None or self.together:
-            return core.python_field(), self.data_address, 0
-        return core.python_member(), self.data_address, 8
+        field, member, _ = core.function_addresses()
+        if self.parameters is None or self.vectorized:
+            return field, self.data_address, 0
+        return member, self.data_address, 8
 
     @property
     def data_address(self) -> int:
-        """Address of the first member's data, which moves with further arguments."""
-        if self.parameters is None or self.together:
+        """Address of the first member's data, which changes with the further arguments."""
+        if self.parameters is None or self.vectorized:
             return id(self._contexts[0])
         return int(self._pointers.ctypes.data)
 
     def part(self, members: slice) -> PythonRhs:
-        """Return the same for some of the members."""
+        """Return the right-hand side of some of the members."""
         own = None if self.parameters is None else self.parameters[members]
-        return PythonRhs(self.f, self.frame, self.args, own, self.together)
+        return PythonRhs(self.f, self.frame, self.args, own, self.vectorized)
 
     def at_member(self, member: int, t: float, y: Points) -> Array:
-        """Return the coefficients of a member after checking them, as an array of their own."""
-        if self.together:
+        """Return the coefficients of a member as a new array, after checking them."""
+        if self.vectorized:
             row: Array = self.at_members(np.array([t]), np.array([member]), y[None])[0]
             return row
         visible = y.view()
@@ -155,12 +156,12 @@ class PythonRhs:
         Parameters
         ----------
         value
-            What it returned.
+            The value that ``f`` returned.
         t, y
-            What it was given.
+            Its arguments.
         finite_only
-            Whether to refuse what isn't finite at a point that isn't either.  Compiled code sees
-            that for itself.
+            Whether to raise an error also if ``y`` isn't finite.  Compiled code detects this
+            itself.
 
         Raises
         ------
@@ -169,35 +170,35 @@ class PythonRhs:
         StageOverflowError
             If neither it nor ``y`` is finite.
         """
-        shape = (len(t), self.frame.dim) if self.together else (self.frame.dim,)
+        shape = (len(t), self.frame.dim) if self.vectorized else (self.frame.dim,)
         try:
-            # This copies, since f may return the same buffer each time.
+            # a copy, since f may return the same buffer each time
             coefficients = real_array(value, "f")
         except ValueError as error:
-            wanted = f"an array of shape {shape}" if self.together else f"{shape[0]} real numbers"
+            wanted = f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
             raise ValueError(
-                f"f must return {wanted}, got {value!r} at {_when(t)}{traced_hint(error)}"
+                f"f must return {wanted}, got {value!r} at {when(t)}{traced_hint(error)}"
             ) from error
         if coefficients.shape != shape:
             got = "None" if value is None else f"shape {coefficients.shape}"
             raise ValueError(
-                f"f must return an array of shape {shape}, got {got} at {_when(t)}"
+                f"f must return an array of shape {shape}, got {got} at {when(t)}"
                 f"{self._hint(coefficients.shape[len(shape) - 1 :])}"
             )
-        # Sums are finite only if all their terms are, and take a fraction of the time.
+        # a finite sum means that all terms are finite, and takes a fraction of the time
         if not math.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
-            rows = y.reshape(len(t) if self.together else 1, -1)
+            rows = y.reshape(len(t) if self.vectorized else 1, -1)
             wrong = np.isfinite(rows).all(axis=1) & ~np.isfinite(
                 coefficients.reshape(len(rows), -1)
             ).all(axis=1)
             if wrong.any():
-                raise ValueError(f"f must return finite numbers, got {coefficients} at {_when(t)}")
+                raise ValueError(f"f must return finite numbers, got {coefficients} at {when(t)}")
             if finite_only:
-                raise StageOverflowError(f"a stage is no longer finite at {_when(t)}")
+                raise StageOverflowError(f"a stage is no longer finite at {when(t)}")
         return coefficients
 
     def _hint(self, shape: tuple[int, ...]) -> str:
-        """Return what to do if ``f`` returned a matrix of the Lie algebra, or a derivative."""
+        """Return a hint if ``f`` returned a matrix of the Lie algebra, or a derivative."""
         group = self.frame.group if isinstance(self.frame, HomogeneousSpace) else self.frame
         if not isinstance(group, MatrixGroup) or shape != group.point_shape:
             if shape != self.frame.point_shape:
@@ -207,5 +208,6 @@ class PythonRhs:
         return f"; {name}(matrix) are those of a matrix in the Lie algebra"
 
 
-def _when(t: Any) -> str:
+def when(t: Any) -> str:
+    """Return the time of a call, or the first of many times, for a message."""
     return f"t = {np.atleast_1d(t)[0]:.17g}"

@@ -1,4 +1,4 @@
-"""Frames as compiled code takes them: arrays of blocks."""
+"""Descriptions of frames for compiled code: arrays of blocks."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def block_constants(frame: Frame) -> NDArray[np.float64]:
 
 
 def is_compiled(frame: Frame) -> bool:
-    """Tell whether compiled code has the flows of a frame."""
+    """Return whether compiled code has the flows of a frame."""
     return frame.compiled_blocks() is not None
 
 
 def has_compiled_difference(frame: Frame) -> bool:
-    """Tell whether compiled code has the coefficients of the flow from one point to another."""
+    """Return whether compiled code computes the flow from one point to another."""
     blocks = frame.compiled_blocks()
     return blocks is not None and not compared_by_entries(blocks)

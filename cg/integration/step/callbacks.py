@@ -1,4 +1,4 @@
-"""What compiled code asks of Python: flows that aren't compiled, implicit stages, events, jumps."""
+"""Callbacks from compiled code: flows in Python, implicit stages, events and jumps."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ EventOfMember = Callable[[int, int, float, Points], Any]
 class Callbacks:
     """The functions of Python that one run may call, by `cg.support.shared_numbers.Operation`.
 
-    Compiled code calls ``callbacks(operation, a, b)`` with two vectors of doubles, and takes a
-    vector.
+    Compiled code calls ``callbacks(operation, a, b)`` with two vectors of doubles; the result is
+    a vector.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ class Callbacks:
 
     Attributes
     ----------
-    trouble
-        The last exception that was taken for a step that is too long.
+    last_error
+        The last exception that compiled code treats as a step that is too long.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Callbacks:
         self.fields = fields
         self.event = event
         self.jump = jump
-        self.trouble: Exception | None = None
+        self.last_error: Exception | None = None
 
     @cached_property
     def _flows(self) -> Flows:
@@ -91,16 +91,16 @@ class Callbacks:
         try:
             return self._flows(v.reshape(-1, self.frame.dim), self._point(y), False)
         except FlowOverflowError as error:
-            # a chosen step is tried again with a smaller size, unlike where f itself overflows
-            self.trouble = error
+            # an adaptive step is tried again with a smaller size
+            self.last_error = error
             return np.full(self.frame.point_shape, np.nan, dtype=self.frame.dtype)
 
     def _restore(self, y: Array, _: Array) -> Points:
         return self._flows.restore(self._point(y))
 
     def _coordinates(self, x: Array, y: Array) -> Array:
-        found = self._difference(self._point(x), self._point(y))
-        return np.full(self.frame.dim, np.nan) if found is None else found
+        v = self._difference(self._point(x), self._point(y))
+        return np.full(self.frame.dim, np.nan) if v is None else v
 
     def _nearby(self, x: Array, y: Array) -> Array:
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
@@ -108,13 +108,13 @@ class Callbacks:
         return self.frame.local_coordinates(self._point(x), self._point(y))
 
     def _solve_stages(self, a: Array, y: Array) -> Array:
-        """Return coefficients at stages, then counts and 1 if they were not found."""
+        """Return the coefficients at the stages, four counts, and 1 if the iteration failed."""
         assert self.stages is not None
         t, h, member = a[:3].tolist()
         try:
             fields, counts = self.stages(t, self._point(y), h, a[3:], int(member))
         except ConvergenceError as error:
-            self.trouble = error
+            self.last_error = error
             size = self.plan.method.stages * self.frame.dim
             return np.concatenate([np.zeros(size), self.stages.taken(), [1.0]])
         return np.concatenate([fields.ravel(), counts, [0.0]])

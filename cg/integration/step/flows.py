@@ -1,4 +1,4 @@
-"""Points moved along several flows, and their differences: compiled for the frames that are."""
+"""Flows, differences and dexp⁻¹ of frames, compiled where possible."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class Flows(Protocol):
         y
             Points, shape ``(*batch, *point_shape)``.
         restore
-            Whether to remove rounding off the manifold, where flows don't do so by themselves.
+            Whether to remove rounding off the manifold, if flows don't do so.
         """
         ...
 
     def restore(self, y: Points) -> Points:
-        """Return points with rounding off the manifold removed, where flows don't do so."""
+        """Return points with rounding off the manifold removed, if flows don't do so."""
         ...
 
 
@@ -47,7 +47,7 @@ Difference = Callable[[Points, Points], Array | None]
 
 
 Dexpinv = Callable[[Array, Array], Array]
-"""Returns derivatives of coordinates ``(..., dim)`` that go with coefficients ``(..., dim)``."""
+"""``dexpinv(u, v)`` is `Frame.dexpinv`."""
 
 
 def flows_of(frame: Frame) -> Flows:
@@ -58,7 +58,7 @@ def flows_of(frame: Frame) -> Flows:
 
 
 def difference_of(frame: Frame) -> Difference:
-    """Return the function that finds the coefficients of the flow between two points."""
+    """Return the function that computes the flow from one point to another."""
     return _CompiledDifference(frame) if has_compiled_difference(frame) else frame.exp_coordinates
 
 
@@ -70,7 +70,7 @@ def dexpinv_of(frame: Frame, order: int) -> Dexpinv:
 
 
 def _has_compiled_group(frame: Frame) -> TypeGuard[HomogeneousSpace]:
-    """Tell whether a group that is compiled moves the points, and they move in Python."""
+    """Return whether the group of a homogeneous space is compiled, and its action isn't."""
     return (
         isinstance(frame, HomogeneousSpace) and not is_compiled(frame) and is_compiled(frame.group)
     )
@@ -99,17 +99,14 @@ class _Flows:
 
 
 class _CompiledFlows:
-    """One call moves points along all flows: calls cost more than the arithmetic."""
+    """Compiled flows; one call applies all of them, since a call takes longer than a flow."""
 
     def __init__(self, frame: Frame) -> None:
-        import cg._external as core
+        import cg._core_r64 as core
 
         self.frame = frame
         self.move = core.move
         self.blocks = describe_blocks(frame), block_constants(frame)
-
-    def __reduce__(self) -> tuple[Callable[[Frame], Flows], tuple[Frame]]:
-        return flows_of, (self.frame,)  # compiled functions can't be pickled
 
     def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
         moved = np.array(y, dtype=self.frame.dtype, order="C")
@@ -124,15 +121,12 @@ class _CompiledFlows:
 
 
 class _GroupFlows:
-    """Elements of the group that acts are compiled, its action is not."""
+    """Flows of a homogeneous space: group elements are compiled, their action is in Python."""
 
     def __init__(self, frame: HomogeneousSpace) -> None:
         self.frame = frame
         self.group = _CompiledFlows(frame.group)
         self.identity = np.eye(frame.group.size, dtype=frame.group.dtype)
-
-    def __reduce__(self) -> tuple[Callable[[Frame], Flows], tuple[Frame]]:
-        return flows_of, (self.frame,)
 
     def __call__(self, v: Array, y: Points, restore: bool = True) -> Points:
         start = self.identity
@@ -147,41 +141,35 @@ class _GroupFlows:
 
 class _CompiledDifference:
     def __init__(self, frame: Frame) -> None:
-        import cg._external as core
+        import cg._core_r64 as core
 
         self.frame = frame
         self.difference = core.difference
         self.description = describe_blocks(frame)
 
-    def __reduce__(self) -> tuple[Callable[[Frame], Difference], tuple[Frame]]:
-        return difference_of, (self.frame,)
-
     def __call__(self, y0: Points, y1: Points) -> Array:
         rank = len(self.frame.point_shape)
-        found = np.empty((*y0.shape[: y0.ndim - rank], self.frame.dim))
-        if found.size:
-            self.difference(self.description, _flat(y0), _flat(y1), found.reshape(-1))
-        return found
+        v = np.empty((*y0.shape[: y0.ndim - rank], self.frame.dim))
+        if v.size:
+            self.difference(self.description, _flat(y0), _flat(y1), v.reshape(-1))
+        return v
 
 
 class _CompiledDexpinv:
     def __init__(self, frame: Frame, order: int) -> None:
-        import cg._external as core
+        import cg._core_r64 as core
 
         self.frame = frame
         self.order = order
         self.dexpinv = core.dexpinv
         self.description = describe_blocks(frame)
 
-    def __reduce__(self) -> tuple[Callable[[Frame, int], Dexpinv], tuple[Frame, int]]:
-        return dexpinv_of, (self.frame, self.order)
-
     def __call__(self, u: Array, v: Array) -> Array:
-        found = np.array(v, order="C")
-        if found.size:
+        result = np.array(v, order="C")
+        if result.size:
             coordinates = np.ascontiguousarray(u).reshape(-1)
-            self.dexpinv(self.description, self.order, coordinates, found.reshape(-1))
-        return found
+            self.dexpinv(self.description, self.order, coordinates, result.reshape(-1))
+        return result
 
 
 def _flat(y: Points) -> Array:

@@ -15,21 +15,21 @@ from cg.integration.step.flows import flows_of
 from cg.method.tableau import Tableau
 
 Row = tuple[tuple[int, float], ...]
-"""The coefficients of a row that aren't zero, each after its stage (from 0)."""
+"""Pairs of a stage (from 0) and a coefficient that isn't zero."""
 
 STAGE_SOLVERS = {"newton": 25, "fixed-point": 100}
-"""The ways to solve implicit stages, and the most iterations of each."""
+"""The iterations for implicit stages, and their largest numbers of iterations."""
 
-# On the free rigid body it takes fewer evaluations at any step size: 9 against 11 a step where
-# the corrections of fixed-point iteration shrink twentyfold, 13 against 18 where fivefold.
+# Newton's method takes fewer evaluations on the free rigid body at all step sizes: 9 instead of 11
+# in a step where fixed-point corrections decrease by a factor of 20, 13 instead of 18 where by 5.
 DEFAULT_STAGE_SOLVER = "newton"
 
 _EPSILON = float(np.finfo(np.float64).eps)
-# Corrections below this that no longer shrink are rounding in f.
+# corrections below this that no longer decrease are rounding errors of f
 _NOISE = 1e-10
-# A kept Jacobian is renewed if a correction shrinks less than this.
+# a stored Jacobian is replaced if a correction decreases by less than this factor
 _SLOW = 0.1
-# Residuals that grew so much will not shrink again.
+# the iteration has diverged if residuals grow by this factor
 _DIVERGED = 1e3
 
 
@@ -93,7 +93,7 @@ class ImplicitStages:
     kind
         One of `STAGE_SOLVERS`.
     lanes
-        How many members are on their way at the same time.
+        How many members are integrated at the same time.
     """
 
     def __init__(
@@ -121,16 +121,16 @@ class ImplicitStages:
     def __call__(
         self, t: float, point: Points, h: float, slope: Array, member: int
     ) -> tuple[Array, list[int]]:
-        """Return the coefficients, shape ``(stages, dim)``, and what finding them took.
+        """Return the coefficients, shape ``(stages, dim)``, and four counts.
 
         Parameters
         ----------
         t, point, h
-            Where the step starts, and its signed size.
+            Start and signed size of the step.
         slope
-            The coefficients there.
+            The coefficients at the start.
         member
-            Whose step it is; a Jacobian is kept for the next step of the same member.
+            Index of the member; its Jacobian is kept for its next step.
 
         Raises
         ------
@@ -156,14 +156,14 @@ class ImplicitStages:
         return [self.nfev, self.nexp, self.njev, self.nlu]
 
     def state(self) -> Any:
-        """Return what is kept between steps."""
+        """Return the state kept between steps."""
         return {
             member: [solver.inverse for solver in solvers]
             for member, solvers in self._solvers.items()
         }
 
     def restore(self, state: Any) -> None:
-        """Take what was kept between steps."""
+        """Restore the state kept between steps."""
         for member, inverses in state.items():
             self._solvers[member] = [StageSolver(self, block, self._kind) for block in self._blocks]
             for solver, inverse in zip(self._solvers[member], inverses, strict=True):
@@ -205,11 +205,11 @@ class StageSolver:
 
         k_i = f(t + c_i h, Y_i(k)), \qquad Y_i(k) = e^{h a_{is} k_s} \cdots e^{h a_{i1} k_1} p .
 
-    ``"fixed-point"`` iterates this as it stands.  ``"newton"`` takes the Jacobian of
+    ``"fixed-point"`` iterates this equation.  ``"newton"`` takes the Jacobian of
     :math:`k - f(Y(k))` by differences along the flows, as in [1]_ but with the derivative of the
-    exponential inside the difference, and keeps its inverse, over steps too, for as long as the
-    corrections shrink tenfold.  Both go on to the level of rounding, since the invariants that
-    an implicit method keeps are kept no better than its stages are solved.
+    exponential inside the difference, and keeps its inverse, also over several steps, as long as
+    corrections decrease by a factor of ten.  Both iterate down to the level of rounding, since an
+    implicit method preserves invariants only as accurately as its stages are solved.
 
     Parameters
     ----------
@@ -235,12 +235,12 @@ class StageSolver:
         self.inverse: tuple[float, Array] | None = None
 
     def __call__(self, t: float, point: Points, h: float, fields: Array) -> None:
-        """Find the coefficients of the stages and put them into ``fields``.
+        """Solve for the coefficients of the stages and store them in ``fields``.
 
         Parameters
         ----------
         t, point, h
-            Where the step starts, and its size.
+            Start and signed size of the step.
         fields
             Coefficients of all stages, shape ``(stages, dim)``; those of this block are
             the initial guess.
@@ -255,8 +255,8 @@ class StageSolver:
         times = [t + step.abscissae[i] * h for i in self.block]
         if not any(self.within):
             at_start = not self.before[0] and times[0] == t
-            found = step.field() if at_start else step.evaluate(times[0], bases[0])
-            fields[..., self.block[0], :] = found
+            value = step.field() if at_start else step.evaluate(times[0], bases[0])
+            fields[..., self.block[0], :] = value
             return
 
         def evaluated(unknowns: Array) -> Array:
@@ -278,7 +278,7 @@ class StageSolver:
         self, evaluated: Callable[[Array], Array], k: Array, t: float, point: Points, h: float
     ) -> Array:
         """Return the solution of ``evaluated(k) == k``, from the guess ``k``."""
-        # A change of k by this moves a stage about as far as its own size.
+        # a change of k by this moves a stage by about the size of its coordinates
         movement = self.step.frame.coordinate_sizes(point)[..., None, :] / abs(h)
         newton = self.kind == "newton"
         most = STAGE_SOLVERS[self.kind]

@@ -9,11 +9,11 @@ On a frame with brackets the coordinates of a step from :math:`y_0` to :math:`y_
     \varphi_d = \theta,\ \theta (1 - \theta),\ \theta^2 (1 - \theta),\ \theta^2 (1 - \theta)^2,
     \dots
 
-whose first three terms are the cubic of Hermite.  One flow leads to a point.  Further derivatives
+whose first three terms are the cubic of Hermite.  One flow reaches a point.  Further derivatives
 :math:`k_j = \operatorname{dexp}^{-1}_{u(\theta_j)} f(t_0 + \theta_j h, y(\theta_j))` are evaluated
-at nodes where an interpolant of lower order leads, until the one wanted exists (W. H. Enright,
+at nodes on an interpolant of lower order, until the order is reached (bootstrapping: W. H. Enright,
 K. R. Jackson, S. P. Nørsett, P. G. Thomsen, "Interpolants for Runge–Kutta formulas", ACM TOMS 12
-(1986), call it bootstrapping).  There are two kinds, both linear in the unknown :math:`B`:
+(1986)).  There are two kinds, both linear in the unknown :math:`B`:
 
 - Those of a Munthe-Kaas method use its stages.  The conditions are those of rooted trees t,
   :math:`\sum_j b_j(\theta) \Phi_j(t) = \theta^{|t|} / \gamma(t)`, through the order of the method;
@@ -27,14 +27,13 @@ On a frame without brackets, and where a step of the second kind is too long for
 coefficients :math:`F(\theta) = f(t_0 + \theta h, y(\theta))` are interpolated at nodes :math:`0 =
 \theta_1 < \dots < \theta_n = 1` by a polynomial :math:`P`.  The solution of :math:`y' = h \sum_i
 P_i(\theta) E_i(y)` is then a problem whose right side depends on time alone: the method itself
-solves it, to its own order, by the few flows that lead to its result, without any evaluation of
-``f``,
+solves it, to its own order, by the flows to its result, without evaluations of ``f``,
 
 .. math::
 
     z(\theta) = \prod_m \exp\Bigl(\theta h \sum_k \alpha_{m,k} P(c_k \theta)\Bigr) y_0 ,
 
-and what is left to :math:`y_1` at the end is made up by one flow more,
+and one more flow moves the end to :math:`y_1`,
 
 .. math::
 
@@ -43,18 +42,18 @@ and what is left to :math:`y_1` at the end is made up by one flow more,
     \omega(\theta) = \prod_j (\theta - \theta_j) .
 
 The polynomial is off by :math:`\omega` times a constant up to higher order, and so is its integral
-by that of :math:`\omega`; the last flow takes this away and leaves derivatives at nodes as they
-are.  The error is :math:`O(h^{n+2})`.  Only flows are needed, and the coefficients between two
-points that are close to each other, so that it works on every frame.
+by that of :math:`\omega`; the last flow removes this error and doesn't change derivatives
+at nodes.  The error is :math:`O(h^{n+2})`.  Only flows and differences of nearby points are
+needed, so that it works on every frame.
 
 With n nodes interpolants of the last two kinds have order n + 1, after n - 2 nodes for each order
 from four on.  They have n = p - 1 nodes for a method of order p, and from order four on one more
 where a method has as many stages as this takes evaluations: measured on the pairs of the
 catalogue, the largest error within a step was then at most 1.5 times that at its ends; with p - 1
 nodes it was at most 2.6 times for Crouch-Grossman pairs, but 4 to 12 times for commutator-free
-ones, whose own errors are smaller.  All in all 0, 3, 6, 10, 15 evaluations go into a step of order
-p = 3, 4, 5, 6, 7 that has output in it, or else 6 for p = 6 and 10 for p = 7; and 15 for p = 8,
-with p - 1 nodes.
+ones, whose own errors are smaller.  A step with output takes 0, 3, 6, 10, 15
+more evaluations for order p = 3, 4, 5, 6, 7, or 6 for p = 6, 10 for p = 7 and 15 for p = 8 with
+p - 1 nodes.
 
 Their nodes are those of Lobatto's formula with one node more, without the one in the middle: that
 is the node at which the integral condition interpolates the derivative implicitly, so that the
@@ -91,8 +90,8 @@ __all__ = [
     "series_order",
 ]
 
-# Nodes of interpolants that use the stages of a method, in this order: a search over grids found
-# them, which made the errors and the weights of those of orders 4 to 8 small.
+# Nodes of interpolants that use the stages of a method, in this order.  A search over grids chose
+# them for small errors and weights of the interpolants of orders 4 to 8.
 _NODES = (0.85, 0.15, 0.25, 0.6, 0.05, 0.7, 0.2, 0.35, 0.45, 0.4)
 _MAX_NODES = 60
 _SOLVED = 1e-10  # residuals below are rounding
@@ -118,7 +117,7 @@ class NodeSet:
 
 @cache
 def nodes_of(count: int) -> NodeSet:
-    """Return the nodes for interpolants with so many of them, at least 2."""
+    """Return the set of ``count`` nodes, at least 2."""
     inner = np.sort(np.real(Legendre.basis(count).deriv().roots()))
     lobatto = np.concatenate([[0.0], 0.5 * (inner + 1.0), [1.0]])
     nodes = np.delete(lobatto, (count + 1) // 2)
@@ -127,27 +126,27 @@ def nodes_of(count: int) -> NodeSet:
 
 
 def advances_by_embedded(method: Method) -> bool:
-    """Tell whether the second result of a pair is of higher order, and makes the steps."""
+    """Return whether the second result of a pair has higher order and is used."""
     embedded = method.embedded_order
     return embedded is not None and embedded > method.order
 
 
 def node_count(method: Method) -> int:
-    """Return with how many nodes interpolants that use no stages are as accurate as the steps."""
+    """Return the number of nodes with which interpolants without stages are accurate enough."""
     order = method.embedded_order if advances_by_embedded(method) else method.order
     enough = max(2, (order or 0) - 1)
     return enough + (enough > 2 and _evaluations(enough + 1) <= method.stages)
 
 
 def extra_evaluations(method: Method) -> int:
-    """Return how many evaluations of ``f`` an interpolant takes, besides those at both ends."""
+    """Return the number of evaluations of an interpolant, besides those at both ends."""
     if isinstance(method, MuntheKaas):
         return len(extension_of(method).theta)
     return _evaluations(node_count(method))
 
 
 def series_order(method: Method) -> int:
-    """Return the order up to which dexp⁻¹ is needed where it is a series."""
+    """Return the order up to which the series of dexp⁻¹ is needed."""
     if isinstance(method, MuntheKaas):
         return max(method.advancing.order, 1)
     return node_count(method) + 1
@@ -166,9 +165,9 @@ class Extension:
     final
         The place, from 0, of the derivative at the end.
     theta
-        Further nodes, in the order in which derivatives are evaluated there, shape ``(n,)``.
+        Further nodes, in the order of evaluation, shape ``(n,)``.
     rows
-        The weights of the derivatives that are known before, and lead there, shape ``(n, k)``.
+        The weights of earlier derivatives in the coordinates of each node, shape ``(n, k)``.
     basis
         The coefficients B, shape ``(degree, k)``.
     """
@@ -212,10 +211,12 @@ def _with_stages(method: MuntheKaas) -> Extension:
         while reached < order:
             higher = trees.size <= reached + 1
             targets = _powers(reached + 1)[trees.size[higher] - 1] / trees.density[higher, None]
-            found, residual = _solve(known[higher], targets, np.pad(result, (0, len(theta))), final)
+            higher_basis, residual = _solve(
+                known[higher], targets, np.pad(result, (0, len(theta))), final
+            )
             if residual > solved:
                 break
-            reached, basis = reached + 1, found
+            reached, basis = reached + 1, higher_basis
         if reached == order or len(theta) == _MAX_NODES:
             break
         theta.append(next(nodes))
@@ -270,9 +271,9 @@ class _Trees:
         self.density = np.array(density, dtype=np.float64)
 
     def with_stage(self, known: Array, row: Array) -> Array:
-        """Return the weights of trees at derivatives, shape ``(trees, n + 1)``, with one more.
+        """Return the elementary weights of n + 1 derivatives, shape ``(trees, n + 1)``.
 
-        The new one is evaluated where a row of weights on the others leads.
+        The last derivative is evaluated at the coordinates with weights ``row``.
         """
         k = min(known.shape[1], len(row))
         ends = known[:, :k] @ row[:k]
@@ -287,7 +288,7 @@ def _further_nodes() -> Iterator[float]:
 
 
 def basis_polynomials(degree: int) -> list[Polynomial]:
-    """Return the polynomials φ that interpolants in coordinates are combinations of."""
+    """Return the basis polynomials φ of interpolants in coordinates."""
     x, rest = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
     return [x ** ((d + 1) // 2) * rest ** (d // 2) for d in range(1, degree + 1)]
 
@@ -316,7 +317,7 @@ def _solve(known: Array, targets: Array, result: Array, final: int) -> tuple[Arr
     basis = _hermite(result, final)
     if len(targets.T) > 3:
         further = _least_norm(known, targets[:, 3:])
-        # derivatives without weight have rounding for weights
+        # weights that are only rounding are set to zero
         used = np.abs(further).max(axis=1) > _NO_WEIGHT * np.abs(further).max()
         further[used] = _least_norm(known[:, used], targets[:, 3:])
         further[~used] = 0.0
@@ -325,12 +326,12 @@ def _solve(known: Array, targets: Array, result: Array, final: int) -> tuple[Arr
 
 
 def _least_norm(known: Array, targets: Array) -> Array:
-    found = np.linalg.lstsq(known, targets, rcond=_NO_RANK)[0]
-    return found + np.linalg.lstsq(known, targets - known @ found, rcond=_NO_RANK)[0]
+    solution = np.linalg.lstsq(known, targets, rcond=_NO_RANK)[0]
+    return solution + np.linalg.lstsq(known, targets - known @ solution, rcond=_NO_RANK)[0]
 
 
 class ResultFlows:
-    """The flows that lead to the result of a method, for fields that depend on time alone.
+    """The flows from the start to the result of a method, for fields that depend on time only.
 
     Parameters
     ----------
@@ -358,5 +359,5 @@ class ResultFlows:
 
 @cached
 def result_flows(method: Method) -> ResultFlows:
-    """Return the flows that lead to the result of a method."""
+    """Return the flows to the result of a method."""
     return ResultFlows(method)

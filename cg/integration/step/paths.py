@@ -1,4 +1,4 @@
-"""Explicit methods as their steps are taken: paths of flows between the points that are kept."""
+"""Explicit methods as paths of flows between points."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ Flow = tuple[tuple[int, Fraction], ...]
 
 @dataclass(frozen=True)
 class Path:
-    """Flows from one point that is kept to another.
+    """Flows from one stored point to another.
 
     Attributes
     ----------
     origin
-        The path whose end it starts from, counting from 1; 0 is the start of the step.
+        The path at whose end it starts, counting from 1; 0 is the start of the step.
     flows
         The flows, the first one first.
     """
@@ -44,8 +44,8 @@ class Path:
 class MethodPaths:
     """An explicit method as paths.
 
-    Points that are kept are stages, results, and those that several others go on from.  Paths
-    are in the order in which a step needs them, and counted from 1; 0 stands for the start.
+    Stored points are stages, results, and points from which several paths start.  Paths are in the
+    order in which a step needs them and counted from 1; 0 is the start of the step.
 
     Attributes
     ----------
@@ -54,19 +54,18 @@ class MethodPaths:
     stages
         The path to each stage.
     result, embedded
-        The paths to the result of the step, and to the second result of a pair (0 without, or if
-        the estimate takes no flow).  The one of higher order is the result.
+        The paths to the result of the step, and to the second result of a pair (0 if there
+        is none or the estimate takes no flow).  The one of higher order is the result.
     final_stage
-        The stage (from 1) that is evaluated at the end of the step and so begins the next one, or
-        0 if there is none.
+        The stage (from 1) at the end of the step, which is the first stage of the next step, or 0
+        if there is none.
     c
         Abscissae.
     registers
         The coefficients A and B of a method of two registers, None of others.
     series
-        Of a method on a Lie algebra, the order up to which dexp⁻¹ is needed where it is a series;
-        0 of others.  Coefficients at stages become derivatives of the coordinates that lead
-        there.
+        For a method on a Lie algebra, the order up to which the series of dexp⁻¹ is needed, else
+        0.  Coefficients at stages become derivatives of coordinates.
     errors
         Weights on the coefficients at stages of the combinations by which errors are estimated;
         none if results are compared.
@@ -111,15 +110,14 @@ class MethodPaths:
 
     @cached_property
     def doubles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The weights and the abscissae as arrays, which nobody may write into."""
-        found = np.array(self.weights, dtype=np.float64), np.array(self.c, dtype=np.float64)
-        for array in found:
-            array.flags.writeable = False
-        return found
+        """The weights and the abscissae as read-only arrays."""
+        weights, c = np.array(self.weights, np.float64), np.array(self.c, np.float64)
+        weights.flags.writeable = c.flags.writeable = False
+        return weights, c
 
     @cached_property
     def integers(self) -> NDArray[np.intc]:
-        """What else compiled code needs, as ``make_method`` of ``fortran/method.f90.in`` reads it.
+        """The integers of the method, as ``make_method`` of ``fortran/method.f90`` reads it.
 
         The numbers of paths, flows, terms and stages; the origins of the paths; from 1, where
         the flows of each path begin, and where the terms of each flow begin; the stages of the
@@ -140,7 +138,7 @@ class MethodPaths:
 
 @cached
 def paths_of(method: Method) -> MethodPaths:
-    """Return the paths of a method; of an implicit one those to its results alone."""
+    """Return the paths of a method; an implicit one has paths to its results only."""
     if isinstance(method, Tableau) and not method.explicit:
         return _implicit_paths(method)
     series = 0
@@ -173,7 +171,7 @@ def paths_of(method: Method) -> MethodPaths:
 
 
 def _implicit_paths(method: Tableau) -> MethodPaths:
-    """Return the paths to the results, where stages are found in another way."""
+    """Return the paths to the results of an implicit method."""
     rows = [row for row in (method.exact[1], method.exact_embedded) if row is not None]
     if (method.embedded_order or 0) > method.order:
         rows.reverse()
@@ -184,7 +182,7 @@ def _implicit_paths(method: Tableau) -> MethodPaths:
 
 
 class _Builder:
-    """Makes paths of different flows; points that others repeat, or that none lead to, are none."""
+    """Builds the paths, merging equal points and leaving out unused ones."""
 
     def __init__(self, method: Method, results: set[int]) -> None:
         self.points = method.points
@@ -206,7 +204,7 @@ class _Builder:
         return self.same[self.points[point].parent]
 
     def path_to(self, point: int) -> int:
-        """Return the number of the path to a point that is kept, after adding what leads there."""
+        """Return the number of the path to a stored point, adding it and those before it."""
         point = self.same[point]
         if point not in self.index:
             links = [point]

@@ -1,4 +1,4 @@
-"""Frames and methods as the compiled loop over steps takes them, prepared for any run."""
+"""Plans: descriptions of a frame and a method in compiled code, for any number of runs."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ __all__ = ["Plan", "error_exponent", "has_brackets", "plan_of"]
 
 
 class Plan:
-    """What compiled code knows of a frame and a method.
+    """A frame and a method in compiled code.
 
     Parameters
     ----------
     frame
-        Any frame; those that aren't compiled are reached through callbacks.
+        Any frame; one in Python is called through callbacks.
     method
-        Any method; coefficients at implicit stages are found through callbacks.
+        Any method; implicit stages are solved through callbacks.
 
     Attributes
     ----------
     core, address
-        Compiled code, and where it has the plan.
+        The compiled module, and the address of the plan.
     width
         Number of doubles of a point.
     kept
-        Number of vectors of coefficients that a step leaves: those at its stages, if not less.
+        Number of vectors of coefficients stored for a step: its stages, or one register.
     series
-        Order up to which dexp⁻¹ is needed where it is a series.
+        Order up to which the series of dexp⁻¹ is needed.
     exponent
         Power of an error that a step is proportional to.
     """
 
     def __init__(self, frame: Frame, method: Method) -> None:
-        import cg._external as core
+        import cg._core_r64 as core
 
         self.core = core
         self.frame = frame
@@ -83,14 +83,14 @@ class Plan:
 
     @property
     def columns(self) -> int:
-        """How many vectors make an interpolant, for which compiled code is made ready."""
+        """Number of vectors of an interpolant; the first call sets up interpolants."""
         with _MAKING:
             if not self._columns:
                 self._columns = self._make_interpolants()
         return self._columns
 
     def _make_interpolants(self) -> int:
-        import cg._external as core
+        import cg._core_r64 as core
 
         method, nodes = self.method, node_count(self.method)
         extension, flows = extension_of(method), result_flows(method)
@@ -104,15 +104,15 @@ class Plan:
         )  # fmt: skip
         return columns
 
-    def look_at(self, point: Points) -> None:
-        """Find out, at any point, in what differences of points are measured."""
+    def detect_coordinates(self, point: Points) -> None:
+        """Determine, from any point, whether the frame has coordinates of differences."""
         if self._in_algebra is None:
             self._in_algebra = self.frame.exp_coordinates(point, point) is not None
 
     def is_free(self, point: Points) -> bool:
-        """Tell, from any point, whether different small coefficients lead to different points.
+        """Return whether different small coefficients lead to different points.
 
-        Then the coordinates of a step are known from its ends.
+        Then the ends of a step determine its coordinates.  Any point serves as ``point``.
         """
         if self._free is None:
             frame = self.frame
@@ -140,17 +140,17 @@ class Plan:
         """The shape that absolute tolerances may have."""
         return (self.frame.dim,) if self.in_algebra else self.frame.point_shape
 
-    def certainly_on(self, points: Points) -> bool:
-        """Tell whether points are on the manifold; if not, it takes a closer look."""
+    def surely_on_manifold(self, points: Points) -> bool:
+        """Return whether a cheap bound shows that points are on the manifold."""
         if not self.compiled:
             return False
         bound = self.core.plan_distance_bound(self.address, self.doubles(points).T)
         return bool(bound <= 0.1 * MEMBERSHIP_TOLERANCE)
 
-    def distance_off(self, points: Points) -> float | None:
-        """Return how far off the manifold the worst of finite points is, None if it isn't far.
+    def distance_from_manifold(self, points: Points) -> float | None:
+        """Return the largest distance of finite points from the manifold, None if it is small.
 
-        Infinite distances don't count: they are those of regular matrices without digits of that.
+        Infinite distances are ignored: they occur for regular matrices without accurate digits.
         """
         if len(points) == 0:
             return None
@@ -169,11 +169,11 @@ class Plan:
 
 
 _MAKING = threading.Lock()
-_MAX_FIELDS = 64  # of a frame in Python whose rank is looked at
+_MAX_FIELDS = 64  # largest dimension of a frame in Python whose rank is computed
 
 
 def plan_of(frame: Frame, method: Method) -> Plan:
-    """Return the plan of a frame and a method, which is made once."""
+    """Return the plan of a frame and a method, which is cached."""
     plans = _plans(method)
     try:
         return plans[frame]
@@ -210,7 +210,7 @@ def error_exponent(method: Method) -> float:
 
 
 def has_brackets(frame: Frame) -> bool:
-    """Tell whether the fields of a frame make a Lie algebra that it knows."""
+    """Return whether a frame has brackets of its fields."""
     try:
         return _has_brackets(frame)
     except TypeError:  # a frame of the user that can't be hashed

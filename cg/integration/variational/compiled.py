@@ -1,4 +1,4 @@
-"""Right-hand sides of solutions with their derivatives in compiled code."""
+"""Compiled right-hand sides of solutions with their derivatives."""
 
 from __future__ import annotations
 
@@ -32,23 +32,25 @@ class _Record(ctypes.Structure):
 
 @dataclass(frozen=True, repr=False)
 class CompiledVariation(CompiledRhs):
-    """A right-hand side whose products of matrices are compiled, and perhaps its functions too.
+    """A right-hand side of a solution with its derivatives, in compiled code.
+
+    The functions may be in Python; `fortran/variational.f90` calls them and multiplies matrices.
 
     Attributes
     ----------
     variational
         The functions.
     plan
-        That of the frame alone.
+        The plan of the frame without derivatives.
     args
         Further arguments of functions in Python.
     rows
-        Of each member the address of its record, then its parameters, shape ``(members, 1 + k)``.
-        Functions are given the address of the parameters, so that events may read them too.
+        The address of the record of each member, then its parameters, shape ``(members, 1 + k)``.
+        Functions receive the address of the parameters, so that events may read them too.
     records
-        Of each member, or one for all.
+        The records of the members, or one for all.
     kept
-        What records have the addresses of.
+        Objects whose addresses are in the records.
     """
 
     variational: VariationalField | None = None
@@ -58,7 +60,7 @@ class CompiledVariation(CompiledRhs):
     records: Any = None
     kept: tuple[Any, ...] = field(default=(), compare=False)
 
-    knows_args = True
+    has_args = True
 
     def __repr__(self) -> str:
         return f"CompiledVariation({self.variational!r})"
@@ -101,12 +103,12 @@ class CompiledVariation(CompiledRhs):
 
     @property
     def name(self) -> str:
-        """What failed last."""
+        """The function that failed last."""
         names: tuple[str, ...] = "f", "jac", "df_dp", DERIVATIVES
         return names[max(int(record.failed) for record in self.records)]
 
     def addresses(self) -> tuple[int, int, int]:
-        """Return addresses of the function and of the first member's data, and their distance."""
+        """Return the addresses of the function and of the first member's data, and their stride."""
         distance = 0 if self.parameters is None else self.rows.strides[0]
         return self.address, self.data_address, distance
 
@@ -120,7 +122,7 @@ class CompiledVariation(CompiledRhs):
         return self.part(slice(member, member + 1))(t, y)
 
     def part(self, members: slice) -> CompiledVariation:
-        """Return the same for some of the members."""
+        """Return the right-hand side of some of the members."""
         if self.parameters is None:
             return self
         return replace(self, parameters=self.parameters[members], rows=self.rows[members])
@@ -129,22 +131,22 @@ class CompiledVariation(CompiledRhs):
 def compiled_variation(
     variational: VariationalField, plan: Plan, args: tuple[Any, ...] = ()
 ) -> CompiledVariation | None:
-    """Return the right-hand side in compiled code, None where that can't do it.
+    """Return the right-hand side in compiled code, None if it has to be in Python.
 
-    That is for functions of several members, and for differences on frames that aren't compiled.
+    That is for vectorized functions, and for differences on frames that aren't compiled.
 
     Parameters
     ----------
     variational
         The functions.
     plan
-        That of the frame alone.
+        The plan of the frame without derivatives.
     args
         Further arguments of functions in Python.
     """
-    import cg._external as core
+    import cg._core_r64 as core
 
-    if variational.together or (variational.jac is None and not is_compiled(variational.frame)):
+    if variational.vectorized or (variational.jac is None and not is_compiled(variational.frame)):
         return None
     index, constant = _structure(variational.frame)
     record = _Record(
@@ -164,17 +166,17 @@ def compiled_variation(
             setattr(record, name, function.address)
             setattr(record, f"{name}_data", function.user_data)
         elif function is not None:
-            setattr(record, name, core.python_field())
+            setattr(record, name, core.function_addresses()[0])
     return CompiledVariation(
-        None, core.variational_field(), 0, variational=variational, plan=plan, args=args,
+        None, core.function_addresses()[2], 0, variational=variational, plan=plan, args=args,
         records=[record], kept=(index, constant),
     )  # fmt: skip
 
 
 def _structure(frame: Frame) -> tuple[Any, Array]:
-    """Return the places (i, j, k) of structure constants from one, and the constants.
+    """Return the indices (i, j, k) of structure constants, from one, and the constants.
 
-    A zero follows, since no array may be empty.
+    The last entry is zero, since no array may be empty.
     """
     basis = np.eye(frame.dim)
     rows, values = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0)]

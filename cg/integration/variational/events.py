@@ -1,4 +1,4 @@
-"""Derivatives of times of events, and of jumps: saltation matrices."""
+"""Derivatives of event times and of jumps: saltation matrices."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from cg.integration.variational.field import VariationalField, parameter_steps
 __all__ = ["VariationalEvents"]
 
 _STEP = float(np.finfo(np.float64).eps) ** (1 / 5)
-# The derivative of a polynomial through values one and two steps away on both sides
+# weights of the central difference of order four
 _STEPS = np.array([-2.0, -1.0, 1.0, 2.0])
 _WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
-# A derivative that is smaller than this of the values' slopes is zero
+# a derivative that is smaller than this, relative to slopes between values, is rounding
 _ROUNDING = 1e-8
 
 _EVENT = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
@@ -139,7 +139,7 @@ class VariationalEvents(EventTable):
     def _coefficients(self, t: float, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients of one member."""
         field = self._field
-        if not field.together:
+        if not field.vectorized:
             return field.coefficients(t, y, arguments)
         if field.count:
             arguments = (*arguments[:-1], arguments[-1][None])

@@ -15,7 +15,7 @@ from cg.frames.base import Frame
 from cg.frames.euclidean import Euclidean
 from cg.frames.product import Product
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
-from cg.integration.rhs.python import PythonRhs
+from cg.integration.rhs.python import PythonRhs, when
 from cg.integration.step.flows import Flows, flows_of
 
 __all__ = ["DIFFERENCE_STEP", "VariationalField"]
@@ -42,14 +42,14 @@ class VariationalField:
     Attributes
     ----------
     frame
-        Where the solution is.
+        The frame of the solution.
     f, jac, df_dp
-        The functions of the user, as `CompiledRhs` if they are compiled; ``jac`` and ``df_dp`` may
+        The functions of the user, `CompiledRhs` if they are compiled; ``jac`` and ``df_dp`` may
         be None.
     count
         Number of parameters.
-    together
-        Whether the functions take points of several members.
+    vectorized
+        Whether the functions take points of several members in one call.
     """
 
     frame: Frame
@@ -57,7 +57,7 @@ class VariationalField:
     jac: Function
     df_dp: Function
     count: int
-    together: bool = False
+    vectorized: bool = False
     product: Product = field(init=False)
 
     def __post_init__(self) -> None:
@@ -67,7 +67,7 @@ class VariationalField:
         n = self.frame.dim
         product = Product(self.frame, Euclidean(n * (n + self.count)))
         object.__setattr__(self, "product", product)
-        object.__setattr__(self, "_rhs", PythonRhs(self.f, self.frame, together=self.together))
+        object.__setattr__(self, "_rhs", PythonRhs(self.f, self.frame, vectorized=self.vectorized))
         object.__setattr__(self, "_flows", flows_of(self.frame))
         object.__setattr__(self, "_constants", _constants(self.frame))
 
@@ -81,7 +81,7 @@ class VariationalField:
             function.function if isinstance(function, CompiledRhs) else function
             for function in (self.f, self.jac, self.df_dp)
         ]
-        return VariationalField, (self.frame, *functions, self.count, self.together)
+        return VariationalField, (self.frame, *functions, self.count, self.vectorized)
 
     def functions(self) -> list[tuple[str, Function, tuple[int, ...]]]:
         """Return the functions with their names and the shapes of what they return."""
@@ -126,19 +126,19 @@ class VariationalField:
                 slope[..., self.frame.dim :] += self.parameter_derivative(t, y, arguments)
         if not math.isfinite(slope.sum()) and not np.isfinite(slope).all():
             raise OverflowError(
-                f"derivatives of the solution exceed the range of floating point at {_when(t)}"
+                f"derivatives of the solution exceed the range of floating point at {when(t)}"
             )
         return np.concatenate([coefficients, slope.reshape(*slope.shape[:-2], -1)], axis=-1)
 
     def _where_finite(self, t: Any, z: Array, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients at finite points, and NaN at others, which end steps."""
-        found = np.full((*z.shape[:-1], self.product.dim), np.nan)
+        values = np.full((*z.shape[:-1], self.product.dim), np.nan)
         finite = np.isfinite(z).all(axis=-1)
-        if self.together and finite.any():
+        if self.vectorized and finite.any():
             if self.count:
                 arguments = (*arguments[:-1], arguments[-1][finite])
-            found[finite] = self(t[finite], z[finite], *arguments)
-        return found
+            values[finite] = self(t[finite], z[finite], *arguments)
+        return values
 
     def coefficients(self, t: Any, y: Points, arguments: tuple[Any, ...]) -> Array:
         """Return the coefficients that ``f`` gives at points, after checking them."""
@@ -175,7 +175,7 @@ class VariationalField:
         n = self.frame.dim
         if isinstance(self.f, CompiledRhs):
             return self._compiled("f", self.f, t, points, arguments, (n,))
-        if not self.together:
+        if not self.vectorized:
             return np.array([self.coefficients(t, point, arguments) for point in points])
         each = points.shape[1]
         flat = points.reshape(-1, *self.frame.point_shape)
@@ -209,7 +209,7 @@ class VariationalField:
         arguments: tuple[Any, ...],
         shape: tuple[int, ...],
     ) -> Array:
-        """Return what a function of the user gives, after checking it."""
+        """Return the value of a function of the user, after checking it."""
         if isinstance(function, CompiledRhs):
             value: Any = self._compiled(name, function, t, y[None], arguments, shape)[0]
         else:
@@ -217,26 +217,26 @@ class VariationalField:
         return self._checked(name, value, t, shape)
 
     def _checked(self, name: str, value: Any, t: Any, shape: tuple[int, ...]) -> Array:
-        """Return what a function of the user returned as an array, C-ordered, after checking."""
-        wanted = (len(t), *shape) if self.together else shape
+        """Return the value of a function of the user as a C-ordered array, after checking it."""
+        wanted = (len(t), *shape) if self.vectorized else shape
         if not is_array(value, np.float64):
             try:
                 value = real_array(value if value is not None else "None", name)
             except ValueError as error:
                 raise ValueError(
-                    f"{name} must return an array of shape {wanted}, got {value!r} at {_when(t)}"
+                    f"{name} must return an array of shape {wanted}, got {value!r} at {when(t)}"
                 ) from error
         if value.shape != wanted:
             raise ValueError(
                 f"{name} must return an array of shape {wanted}, got shape {value.shape} at "
-                f"{_when(t)}"
+                f"{when(t)}"
             )
         if not math.isfinite(value.sum()) and not np.isfinite(value).all():
-            raise ValueError(f"{name} must return finite numbers, got {value} at {_when(t)}")
+            raise ValueError(f"{name} must return finite numbers, got {value} at {when(t)}")
         return np.ascontiguousarray(value)
 
     def data_address(self, arguments: tuple[Any, ...]) -> int:
-        """Return what compiled functions are given that have no data of their own."""
+        """Return the address of the data of compiled functions without data of their own."""
         if self.count:
             return int(arguments[-1].ctypes.data)
         return self.f.user_data if isinstance(self.f, CompiledRhs) else 0
@@ -250,32 +250,32 @@ class VariationalField:
         arguments: tuple[Any, ...],
         shape: tuple[int, ...],
     ) -> Array:
-        """Return what a compiled function gives at several points of one member."""
-        import cg._external as core
+        """Return the values of a compiled function at several points of one member."""
+        import cg._core_r64 as core
 
         points = np.array(y, dtype=self.frame.dtype, order="C").reshape(len(y), -1)
-        found = np.full((len(y), math.prod(shape)), np.nan)
+        values = np.full((len(y), math.prod(shape)), np.nan)
         data = function.user_data or self.data_address(arguments)
         rows = points.view(np.float64)
-        _, code = core.call_field(function.address, data, 0, t, rows.T, found.T)
+        _, code = core.call_field(function.address, data, 0, t, rows.T, values.T)
         if code:
-            raise RuntimeError(f"{name} returned the error code {code} at {_when(t)}")
-        if not np.isfinite(found).all() and np.isfinite(rows).all():
-            raise ValueError(f"{name} must return finite numbers, got {found[0]} at {_when(t)}")
-        return found.reshape(len(y), *shape)
+            raise RuntimeError(f"{name} returned the error code {code} at {when(t)}")
+        if not np.isfinite(values).all() and np.isfinite(rows).all():
+            raise ValueError(f"{name} must return finite numbers, got {values[0]} at {when(t)}")
+        return values.reshape(len(y), *shape)
 
 
 def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
-    """Return for each parameter a function that moves it by so many steps, and their size.
+    """Return for each parameter a function that shifts it by some steps, and the step size.
 
     Parameters
     ----------
     row
         Parameters, shape ``(..., k)``.
     step
-        Size relative to the parameter's, or to one where it is zero.
+        Step size relative to the parameter, or to one if it is zero.
     """
-    found = []
+    steps_of = []
     for i in range(row.shape[-1]):
         size = step * np.where(row[..., i] == 0.0, 1.0, np.abs(row[..., i]))
 
@@ -284,8 +284,8 @@ def parameter_steps(row: Array, step: float) -> list[tuple[Any, Array]]:
             other[..., i] += steps * size
             return other
 
-        found.append((moved, np.asarray(size)))
-    return found
+        steps_of.append((moved, np.asarray(size)))
+    return steps_of
 
 
 def _constants(frame: Frame) -> Array | None:
@@ -307,7 +307,3 @@ def _read_only(y: Points) -> Points:
     view = y.view()
     view.flags.writeable = False
     return view
-
-
-def _when(t: Any) -> str:
-    return f"t = {np.atleast_1d(t)[0]:.17g}"

@@ -1,4 +1,4 @@
-"""Problems whose points carry their derivatives with them."""
+"""Problems of points with their derivatives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cg.support.checks import check_flag
 
 __all__ = ["VariationalProblem", "add_derivatives", "check_covariance"]
 
-# Of the largest entry or eigenvalue of a covariance
+# tolerance relative to the largest entry or eigenvalue of a covariance
 _ROUNDING = 1e-9
 
 
@@ -32,7 +32,7 @@ class VariationalProblem(Problem):
     field
         The functions of the right-hand side.
     source
-        The right-hand side as workers in other processes are told it.
+        The right-hand side as it is sent to workers in other processes.
     """
 
     field: VariationalField | None = None
@@ -45,19 +45,19 @@ class VariationalProblem(Problem):
         return self.field
 
     def event_table(self) -> VariationalEvents:
-        """Return the events, which see the points alone, with their further arguments."""
+        """Return the events, whose functions receive points without derivatives."""
         return VariationalEvents(self.events, self.arguments(), self.variational)
 
 
 def add_derivatives(
     problem: Problem, f: Any, jac: Any, df_dp: Any, control_derivatives: Any
 ) -> VariationalProblem:
-    """Return a problem whose points carry their derivatives, after checking the arguments.
+    """Return the problem of points with derivatives, after checking the arguments.
 
     Parameters
     ----------
     problem
-        That of the points alone.
+        The problem of the points without derivatives.
     f, jac, df_dp, control_derivatives
         As for `cg.solve_variational`.
     """
@@ -73,19 +73,21 @@ def add_derivatives(
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is not None:
         check_finite(numbers, "parameters")
-    _check_function(jac, "jac", rhs.together)
-    _check_function(df_dp, "df_dp", rhs.together)
+    _check_function(jac, "jac", rhs.vectorized)
+    _check_function(df_dp, "df_dp", rhs.vectorized)
     field = VariationalField(
         frame,
         f,
         jac,
         df_dp,
         0 if numbers is None else numbers.shape[-1],
-        rhs.together,
+        rhs.vectorized,
     )
     members = len(problem.points)
     source = compiled_variation(field, problem.plan, problem.args) or field
-    joint, _ = make_rhs(source, field.product, problem.args or None, numbers, rhs.together, members)
+    joint, _ = make_rhs(
+        source, field.product, problem.args or None, numbers, rhs.vectorized, members
+    )
     control = problem.control
     if control.h is None:
         control = control._replace(atol=_tolerances(problem, field, control_derivatives))
@@ -99,17 +101,17 @@ def add_derivatives(
     return VariationalProblem(**(same | changed), field=field, source=source)
 
 
-def _check_function(function: Any, name: str, together: bool) -> None:
+def _check_function(function: Any, name: str, vectorized: bool) -> None:
     """Raise TypeError or ValueError unless a function can be called, or is None."""
     compiled = compiled_rhs(function, name)
     if compiled is None and not (function is None or callable(function)):
         raise TypeError(f"{name} must be callable as {name}(t, y), got {function!r}")
-    if compiled is not None and together:
+    if compiled is not None and vectorized:
         raise ValueError(f"vectorized must be False for a compiled {name}, which takes one point")
 
 
 def _tolerances(problem: Problem, field: VariationalField, control_derivatives: bool) -> Array:
-    """Return absolute tolerances of all coordinates, infinite where errors don't matter."""
+    """Return absolute tolerances of all coordinates, infinite for those without error control."""
     plan, given = problem.plan, problem.control.atol
     n = field.frame.dim
     own = np.broadcast_to(np.asarray(given), plan.tolerance_shape).ravel()

@@ -18,11 +18,13 @@ __all__ = [
     "EnsembleVariationalSolution",
     "VariationalOutput",
     "VariationalSolution",
-    "parts_of",
+    "split_results",
 ]
 
 
-def parts_of(z: Array, variational: VariationalField, covariance: Array | None) -> dict[str, Any]:
+def split_results(
+    z: Array, variational: VariationalField, covariance: Array | None
+) -> dict[str, Any]:
     """Return the fields of a result that come from points with derivatives.
 
     Parameters
@@ -58,7 +60,7 @@ class VariationalOutput(DenseOutput):
     ts
         The times of the steps, shape ``(steps + 1,)``, read-only.
     t_min, t_max
-        Between which times there is a solution.
+        The interval of the solution.
 
     Examples
     --------
@@ -104,7 +106,7 @@ class VariationalOutput(DenseOutput):
         return matrices
 
     def _parts(self, t: ArrayLike) -> dict[str, Any]:
-        return parts_of(self._output(t), self._field, self._covariance)
+        return split_results(self._output(t), self._field, self._covariance)
 
 
 class EnsembleVariationalOutput(VariationalOutput, EnsembleOutput):
@@ -144,11 +146,12 @@ class VariationalSolution(Solution):
         the parameters, shape ``(n_i, dim + k)``, or None without events.
     sol
         A continuous solution, which is a function of time as `DenseOutput` is and has the methods
-        ``transition``, ``sensitivity`` and ``covariance``; or None unless asked for.
+        ``transition``, ``sensitivity`` and ``covariance``; or None without ``dense_output``.
 
     Examples
     --------
-    A body makes half a turn about its z axis: small errors in body axes turn against it.
+    A body makes half a turn about its z axis; small errors in body axes rotate in the opposite
+    direction.
 
     >>> import numpy as np
     >>> import cg

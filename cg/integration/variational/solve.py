@@ -27,7 +27,7 @@ from cg.integration.variational.results import (
     EnsembleVariationalSolution,
     VariationalOutput,
     VariationalSolution,
-    parts_of,
+    split_results,
 )
 from cg.method.method import Method
 from cg.runs import ExecutorLike
@@ -165,20 +165,24 @@ def solve_variational(
     every = int(joint.t_eval is None)
     if h is not None:
         check_grid(joint.plan, h, grid_steps(joint), every, joint.dense)
-    found = solve_one(joint, every, Progress(progress, joint.t0, joint.t1))
+    solution = solve_one(joint, every, Progress(progress, joint.t0, joint.t1))
     field = joint.variational
-    changed: dict[str, Any] = {**parts_of(found.y, field, covariance), "frame": frame}
-    if found.sol is not None:
-        changed["sol"] = VariationalOutput(found.sol, field, covariance)
+    changed: dict[str, Any] = {**split_results(solution.y, field, covariance), "frame": frame}
+    if solution.sol is not None:
+        changed["sol"] = VariationalOutput(solution.sol, field, covariance)
     changed["dt_events"] = None
-    if found.t_events is not None and found.y_events is not None and found.y_after is not None:
-        changed["y_events"] = [field.split(z)[0] for z in found.y_events]
-        changed["y_after"] = [field.split(z)[0] for z in found.y_after]
-        rows = zip(found.t_events, found.y_events, strict=True)
+    if (
+        solution.t_events is not None
+        and solution.y_events is not None
+        and solution.y_after is not None
+    ):
+        changed["y_events"] = [field.split(z)[0] for z in solution.y_events]
+        changed["y_after"] = [field.split(z)[0] for z in solution.y_after]
+        rows = zip(solution.t_events, solution.y_events, strict=True)
         changed["dt_events"] = [
             _time_derivatives(joint, index, 0, t, z) for index, (t, z) in enumerate(rows)
         ]
-    return VariationalSolution(**(vars(found) | changed))
+    return VariationalSolution(**(vars(solution) | changed))
 
 
 def _time_derivatives(
@@ -186,10 +190,10 @@ def _time_derivatives(
 ) -> Array:
     """Return derivatives of the times of an event, shape ``(times, dim + k)``."""
     field, table = problem.variational, problem.event_table()
-    found = np.empty((len(times), field.frame.dim + field.count))
-    for row, t, point in zip(found, times.tolist(), z, strict=True):
+    derivatives = np.empty((len(times), field.frame.dim + field.count))
+    for row, t, point in zip(derivatives, times.tolist(), z, strict=True):
         row[:] = table.time_derivatives(index, member, t, point)
-    return found
+    return derivatives
 
 
 def solve_variational_ensemble(
@@ -268,24 +272,28 @@ def solve_variational_ensemble(
     >>> run.transition[-1].ravel().round(6)
     array([1.648721, 2.718282])
     """
-    together = check_flag("vectorized", vectorized)
+    vectorized = check_flag("vectorized", vectorized)
     common = check_flag("common_steps", common_steps)
     problem = make_problem(
         f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, many=True,
-        together=together, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
+        vectorized=vectorized, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
         first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
         events=events, breakpoints=breakpoints, stage_solver=stage_solver,
     )  # fmt: skip
     joint = add_derivatives(problem, f, jac, df_dp, control_derivatives)
     covariance = check_covariance(P0, frame.dim, len(problem.points))
     field = joint.variational
-    found = solve_members(joint, joint.source, executor, workers, None, progress)
-    changed: dict[str, Any] = {**parts_of(found.y, field, covariance), "frame": frame}
-    if found.sol is not None:
-        changed["sol"] = EnsembleVariationalOutput(found.sol, field, covariance)
+    solution = solve_members(joint, joint.source, executor, workers, None, progress)
+    changed: dict[str, Any] = {**split_results(solution.y, field, covariance), "frame": frame}
+    if solution.sol is not None:
+        changed["sol"] = EnsembleVariationalOutput(solution.sol, field, covariance)
     changed["dt_events"] = None
-    if found.t_events is not None and found.y_events is not None and found.y_after is not None:
-        for name, lists in (("y_events", found.y_events), ("y_after", found.y_after)):
+    if (
+        solution.t_events is not None
+        and solution.y_events is not None
+        and solution.y_after is not None
+    ):
+        for name, lists in (("y_events", solution.y_events), ("y_after", solution.y_after)):
             changed[name] = [[field.split(z)[0] for z in each] for each in lists]
         changed["dt_events"] = [
             [
@@ -293,7 +301,7 @@ def solve_variational_ensemble(
                 for member, (t, z) in enumerate(zip(times, points, strict=True))
             ]
             for index, (times, points) in enumerate(
-                zip(found.t_events, found.y_events, strict=True)
+                zip(solution.t_events, solution.y_events, strict=True)
             )
         ]
-    return EnsembleVariationalSolution(**(vars(found) | changed))
+    return EnsembleVariationalSolution(**(vars(solution) | changed))

@@ -1,0 +1,347 @@
+! The inverse derivative of the exponential, dexp^-1, in the Lie algebra of a frame's fields. For y
+! = exp(u) y0 with y' = sum_i v_i E_i(y) it is u' = dexp_u^-1 v = v - [u, v] / 2 + [u, [u, v]] / 12
+! - ..., a series in Bernoulli numbers. On most blocks it has a closed form.
+module algebra_m
+  use kinds, only: wp
+  use frames_m, only: block_t, frame_t
+  use shared_numbers, only: callback_block, dexpinv_operation, euclidean_block, isospectral_block, &
+                            se3_block, shortest_operation, so_block, sphere_block, su_block, u_block
+  use orthogonal_m, only: skew_bracket, skew_coefficients, skew_matrix
+  use unitary_m, only: algebra_coefficients, algebra_matrix, multiply, times_real
+  implicit none
+  private
+  public :: dexpinv, remove_isotropy
+
+  ! |B_2k| / (2 k)! for k = 1, 2, ..., by Euler's recurrence:
+  ! (2 k + 1) b_k is the sum of b_j b_(k-j).
+  real(wp), parameter :: b1(1) = [1 / 12.0_wp]
+  real(wp), parameter :: b2(2) = [b1, dot_product(b1, b1(1:1:-1)) / 5]
+  real(wp), parameter :: b3(3) = [b2, dot_product(b2, b2(2:1:-1)) / 7]
+  real(wp), parameter :: b4(4) = [b3, dot_product(b3, b3(3:1:-1)) / 9]
+  real(wp), parameter :: b5(5) = [b4, dot_product(b4, b4(4:1:-1)) / 11]
+  real(wp), parameter :: b6(6) = [b5, dot_product(b5, b5(5:1:-1)) / 13]
+  real(wp), parameter :: b7(7) = [b6, dot_product(b6, b6(6:1:-1)) / 15]
+  real(wp), parameter :: b8(8) = [b7, dot_product(b7, b7(7:1:-1)) / 17]
+  real(wp), parameter :: b9(9) = [b8, dot_product(b8, b8(8:1:-1)) / 19]
+  real(wp), parameter :: b10(10) = [b9, dot_product(b9, b9(9:1:-1)) / 21]
+  real(wp), parameter :: b11(11) = [b10, dot_product(b10, b10(10:1:-1)) / 23]
+  real(wp), parameter :: b12(12) = [b11, dot_product(b11, b11(11:1:-1)) / 25]
+  real(wp), parameter :: b13(13) = [b12, dot_product(b12, b12(12:1:-1)) / 27]
+  real(wp), parameter :: b14(14) = [b13, dot_product(b13, b13(13:1:-1)) / 29]
+  real(wp), parameter :: b15(15) = [b14, dot_product(b14, b14(14:1:-1)) / 31]
+  real(wp), parameter :: b16(16) = [b15, dot_product(b15, b15(15:1:-1)) / 33]
+  real(wp), parameter :: b17(17) = [b16, dot_product(b16, b16(16:1:-1)) / 35]
+  real(wp), parameter :: b18(18) = [b17, dot_product(b17, b17(17:1:-1)) / 37]
+  real(wp), parameter :: b19(19) = [b18, dot_product(b18, b18(18:1:-1)) / 39]
+  real(wp), parameter :: b20(20) = [b19, dot_product(b19, b19(19:1:-1)) / 41]
+  real(wp), parameter :: b21(21) = [b20, dot_product(b20, b20(20:1:-1)) / 43]
+  real(wp), parameter :: b22(22) = [b21, dot_product(b21, b21(21:1:-1)) / 45]
+  real(wp), parameter :: b23(23) = [b22, dot_product(b22, b22(22:1:-1)) / 47]
+  ! Terms decrease by a factor 4 pi^2, so that the rest of the series is below rounding.
+  integer, parameter :: last_term = merge(11, 23, digits(1.0_wp) <= 53)
+  real(wp), parameter :: series_below = 1.0_wp             ! of the square of an angle
+  real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))     ! its square doesn't underflow
+  ! The radius of the series: at a full turn of rotations
+  real(wp), parameter :: radius = 8 * atan(1.0_wp)
+  ! relative brackets below this are rounding
+  real(wp), parameter :: commute = 16 * epsilon(1.0_wp)
+  ! Number of powers computed; the growth of the latter half is taken for that of all.
+  integer, parameter :: powers = 20
+
+contains
+
+  ! Replaces v by dexp_u^-1 v.
+  subroutine dexpinv(frame, order, u, v, exists)
+    type(frame_t), intent(in) :: frame
+    integer, intent(in) :: order                     ! of the method; truncates the series
+    real(wp), contiguous, intent(in) :: u(:)         ! (dimension)
+    real(wp), contiguous, intent(inout) :: v(:)      ! (dimension)
+    ! whether the whole series converges; if not, v is undefined
+    logical, intent(out) :: exists
+    real(wp) :: sign
+    integer :: i
+
+    exists = .true.
+    do i = 1, size(frame%blocks)
+      associate (block => frame%blocks(i), k => frame%blocks(i)%vectors)
+        if (block%kind == euclidean_block) cycle
+        sign = -1
+        if (block%space .or. block%kind == sphere_block) sign = 1
+        if (block%kind == isospectral_block) sign = 1
+        select case (block%kind)
+        case (callback_block)
+          call frame%callback%apply(dexpinv_operation, u, (v), v)
+          exists = all(abs(v) <= huge(v))
+        case (se3_block)
+          call dexpinv_motion(sign, u(k + 1:k + 6), v(k + 1:k + 6), exists)
+        case (so_block, isospectral_block)
+          if (block%n == 3) then                   ! SO(3) acts on the matrix
+            call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
+            cycle
+          end if
+          call dexpinv_skew(block%n, sign, order, u(k + 1:k + block%dimension), &
+                           v(k + 1:k + block%dimension), exists)
+        case (su_block, u_block)
+          call dexpinv_unitary(block, sign, order, u(k + 1:k + block%dimension), &
+                             v(k + 1:k + block%dimension), exists)
+        case default
+          call dexpinv_rotation(sign, u(k + 1:k + 3), v(k + 1:k + 3), exists)
+        end select
+      end associate
+    end do
+  end subroutine dexpinv
+
+  ! For rotations the bracket is the cross product times the sign, and ad^3 = -|u|^2 ad gives a
+  ! closed form. At small angles 1 - x cot x is rounding, which is small relative to v.
+  pure subroutine dexpinv_rotation(sign, u, v, exists)
+    real(wp), intent(in) :: sign
+    real(wp), intent(in) :: u(3)
+    real(wp), intent(inout) :: v(3)
+    logical, intent(inout) :: exists
+    real(wp) :: half, once(3), factor
+
+    half = max(sqrt(u(1)**2 + u(2)**2 + u(3)**2) / 2, smallest)
+    once = cross(u, v)
+    if (2 * half >= radius) then
+      if (.not. norm2(once) <= commute * norm2(u) * norm2(v)) exists = .false.
+      return
+    end if
+    factor = (1 - half * cos(half) / sin(half)) / (4 * half**2)
+    v = v - (sign / 2) * once + factor * cross(u, once)
+  end subroutine dexpinv_rotation
+
+  ! For unitary matrices: the series up to the power order - 2 of u. Beyond the radius of
+  ! convergence it is used only if the brackets of this v don't grow.
+  subroutine dexpinv_unitary(block, sign, order, u, v, exists)
+    type(block_t), intent(in) :: block
+    real(wp), intent(in) :: sign
+    integer, intent(in) :: order
+    real(wp), intent(in) :: u(:)
+    real(wp), intent(inout) :: v(:)
+    logical, intent(inout) :: exists
+    complex(wp), dimension(block%n, block%n) :: x, power, product, total
+    real(wp) :: bound
+    integer :: j
+
+    if (order < 3) return
+    call algebra_matrix(block%kind, block%n, u, x)
+    call algebra_matrix(block%kind, block%n, v, power)
+    bound = sqrt(2.0_wp) * length(x)             ! no difference of eigenvalues is larger
+    if (bound >= radius) then
+      total = times_real(1 / max(length(power), smallest), power)
+      call apply_bracket(total)
+      if (length(total) <= commute * bound) return
+      if (.not. growth(total) < radius) then
+        exists = .false.
+        return
+      end if
+    end if
+    total = power
+    call apply_bracket(power)
+    total = total + times_real(-0.5_wp, power)
+    do j = 1, min((order - 2) / 2, size(b23))
+      if (j > 1) call apply_bracket(power)
+      call apply_bracket(power)
+      total = total + times_real(merge(b23(j), -b23(j), modulo(j, 2) == 1), power)
+    end do
+    call algebra_coefficients(block%kind, block%n, total, v)
+
+  contains
+
+    ! Replaces a skew-Hermitian matrix by its bracket with x.
+    subroutine apply_bracket(power)
+      complex(wp), intent(inout) :: power(block%n, block%n)
+      integer :: i, j
+
+      call multiply(block%n, x, power, product)
+      do j = 1, block%n
+        do i = 1, block%n
+          power(i, j) = times_real(sign, product(i, j) - conjg(product(j, i)))
+        end do
+      end do
+    end subroutine apply_bracket
+
+    ! The factor by which repeated brackets with x grow
+    real(wp) function growth(power)
+      complex(wp), intent(inout) :: power(block%n, block%n)
+      real(wp) :: factor
+      integer :: k
+
+      growth = 1.0_wp
+      factor = length(power)
+      do k = 2, powers
+        power = times_real(1 / factor, power)
+        call apply_bracket(power)
+        factor = length(power)
+        if (factor <= commute * bound) then
+          growth = 0.0_wp
+          return
+        end if
+        if (k > powers / 2) growth = growth * factor**(2 / real(powers, wp))
+      end do
+    end function growth
+
+  end subroutine dexpinv_unitary
+
+  ! For real skew matrices, as dexpinv_unitary
+  subroutine dexpinv_skew(n, sign, order, u, v, exists)
+    integer, intent(in) :: n                         ! rows
+    real(wp), intent(in) :: sign
+    integer, intent(in) :: order
+    real(wp), intent(in) :: u(:)
+    real(wp), intent(inout) :: v(:)
+    logical, intent(inout) :: exists
+    real(wp), dimension(n, n) :: x, power, next, total
+    real(wp) :: bound
+    integer :: j
+
+    if (order < 3) return
+    call skew_matrix(n, sign * u, x)
+    call skew_matrix(n, v, power)
+    bound = norm2(x)                                 ! no sum of two angles is larger
+    if (bound >= radius) then
+      total = power / max(norm2(power), smallest)
+      call apply_bracket(total)
+      if (norm2(total) <= commute * bound) return
+      if (.not. growth(total) < radius) then
+        exists = .false.
+        return
+      end if
+    end if
+    total = power
+    call apply_bracket(power)
+    total = total - power / 2
+    do j = 1, min((order - 2) / 2, size(b23))
+      if (j > 1) call apply_bracket(power)
+      call apply_bracket(power)
+      total = total + merge(b23(j), -b23(j), modulo(j, 2) == 1) * power
+    end do
+    call skew_coefficients(n, total, v)
+
+  contains
+
+    ! Replaces a skew matrix by its bracket with x.
+    subroutine apply_bracket(power)
+      real(wp), intent(inout) :: power(n, n)
+
+      call skew_bracket(n, x, power, next)
+      power = next
+    end subroutine apply_bracket
+
+    ! The factor by which repeated brackets with x grow
+    real(wp) function growth(power)
+      real(wp), intent(inout) :: power(n, n)
+      real(wp) :: factor
+      integer :: k
+
+      growth = 1.0_wp
+      factor = norm2(power)
+      do k = 2, powers
+        power = power / factor
+        call apply_bracket(power)
+        factor = norm2(power)
+        if (factor <= commute * bound) then
+          growth = 0.0_wp
+          return
+        end if
+        if (k > powers / 2) growth = growth * factor**(2 / real(powers, wp))
+      end do
+    end function growth
+
+  end subroutine dexpinv_skew
+
+  ! The Frobenius norm
+  pure real(wp) function length(x)
+    complex(wp), intent(in) :: x(:, :)
+
+    length = sqrt(sum(real(x, wp)**2 + aimag(x)**2))
+  end function length
+
+  ! For rigid motions ad (ad^2 + angle^2)^2 = 0, so that the sum is 1 - ad / 2 + a ad^2 + b ad^4,
+  ! with the value and the derivative of the series at the eigenvalues of ad
+  pure subroutine dexpinv_motion(sign, u, v, exists)
+    real(wp), intent(in) :: sign
+    real(wp), intent(in) :: u(6)
+    real(wp), intent(inout) :: v(6)
+    logical, intent(inout) :: exists
+    real(wp) :: a, b, square, power(6), sum(6)
+
+    square = dot_product(u(1:3), u(1:3))
+    power = bracket(u, v)
+    if (square >= radius**2) then
+      if (.not. norm2(power) <= commute * norm2(u) * norm2(v)) exists = .false.
+      return
+    end if
+    call motion_factors(square, a, b)
+    sum = v - (sign / 2) * power
+    power = bracket(u, power)
+    sum = sum + a * power
+    power = bracket(u, bracket(u, power))
+    v = sum + b * power
+  end subroutine dexpinv_motion
+
+  ! The coefficients a and b of dexpinv_motion
+  pure subroutine motion_factors(square, a, b)
+    real(wp), intent(in) :: square           ! of the angle
+    real(wp), intent(out) :: a, b
+    real(wp) :: half, sine, cotangent, value, slope
+    integer :: k
+
+    if (square < series_below) then
+      a = 0.0_wp
+      b = 0.0_wp
+      do k = last_term - 1, 1, -1      ! of the series
+        a = (real(1 - k, wp) * b23(k + 1) + a) * square
+        b = b * square - real(k, wp) * b23(k + 1)
+      end do
+      a = a + b23(1)
+    else
+      half = sqrt(square) / 2
+      sine = sin(half)
+      cotangent = half * cos(half) / sine
+      value = (1 - cotangent) / square
+      slope = ((half / sine)**2 - cotangent) / (2 * square)
+      b = (value - slope) / square
+      a = value + b * square
+    end if
+  end subroutine motion_factors
+
+  ! The bracket of two rigid motions
+  pure function bracket(u, v)
+    real(wp), intent(in) :: u(6), v(6)       ! a rotation and a velocity
+    real(wp) :: bracket(6)
+
+    bracket(1:3) = cross(u(1:3), v(1:3))
+    bracket(4:6) = cross(u(1:3), v(4:6)) - cross(v(1:3), u(4:6))
+  end function bracket
+
+  ! The cross product
+  pure function cross(u, v)
+    real(wp), intent(in) :: u(3), v(3)
+    real(wp) :: cross(3)
+
+    cross(1) = u(2) * v(3) - u(3) * v(2)
+    cross(2) = u(3) * v(1) - u(1) * v(3)
+    cross(3) = u(1) * v(2) - u(2) * v(1)
+  end function cross
+
+  ! Removes the part of v whose flow leaves the point fixed: on a sphere, the rotation about it.
+  subroutine remove_isotropy(frame, y, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: y(:)         ! (point_size)
+    real(wp), contiguous, intent(inout) :: v(:)      ! (dimension)
+    integer :: i
+
+    do i = 1, size(frame%blocks)
+      if (frame%blocks(i)%kind == callback_block) then
+        call frame%callback%apply(shortest_operation, (v), y, v)
+      end if
+      if (frame%blocks(i)%kind /= sphere_block) cycle
+      associate (k => frame%blocks(i)%vectors, p => frame%blocks(i)%points)
+        v(k + 1:k + 3) = v(k + 1:k + 3) &
+                         - dot_product(v(k + 1:k + 3), y(p + 1:p + 3)) * y(p + 1:p + 3)
+      end associate
+    end do
+  end subroutine remove_isotropy
+
+end module algebra_m

@@ -1,0 +1,127 @@
+! Interface for f2py of the order conditions and of conversions between kinds.
+! In Python numbers of the wide kind are arrays of bytes.
+
+subroutine core_digits(count)
+  use kinds, only: wp
+  implicit none
+  integer, intent(out) :: count
+
+  count = digits(1.0_wp)
+end subroutine core_digits
+
+! To double and back, rounded to nearest.
+subroutine core_to_double(n, x, y)
+  use, intrinsic :: iso_fortran_env, only: real64
+  use kinds, only: wp
+  implicit none
+  integer, intent(in) :: n
+  real(wp), intent(in) :: x(n)
+  real(real64), intent(out) :: y(n)
+
+  y = real(x, real64)
+end subroutine core_to_double
+
+subroutine core_from_double(n, x, y)
+  use, intrinsic :: iso_fortran_env, only: real64
+  use kinds, only: wp
+  implicit none
+  integer, intent(in) :: n
+  real(real64), intent(in) :: x(n)
+  real(wp), intent(out) :: y(n)
+
+  y = real(x, wp)
+end subroutine core_from_double
+
+! x - y, y in double.
+subroutine core_subtract_double(n, x, y, difference)
+  use, intrinsic :: iso_fortran_env, only: real64
+  use kinds, only: wp
+  implicit none
+  integer, intent(in) :: n
+  real(wp), intent(in) :: x(n)
+  real(real64), intent(in) :: y(n)
+  real(wp), intent(out) :: difference(n)
+
+  difference = x - real(y, wp)
+end subroutine core_subtract_double
+
+subroutine core_highest_order(order)
+  use tree_tables, only: highest_order
+  implicit none
+  integer, intent(out) :: order
+
+  order = highest_order
+end subroutine core_highest_order
+
+! Phi(t) of the listed trees.
+subroutine core_weights(order, l, layout, n, x, m, trees, phi)
+  use kinds, only: wp
+  use weights_m, only: weights_t
+  implicit none
+  integer, intent(in) :: order, l, n, m
+  integer, intent(in) :: layout(l)   ! see read_layout
+  real(wp), intent(in) :: x(n)       ! weights, packed
+  integer, intent(in) :: trees(m)    ! indices, at most order + 1 nodes each
+  real(wp), intent(out) :: phi(m)
+  type(weights_t) :: weights
+  integer :: i
+
+  call weights%set_up(order, layout)
+  call weights%evaluate(x)
+  do i = 1, m
+    phi(i) = weights%weight(trees(i), .false.)
+  end do
+end subroutine core_weights
+
+! Phi(t) - 1/gamma(t), of the first result where the owner is zero; other owners see
+! order_conditions_t. A zero in the list of trees gives a zero.
+subroutine core_residuals(order, l, layout, n, x, m, trees, owner, r)
+  use kinds, only: wp
+  use conditions_m, only: order_conditions_t
+  implicit none
+  integer, intent(in) :: order, l, n, m
+  integer, intent(in) :: layout(l)   ! see read_layout
+  real(wp), intent(in) :: x(n)
+  integer, intent(in) :: trees(m), owner(m)
+  real(wp), intent(out) :: r(m)
+  type(order_conditions_t) :: conditions
+  integer :: flag
+
+  flag = 0
+  call conditions%set_up(order, layout, trees, owner)
+  call conditions%residual(x, r, flag)
+end subroutine core_residuals
+
+subroutine core_jacobian(order, l, layout, n, x, m, trees, owner, jac)
+  use kinds, only: wp
+  use conditions_m, only: order_conditions_t
+  implicit none
+  integer, intent(in) :: order, l, n, m
+  integer, intent(in) :: layout(l)   ! see read_layout
+  real(wp), intent(in) :: x(n)
+  integer, intent(in) :: trees(m), owner(m)
+  real(wp), intent(out) :: jac(m, n)
+  type(order_conditions_t) :: conditions
+  integer :: flag
+
+  flag = 0
+  call conditions%set_up(order, layout, trees, owner)
+  call conditions%jacobian(x, jac, flag)
+end subroutine core_jacobian
+
+! The generated tables as they were compiled, for comparison with their generator.
+subroutine core_tables(m, first_out, rest_out, prefix_out, last_out, condition_out, density_out)
+  use, intrinsic :: iso_fortran_env, only: int64
+  use tree_tables, only: first, rest, prefix, last, condition, density
+  implicit none
+  integer, intent(in) :: m
+  integer, intent(out) :: first_out(m), rest_out(m), prefix_out(m), last_out(m), condition_out(m)
+  integer(int64), intent(out) :: density_out(m)
+
+  first_out = first(:m)
+  rest_out = rest(:m)
+  prefix_out = prefix(:m)
+  last_out = last(:m)
+  condition_out = condition(:m)
+  density_out = density(:m)
+end subroutine core_tables

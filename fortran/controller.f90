@@ -1,0 +1,103 @@
+! Step size control: the PI controller of Gustafsson, and the first step of Hairer, Norsett, Wanner,
+! "Solving Ordinary Differential Equations I", section II.4; for the controller see volume II, IV.2.
+module controller_m
+  use kinds, only: wp
+  implicit none
+  private
+  public :: rejected_size, accepted_size, first_guess, first_size, smallest_size, tried_size
+
+  real(wp), parameter :: safety = 0.9_wp
+  real(wp), parameter :: smallest_factor = 0.2_wp
+  real(wp), parameter :: largest_factor = 5.0_wp
+  real(wp), parameter :: failure_factor = 0.25_wp     ! where there is no estimate
+  ! Powers of the last error and of the one before it, times the exponent
+  real(wp), parameter :: last_power = 0.7_wp
+  real(wp), parameter :: before_last_power = 0.4_wp
+  real(wp), parameter :: min_last_error = 1e-4_wp
+  ! Target of the error of the first step, in tolerances
+  real(wp), parameter :: first_error = 0.01_wp
+  ! If a norm is below this many tolerances, the first guess is this fraction of the span.
+  real(wp), parameter :: negligible = 1e-5_wp
+  real(wp), parameter :: blind_fraction = 1e-6_wp
+  real(wp), parameter :: smallest_step = 10.0_wp      ! in spacings of numbers at the time
+
+contains
+
+  ! The size of the next attempt after a rejected step; its error is huge if there is no estimate.
+  pure real(wp) function rejected_size(taken, error, exponent)
+    real(wp), intent(in) :: taken          ! size of the step
+    real(wp), intent(in) :: error          ! in tolerances
+    real(wp), intent(in) :: exponent       ! power of an error that a step size is proportional to
+
+    rejected_size = failure_factor * taken
+    if (error < huge(error)) rejected_size = max(smallest_factor, safety * error**(-exponent)) &
+      * taken
+  end function rejected_size
+
+  ! Computes the size of the step after an accepted one.
+  pure subroutine accepted_size(taken, error, exponent, after_rejection, last_error, next)
+    real(wp), intent(in) :: taken, error, exponent
+    logical, intent(in) :: after_rejection
+    real(wp), intent(inout) :: last_error  ! that of the accepted step before, then of this one
+    real(wp), intent(out) :: next          ! size of the next step
+    real(wp) :: factor
+
+    factor = largest_factor
+    if (error > 0) then
+      factor = error**(-last_power) * last_error**before_last_power
+      factor = min(largest_factor, max(smallest_factor, safety * factor**exponent))
+    end if
+    if (after_rejection) factor = min(factor, 1.0_wp)
+    next = taken * factor
+    last_error = max(error, min_last_error)
+  end subroutine accepted_size
+
+  ! The size to try, negative if it is below the resolution of time, unless it leads to the end.
+  ! That may be due to a rejection; before one the smallest size is tried.
+  pure real(wp) function tried_size(proposed, t, stop, max_step, after_rejection)
+    real(wp), intent(in) :: proposed, t, stop, max_step
+    logical, intent(in) :: after_rejection
+    real(wp) :: smallest
+
+    smallest = smallest_size(t)
+    tried_size = proposed
+    if (.not. after_rejection) tried_size = max(proposed, smallest)
+    tried_size = min(tried_size, max_step)
+    if (tried_size < min(smallest, abs(stop - t))) tried_size = -1.0_wp
+  end function tried_size
+
+  ! A first guess from the norms, in tolerances, of the point and of its derivative
+  pure real(wp) function first_guess(point, slope, span)
+    real(wp), intent(in) :: point, slope
+    real(wp), intent(in) :: span           ! of the whole integration
+
+    first_guess = blind_fraction * span
+    if (point > negligible .and. slope * span > negligible) first_guess = 0.01_wp * point / slope
+  end function first_guess
+
+  ! The first size, huge if there is no limit. The rate at which the solution changes stands for its
+  ! derivatives beyond the second, so that the unit of time makes no difference.
+  pure real(wp) function first_size(point, slope, curvature, exponent)
+    real(wp), intent(in) :: point, slope, curvature
+    real(wp), intent(in) :: exponent
+    real(wp) :: rate
+
+    first_size = huge(first_size)
+    if (slope > 0) then
+      rate = curvature / slope
+      if (point > 0) rate = max(rate, slope / point)
+      if (rate > 0) first_size = (first_error * rate / slope)**exponent / rate
+    else if (curvature > 0) then
+      first_size = sqrt(first_error / curvature)
+    end if
+  end function first_size
+
+  ! The smallest step size that is larger than the rounding of the time. The intrinsic function
+  ! spacing has a larger value near zero.
+  pure real(wp) function smallest_size(t)
+    real(wp), intent(in) :: t
+
+    smallest_size = smallest_step * (nearest(abs(t), 1.0_wp) - abs(t))
+  end function smallest_size
+
+end module controller_m

@@ -1,0 +1,229 @@
+! Differences of points: the coefficients of the flow from one point to another.
+! `sizes` gives the magnitudes that relative tolerances of such coefficients refer to.
+module coordinates_m
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use kinds, only: wp
+  use frames_m, only: block_t, frame_t, get_quaternion
+  use shared_numbers, only: callback_block, coordinates_operation, euclidean_block, &
+                            quaternion_block, se3_block, sizes_operation, so3_block, so_block, &
+                            sphere_block, su2_block, su_block, u_block
+  use unitary_m, only: unitary_difference
+  implicit none
+  private
+  public :: difference, sizes
+
+  real(wp), parameter :: pi = acos(-1.0_wp)
+  real(wp), parameter :: smallest = sqrt(tiny(1.0_wp))    ! its square doesn't underflow
+
+  ! near the opposite point of a sphere, the least fraction of the distance that is along the sphere
+  real(wp), parameter :: opposite = 1.0e-4_wp
+
+contains
+
+  ! Computes the smallest v whose flow leads from x to y. It is NaN between opposite points of a
+  ! sphere and between matrices that are half a turn apart.
+  subroutine difference(frame, x, y, v)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
+    real(wp), contiguous, intent(out) :: v(:)          ! (dimension)
+    integer :: i
+
+    do i = 1, size(frame%blocks)
+      associate (block => frame%blocks(i), &
+                 u => frame%blocks(i)%vectors, m => frame%blocks(i)%dimension, &
+                 p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
+        if (block%kind == callback_block) then
+          call frame%callback%apply(coordinates_operation, x, y, v)
+        else
+          call difference_in_block(block, x(p + 1:p + n), y(p + 1:p + n), v(u + 1:u + m))
+        end if
+      end associate
+    end do
+  end subroutine difference
+
+  ! Computes the difference in one block.
+  pure subroutine difference_in_block(block, x, y, v)
+    type(block_t), intent(in) :: block
+    real(wp), contiguous, intent(in) :: x(:), y(:)
+    real(wp), contiguous, intent(out) :: v(:)
+    real(wp) :: p(4), q(4)
+
+    select case (block%kind)
+    case (euclidean_block)
+      v = y - x
+    case (so3_block)
+      v = logarithm(quaternion_of(quotient(block, rotation(x, 3), rotation(y, 3))))
+    case (quaternion_block, su2_block)
+      p = get_quaternion(block, x)
+      q = get_quaternion(block, y)
+      v = logarithm(quaternion_quotient(p, q, block%space))
+    case (se3_block)
+      v = twist(block, x, y)
+    case (sphere_block)
+      v = smallest_rotation(x, y)
+    case (so_block, su_block, u_block)
+      call unitary_difference(block%kind, block%n, block%space, x, y, v)
+    case default                           ! no coordinates are known
+      v = ieee_value(v, ieee_quiet_nan)
+    end select
+  end subroutine difference_in_block
+
+  ! Computes the magnitude that the error in each coordinate is relative to: |y_i| on Euclidean
+  ! space, the distance from the origin for the translations of a rigid motion, 1 for angles
+  subroutine sizes(frame, y, s)
+    type(frame_t), intent(in) :: frame
+    real(wp), contiguous, intent(in) :: y(:)     ! (point_size)
+    real(wp), contiguous, intent(out) :: s(:)    ! (dimension)
+    integer :: i
+
+    s = 1.0_wp
+    do i = 1, size(frame%blocks)
+      associate (v => frame%blocks(i)%vectors, p => frame%blocks(i)%points, &
+                 n => frame%blocks(i)%point_size)
+        select case (frame%blocks(i)%kind)
+        case (euclidean_block)
+          s(v + 1:v + n) = abs(y(p + 1:p + n))
+        case (se3_block)
+          s(v + 4:v + 6) = sqrt(y(p + 4)**2 + y(p + 8)**2 + y(p + 12)**2)
+        case (callback_block)
+          call frame%callback%apply(sizes_operation, y, y, s)
+        end select
+      end associate
+    end do
+  end subroutine sizes
+
+  ! The rotation in a matrix with n columns that is stored row by row
+  pure function rotation(y, n)
+    real(wp), contiguous, intent(in) :: y(:)
+    integer, intent(in) :: n
+    real(wp) :: rotation(3, 3)
+
+    rotation(1, :) = y(1:3)
+    rotation(2, :) = y(n + 1:n + 3)
+    rotation(3, :) = y(2 * n + 1:2 * n + 3)
+  end function rotation
+
+  ! The rotation from x to y, x^T y in body axes and y x^T in space axes
+  pure function quotient(block, x, y)
+    type(block_t), intent(in) :: block
+    real(wp), intent(in) :: x(3, 3), y(3, 3)
+    real(wp) :: quotient(3, 3)
+
+    if (block%space) then
+      quotient = matmul(y, transpose(x))
+    else
+      quotient = matmul(transpose(x), y)
+    end if
+  end function quotient
+
+  ! The quaternion (vector part, scalar part >= 0) of a rotation, by way of its component of largest
+  ! modulus: S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance Control 1 (1978).
+  pure function quaternion_of(r) result(q)
+    real(wp), intent(in) :: r(3, 3)
+    real(wp) :: q(4)
+    real(wp) :: outer(4, 4), trace      ! four times the outer product of q with itself
+    integer :: i, largest
+
+    trace = r(1, 1) + r(2, 2) + r(3, 3)
+    outer(1:3, 1:3) = r + transpose(r)
+    do i = 1, 3
+      outer(i, i) = 1 - trace + 2 * r(i, i)
+    end do
+    outer(1:3, 4) = [r(3, 2) - r(2, 3), r(1, 3) - r(3, 1), r(2, 1) - r(1, 2)]
+    outer(4, 1:3) = outer(1:3, 4)
+    outer(4, 4) = 1 + trace
+    largest = 1
+    do i = 2, 4
+      if (outer(i, i) > outer(largest, largest)) largest = i
+    end do
+    q = outer(:, largest) / norm2(outer(:, largest))
+    if (q(4) < 0) q = -q
+  end function quaternion_of
+
+  ! The rotation vector, of length at most 2 pi, of a unit quaternion
+  pure function logarithm(q) result(v)
+    real(wp), intent(in) :: q(4)
+    real(wp) :: v(3)
+    real(wp) :: sine
+
+    sine = sqrt(dot_product(q(1:3), q(1:3)))
+    if (sine > 0) then
+      v = (2 * (atan2(sine, q(4)) / sine)) * q(1:3)
+    else if (q(4) < 0) then
+      v = [2 * pi, 0.0_wp, 0.0_wp]     ! any axis would do
+    else
+      v = 2 * q(1:3)
+    end if
+  end function logarithm
+
+  ! The coefficients (v, u) of the rigid motion from x to y. Its translation is
+  ! a u + (1 - a) n (n . u) + b n x u, as in frames; across the axis n that is a turn and a
+  ! stretch by the sinc of half the angle.
+  pure function twist(block, x, y)
+    type(block_t), intent(in) :: block
+    real(wp), contiguous, intent(in) :: x(:), y(:)     ! (16)
+    real(wp) :: twist(6)
+    real(wp) :: r(3, 3), u(3), v(3), n(3), half, a, b
+
+    r = quotient(block, rotation(x, 4), rotation(y, 4))
+    v = logarithm(quaternion_of(r))
+    u = [y(4), y(8), y(12)]
+    if (block%space) then
+      u = u - matmul(r, [x(4), x(8), x(12)])
+    else
+      u = u - [x(4), x(8), x(12)]
+      u = matmul(transpose(rotation(x, 4)), u)
+    end if
+    half = max(sqrt(dot_product(v, v)) / 2, smallest)
+    n = v / (2 * half)
+    a = half * cos(half) / sin(half)
+    b = half
+    twist(1:3) = v
+    twist(4:6) = a * u + (1 - a) * dot_product(n, u) * n - b * cross(n, u)
+  end function twist
+
+  ! p^-1 q, or q p^-1
+  pure function quaternion_quotient(p, q, space) result(r)
+    real(wp), intent(in) :: p(4), q(4)      ! vector part, scalar part
+    logical, intent(in) :: space
+    real(wp) :: r(4)
+
+    r(1:3) = p(4) * q(1:3) - q(4) * p(1:3)
+    if (space) then
+      r(1:3) = r(1:3) + cross(p(1:3), q(1:3))
+    else
+      r(1:3) = r(1:3) - cross(p(1:3), q(1:3))
+    end if
+    r(4) = dot_product(p, q)
+  end function quaternion_quotient
+
+  ! The cross product
+  pure function cross(u, v)
+    real(wp), intent(in) :: u(3), v(3)
+    real(wp) :: cross(3)
+
+    cross(1) = u(2) * v(3) - u(3) * v(2)
+    cross(2) = u(3) * v(1) - u(1) * v(3)
+    cross(3) = u(1) * v(2) - u(2) * v(1)
+  end function cross
+
+  ! The smallest rotation vector that rotates the unit vector x to y
+  pure function smallest_rotation(x, y) result(v)
+    real(wp), intent(in) :: x(3), y(3)
+    real(wp) :: v(3), short(3)
+    real(wp) :: sine, cosine
+
+    cosine = dot_product(x, y)
+    short = y - sign(1.0_wp, cosine) * x
+    v = cross(x, short)
+    sine = sqrt(dot_product(v, v))
+    if (cosine < 0 .and. .not. sine > opposite * norm2(short)) then
+      v = ieee_value(sine, ieee_quiet_nan)
+    else if (sine > 0) then
+      v = (atan2(sine, cosine) / sine) * v
+    else if (.not. cosine > 0) then
+      v = ieee_value(sine, ieee_quiet_nan)
+    end if
+  end function smallest_rotation
+
+end module coordinates_m

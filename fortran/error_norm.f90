@@ -1,0 +1,116 @@
+! Norms of errors of steps: root mean squares over the coefficients of the flow from one
+! point to another or, on frames without such coefficients, over the entries of points.
+module error_norm_m
+  use kinds, only: wp
+  use coordinates_m, only: difference, sizes
+  use frames_m, only: frame_t
+  use isospectral_m, only: isospectral_tangent
+  use shared_numbers, only: callback_block, tangent_operation
+  implicit none
+  private
+  public :: tolerances_t, norm, point_difference, point_sizes, scales, tangent, width
+
+  ! The tolerances of a pair and the limits of its steps
+  type :: tolerances_t
+    real(wp), allocatable :: atol(:)       ! (width)
+    real(wp) :: rtol = 0.0_wp
+    logical :: in_entries = .false.        ! whether differences of entries are measured
+    integer :: parts = 1                   ! numbers of an entry: 2 if it is complex
+    real(wp) :: exponent = 0.0_wp          ! power of an error that a step size is proportional to
+    real(wp) :: max_step = 0.0_wp
+  end type tolerances_t
+
+contains
+
+  ! The number of entries of a difference
+  pure integer function width(frame, tolerances)
+    type(frame_t), intent(in) :: frame
+    type(tolerances_t), intent(in) :: tolerances
+
+    width = merge(frame%point_size, frame%dimension, tolerances%in_entries)
+  end function width
+
+  ! Computes the difference of two points.
+  subroutine point_difference(frame, tolerances, x, y, v)
+    type(frame_t), intent(in) :: frame
+    type(tolerances_t), intent(in) :: tolerances
+    real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
+    real(wp), contiguous, intent(out) :: v(:)          ! (width)
+
+    if (tolerances%in_entries) then
+      v = y - x
+    else
+      call difference(frame, x, y, v)
+    end if
+  end subroutine point_difference
+
+  ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
+  ! isospectral or outside of compiled code.
+  subroutine tangent(frame, tolerances, v, y, found)
+    type(frame_t), intent(in) :: frame
+    type(tolerances_t), intent(in) :: tolerances
+    real(wp), contiguous, intent(in) :: v(:)           ! (dimension)
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), contiguous, intent(out) :: found(:)      ! (width)
+    integer :: i
+
+    if (.not. tolerances%in_entries) then
+      found = v
+      return
+    end if
+    do i = 1, size(frame%blocks)
+      associate (k => frame%blocks(i)%vectors, m => frame%blocks(i)%dimension, &
+                 p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
+        if (frame%blocks(i)%kind == callback_block) then
+          call frame%callback%apply(tangent_operation, v, y, found)
+        else
+          call isospectral_tangent(frame%blocks(i)%n, v(k + 1:k + m), y(p + 1:p + n), &
+                                   found(p + 1:p + n))
+        end if
+      end associate
+    end do
+  end subroutine tangent
+
+  ! Computes the magnitudes that relative errors refer to; for entries, the root mean square of all
+  ! entries whose tolerance is finite.
+  subroutine point_sizes(frame, tolerances, y, found)
+    type(frame_t), intent(in) :: frame
+    type(tolerances_t), intent(in) :: tolerances
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), contiguous, intent(out) :: found(:)      ! (width)
+    integer :: counted
+
+    if (.not. tolerances%in_entries) then
+      call sizes(frame, y, found)
+      return
+    end if
+    counted = count(tolerances%atol <= huge(1.0_wp))
+    found = norm2(merge(y, 0.0_wp, tolerances%atol <= huge(1.0_wp))) &
+            / sqrt(real(counted / tolerances%parts, wp))
+  end subroutine point_sizes
+
+  ! Computes the tolerances at the larger of two points, all positive.
+  subroutine scales(frame, tolerances, x, y, spare, found)
+    type(frame_t), intent(in) :: frame
+    type(tolerances_t), intent(in) :: tolerances
+    real(wp), contiguous, intent(in) :: x(:), y(:)     ! (point_size)
+    real(wp), contiguous, intent(out) :: spare(:)      ! (width) workspace
+    real(wp), contiguous, intent(out) :: found(:)      ! (width)
+
+    call point_sizes(frame, tolerances, x, spare)
+    call point_sizes(frame, tolerances, y, found)
+    found = max(tolerances%rtol * max(found, spare) + tolerances%atol, tiny(1.0_wp))
+  end subroutine scales
+
+  ! The root mean square of a difference in tolerances. Entries with infinite tolerance are left
+  ! out.
+  pure real(wp) function norm(tolerances, v, scale)
+    type(tolerances_t), intent(in) :: tolerances
+    real(wp), contiguous, intent(in) :: v(:), scale(:)       ! (width)
+    integer :: counted
+
+    counted = max(count(scale <= huge(1.0_wp)), 1)
+    norm = sqrt(sum((v / scale)**2) / (real(counted, wp) / real(tolerances%parts, wp)))
+  end function norm
+
+end module error_norm_m

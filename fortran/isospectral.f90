@@ -1,0 +1,122 @@
+! Flows on isospectral orbits: symmetric matrices with given eigenvalues, moved by y -> g y g^T with
+! rotations g. A point is its own transpose, so that the order of storage doesn't matter.
+module isospectral_m
+  use kinds, only: wp
+  use orthogonal_m, only: move_orthogonal, multiply, skew_matrix, to_orthogonal
+  implicit none
+  private
+  public :: move_isospectral, isospectral_tangent, restore_isospectral
+
+  integer, parameter :: max_sweeps = 30
+
+contains
+
+  ! Moves a point by the product of the rotations of all flows.
+  pure subroutine move_isospectral(n, f, y)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
+    real(wp), intent(inout) :: y(n, n)
+    real(wp) :: g(n, n), product(n, n)           ! g is the transpose of the rotation
+    integer :: i, j
+
+    g = 0.0_wp
+    do i = 1, n
+      g(i, i) = 1.0_wp
+    end do
+    call move_orthogonal(n, .true., f, g)
+    call multiply(n, y, g, product)
+    do j = 1, n
+      do i = 1, j
+        y(i, j) = dot_product(g(:, i), product(:, j))
+        y(j, i) = y(i, j)
+      end do
+    end do
+  end subroutine move_isospectral
+
+  ! x y - y x for the skew matrix x with coefficients v, which is x y and its transpose
+  pure subroutine isospectral_tangent(n, v, y, tangent)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: v(:)                 ! (dimension)
+    real(wp), intent(in) :: y(n, n)
+    real(wp), intent(out) :: tangent(n, n)
+    real(wp) :: x(n, n), product(n, n)
+
+    call skew_matrix(n, v, x)
+    call multiply(n, x, y, product)
+    tangent = product + transpose(product)
+  end subroutine isospectral_tangent
+
+  ! Replaces the eigenvalues, which rounding has changed, by the given ones.
+  pure subroutine restore_isospectral(n, spectrum, y)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: spectrum(n)          ! increasing
+    real(wp), intent(inout) :: y(n, n)
+    real(wp) :: vectors(n, n), scaled(n, n), values(n)
+    integer :: i, j, k, place
+
+    if (.not. all(abs(y) <= huge(y))) return     ! no eigenvalues
+    call diagonalise(n, y, values, vectors)
+    call to_orthogonal(n, vectors)
+    do k = 1, n
+      place = 1
+      do j = 1, n
+        if (values(j) < values(k) .or. (j < k .and. .not. values(j) > values(k))) place = place + 1
+      end do
+      scaled(k, :) = spectrum(place) * vectors(:, k)
+    end do
+    vectors = transpose(vectors)
+    do j = 1, n
+      do i = 1, j
+        y(i, j) = dot_product(vectors(:, i), scaled(:, j))
+        y(j, i) = y(i, j)
+      end do
+    end do
+  end subroutine restore_isospectral
+
+  ! Eigenvalues and eigenvectors by cyclic Jacobi rotations, until all entries off the diagonal are
+  ! rounding
+  pure subroutine diagonalise(n, matrix, values, vectors)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: matrix(n, n)
+    real(wp), intent(out) :: values(n)           ! relative to the largest entry
+    real(wp), intent(out) :: vectors(n, n)       ! columns
+    real(wp) :: a(n, n), column(n), largest, cosine, sine, tangent
+    integer :: i, p, q, sweep
+    logical :: done
+
+    vectors = 0.0_wp
+    do i = 1, n
+      vectors(i, i) = 1.0_wp
+    end do
+    largest = maxval(abs(matrix))
+    a = 0.0_wp
+    if (largest > 0) a = matrix / largest
+    do sweep = 1, max_sweeps
+      done = .true.
+      do q = 2, n
+        do p = 1, q - 1
+          if (abs(a(p, q)) <= epsilon(largest) / 16) cycle
+          done = .false.
+          tangent = (a(q, q) - a(p, p)) / (2 * a(p, q))
+          tangent = sign(1 / (abs(tangent) + sqrt(tangent**2 + 1)), tangent)
+          cosine = 1 / sqrt(tangent**2 + 1)
+          sine = tangent * cosine
+          column = a(:, p)
+          a(:, p) = cosine * column - sine * a(:, q)
+          a(:, q) = sine * column + cosine * a(:, q)
+          column = a(p, :)
+          a(p, :) = cosine * column - sine * a(q, :)
+          a(q, :) = sine * column + cosine * a(q, :)
+          column = vectors(:, p)
+          vectors(:, p) = cosine * column - sine * vectors(:, q)
+          vectors(:, q) = sine * column + cosine * vectors(:, q)
+        end do
+      end do
+      if (done) exit
+    end do
+    do i = 1, n
+      values(i) = a(i, i)
+    end do
+  end subroutine diagonalise
+
+end module isospectral_m

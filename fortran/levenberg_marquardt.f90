@@ -1,0 +1,273 @@
+! MINPACK's lmdif: nonlinear least squares with a Jacobian by forward differences, by steps within
+! an elliptic trust region |D p| <= delta. J. J. More, The Levenberg-Marquardt algorithm:
+! implementation and theory, LNM 630 (1978).
+module levenberg_marquardt_m
+  use kinds, only: wp
+  use least_squares_m, only: least_squares_t, residual_calls, jacobian_calls
+  use linalg_m, only: enorm, lmpar, qrfac
+  use shared_numbers, only: stopped_by_user, improper_input, small_reduction, small_step, &
+      small_reduction_and_step, small_gradient, too_many_evaluations, &
+      ftol_too_small, xtol_too_small, gtol_too_small
+  implicit none
+  private
+  public :: lmdif, solver_t
+
+  ! Values of `mode`: the scaling D comes from the columns of the Jacobian, or from the caller.
+  integer, parameter :: scale_by_columns = 1
+  integer, parameter :: scale_as_given = 2
+
+  ! The settings and the results of one solve, under MINPACK's names
+  type :: solver_t
+    real(wp) :: ftol = 0.0_wp, xtol = 0.0_wp, gtol = 0.0_wp    ! >= 0
+    integer :: maxfev = 0                    ! > 0: largest number of evaluations
+    real(wp) :: epsfcn = 0.0_wp              ! relative error of f, at least epsilon is taken
+    integer :: mode = scale_by_columns
+    real(wp) :: factor = 100.0_wp            ! > 0: the first delta is factor * |D x|
+    real(wp), allocatable :: diag(:)         ! (n): D; needed if mode is scale_as_given
+    integer :: info = improper_input         ! a Status, or the negative flag of the problem
+    integer :: nfev = 0                      ! evaluations, those for differences included
+    real(wp), allocatable :: fjac(:, :)      ! (m, n): R and the reflections of the last Jacobian
+    integer, allocatable :: ipvt(:)          ! (n): its pivots
+    real(wp), allocatable :: qtf(:)          ! (n): first n elements of Q^T f
+  end type solver_t
+
+  real(wp), parameter :: eps = epsilon(1.0_wp)
+
+contains
+
+  ! Whether MINPACK would accept the settings for m residuals of n unknowns
+  pure logical function proper_input(solver, n, m)
+    type(solver_t), intent(in) :: solver
+    integer, intent(in) :: n, m
+
+    proper_input = n > 0 .and. m >= n .and. solver%ftol >= 0 .and. solver%xtol >= 0 &
+        .and. solver%gtol >= 0 .and. solver%maxfev > 0 .and. solver%factor > 0
+    if (solver%mode == scale_as_given) proper_input = proper_input .and. all(solver%diag > 0)
+  end function proper_input
+
+  ! Minimises |f(x)|. If the settings are improper, f is never called.
+  subroutine lmdif(problem, x, fvec, solver)
+    class(least_squares_t), intent(inout) :: problem
+    real(wp), intent(inout) :: x(:)                   ! (n): start in, last accepted point out
+    real(wp), intent(out) :: fvec(:)                  ! (m): f(x)
+    type(solver_t), intent(inout) :: solver
+    real(wp) :: step(size(x)), trial(size(x)), acnorm(size(x)), work(size(x))
+    real(wp) :: fnorm, fnorm_trial, gnorm, xnorm, pnorm, delta, par
+    real(wp) :: actual, predicted, slope, ratio
+    real(wp), allocatable :: ftrial(:)  ! (m)
+    integer :: flag, iteration
+
+    fvec = 0
+    flag = 0
+    solver%info = improper_input
+    solver%nfev = 0
+    allocate (ftrial(size(fvec)), solver%fjac(size(fvec), size(x)), source=0.0_wp)
+    allocate (solver%ipvt(size(x)), source=0)
+    allocate (solver%qtf(size(x)), source=0.0_wp)
+    if (.not. allocated(solver%diag)) allocate (solver%diag(size(x)), source=1.0_wp)
+
+    main: block
+      if (.not. proper_input(solver, size(x), size(fvec))) exit main
+      flag = residual_calls
+      call problem%residual(x, fvec, flag)
+      solver%nfev = 1
+      if (flag < 0) exit main
+      fnorm = enorm(fvec)
+      par = 0
+      iteration = 1
+
+      outer: do
+        flag = jacobian_calls
+        call difference_jacobian(problem, x, fvec, solver, flag)
+        if (flag < 0) exit main
+        call qrfac(solver%fjac, solver%ipvt, work, acnorm, problem%stop_flag)
+        if (problem%stopped()) flag = stopped_by_user
+        if (flag < 0) exit main
+
+        if (iteration == 1) then
+          if (solver%mode /= scale_as_given) solver%diag = merge(acnorm, 1.0_wp, acnorm > 0)
+          xnorm = enorm(solver%diag * x)
+          delta = solver%factor * xnorm
+          if (.not. delta > 0) delta = solver%factor
+        end if
+
+        ftrial = fvec
+        call apply_reflections(solver%fjac, work, ftrial, solver%qtf)
+        gnorm = scaled_gradient(solver%fjac, solver%ipvt, solver%qtf, fnorm, acnorm)
+        if (gnorm <= solver%gtol) then
+          solver%info = small_gradient
+          exit main
+        end if
+        if (solver%mode /= scale_as_given) solver%diag = max(solver%diag, acnorm)
+
+        inner: do
+          call lmpar(solver%fjac, solver%ipvt, solver%diag, solver%qtf, delta, par, step, work, &
+                     problem%stop_flag)
+          if (problem%stopped()) flag = stopped_by_user
+          if (flag < 0) exit main
+          step = -step
+          trial = x + step
+          pnorm = enorm(solver%diag * step)
+          if (iteration == 1) delta = min(delta, pnorm)
+
+          flag = residual_calls
+          call problem%residual(trial, ftrial, flag)
+          solver%nfev = solver%nfev + 1
+          if (flag < 0) exit main
+          fnorm_trial = enorm(ftrial)
+
+          actual = -1
+          if (0.1_wp * fnorm_trial < fnorm) actual = 1 - (fnorm_trial / fnorm)**2
+          call predict(solver, step, fnorm, par, pnorm, predicted, slope)
+          ratio = 0
+          if (abs(predicted) > 0) ratio = actual / predicted
+          call adjust_region(ratio, actual, slope, 0.1_wp * fnorm_trial >= fnorm, pnorm, delta, par)
+
+          if (ratio >= 1.0e-4_wp) then
+            x = trial
+            fvec = ftrial
+            xnorm = enorm(solver%diag * x)
+            fnorm = fnorm_trial
+            iteration = iteration + 1
+          end if
+
+          solver%info = stop_reason(solver, actual, predicted, ratio, delta, xnorm, gnorm)
+          if (solver%info /= improper_input) exit main
+          if (.not. ratio < 1.0e-4_wp) exit inner
+        end do inner
+      end do outer
+    end block main
+
+    if (flag < 0) solver%info = flag
+  end subroutine lmdif
+
+  ! The Jacobian by forward differences with steps sqrt(epsfcn) * |x_j|.
+  subroutine difference_jacobian(problem, x, fvec, solver, flag)
+    class(least_squares_t), intent(inout) :: problem
+    real(wp), intent(inout) :: x(:)     ! (n): unchanged on return
+    real(wp), intent(in) :: fvec(:)     ! (m): f(x)
+    type(solver_t), intent(inout) :: solver
+    integer, intent(inout) :: flag
+    real(wp) :: step, held
+    integer :: j
+
+    do j = 1, size(x)
+      held = x(j)
+      step = sqrt(max(solver%epsfcn, eps)) * abs(held)
+      if (.not. step > 0) step = sqrt(max(solver%epsfcn, eps))
+      x(j) = held + step
+      call problem%residual(x, solver%fjac(:, j), flag)
+      solver%nfev = solver%nfev + 1
+      x(j) = held
+      if (problem%stopped()) flag = stopped_by_user
+      if (flag < 0) return
+      solver%fjac(:, j) = (solver%fjac(:, j) - fvec) / step
+    end do
+  end subroutine difference_jacobian
+
+  ! Overwrites `f` by Q^T f, keeps its first n elements, and puts R's diagonal
+  ! into the place that the reflections no longer need.
+  pure subroutine apply_reflections(qr, rdiag, f, qtf)
+    real(wp), intent(inout), contiguous :: qr(:,:)  ! (m, n)
+    real(wp), intent(in) :: rdiag(:)                ! (n)
+    real(wp), intent(inout), contiguous :: f(:)     ! (m)
+    real(wp), intent(out) :: qtf(:)                 ! (n)
+    real(wp) :: factor
+    integer :: j
+
+    do j = 1, size(qr, 2)
+      if (abs(qr(j, j)) > 0) then
+        factor = -dot_product(qr(j:, j), f(j:)) / qr(j, j)
+        f(j:) = f(j:) + qr(j:, j) * factor
+      end if
+      qr(j, j) = rdiag(j)
+      qtf(j) = f(j)
+    end do
+  end subroutine apply_reflections
+
+  ! Largest cosine of the angle between f and a column of the Jacobian.
+  pure real(wp) function scaled_gradient(r, ipvt, qtf, fnorm, acnorm)
+    real(wp), intent(in), contiguous :: r(:,:)  ! (m, n): R in the upper triangle
+    integer, intent(in) :: ipvt(:)              ! (n)
+    real(wp), intent(in) :: qtf(:)              ! (n)
+    real(wp), intent(in) :: fnorm
+    real(wp), intent(in) :: acnorm(:)           ! (n): norms of the Jacobian's columns
+    integer :: j
+
+    scaled_gradient = 0
+    if (.not. fnorm > 0) return
+    do j = 1, size(r, 2)
+      if (.not. acnorm(ipvt(j)) > 0) cycle
+      scaled_gradient = max(scaled_gradient, &
+          abs(dot_product(r(:j, j), qtf(:j) / fnorm) / acnorm(ipvt(j))))
+    end do
+  end function scaled_gradient
+
+  ! Relative reduction of |f|**2 in the linear model, and half its derivative
+  ! along the step.
+  pure subroutine predict(solver, step, fnorm, par, pnorm, reduction, slope)
+    type(solver_t), intent(in) :: solver        ! whose fjac has R in the upper triangle
+    real(wp), intent(in) :: step(:)             ! (n)
+    real(wp), intent(in) :: fnorm, par, pnorm
+    real(wp), intent(out) :: reduction, slope
+    real(wp) :: image(size(step))
+    real(wp) :: linear, damping
+    integer :: j
+
+    image = 0
+    do j = 1, size(step)
+      image(:j) = image(:j) + solver%fjac(:j, j) * step(solver%ipvt(j))
+    end do
+    linear = enorm(image) / fnorm
+    damping = (sqrt(par) * pnorm) / fnorm
+    reduction = linear**2 + damping**2 / 0.5_wp
+    slope = -(linear**2 + damping**2)
+  end subroutine predict
+
+  ! Shrinks or widens the trust region by how well the model foretold f.
+  pure subroutine adjust_region(ratio, actual, slope, far_worse, pnorm, delta, par)
+    real(wp), intent(in) :: ratio, actual, slope, pnorm
+    logical, intent(in) :: far_worse  ! |f| grew tenfold or more
+    real(wp), intent(inout) :: delta, par
+    real(wp) :: shrink
+
+    if (ratio <= 0.25_wp) then
+      shrink = 0.5_wp
+      if (actual < 0) shrink = 0.5_wp * slope / (slope + 0.5_wp * actual)
+      if (far_worse .or. shrink < 0.1_wp) shrink = 0.1_wp
+      delta = shrink * min(delta, pnorm / 0.1_wp)
+      par = par / shrink
+    else if (.not. par > 0 .or. ratio >= 0.75_wp) then
+      delta = pnorm / 0.5_wp
+      par = 0.5_wp * par
+    end if
+  end subroutine adjust_region
+
+  ! MINPACK's tests in MINPACK's order; improper_input stands for "go on".
+  pure integer function stop_reason(solver, actual, predicted, ratio, delta, xnorm, gnorm) &
+      result(info)
+    type(solver_t), intent(in) :: solver
+    real(wp), intent(in) :: actual, predicted, ratio, delta, xnorm, gnorm
+
+    info = improper_input
+    if (reduction_within(solver%ftol)) info = small_reduction
+    if (delta <= solver%xtol * xnorm) info = small_step
+    if (reduction_within(solver%ftol) .and. info == small_step) info = small_reduction_and_step
+    if (info /= improper_input) return
+
+    if (solver%nfev >= solver%maxfev) info = too_many_evaluations
+    if (reduction_within(eps)) info = ftol_too_small
+    if (delta <= eps * xnorm) info = xtol_too_small
+    if (gnorm <= eps) info = gtol_too_small
+
+  contains
+
+    pure logical function reduction_within(tolerance)
+      real(wp), intent(in) :: tolerance
+      reduction_within = abs(actual) <= tolerance .and. predicted <= tolerance &
+          .and. 0.5_wp * ratio <= 1
+    end function reduction_within
+
+  end function stop_reason
+
+end module levenberg_marquardt_m

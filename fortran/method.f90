@@ -1,0 +1,83 @@
+! A method as paths of flows from one point to another. The points are stages, results, and points
+! from which more than one path starts.
+module method_m
+  use frames_m, only: flow_sequence_t
+  use kinds, only: wp
+  implicit none
+  private
+  public :: method_t, make_method
+
+  type :: method_t
+    ! paths, in an order in which each can be followed when it is reached
+    ! (paths) the path to its start, 0 for the start of the step
+    integer, allocatable :: origin(:)
+    integer, allocatable :: path_first(:)    ! (paths + 1) the first flow of each
+    type(flow_sequence_t) :: flows           ! of all paths; their fields are those of the stages
+    ! stages
+    integer, allocatable :: stage_path(:)    ! (stages) the path to each, 0 for the start
+    real(wp), allocatable :: c(:)            ! (stages) abscissae
+    ! results
+    integer :: result = 0                    ! the path to it
+    integer :: embedded = 0                  ! the path to the second one of a pair
+    integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
+    ! of a method of two registers, Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1)
+    logical :: two_registers = .false.
+    real(wp), allocatable :: a(:), b(:)      ! (stages)
+    logical :: on_algebra = .false.
+    logical :: implicit = .false.            ! whether Python solves the stage equations
+    integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
+    ! weights of the stages in error estimates that need no flow
+    real(wp), allocatable :: error(:, :)     ! (stages, estimates)
+  end type method_t
+
+contains
+
+  ! Makes a method. All its integers come as one list, as cg/integration/step/paths.py writes them:
+  ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
+  ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, and
+  ! that of its error estimates. The weights are followed by a and b of registers, by those of
+  ! errors, and always by one number more, since the caller's arrays can't be empty.
+  subroutine make_method(list, weight, c, method)
+    integer, intent(in) :: list(:)
+    real(wp), intent(in) :: weight(:)        ! (terms + 1) or more
+    real(wp), intent(in) :: c(:)             ! (stages)
+    type(method_t), intent(out) :: method
+    integer :: used, k
+
+    used = 4
+    associate (paths => list(1), flows => list(2), terms => list(3), stages => list(4))
+      call take(paths, method%origin)
+      call take(paths + 1, method%path_first)
+      call take(flows + 1, method%flows%first)
+      call take(terms, method%flows%stage)
+      call take(stages, method%stage_path)
+      method%flows%weight = weight(:terms)
+      method%result = list(used + 1)
+      method%embedded = list(used + 2)
+      method%final_stage = list(used + 3)
+      method%two_registers = list(used + 4) == 1
+      if (method%two_registers) then
+        method%a = weight(terms + 1:terms + stages)
+        method%b = weight(terms + stages + 1:terms + 2 * stages)
+      end if
+      method%series = list(used + 5)
+      method%on_algebra = method%series > 0
+      k = terms
+      if (method%two_registers) k = k + 2 * stages
+      method%error = reshape(weight(k + 1:k + stages * list(used + 6)), [stages, list(used + 6)])
+    end associate
+    method%c = c
+
+  contains
+
+    subroutine take(length, part)
+      integer, intent(in) :: length
+      integer, allocatable, intent(out) :: part(:)
+
+      part = list(used + 1:used + length)
+      used = used + length
+    end subroutine take
+
+  end subroutine make_method
+
+end module method_m

@@ -1,0 +1,101 @@
+! The output of trajectories: views of the caller's arrays, and how many entries are used. When an
+! array may not have room for another step, the trajectories pause and the caller empties it.
+module output_m
+  use iso_fortran_env, only: int64
+  use kinds, only: wp
+  use interpolant_m, only: interpolant_t
+  implicit none
+  private
+  public :: output_t, has_room, store_interpolant, store_event, store_step
+
+  type :: output_t
+    ! points at output times
+    integer :: outputs = 0
+    real(wp), pointer, contiguous :: times(:) => null()        ! (outputs)
+    real(wp), pointer, contiguous :: y(:, :, :) => null()      ! (point_size, members, outputs)
+    ! ends of steps, for a single trajectory
+    integer(int64) :: every = 1              ! every so many steps are stored, and the last one
+    integer(int64) :: step_capacity = 0, steps = 0
+    real(wp), pointer, contiguous :: step_t(:) => null()       ! (capacity)
+    real(wp), pointer, contiguous :: step_y(:, :) => null()    ! (point_size, capacity)
+    ! interpolants of steps
+    logical :: dense = .false.               ! of all steps
+    integer(int64) :: dense_capacity = 0, interpolants = 0
+    integer(int64), pointer, contiguous :: dense_member(:) => null()
+    ! (4, capacity) start, size, end, 1 on an algebra
+    real(wp), pointer, contiguous :: dense_t(:, :) => null()
+    real(wp), pointer, contiguous :: dense_y(:, :, :) => null()        ! (point_size, 2, capacity)
+    ! (dimension, columns, capacity)
+    real(wp), pointer, contiguous :: dense_field(:, :, :) => null()
+    ! events
+    integer(int64) :: event_capacity = 0, events = 0
+    integer(int64) :: functions = 0          ! number of event functions
+    integer(int64) :: lanes = 1              ! trajectories that may each write one step
+    integer(int64), pointer, contiguous :: event_of(:, :) => null()    ! (2, capacity) member, event
+    real(wp), pointer, contiguous :: event_t(:) => null()
+    real(wp), pointer, contiguous :: event_y(:, :, :) => null()        ! (point_size, 2, capacity)
+  end type output_t
+
+contains
+
+  ! Whether there is room for the output of one step of all trajectories
+  pure logical function has_room(output)
+    type(output_t), intent(in) :: output
+
+    has_room = (output%step_capacity == 0 .or. output%steps < output%step_capacity) &
+               .and. (.not. output%dense &
+                      .or. output%interpolants + output%lanes <= output%dense_capacity) &
+               .and. output%events + output%functions * output%lanes <= output%event_capacity
+  end function has_room
+
+  ! Stores the end of a step.
+  pure subroutine store_step(output, number, t, y, last)
+    type(output_t), intent(inout) :: output
+    integer(int64), intent(in) :: number               ! of the step, from 1
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    logical, intent(in) :: last                        ! whether to store it in any case
+
+    if (output%step_capacity == 0) return
+    if (.not. (last .or. mod(number, output%every) == 0)) return
+    output%steps = output%steps + 1
+    output%step_t(output%steps) = t
+    output%step_y(:, output%steps) = y
+  end subroutine store_step
+
+  ! Stores an interpolant.
+  pure subroutine store_interpolant(output, member, t_end, interpolant)
+    type(output_t), intent(inout) :: output
+    integer, intent(in) :: member                      ! from 1
+    ! end of its validity, before t0 + h after an event
+    real(wp), intent(in) :: t_end
+    type(interpolant_t), intent(in) :: interpolant
+
+    output%interpolants = output%interpolants + 1
+    associate (k => output%interpolants)
+      output%dense_member(k) = int(member, int64)
+      output%dense_t(:, k) = [interpolant%t0, interpolant%h, t_end, &
+                              merge(1.0_wp, 0.0_wp, interpolant%on_algebra)]
+      output%dense_y(:, 1, k) = interpolant%y0
+      output%dense_y(:, 2, k) = interpolant%y1
+      output%dense_field(:, :, k) = interpolant%field
+    end associate
+  end subroutine store_interpolant
+
+  ! Stores an event.
+  pure subroutine store_event(output, member, event, t, before, after)
+    type(output_t), intent(inout) :: output
+    integer, intent(in) :: member, event
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: before(:), after(:)    ! (point_size)
+
+    output%events = output%events + 1
+    associate (k => output%events)
+      output%event_of(:, k) = int([member, event], int64)
+      output%event_t(k) = t
+      output%event_y(:, 1, k) = before
+      output%event_y(:, 2, k) = after
+    end associate
+  end subroutine store_event
+
+end module output_m

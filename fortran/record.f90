@@ -1,0 +1,216 @@
+! The output of an accepted step: events, points at output times, and its end.
+! Then the next step starts, at the end or after a jump.
+module record_m
+  use kinds, only: wp
+  use controller_m, only: smallest_size
+  use interpolant_m, only: flows_of_evaluation
+  use output_m, only: store_interpolant, store_step, output_t
+  use step_events_m, only: crosses, record_events, locate_events
+  use trajectory_m, only: phase_begin_segment, phase_choose_step, phase_ended, evaluate_events, &
+                          fail, phase_end_received, problem_t, phase_record_step, request, &
+                          trajectory_t
+  use within_step_m, only: interpolate, point_at
+  use iso_fortran_env, only: int64
+  use shared_numbers, only: jumps_without_progress, paused, raised, terminal_event
+  implicit none
+  private
+  public :: examine_step, record_step
+
+  integer, parameter :: max_stuck = 20
+  ! of an event's function, relative to its values at both ends
+  real(wp), parameter :: small_value = 1e-9_wp
+
+contains
+
+  ! Detects output times and events within an accepted step, and starts its interpolant if there are
+  ! any.
+  subroutine examine_step(problem, trajectory, output)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    type(output_t), intent(in) :: output
+    real(wp) :: values(size(trajectory%event_before))
+    logical :: stopped
+    integer :: i
+
+    associate (x => trajectory)
+      x%steps = x%steps + 1
+      x%grid_done = x%grid_done + 1
+      x%needs_interpolant = output%dense
+      if (x%outputs_done < output%outputs) then
+        if ((output%times(x%outputs_done + 1) - x%t_end) * sign(1.0_wp, x%h) < 0) &
+          x%needs_interpolant = .true.
+      end if
+      x%event_found = .false.
+      call evaluate_events(problem, trajectory, x%t_end, x%y(:, x%result), values, stopped)
+      if (stopped) return
+      x%event_after = values
+      do i = 1, size(x%event_before)
+        if (crosses(problem, x, i)) x%event_found = .true.
+        if (crosses(problem, x, i) .and. abs(x%event_after(i)) > 0) x%needs_interpolant = .true.
+      end do
+      if (x%jump_event > 0) then
+        x%needs_interpolant = .true.
+        x%event_found = .true.
+      end if
+      x%phase = phase_record_step
+      if (.not. x%needs_interpolant) return
+      if (x%end_known) then
+        call interpolate(problem, trajectory)
+      else
+        call request(problem, trajectory, x%t_end, x%y(:, x%result), phase_end_received)
+      end if
+    end associate
+  end subroutine examine_step
+
+  ! Records the output of a step, up to the first event that ends it, and starts the next step.
+  subroutine record_step(problem, trajectory, output)
+    type(problem_t), target, intent(in) :: problem
+    type(trajectory_t), target, intent(inout) :: trajectory
+    type(output_t), intent(inout) :: output
+
+    if (trajectory%interpolate_only) then
+      call store_interpolant(output, trajectory%member, trajectory%t, trajectory%interpolant)
+      trajectory%interpolate_only = .false.
+      trajectory%phase = phase_choose_step
+      trajectory%status = paused
+      return
+    end if
+    if (trajectory%event_found) then
+      call record_with_events(problem, trajectory, output)
+    else
+      call record_until(problem, trajectory, trajectory%t_end, &
+                          trajectory%y(:, trajectory%result), 0, output)
+    end if
+  end subroutine record_step
+
+  ! Locates the events of a step and records its output up to the one that ends it.
+  subroutine record_with_events(problem, trajectory, output)
+    type(problem_t), target, intent(in) :: problem
+    type(trajectory_t), target, intent(inout) :: trajectory
+    type(output_t), intent(inout) :: output
+    real(wp), allocatable :: theta(:)
+    real(wp) :: until, t, y(problem%frame%point_size), after(problem%frame%point_size)
+    integer :: event
+    logical :: stopped
+
+    associate (x => trajectory)
+      call locate_events(problem, trajectory, theta, stopped)
+      if (.not. stopped) call record_events(problem, trajectory, theta, output, until, event, &
+                                            after, stopped)
+      if (stopped) then
+        call fail(x, raised, x%t_end)
+        return
+      end if
+      t = x%t_end
+      if (until < 1) t = x%t + until * (x%t_end - x%t)
+      if (event > 0) then
+        y = after
+      else
+        call point_at(problem, trajectory, until, y)
+      end if
+      call record_until(problem, trajectory, t, y, event, output)
+    end associate
+  end subroutine record_with_events
+
+  ! Records the output of a step up to time t, where the solution is y.
+  subroutine record_until(problem, trajectory, t, y, event, output)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)
+    integer, intent(in) :: event                       ! that ended it, 0 for none
+    type(output_t), intent(inout) :: output
+
+    associate (x => trajectory)
+      call record_outputs(problem, trajectory, t, y, output)
+      if (output%dense) call store_interpolant(output, x%member, t, x%interpolant)
+      call store_step(output, x%steps, t, y, .not. abs(t - problem%stops(size(problem%stops))) > 0 &
+                     .or. event > 0)
+      if (x%keep_last) then
+        x%t_old = x%t
+        x%h_old = x%t_end - x%t
+        x%y_old(:) = x%y(:, 0)
+        x%slope_old(:) = x%slope
+      end if
+      call begin_next_step(problem, trajectory, t, y, event)
+    end associate
+  end subroutine record_until
+
+  ! Starts the next step at time t and point y.
+  subroutine begin_next_step(problem, trajectory, t, y, event)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)
+    integer, intent(in) :: event                       ! that ended the step, 0 for none
+    logical :: ends, stopped
+    real(wp) :: size_of, values(size(trajectory%event_before))
+
+    associate (x => trajectory)
+      ends = .not. abs(t - problem%stops(x%segment)) > 0
+      if (event > 0) then
+        if (abs(t - x%t) > 10 * smallest_size(t)) x%jumps_in_place = 0
+        x%jumps_in_place = x%jumps_in_place + 1
+      end if
+      x%t = t
+      x%y(:, 0) = y
+      x%phase = phase_choose_step
+      x%slope_known = x%end_known .and. event == 0 .and. .not. (ends &
+          .and. x%segment < size(problem%stops))
+      if (x%slope_known) x%slope(:) = x%end_slope
+      size_of = 0.0_wp
+      if (event > 0) size_of = max(abs(x%event_before(event)), abs(x%event_after(event)))
+      if (size(x%event_before) > 0) x%event_before(:) = x%event_after
+      x%jump_event = 0
+      if (ends) x%phase = phase_begin_segment
+      if (event == 0) return
+      if (x%event_count(event) >= problem%events%most(event)) then
+        x%phase = phase_ended
+        x%status = terminal_event
+        return
+      end if
+      if (x%jumps_in_place > max_stuck) then
+        call fail(x, jumps_without_progress, t)
+        return
+      end if
+      call evaluate_events(problem, trajectory, t, y, values, stopped)
+      if (stopped) return
+      x%event_before = values
+      ! the jump leaves the function at zero: this zero isn't another event
+      if (abs(x%event_before(event)) <= small_value * size_of) then
+        x%value_after_jump = x%event_before(event)
+        x%event_before(event) = 0.0_wp
+        x%jump_event = event
+      end if
+      x%step_size = 0.0_wp
+      x%last_error = 1.0_wp
+      x%phase = phase_begin_segment
+    end associate
+  end subroutine begin_next_step
+
+  ! Records the points at the output times up to t, where the solution is y.
+  subroutine record_outputs(problem, trajectory, t, y, output)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: t
+    real(wp), contiguous, intent(in) :: y(:)
+    type(output_t), intent(inout) :: output
+
+    associate (x => trajectory)
+      do while (x%outputs_done < output%outputs)
+        associate (time => output%times(x%outputs_done + 1))
+          if ((time - t) * sign(1.0_wp, x%h) > 0) return
+          x%outputs_done = x%outputs_done + 1
+          if (.not. abs(time - t) > 0) then
+            output%y(:, x%member, x%outputs_done) = y
+          else
+            call point_at(problem, trajectory, (time - x%t) / (x%t_end - x%t), &
+                          output%y(:, x%member, x%outputs_done))
+            x%nexp = x%nexp + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
+          end if
+        end associate
+      end do
+    end associate
+  end subroutine record_outputs
+
+end module record_m

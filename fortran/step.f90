@@ -1,0 +1,250 @@
+! One step: its stages, its results and its error estimate.
+! Points are reached along the paths of method_t, by flows of the frame.
+module step_m
+  use kinds, only: wp
+  use algebra_m, only: dexpinv, remove_isotropy
+  use controller_m, only: accepted_size, rejected_size
+  use error_norm_m, only: norm, point_difference, scales, tangent
+  use frames_m, only: apply_flows, flow_along, restore
+  use method_m, only: method_t
+  use trajectory_m, only: phase_accepted, phase_choose_step, copy, fail, phase_finish_step, &
+                          finite, phase_decide_step, phase_stage_received, problem_t, &
+                          reject_stage, request, phase_next_stage, trajectory_t
+  use iso_fortran_env, only: int64
+  use shared_numbers, only: needs_maximum, raised, solution_not_finite, stages_not_solved, &
+                            stages_operation, step_too_long
+  implicit none
+  private
+  public :: store_stage, finish_step, accept_or_reject, request_stage
+
+contains
+
+  ! Moves to the point of the next stage and requests the coefficients there. The first stage is at
+  ! the start.
+  subroutine request_stage(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, method => problem%method)
+      if (method%implicit) then
+        call solve_stages(problem, trajectory)
+        return
+      end if
+      if (x%stage == 1) then
+        x%f(:, 1) = x%slope
+        if (method%two_registers) then
+          x%y(:, 1) = x%y(:, 0)
+          call advance_register(problem, trajectory)
+        end if
+        x%stage = 2
+      end if
+      if (x%stage > size(method%c)) then
+        x%phase = phase_finish_step
+        return
+      end if
+      associate (path => merge(1, method%stage_path(x%stage), method%two_registers))
+        if (.not. method%two_registers) call follow_paths(problem, trajectory, path)
+        call request(problem, trajectory, x%t + method%c(x%stage) * x%h, x%y(:, path), &
+                     phase_stage_received)
+      end associate
+    end associate
+  end subroutine request_stage
+
+  ! Stores the coefficients at a stage. On a Lie algebra they become derivatives of coordinates.
+  subroutine store_stage(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    logical :: exists
+
+    associate (x => trajectory, method => problem%method)
+      if (method%two_registers) then
+        x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%received
+        call advance_register(problem, trajectory)
+      else
+        x%f(:, x%stage) = x%received
+        if (x%stage == method%final_stage) then
+          x%end_slope(:) = x%received
+          x%end_known = .true.
+        end if
+        if (method%on_algebra .and. method%stage_path(x%stage) > 0) then
+          if (x%path_of_u /= method%stage_path(x%stage)) then
+            call combine_coordinates(method, method%stage_path(x%stage), trajectory)
+          end if
+          call dexpinv(problem%frame, method%series, x%u, x%f(:, x%stage), exists)
+          if (.not. exists) then
+            call reject_stage(problem, trajectory, step_too_long, x%t)
+            return
+          end if
+        end if
+      end if
+      x%stage = x%stage + 1
+      x%phase = phase_next_stage
+    end associate
+  end subroutine store_stage
+
+  ! Computes the ends of all paths up to one. On a path the flow of the lowest stage comes first.
+  ! Rounding off the manifold is removed from results only, since it doesn't accumulate in stages.
+  subroutine follow_paths(problem, trajectory, last)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer, intent(in) :: last
+    integer :: i
+
+    associate (x => trajectory, method => problem%method, frame => problem%frame)
+      do i = x%paths + 1, last
+        call copy(frame%point_size, x%y(:, method%origin(i)), x%y(:, i))
+        if (method%on_algebra) then
+          call combine_coordinates(method, i, trajectory)
+          call flow_along(frame, x%u, x%y(:, i))
+        else
+          call apply_flows(frame, x%flows, method%path_first(i), method%path_first(i + 1) - 1, &
+                           x%f, x%y(:, i))
+        end if
+        if (i == method%result .or. i == method%embedded) call restore(frame, x%y(:, i))
+        x%nexp = x%nexp + int(method%path_first(i + 1) - method%path_first(i), int64)
+      end do
+      x%paths = max(x%paths, last)
+    end associate
+  end subroutine follow_paths
+
+  ! Computes the coordinates of the end of a path that has one flow.
+  subroutine combine_coordinates(method, path, trajectory)
+    type(method_t), intent(in) :: method
+    integer, intent(in) :: path
+    type(trajectory_t), intent(inout) :: trajectory
+    integer :: flow, k
+
+    associate (x => trajectory, flows => trajectory%flows)
+      x%path_of_u = path
+      flow = method%path_first(path)
+      k = flows%first(flow)
+      x%u = flows%weight(k) * x%f(:, flows%stage(k))
+      do k = k + 1, flows%first(flow + 1) - 1
+        x%u = x%u + flows%weight(k) * x%f(:, flows%stage(k))
+      end do
+    end associate
+  end subroutine combine_coordinates
+
+  ! Moves the point of a two-register method along h b Z.
+  subroutine advance_register(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory)
+      x%u = (x%h * problem%method%b(x%stage)) * x%f(:, 1)
+      call flow_along(problem%frame, x%u, x%y(:, 1))
+      call restore(problem%frame, x%y(:, 1))
+      x%nexp = x%nexp + 1
+    end associate
+  end subroutine advance_register
+
+  ! Solves the stage equations of an implicit method in Python. The answer is the coefficients at
+  ! all stages, then nfev, nexp, njev, nlu, and 0 if they were solved.
+  subroutine solve_stages(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: answer(size(trajectory%f) + 5)
+
+    answer = -1.0_wp                                   ! stays so if Python raised an exception
+    associate (x => trajectory, n => size(trajectory%f))
+      call problem%frame%callback%apply(stages_operation, &
+                                         [x%t, x%h, real(x%member - 1, wp), x%slope], x%y(:, 0), &
+                                         answer)
+      x%phase = phase_finish_step
+      if (.not. answer(n + 5) >= 0) then
+        call fail(x, raised, x%t)
+        return
+      end if
+      x%nfev = x%nfev + int(answer(n + 1), int64)
+      x%nexp = x%nexp + int(answer(n + 2), int64)
+      x%njev = x%njev + int(answer(n + 3), int64)
+      x%nlu = x%nlu + int(answer(n + 4), int64)
+      x%f = reshape(answer(:n), shape(x%f))
+      if (answer(n + 5) > 0) call reject_stage(problem, x, stages_not_solved, x%t)
+    end associate
+  end subroutine solve_stages
+
+  ! Computes the results and estimates the error.
+  subroutine finish_step(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer :: last
+
+    associate (x => trajectory, method => problem%method)
+      if (.not. method%two_registers) then
+        last = method%result
+        if (problem%adaptive) last = max(last, method%embedded)
+        call follow_paths(problem, trajectory, last)
+      end if
+      x%phase = phase_decide_step
+      if (problem%adaptive) then
+        x%error = huge(1.0_wp)
+        if (finite(x%y(:, x%result))) call estimate_error(problem, trajectory)
+        if (.not. x%error < huge(1.0_wp)) x%error = huge(1.0_wp)
+        x%shared = x%error
+        if (problem%common) x%status = needs_maximum
+      else if (.not. finite(x%y(:, x%result))) then
+        call fail(trajectory, solution_not_finite, x%t_end)
+      end if
+    end associate
+  end subroutine finish_step
+
+  ! Estimates the error in tolerances: from the difference of two results, or from one or two
+  ! weighted sums of stages, whose norms e1 and e2 are combined to e1^2 / sqrt(e1^2 + e2^2 / 100) as
+  ! in DOP853.
+  subroutine estimate_error(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: errors(2), ratio
+    integer :: i, k
+
+    associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
+               method => problem%method, v => trajectory%u)
+      call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%work, x%scale)
+      if (size(method%error, 2) == 0) then
+        if (.not. finite(x%y(:, method%embedded))) return
+        call point_difference(frame, tolerances, x%y(:, method%embedded), x%y(:, x%result), x%v)
+        x%error = norm(tolerances, x%v, x%scale)
+        return
+      end if
+      errors = 0.0_wp
+      x%path_of_u = 0
+      do i = 1, size(method%error, 2)
+        v = x%h * method%error(1, i) * x%f(:, 1)
+        do k = 2, size(x%f, 2)
+          v = v + x%h * method%error(k, i) * x%f(:, k)
+        end do
+        call remove_isotropy(frame, x%y(:, x%result), v)
+        call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
+        errors(i) = norm(tolerances, x%work, x%scale)
+      end do
+      ratio = hypot(errors(1), errors(2) / 10)
+      if (ratio > 0) ratio = errors(1) / ratio
+      x%error = errors(1) * ratio
+    end associate
+  end subroutine estimate_error
+
+  ! Accepts a step, or rejects it and chooses a smaller size.
+  subroutine accept_or_reject(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, exponent => problem%tolerances%exponent)
+      x%phase = phase_accepted
+      if (.not. problem%adaptive) return
+      if (.not. x%shared <= 1) then
+        x%rejected = x%rejected + 1
+        x%after_rejection = .true.
+        x%step_size = rejected_size(abs(x%h), x%shared, exponent)
+        x%phase = phase_choose_step
+        return
+      end if
+      call accepted_size(abs(x%h), x%shared, exponent, x%after_rejection, x%last_error, x%step_size)
+      ! a step that was shortened to end with its segment doesn't shorten the next one
+      if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, &
+                                                                       x%unshortened_size)
+      x%after_rejection = .false.
+    end associate
+  end subroutine accept_or_reject
+
+end module step_m

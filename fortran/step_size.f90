@@ -1,0 +1,182 @@
+! Starts segments, and chooses the sizes of steps.
+! A segment is the time between two breakpoints; the first size follows Hairer, Norsett, Wanner,
+! "Solving Ordinary Differential Equations I", section II.4.
+module step_size_m
+  use kinds, only: wp
+  use controller_m, only: first_guess, first_size, tried_size
+  use error_norm_m, only: norm, point_sizes, scales, tangent
+  use frames_m, only: flow_along, restore
+  use time_grid_m, only: make_grid
+  use trajectory_m, only: phase_choose_step, copy, phase_ended, evaluate_events, fail, &
+                          phase_guess_size, phase_curvature_received, phase_start_received, &
+                          problem_t, request, phase_guess_shared, phase_size_shared, &
+                          phase_next_stage, trajectory_t
+  use shared_numbers, only: needs_minimum, slope_not_finite, step_too_small, &
+                            too_many_steps
+  implicit none
+  private
+  public :: begin_segment, choose_step, choose_first_size, guess_size, request_curvature
+
+contains
+
+  ! Starts the next segment that isn't empty, or ends the trajectory.
+  subroutine begin_segment(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: values(size(trajectory%event_before))
+    logical :: stopped
+
+    if (.not. abs(problem%stops(trajectory%segment) - trajectory%t) > 0) then
+      if (trajectory%segment == size(problem%stops)) then
+        trajectory%phase = phase_ended
+      else
+        trajectory%segment = trajectory%segment + 1
+      end if
+      return
+    end if
+    associate (stop => problem%stops(trajectory%segment))
+      if (.not. problem%adaptive) then
+        call make_grid(trajectory%t, stop, problem%h, trajectory%grid)
+        trajectory%grid_done = 0
+      end if
+      trajectory%h = sign(trajectory%h, stop - trajectory%t)
+    end associate
+    trajectory%phase = phase_choose_step
+    if (problem%adaptive .and. .not. trajectory%step_size > 0) then
+      trajectory%phase = phase_guess_size
+      if (.not. trajectory%slope_known) then
+        call request(problem, trajectory, trajectory%t, trajectory%y(:, 0), phase_start_received)
+      end if
+    end if
+    if (.not. associated(problem%events)) return
+    if (any(trajectory%event_count > 0) .or. trajectory%steps > 0) return
+    call evaluate_events(problem, trajectory, trajectory%t, trajectory%y(:, 0), values, stopped)
+    if (.not. stopped) trajectory%event_before = values
+  end subroutine begin_segment
+
+  ! Guesses a first size from the norms of the point and of its derivative.
+  subroutine guess_size(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (frame => problem%frame, tolerances => problem%tolerances, x => trajectory)
+      call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%work, x%scale)
+      call point_sizes(frame, tolerances, x%y(:, 0), x%v)
+      x%norms(1) = norm(tolerances, x%v, x%scale)
+      call tangent(frame, tolerances, x%slope, x%y(:, 0), x%v)
+      x%norms(2) = norm(tolerances, x%v, x%scale)
+      if (.not. abs(x%norms(2)) <= huge(1.0_wp)) then
+        call fail(trajectory, slope_not_finite, x%t)
+        return
+      end if
+      x%shared = first_guess(x%norms(1), x%norms(2), span(problem, trajectory))
+    end associate
+    trajectory%phase = phase_guess_shared
+    if (problem%common) trajectory%status = needs_minimum
+  end subroutine guess_size
+
+  ! Requests the coefficients at the end of a step of the guessed size, which give the curvature.
+  subroutine request_curvature(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, moved => trajectory%y(:, trajectory%result))
+      x%guessed_size = max(min(x%shared, span(problem, x), problem%tolerances%max_step), &
+                    smallest_first(problem, x))
+      x%h = sign(x%guessed_size, problem%stops(x%segment) - x%t)
+      call copy(size(moved), x%y(:, 0), moved)
+      x%u = x%h * x%slope
+      call flow_along(problem%frame, x%u, moved)
+      call restore(problem%frame, moved)
+      x%nexp = x%nexp + 1
+      call request(problem, x, x%t + x%h, moved, phase_curvature_received)
+    end associate
+  end subroutine request_curvature
+
+  ! Chooses the first size from the curvature.
+  subroutine choose_first_size(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: start_value(size(trajectory%v))
+
+    associate (x => trajectory, tolerances => problem%tolerances)
+      x%shared = x%guessed_size
+      if (all(abs(x%received) < huge(1.0_wp))) then
+        call tangent(problem%frame, tolerances, x%slope, x%y(:, 0), start_value)
+        call tangent(problem%frame, tolerances, x%received, x%y(:, x%result), x%v)
+        x%norms(3) = norm(tolerances, x%v - start_value, x%scale)
+        x%shared = first_size(x%norms(1), x%norms(2), x%norms(3) / x%guessed_size, &
+                              tolerances%exponent)
+        x%shared = max(min(100 * x%guessed_size, x%shared, span(problem, x), tolerances%max_step), &
+                       smallest_first(problem, x))
+      end if
+    end associate
+    trajectory%phase = phase_size_shared
+    if (problem%common) trajectory%status = needs_minimum
+  end subroutine choose_first_size
+
+  ! The time to the end of the segment
+  pure real(wp) function span(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+
+    span = abs(problem%stops(trajectory%segment) - trajectory%t)
+    if (.not. span <= huge(span)) span = 1.0_wp        ! no end: one unit of time
+  end function span
+
+  ! The smallest first size, which is never zero
+  pure real(wp) function smallest_first(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(in) :: trajectory
+
+    smallest_first = min(nearest(abs(trajectory%t), 1.0_wp) - abs(trajectory%t), &
+                         span(problem, trajectory))
+  end function smallest_first
+
+  ! Chooses the size of a step and starts it. Full steps of a grid have exactly its step size, not
+  ! differences of rounded times, so that all are equal.
+  subroutine choose_step(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory, stop => problem%stops(trajectory%segment))
+      if (.not. problem%adaptive) then
+        x%h = x%grid%step
+        x%t_end = x%grid%start + real(x%grid_done + 1, wp) * x%grid%step
+        if (x%grid_done + 1 == x%grid%steps) then
+          x%h = x%grid%last
+          x%t_end = stop
+        end if
+      else
+        if (x%attempts >= problem%max_steps) then
+          call fail(x, too_many_steps, x%t)
+          return
+        end if
+        x%step_size = tried_size(x%step_size, x%t, stop, problem%tolerances%max_step, &
+                                 x%after_rejection)
+        if (x%step_size < 0) then
+          call fail(x, step_too_small, x%t)
+          return
+        end if
+        x%attempts = x%attempts + 1
+        x%unshortened_size = x%step_size
+        x%h = sign(x%step_size, stop - x%t)
+        x%t_end = x%t + x%h
+        x%shortened = (x%t_end - stop) * sign(1.0_wp, x%h) >= 0
+        if (x%shortened) x%t_end = stop
+        x%h = x%t_end - x%t
+      end if
+      if (abs(x%h - x%weighted_by) > 0) then
+        x%flows%weight(:) = x%h * problem%method%flows%weight
+        x%weighted_by = x%h
+      end if
+      x%stage = 1
+      x%paths = 0
+      x%path_of_u = 0
+      x%end_known = .false.
+      x%phase = phase_next_stage
+      if (.not. x%slope_known) call request(problem, x, x%t, x%y(:, 0), phase_start_received)
+    end associate
+  end subroutine choose_step
+
+end module step_size_m

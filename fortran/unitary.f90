@@ -1,0 +1,419 @@
+! Flows and differences on groups of unitary matrices of any size: SO(n), SU(n), U(n). Points are
+! matrices row by row, real for SO(n). The bases are those of cg/frames/so.py, su.py and u.py.
+module unitary_m
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use kinds, only: wp
+  use orthogonal_m, only: skew_coefficients, skew_matrix
+  use shared_numbers, only: so_block, su_block, u_block
+  implicit none
+  private
+  public :: algebra_coefficients, algebra_matrix, move_unitary, multiply, restore_unitary, &
+            times_real, unitary_difference
+
+  ! largest norms of matrices whose exponential series is summed: in matrices, and in numbers
+  real(wp), parameter :: longest = 0.5_wp, longest_of_three = 2.0_wp
+  integer, parameter :: max_iterations = 30
+  complex(wp), parameter :: zero = cmplx(0.0_wp, 0.0_wp, wp)
+
+contains
+
+  ! The element of the Lie algebra with coefficients v
+  pure subroutine algebra_matrix(kind, n, v, x)
+    integer, intent(in) :: kind, n
+    real(wp), intent(in) :: v(:)                 ! (dimension)
+    complex(wp), intent(out) :: x(n, n)
+    real(wp) :: skew(n, n), d
+    integer :: i, j, k
+
+    if (kind == so_block) then
+      call skew_matrix(n, v, skew)
+      x = cmplx(skew, 0.0_wp, wp)
+      return
+    end if
+    x = zero
+    k = 1
+    do j = 2, n
+      do i = 1, j - 1
+        x(i, j) = cmplx(-v(k + 1) / 2, -v(k) / 2, wp)
+        x(j, i) = cmplx(v(k + 1) / 2, -v(k) / 2, wp)
+        k = k + 2
+      end do
+      d = diagonal(j) * v(k) / 2
+      do i = 1, j - 1
+        x(i, i) = x(i, i) - cmplx(0.0_wp, d, wp)
+      end do
+      x(j, j) = x(j, j) + cmplx(0.0_wp, real(j - 1, wp) * d, wp)
+      k = k + 1
+    end do
+    if (kind == u_block) then
+      d = sqrt(2 / real(n, wp)) * v(k) / 2
+      do i = 1, n
+        x(i, i) = x(i, i) - cmplx(0.0_wp, d, wp)
+      end do
+    end if
+  end subroutine algebra_matrix
+
+  ! The coefficients of the orthogonal projection of a matrix onto the algebra
+  pure subroutine algebra_coefficients(kind, n, x, v)
+    integer, intent(in) :: kind, n
+    complex(wp), intent(in) :: x(n, n)
+    real(wp), intent(out) :: v(:)                ! (dimension)
+    real(wp) :: total
+    integer :: i, j, k
+
+    if (kind == so_block) then
+      call skew_coefficients(n, (real(x, wp) - transpose(real(x, wp))) / 2, v)
+      return
+    end if
+    k = 1
+    total = 0.0_wp
+    do j = 2, n
+      total = total + aimag(x(j - 1, j - 1))
+      do i = 1, j - 1
+        v(k) = -aimag(x(i, j) + x(j, i))
+        v(k + 1) = real(x(j, i) - x(i, j), wp)
+        k = k + 2
+      end do
+      v(k) = -diagonal(j) * (total - real(j - 1, wp) * aimag(x(j, j)))
+      k = k + 1
+    end do
+    if (kind == u_block) v(k) = -sqrt(2 / real(n, wp)) * (total + aimag(x(n, n)))
+  end subroutine algebra_coefficients
+
+  ! The normalisation of the diagonal basis matrix j
+  pure real(wp) function diagonal(j)
+    integer, intent(in) :: j
+
+    diagonal = sqrt(2 / (real(j - 1, wp) * real(j, wp)))
+  end function diagonal
+
+  ! Moves a point by flows one after the other, from the left or the right.
+  subroutine move_unitary(kind, n, left, f, y)
+    integer, intent(in) :: kind, n
+    logical, intent(in) :: left
+    real(wp), intent(in) :: f(:, :)              ! (dimension, flows) coefficients of the flows
+    real(wp), intent(inout) :: y(:)              ! (point_size)
+    complex(wp), dimension(n, n) :: x, e, point, moved
+    integer :: j
+
+    call get_point(kind, n, y, point)
+    do j = 1, size(f, 2)
+      call algebra_matrix(kind, n, f(:, j), x)
+      call exponential(n, x, e)
+      if (left) then
+        call multiply(n, e, point, moved)
+      else
+        call multiply(n, point, e, moved)
+      end if
+      point = moved
+    end do
+    call put_point(kind, n, point, y)
+  end subroutine move_unitary
+
+  ! The exponential of a skew-Hermitian matrix by scaling and squaring of the series. If there are
+  ! many squarings, rounding off the group is removed after each.
+  pure subroutine exponential(n, x, e)
+    integer, intent(in) :: n
+    complex(wp), intent(in) :: x(n, n)
+    complex(wp), intent(out) :: e(n, n)
+    complex(wp) :: scaled(n, n), next(n, n)
+    real(wp) :: length, bound
+    integer :: i, k, terms, squarings
+
+    if (n == 3) then
+      call exponential_of_three(x, e)
+      return
+    end if
+    length = sqrt(sum(real(x, wp)**2 + aimag(x)**2))
+    if (.not. length <= huge(length)) then
+      e = cmplx(ieee_value(length, ieee_quiet_nan), 0.0_wp, wp)
+      return
+    end if
+    squarings = 0
+    if (length > longest) squarings = exponent(length / longest)
+    scaled = times_real(scale(1.0_wp, -squarings), x)
+    length = scale(length, -squarings)
+    terms = 1
+    bound = length
+    do while (bound > epsilon(bound) / 8)
+      terms = terms + 1
+      bound = bound * length / real(terms, wp)
+    end do
+    e = times_real(1 / real(terms, wp), scaled)
+    do k = terms - 1, 1, -1
+      do i = 1, n
+        e(i, i) = add_real(1.0_wp, e(i, i))
+      end do
+      call multiply(n, scaled, e, next)
+      e = times_real(1 / real(k, wp), next)
+    end do
+    do i = 1, n
+      e(i, i) = add_real(1.0_wp, e(i, i))
+    end do
+    do k = 1, squarings
+      call multiply(n, e, e, next)
+      e = next
+      if (squarings > 4) call orthogonalise(n, e)
+    end do
+  end subroutine exponential
+
+  ! The exponential of a matrix of three rows. Without its trace it is i Q with Q^3 = c Q + d, so
+  ! that all powers of Q are p Q^2 + q Q + r; the series is summed in the numbers p, q, r.
+  pure subroutine exponential_of_three(x, e)
+    complex(wp), intent(in) :: x(3, 3)
+    complex(wp), intent(out) :: e(3, 3)
+    complex(wp), dimension(3, 3) :: q1, q2
+    real(wp) :: trace, c, d, p, q, r, next, length, bound, factor, even(3), odd(3)
+    integer :: i, k, squarings
+
+    trace = (aimag(x(1, 1)) + aimag(x(2, 2)) + aimag(x(3, 3))) / 3
+    q1 = cmplx(aimag(x), -real(x, wp), wp)
+    do i = 1, 3
+      q1(i, i) = add_real(-trace, q1(i, i))
+    end do
+    length = sqrt(2 * sum(real(q1, wp)**2 + aimag(q1)**2) / 3)      ! no eigenvalue is larger
+    squarings = 0
+    if (.not. length <= huge(length)) length = 0.0_wp     ! the result is NaN
+    if (length > longest_of_three) squarings = exponent(length / longest_of_three)
+    length = scale(length, -squarings)
+    q1 = times_real(scale(1.0_wp, -squarings), q1)
+    call multiply_3x3(q1, q1, q2)
+    c = (real(q2(1, 1), wp) + real(q2(2, 2), wp) + real(q2(3, 3), wp)) / 2
+    d = sum(real(q1, wp) * real(q2, wp) + aimag(q1) * aimag(q2)) / 3
+    p = 0.0_wp
+    q = 0.0_wp
+    r = 1.0_wp
+    even = [p, q, r]
+    odd = 0.0_wp
+    factor = 1.0_wp
+    bound = 1.0_wp
+    k = 0
+    do while (bound > epsilon(bound) / 8)
+      k = k + 1
+      next = r + c * p
+      r = d * p
+      p = q
+      q = next
+      factor = factor / real(k, wp)
+      bound = bound * length / real(k, wp)
+      select case (modulo(k, 4))
+      case (0)
+        even = even + factor * [p, q, r]
+      case (1)
+        odd = odd + factor * [p, q, r]
+      case (2)
+        even = even - factor * [p, q, r]
+      case (3)
+        odd = odd - factor * [p, q, r]
+      end select
+    end do
+    e = cmplx(even(1), odd(1), wp) * q2 + cmplx(even(2), odd(2), wp) * q1
+    do i = 1, 3
+      e(i, i) = e(i, i) + cmplx(even(3), odd(3), wp)
+    end do
+    do k = 1, squarings
+      q1 = e
+      call multiply_3x3(q1, q1, e)
+      if (squarings > 4) call orthogonalise(3, e)
+    end do
+    if (abs(trace) > 0) e = cmplx(cos(trace), sin(trace), wp) * e
+  end subroutine exponential_of_three
+
+  ! One Newton-Schulz step, and for SU(n) one towards determinant 1
+  pure subroutine restore_unitary(kind, n, y)
+    integer, intent(in) :: kind, n
+    real(wp), intent(inout) :: y(:)              ! (point_size)
+    complex(wp) :: point(n, n), excess
+    integer :: k
+
+    call get_point(kind, n, y, point)
+    call orthogonalise(n, point)
+    if (kind == su_block) then
+      do k = 1, 2                                  ! once more after flows by large angles
+        excess = add_real(-1.0_wp, determinant(n, point))
+        point = point * add_real(1.0_wp, times_real(-1 / real(n, wp), excess))
+        if (abs(excess) < sqrt(epsilon(1.0_wp)) / 16) exit
+      end do
+    end if
+    call put_point(kind, n, point, y)
+  end subroutine restore_unitary
+
+  ! One Newton-Schulz step
+  pure subroutine orthogonalise(n, y)
+    integer, intent(in) :: n
+    complex(wp), intent(inout) :: y(n, n)
+    complex(wp), dimension(n, n) :: adjoint, square, product
+    integer :: i, j
+
+    do j = 1, n
+      do i = 1, n
+        adjoint(i, j) = conjg(y(j, i))
+      end do
+    end do
+    call multiply(n, adjoint, y, square)
+    call multiply(n, y, square, product)
+    y = times_real(1.5_wp, y) - times_real(0.5_wp, product)
+  end subroutine orthogonalise
+
+  ! The determinant by Gaussian elimination
+  pure complex(wp) function determinant(n, matrix)
+    integer, intent(in) :: n
+    complex(wp), intent(in) :: matrix(n, n)
+    complex(wp) :: a(n, n), row(n)
+    integer :: i, j, pivot
+
+    a = matrix
+    determinant = add_real(1.0_wp, zero)
+    do i = 1, n
+      pivot = i - 1 + maxloc(abs(a(i:, i)), dim=1)
+      if (.not. abs(a(pivot, i)) > 0) then
+        determinant = zero
+        return
+      end if
+      if (pivot /= i) then
+        row = a(i, :)
+        a(i, :) = a(pivot, :)
+        a(pivot, :) = row
+        determinant = -determinant
+      end if
+      determinant = determinant * a(i, i)
+      do j = i + 1, n
+        a(j, i:) = a(j, i:) - (a(j, i) / a(i, i)) * a(i, i:)
+      end do
+    end do
+  end function determinant
+
+  ! The coefficients of the flow from x to y, NaN if they are half a turn or more apart. The
+  ! iteration X -> X + skew part of exp(-X) W, with the quotient W, changes each angle by the sine
+  ! of its error.
+  pure subroutine unitary_difference(kind, n, left, x, y, v)
+    integer, intent(in) :: kind, n
+    logical, intent(in) :: left
+    real(wp), intent(in) :: x(:), y(:)           ! (point_size)
+    real(wp), intent(out) :: v(:)                ! (dimension)
+    complex(wp), dimension(n, n) :: start, end, quotient, total, rest, step, e
+    real(wp) :: length
+    integer :: i, k
+
+    call get_point(kind, n, x, start)
+    call get_point(kind, n, y, end)
+    start = conjg(transpose(start))
+    if (left) then
+      call multiply(n, end, start, quotient)
+    else
+      call multiply(n, start, end, quotient)
+    end if
+    total = zero
+    rest = quotient
+    v = ieee_value(length, ieee_quiet_nan)
+    do k = 1, max_iterations
+      step = times_real(0.5_wp, rest - conjg(transpose(rest)))
+      total = total + step
+      length = sqrt(sum(real(step, wp)**2 + aimag(step)**2))
+      if (.not. length <= huge(length)) return
+      if (length <= sqrt(epsilon(length))) exit      ! the next one would be less than rounding
+      call exponential(n, -total, e)
+      call multiply(n, e, quotient, rest)
+    end do
+    if (k > max_iterations) return
+    do i = 1, n
+      rest(i, i) = add_real(-1.0_wp, rest(i, i))   ! its eigenvalues: 0, or -2 where half a turn is
+    end do
+    if (.not. sum(real(rest, wp)**2 + aimag(rest)**2) < 1.0_wp) return
+    if (kind == su_block) then
+      if (abs(sum([(aimag(total(i, i)), i=1, n)])) > 1) return
+    end if
+    call algebra_coefficients(kind, n, total, v)
+  end subroutine unitary_difference
+
+  ! Reads a point as a complex matrix.
+  pure subroutine get_point(kind, n, y, point)
+    integer, intent(in) :: kind, n
+    real(wp), intent(in) :: y(:)
+    complex(wp), intent(out) :: point(n, n)
+    integer :: i, j, k
+
+    k = 1
+    do i = 1, n
+      do j = 1, n
+        if (kind == so_block) then
+          point(i, j) = cmplx(y(k), 0.0_wp, wp)
+          k = k + 1
+        else
+          point(i, j) = cmplx(y(k), y(k + 1), wp)
+          k = k + 2
+        end if
+      end do
+    end do
+  end subroutine get_point
+
+  ! Stores a complex matrix as a point.
+  pure subroutine put_point(kind, n, point, y)
+    integer, intent(in) :: kind, n
+    complex(wp), intent(in) :: point(n, n)
+    real(wp), intent(inout) :: y(:)
+    integer :: i, j, k
+
+    k = 1
+    do i = 1, n
+      do j = 1, n
+        y(k) = real(point(i, j), wp)
+        k = k + 1
+        if (kind == so_block) cycle
+        y(k) = aimag(point(i, j))
+        k = k + 1
+      end do
+    end do
+  end subroutine put_point
+
+  ! r + z with a real r
+  elemental complex(wp) function add_real(r, z)
+    real(wp), intent(in) :: r
+    complex(wp), intent(in) :: z
+
+    add_real = cmplx(r + real(z, wp), aimag(z), wp)
+  end function add_real
+
+  ! r z with a real r
+  elemental complex(wp) function times_real(r, z)
+    real(wp), intent(in) :: r
+    complex(wp), intent(in) :: z
+
+    times_real = cmplx(r * real(z, wp), r * aimag(z), wp)
+  end function times_real
+
+  ! The product of matrices whose size the compiler knows
+  pure subroutine multiply_3x3(a, b, c)
+    complex(wp), intent(in) :: a(3, 3), b(3, 3)
+    complex(wp), intent(out) :: c(3, 3)
+    integer :: i, j
+
+    do j = 1, 3
+      do i = 1, 3
+        c(i, j) = a(i, 1) * b(1, j) + a(i, 2) * b(2, j) + a(i, 3) * b(3, j)
+      end do
+    end do
+  end subroutine multiply_3x3
+
+  ! The product of small matrices; a call of matmul takes longer.
+  pure subroutine multiply(n, a, b, c)
+    integer, intent(in) :: n
+    complex(wp), intent(in) :: a(n, n), b(n, n)
+    complex(wp), intent(out) :: c(n, n)
+    integer :: i, j, k
+
+    if (n == 3) then
+      call multiply_3x3(a, b, c)
+      return
+    end if
+    do j = 1, n
+      c(:, j) = zero
+      do k = 1, n
+        do i = 1, n
+          c(i, j) = c(i, j) + a(i, k) * b(k, j)
+        end do
+      end do
+    end do
+  end subroutine multiply
+
+end module unitary_m

@@ -1,0 +1,142 @@
+! The interpolant of a step of a trajectory.
+! Its nodes are requested one after the other, until it is complete.
+module within_step_m
+  use kinds, only: wp
+  use interpolant_m, only: add_node, begin_interpolant, evaluate_interpolant, &
+                               flows_of_evaluation, next_node, reserve_interpolant, set_ends
+  use trajectory_m, only: phase_request_end, fail, phase_node_received, problem_t, &
+                          phase_record_step, reject_stage, request, phase_next_node, trajectory_t
+  use iso_fortran_env, only: int64
+  use shared_numbers, only: out_of_memory, paused, step_too_long
+  implicit none
+  private
+  public :: store_node, interpolate, store_end, point_at, request_node, request_interpolant
+
+contains
+
+  ! Requests the interpolant of the last step, and no further step.
+  subroutine request_interpolant(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer :: memory
+
+    trajectory%interpolate_only = .true.
+    trajectory%status = paused
+    trajectory%phase = phase_request_end
+    call reserve_interpolant(problem%frame, problem%scheme, trajectory%interpolant, memory)
+    if (memory /= 0) then
+      call fail(trajectory, out_of_memory, trajectory%t)
+    else if (trajectory%slope_known) then
+      call interpolate_last(problem, trajectory, trajectory%slope)
+    end if
+  end subroutine request_interpolant
+
+  ! Stores the coefficients at the end of a step, and starts its interpolant.
+  subroutine store_end(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    associate (x => trajectory)
+      if (x%interpolate_only) then
+        x%slope(:) = x%received
+        x%slope_known = x%segment == size(problem%stops) .or. abs(x%t - x%request_t) <= 0
+        call interpolate_last(problem, trajectory, x%slope)
+      else
+        x%end_slope(:) = x%received
+        x%end_known = .true.
+        call interpolate(problem, trajectory)
+      end if
+    end associate
+  end subroutine store_end
+
+  ! Starts the interpolant of the present step.
+  subroutine interpolate(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    logical :: exists
+
+    associate (x => trajectory)
+      call set_ends(x%interpolant, x%t, x%t_end - x%t, x%y(:, 0), x%y(:, x%result), x%slope, &
+                    x%end_slope)
+      call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
+                             exists)
+      call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp)
+    end associate
+  end subroutine interpolate
+
+  ! Starts the interpolant of the step before.
+  subroutine interpolate_last(problem, trajectory, slope)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), contiguous, intent(in) :: slope(:)       ! (dimension) at its end
+    logical :: exists
+
+    associate (x => trajectory)
+      call set_ends(x%interpolant, x%t_old, x%h_old, x%y_old, x%y(:, 0), x%slope_old, slope)
+      call begin_interpolant(problem%frame, problem%scheme, problem%free, x%f, x%interpolant, &
+                             exists)
+      call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp)
+    end associate
+  end subroutine interpolate_last
+
+  ! Chooses the phase after a node of the interpolant.
+  subroutine advance_interpolant(problem, trajectory, exists, flows)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    logical, intent(in) :: exists
+    integer, intent(in) :: flows                       ! that the node has taken
+
+    trajectory%nexp = trajectory%nexp + int(flows, int64)
+    trajectory%phase = phase_node_received
+    if (.not. exists) then
+      call reject_stage(problem, trajectory, step_too_long, trajectory%interpolant%t0)
+    else
+      trajectory%phase = merge(phase_record_step, phase_next_node, trajectory%interpolant%complete)
+    end if
+  end subroutine advance_interpolant
+
+  ! Moves to the next node and requests the coefficients there.
+  subroutine request_node(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: theta
+
+    associate (x => trajectory)
+      call next_node(problem%frame, problem%scheme, x%interpolant, theta)
+      x%nexp = x%nexp + int(flows_of_evaluation(problem%scheme, x%interpolant), int64)
+      call request(problem, trajectory, x%interpolant%t0 + theta * x%interpolant%h, &
+                   x%interpolant%y, phase_node_received)
+    end associate
+  end subroutine request_node
+
+  ! Stores the coefficients at a node.
+  subroutine store_node(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer :: before
+    logical :: exists
+
+    associate (x => trajectory)
+      before = x%interpolant%nexp
+      call add_node(problem%frame, problem%scheme, x%received, x%interpolant, exists)
+      call advance_interpolant(problem, trajectory, exists, x%interpolant%nexp - before)
+    end associate
+  end subroutine store_node
+
+  ! Evaluates the solution at a fraction theta of the step.
+  subroutine point_at(problem, trajectory, theta, y)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp), intent(in) :: theta
+    real(wp), contiguous, intent(out) :: y(:)
+
+    if (.not. theta < 1) then
+      y = trajectory%y(:, trajectory%result)
+    else if (.not. theta > 0) then
+      y = trajectory%y(:, 0)
+    else
+      call evaluate_interpolant(problem%frame, problem%scheme, trajectory%interpolant, theta, y)
+    end if
+  end subroutine point_at
+
+end module within_step_m
