@@ -247,7 +247,7 @@ def _batches(rounds: int) -> list[Row]:
 
 
 def _ensembles(rounds: int, quick: bool) -> list[Row]:
-    """Return rows of `cg.solve_ensemble` in compiled code against `jax.vmap`, the same method."""
+    """Compare `jax.vmap` with `cg.solve_ensemble` in compiled code, with the same method."""
     import diffrax
     import jax
 
@@ -277,8 +277,8 @@ def _ensembles(rounds: int, quick: bool) -> list[Row]:
                 rounds=rounds,
             )
             rows.append(times.row(
-                f"{members} members by vmap, a member of 10 s, {_DEFAULT}", "vmap", "µs",
-                "cg.solve_ensemble, f in C", "compiled", pieces=(members, members),
+                f"one of {members} members by vmap, to t = 10, {_DEFAULT}", "vmap", "µs",
+                "`cg.solve_ensemble`, `f` in C", "compiled", pieces=(members, members),
             ))  # fmt: skip
     return rows
 

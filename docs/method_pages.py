@@ -224,7 +224,7 @@ def claims() -> str:
     """Return a table of the paper's claims with verdicts and interpretations."""
     from cg.reproduce.sections.claims import CLAIMS, VERDICTS
 
-    counts = [sum(claim.found == verdict for claim in CLAIMS) for verdict in VERDICTS]
+    counts = [sum(claim.default_verdict == verdict for claim in CLAIMS) for verdict in VERDICTS]
     passed, failed, other = counts
     lines = [
         f"Of {len(CLAIMS)} claims {passed} pass, {failed} fail, and {other} are not reproducible.",
@@ -233,7 +233,11 @@ def claims() -> str:
         "|---|---|---|",
     ]
     for claim in CLAIMS:
-        verdict = claim.found if claim.found == VERDICTS[0] else f"**{claim.found}**"
+        verdict = (
+            claim.default_verdict
+            if claim.default_verdict == VERDICTS[0]
+            else f"**{claim.default_verdict}**"
+        )
         reading = f" *{claim.interpretation}*" if claim.interpretation else ""
         lines.append(f"| {claim.section} | {claim.text}{reading} | {verdict} |")
     return "\n".join(lines) + "\n"

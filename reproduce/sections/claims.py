@@ -37,7 +37,7 @@ class Claim:
         Returns a verdict for the numbers of `evidence.gather` and the results of all items.
     interpretation : str
         Our interpretation, if the claim fails.
-    found : str
+    default_verdict : str
         The verdict of a run with default settings, for the documentation. A test compares it
         with that of the judge.
     """
@@ -46,7 +46,7 @@ class Claim:
     text: str
     judge: Callable[[Data, judges.Results], judges.Verdict]
     interpretation: str = ""
-    found: str = PASS
+    default_verdict: str = PASS
 
 
 CLAIMS = (
@@ -121,7 +121,7 @@ CLAIMS = (
         "1",
         "These were the first of their kind.",
         judges.beyond("priority is not a number"),
-        found=NOT_REPRODUCIBLE,
+        default_verdict=NOT_REPRODUCIBLE,
     ),
     Claim(
         "1",

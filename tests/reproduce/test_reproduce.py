@@ -360,20 +360,20 @@ def test_claims_name_their_section():
 
 
 def test_documented_verdicts_match_the_judges():
-    counts = [sum(claim.found == verdict for claim in CLAIMS) for verdict in VERDICTS]
+    counts = [sum(claim.default_verdict == verdict for claim in CLAIMS) for verdict in VERDICTS]
     assert sum(counts) == len(CLAIMS)
-    assert all(bool(claim.interpretation) == (claim.found == "fail") for claim in CLAIMS)
+    assert all(bool(claim.interpretation) == (claim.default_verdict == "fail") for claim in CLAIMS)
     text = (Path(__file__).parents[2] / "docs/reproduction.md").read_text(encoding="utf-8")
     passed, failed, other = counts
     wanted = f"Of {len(CLAIMS)} claims {passed} pass by default, {failed} fail, and {other} is"
     assert wanted in text
-    told = text.partition("| fails | what is found |\n|---|---|\n")[2].partition("\n\n")[0]
+    told = text.partition("| claim that fails | result |\n|---|---|\n")[2].partition("\n\n")[0]
     assert len(told.splitlines()) == failed
 
 
 def test_claims_about_other_papers_need_no_numbers():
     for claim in CLAIMS:
-        if claim.found == "not reproducible":
+        if claim.default_verdict == "not reproducible":
             assert claim.judge({}, {})[0] is None
 
 
@@ -400,7 +400,7 @@ def test_whole_default_run(tmp_path):
         assert "from {} to {}".format(*(power_of_ten(f, 1) for f in ends)) in text
     verdicts = results["claims"]["count"]
     assert sum(verdicts.values()) == len(CLAIMS)
-    told = {claim.text: claim.found for claim in CLAIMS}
+    told = {claim.text: claim.default_verdict for claim in CLAIMS}
     assert {c["claim"]: c["verdict"] for c in results["claims"]["claims"]} == told
     for claim in results["claims"]["claims"]:
         assert bool(claim["interpretation"]) == (claim["verdict"] == "fail")
