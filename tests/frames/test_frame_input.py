@@ -97,7 +97,7 @@ def test_accepts_unusual_array_types():
 
 @pytest.mark.parametrize("tolerance", [np.nan, -1.0, "x", None, True, 1j])
 def test_tolerance(tolerance):
-    with pytest.raises(ValueError, match="tolerance must be a number, not negative, got"):
+    with pytest.raises(ValueError, match="tolerance must be a non-negative number, got"):
         SO3().check_point(np.eye(3), tolerance=tolerance)
 
 

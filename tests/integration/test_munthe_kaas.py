@@ -288,7 +288,10 @@ class TestBadInput:
         [
             (HEISENBERG, "span a Lie algebra, pass"),
             (Product(SO3(), HEISENBERG), "span a Lie algebra, pass"),
-            (MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]]), "commutators"),
+            (
+                MatrixFrame([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]]]),
+                "do not span a Lie algebra",
+            ),
         ],
         ids=["functions", "product", "matrices"],
     )
