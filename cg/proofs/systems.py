@@ -8,10 +8,9 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from flint import arb, arb_mat
+from flint import arb, arb_mat, fmpq
 
 from ..structure.layout import Layout
-from ..support.balls import to_arb, to_fmpq
 from .dependent.words import Word, condition_words, reciprocal_density, text
 from .weights import Quantity, Weights
 
@@ -34,13 +33,13 @@ class Equation(NamedTuple):
     label : str
         What it says, for messages.
     terms : tuple of Term
-    constant : Fraction
+    constant : Fraction or arb
         Added to the terms.
     """
 
     label: str
     terms: tuple[Term, ...]
-    constant: Fraction = Fraction(0)
+    constant: Fraction | arb = Fraction(0)
 
 
 def condition(word: Word, row: int) -> Equation:
@@ -92,7 +91,7 @@ class EquationSystem:
         for equation in self.equations:
             row = [arb(0)] * self.unknowns
             for term in equation.terms:
-                factor = to_arb(term.factor)
+                factor = _ball(term.factor)
                 outer = factor if term.parameter is None else factor * rest[term.parameter]
                 known = [found[self._position[quantity]] for quantity in term.weights]
                 for k, quantity in enumerate(term.weights):
@@ -112,12 +111,12 @@ class EquationSystem:
         rest = list(z[self.layout.size :])
         values = []
         for equation in self.equations:
-            total = to_arb(equation.constant)
+            total = _ball(equation.constant)
             for term in equation.terms:
                 factors = [found[self._position[quantity]] for quantity in term.weights]
                 if term.parameter is not None:
                     factors.append(rest[term.parameter])
-                total = total + _product([to_arb(term.factor), *factors])
+                total = total + _product([_ball(term.factor), *factors])
             values.append(total)
         return values, weights, found
 
@@ -139,11 +138,15 @@ def exact_residuals(
 ) -> list[Fraction]:
     """Return ``Φ(t) - 1/γ(t)`` in rational arithmetic, for packed rational entries."""
     weights = Weights(layout, [Quantity(row, word) for word in words])
-    found = weights.evaluate([to_fmpq(entry) for entry in x])
+    found = weights.evaluate([fmpq(entry.numerator, entry.denominator) for entry in x])
     return [
         Fraction(int(value.p), int(value.q)) - reciprocal_density(word)
         for value, word in zip(found, words, strict=True)
     ]
+
+
+def _ball(value: Fraction | arb) -> arb:
+    return value if isinstance(value, arb) else arb(fmpq(value.numerator, value.denominator))
 
 
 def _product(factors: Sequence[Any]) -> Any:
