@@ -30,6 +30,7 @@ __all__ = [
     "dumps_json",
     "load",
     "loads",
+    "magnus",
     "methods",
     "munthe_kaas",
     "near",
@@ -144,6 +145,9 @@ packaged = Catalogue(files(__name__))
 
 munthe_kaas = Catalogue(files(__name__) / "munthe_kaas")
 """Those of Runge, Kutta and Munthe-Kaas, by name."""
+
+magnus = Catalogue(files(__name__) / "magnus")
+"""Commutator-free Magnus methods, for linear equations, by name."""
 
 _STIFF = "of the pairs here DICG3(2) is for stiff equations"
 _IN_SCIPY = {
