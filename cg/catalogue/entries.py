@@ -205,11 +205,13 @@ def dumps(method: Method) -> str:
             lines.append(f"embedded_result = {method.embedded_result}")
     elif isinstance(method, MagnusMethod):
         lines += [f"kind = {quoted(_MAGNUS)}", f"nodes = {_array(method.nodes)}"]
-        for label, rows in (("weights", method.weights), ("embedded", method.embedded_weights)):
-            if rows is not None:
-                lines += [f"{label} = [", *(f"  {_array(row)}," for row in rows), "]"]
+        for label, block in (("weights", method.weights), ("embedded", method.embedded_weights)):
+            if block is not None:
+                lines += [f"{label} = [", *(f"  {_array(row)}," for row in block), "]"]
     else:
-        raise TypeError(f"method must be a Tableau, CommutatorFree, MuntheKaas or MagnusMethod, got {method!r}")
+        raise TypeError(
+            f"method must be a Tableau, CommutatorFree, MuntheKaas or MagnusMethod, got {method!r}"
+        )
     if isinstance(method, CommutatorFree | MuntheKaas) and method.third_weights is not None:
         lines.append(f"b_third = {_array(method.third_weights)}")
     if method.nominal_residual is not None:

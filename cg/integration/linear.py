@@ -79,32 +79,36 @@ def solve_linear(
 
     Examples
     --------
-    A spin in a field that rotates: the probability to find it flipped has a closed form.
+    A driven two-level system:
 
     >>> import numpy as np
-    >>> from cg.frames import U
-    >>> frame = cg.frames.UnitQuaternion()
-    >>> solution = solve_linear(
-    ...     lambda t: [np.cos(3 * t), np.sin(3 * t), 4.0],
-    ...     (0, 2), [1, 0, 0, 0], frame=frame, rtol=1e-10, atol=1e-10,
-    ... )
-    >>> solution.success, bool(frame.membership_error(solution.y[-1]) < 1e-14)
-    (True, True)
+    >>> from cg.frames import SU
+    >>> def a(t):  # a spin in a constant field and one that rotates in resonance with it
+    ...     return [0.5 * np.cos(4 * t), 0.5 * np.sin(4 * t), 4.0]
+    >>> run = solve_linear(a, (0, np.pi), np.eye(2), frame=SU(2), rtol=1e-10, atol=1e-10)
+    >>> run.success, abs(run.y[-1][1, 0]).round(8)
+    (True, np.float64(0.70710678))
     """
-    if callable(a) and not isinstance(a, CompiledFunction | LowLevelCallable):
-        f: Any = _Coefficients(a)
-    else:
-        f = a
+    f: Any = a
+    if not isinstance(a, CompiledFunction | LowLevelCallable):
+        if not callable(a):
+            raise TypeError(f"a must be callable as a(t), got {a!r}")
+        f = _Coefficients(a)
     if isinstance(method, str):
         if method == AUTO:
             method = _DEFAULTS[0 if h is not None or rtol is None or rtol >= _LOOSE else 1]
         method = magnus.get(method, method)
-    return solve_ivp(
-        f, t_span, y0, frame=frame, method=method, h=h, rtol=rtol, atol=atol, t_eval=t_eval,
-        dense_output=dense_output, events=events, breakpoints=breakpoints, max_step=max_step,
-        first_step=first_step, max_steps=max_steps, args=args, parameters=parameters,
-        progress=progress,
-    )  # fmt: skip
+    try:
+        return solve_ivp(
+            f, t_span, y0, frame=frame, method=method, h=h, rtol=rtol, atol=atol, t_eval=t_eval,
+            dense_output=dense_output, events=events, breakpoints=breakpoints, max_step=max_step,
+            first_step=first_step, max_steps=max_steps, args=args, parameters=parameters,
+            progress=progress,
+        )  # fmt: skip
+    except (TypeError, ValueError) as error:
+        if str(error).startswith("f must "):
+            raise type(error)(f"a{str(error)[1:]}") from None
+        raise
 
 
 class _Coefficients:

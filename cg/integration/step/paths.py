@@ -12,8 +12,8 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from cg.method.magnus import MagnusMethod
 from cg.method.low_storage import Registers, two_registers
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, remembered
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.tableau import Tableau
@@ -160,9 +160,7 @@ def paths_of(method: Method) -> MethodPaths:
     c = _abscissae(method)
     free = isinstance(method, MagnusMethod)  # stages depend on time alone
     final = [
-        k
-        for k, path in enumerate(stages, 1)
-        if (free or path == result_path > 0) and c[k - 1] == 1
+        k for k, path in enumerate(stages, 1) if (free or path == result_path > 0) and c[k - 1] == 1
     ]
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
     return MethodPaths(
