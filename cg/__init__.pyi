@@ -24,10 +24,12 @@ from .integration import (
     integrate,
     solve_ensemble,
     solve_ivp,
+    solve_linear,
     solve_variational,
     solve_variational_ensemble,
 )
 from .method.commutator_free import CommutatorFree
+from .method.magnus import MagnusMethod
 from .method.method import Method
 from .method.munthe_kaas import MuntheKaas
 from .method.tableau import Tableau, TableauError
@@ -48,6 +50,7 @@ __all__ = [
     "Event",
     "LiftError",
     "Lifted",
+    "MagnusMethod",
     "Method",
     "MethodError",
     "MissingQuadsError",
@@ -75,6 +78,7 @@ __all__ = [
     "search",
     "solve_ensemble",
     "solve_ivp",
+    "solve_linear",
     "solve_variational",
     "solve_variational_ensemble",
 ]

@@ -29,6 +29,7 @@ __all__ = [
     "is_file",
     "load",
     "loads",
+    "magnus",
     "methods",
     "munthe_kaas",
     "resolve_method",
@@ -104,6 +105,9 @@ methods = Catalogue(files(__name__))
 
 munthe_kaas = Catalogue(files(__name__) / "munthe_kaas")
 """The Runge–Kutta–Munthe-Kaas methods, by name."""
+
+magnus = Catalogue(files(__name__) / "magnus")
+"""Commutator-free Magnus methods, for linear equations, by name."""
 
 _STIFF = "of the pairs here DICG3(2) is for stiff equations"
 _IN_SCIPY = {

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 from ..method.coefficients import Coefficient
 from ..method.commutator_free import CommutatorFree
+from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..method.tableau import Tableau, TableauError
@@ -44,6 +45,8 @@ _REQUIRED = {"name", "source", "a", "b"}
 _OPTIONAL = {"b_embedded", "nominal"}
 _OPTIONAL_OF_ALGEBRAS = {"kind", "b_embedded", "b_third"}
 _KIND = "Munthe-Kaas"
+_MAGNUS = "Magnus"
+_REQUIRED_OF_MAGNUS = {"name", "source", "kind", "nodes", "weights"}
 _KEYS_OF_POINTS = {"points", "stage_points", "result"}  # not in files of tableaux
 _REQUIRED_OF_POINTS = {"name", "source"} | _KEYS_OF_POINTS
 _OPTIONAL_OF_POINTS = {"embedded_result", "b_third", "nominal"}
@@ -68,6 +71,10 @@ def loads(text: str) -> Method:
         read_json(text, TableauError) if in_json else read_toml(text, TableauError, parse_float=str)
     )
     points = not _KEYS_OF_POINTS.isdisjoint(entry)
+    if entry.get("kind") == _MAGNUS:
+        check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded"}, "the entry")
+        entry.pop("kind")
+        return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), **entry)
     if "kind" in entry:
         return _read_munthe_kaas(entry)
     if points:
@@ -90,7 +97,7 @@ def loads(text: str) -> Method:
 def _read_munthe_kaas(entry: dict[str, Any]) -> MuntheKaas:
     check_keys(entry, _REQUIRED, _OPTIONAL_OF_ALGEBRAS, "the entry")
     if (kind := entry.pop("kind")) != _KIND:
-        raise MethodError(f"kind must be {_KIND!r}, got {kind!r}")
+        raise MethodError(f"kind must be {_KIND!r} or {_MAGNUS!r}, got {kind!r}")
     third = entry.pop("b_third", None)
     return MuntheKaas(Tableau(entry.pop("a"), entry.pop("b"), **entry), third=third)
 
@@ -198,8 +205,15 @@ def dumps(method: Method) -> str:
         lines += ["]", f"stage_points = {list(method.stage_points)}", f"result = {method.result}"]
         if method.embedded_result is not None:
             lines.append(f"embedded_result = {method.embedded_result}")
+    elif isinstance(method, MagnusMethod):
+        lines += [f"kind = {quoted(_MAGNUS)}", f"nodes = {_array(method.nodes)}"]
+        for label, block in (("weights", method.weights), ("embedded", method.embedded_weights)):
+            if block is not None:
+                lines += [f"{label} = [", *(f"  {_array(row)}," for row in block), "]"]
     else:
-        raise TypeError(f"method must be a Tableau, CommutatorFree or MuntheKaas, got {method!r}")
+        raise TypeError(
+            f"method must be a Tableau, CommutatorFree, MuntheKaas or MagnusMethod, got {method!r}"
+        )
     if isinstance(method, CommutatorFree | MuntheKaas) and method.third_weights is not None:
         lines.append(f"b_third = {_array(method.third_weights)}")
     if method.nominal_residual is not None:

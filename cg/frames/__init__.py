@@ -9,6 +9,7 @@ from cg.frames.grassmann import Grassmann
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.hyperbolic import Hyperbolic
 from cg.frames.isospectral import IsospectralOrbit
+from cg.frames.linear_action import LinearAction
 from cg.frames.matrix_frame import MatrixFrame
 from cg.frames.matrix_group import MatrixGroup
 from cg.frames.power import Power
@@ -44,6 +45,7 @@ __all__ = [
     "HomogeneousSpace",
     "Hyperbolic",
     "IsospectralOrbit",
+    "LinearAction",
     "MatrixFrame",
     "MatrixGroup",
     "Power",

@@ -2,6 +2,7 @@
 
 from cg.integration.ensemble import solve_ensemble
 from cg.integration.ivp import integrate, solve_ivp
+from cg.integration.linear import solve_linear
 from cg.integration.loop.dense import DenseOutput
 from cg.integration.results import EnsembleSolution, Solution
 from cg.integration.rhs.events import Event
@@ -32,6 +33,7 @@ __all__ = [
     "integrate",
     "solve_ensemble",
     "solve_ivp",
+    "solve_linear",
     "solve_variational",
     "solve_variational_ensemble",
 ]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cg.method.low_storage import Registers, two_registers
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.tableau import Tableau
@@ -155,7 +156,10 @@ def paths_of(method: Method) -> MethodPaths:
     stages = tuple(builder.path_to(point) for point in method.stage_points)
     result_path = builder.path_to(result)
     c = _abscissae(method)
-    final = [k for k, path in enumerate(stages, 1) if path == result_path > 0 and c[k - 1] == 1]
+    free = isinstance(method, MagnusMethod)  # stages depend on time alone
+    final = [
+        k for k, path in enumerate(stages, 1) if (free or path == result_path > 0) and c[k - 1] == 1
+    ]
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
     return MethodPaths(
         tuple(builder.paths),
@@ -164,7 +168,7 @@ def paths_of(method: Method) -> MethodPaths:
         embedded_path,
         final[0] if final else 0,
         c,
-        None if series else two_registers(method),
+        None if series or free else two_registers(method),
         series,
         errors,
     )
@@ -225,6 +229,8 @@ def _starts(parts: Sequence[Sequence[object]]) -> list[int]:
 
 
 def _abscissae(method: Method) -> tuple[Fraction, ...]:
+    if isinstance(method, MagnusMethod):
+        return method.abscissae
     at = {START: Fraction(0)}
     for i, point in enumerate(method.points):
         at[i] = at[point.parent] + sum(point.weights.values(), Fraction(0))

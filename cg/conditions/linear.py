@@ -1,0 +1,164 @@
+r"""Order conditions of products of exponentials for linear equations.
+
+Let :math:`y' = A(t) y` with :math:`A(t_0 + \theta h) = \sum_j A_j \theta^{j-1}`. The solution and a
+product of exponentials :math:`\exp(\Omega_s) \cdots \exp(\Omega_1)` with
+:math:`\Omega_i = h \sum_k a_{ik} A(t_0 + c_k h) = h \sum_j x_{ij} A_j`,
+:math:`x_{ij} = \sum_k a_{ik} c_k^{j-1}`, are series in the words :math:`A_{j_1} \cdots A_{j_n}`,
+whose degree is :math:`j_1 + \dots + j_n`. In the solution a word has the coefficient
+
+.. math:: \prod_{i=1}^{n} \frac{1}{j_i + j_{i+1} + \dots + j_n} ,
+
+the integral of :math:`\theta_1^{j_1 - 1} \cdots \theta_n^{j_n - 1}` over
+:math:`1 > \theta_1 > \dots > \theta_n > 0`. A product has order q if the coefficients of all words
+through degree q agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from decimal import Context, Decimal, localcontext
+from fractions import Fraction
+from functools import cache
+from typing import TypeVar
+
+__all__ = [
+    "LINEAR_ROUNDING",
+    "MAX_LINEAR_ORDER",
+    "linear_residuals",
+    "linear_sensitivities",
+    "words",
+]
+
+MAX_LINEAR_ORDER = 9
+"""Highest order whose conditions are offered; there are 511 words through this degree."""
+
+LINEAR_ROUNDING = Decimal("1e-50")
+"""Bound on the rounding errors of residuals of methods with weights of moderate size."""
+
+_DIGITS = Context(prec=64)
+_ROUGH = 1e-9  # far above rounding errors in double
+
+Number = TypeVar("Number", float, Decimal)
+Word = tuple[int, ...]
+Rows = Sequence[Sequence[Fraction]]
+
+
+@cache
+def words(order: int) -> tuple[Word, ...]:
+    """Return all words of degrees 1 to `order`, by degree: the compositions of these numbers.
+
+    Examples
+    --------
+    >>> words(3)
+    ((1,), (1, 1), (2,), (1, 1, 1), (1, 2), (2, 1), (3,))
+    """
+    by_degree: list[list[Word]] = [[()]]
+    for degree in range(1, order + 1):
+        by_degree.append(
+            [(j, *rest) for j in range(1, degree + 1) for rest in by_degree[degree - j]]
+        )
+    return tuple(word for words in by_degree[1:] for word in words)
+
+
+def linear_residuals(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[Decimal]:
+    """Return the coefficients of all words less those of the solution.
+
+    Parameters
+    ----------
+    nodes : sequence of Fraction
+        The nodes c, length K.
+    rows : sequence of sequences of Fraction
+        The weights a of each exponential, in the order in which they are applied, shape (s, K).
+    order : int
+        Largest degree of words.
+
+    Returns
+    -------
+    list of Decimal
+        In the order of `words`, computed with 64 digits.
+    """
+    with localcontext(_DIGITS):
+        product = _product(_moments(nodes, rows, order), order)
+        return [product[word] - _solution(word) for word in words(order)]
+
+
+def estimated_order(nodes: Sequence[Fraction], rows: Rows) -> int:
+    """Return the order that a method seems to have in double precision, an upper bound of it."""
+    moments = [[float(x) for x in row] for row in _moments(nodes, rows, MAX_LINEAR_ORDER)]
+    product = _product(moments, MAX_LINEAR_ORDER)
+    wrong = [
+        sum(word)
+        for word in words(MAX_LINEAR_ORDER)
+        if not abs(product[word] - float(_solution(word))) <= _ROUGH
+    ]
+    return min(wrong, default=MAX_LINEAR_ORDER + 1) - 1
+
+
+def linear_sensitivities(
+    nodes: Sequence[Fraction], rows: Rows, node_units: Sequence[Fraction], units: Rows, order: int
+) -> list[Decimal]:
+    """Return bounds on the changes of the residuals when coefficients change by up to a unit.
+
+    A word's coefficient is a polynomial with positive coefficients in nodes and weights. The
+    increase of its value at their magnitudes is therefore a bound.
+
+    Parameters
+    ----------
+    nodes, rows, order
+        As for `linear_residuals`.
+    node_units, units
+        Largest changes of the nodes, length K, and of the weights, shape (s, K).
+    """
+    sizes = [abs(c) for c in nodes]
+    wide = [c + unit for c, unit in zip(sizes, node_units, strict=True)]
+    weights = [[abs(a) for a in row] for row in rows]
+    wide_weights = [
+        [a + unit for a, unit in zip(row, unit_row, strict=True)]
+        for row, unit_row in zip(weights, units, strict=True)
+    ]
+    with localcontext(_DIGITS):
+        low = _product(_moments(sizes, weights, order), order)
+        high = _product(_moments(wide, wide_weights, order), order)
+        return [high[word] - low[word] for word in words(order)]
+
+
+def _moments(nodes: Sequence[Fraction], rows: Rows, order: int) -> list[list[Decimal]]:
+    """Return x, shape (s, order)."""
+    powers = [[_decimal(c) ** j if j else Decimal(1) for j in range(order)] for c in nodes]
+    weights = [[_decimal(a) for a in row] for row in rows]
+    return [
+        [
+            sum((a * power[j] for a, power in zip(row, powers, strict=True)), Decimal(0))
+            for j in range(order)
+        ]
+        for row in weights
+    ]
+
+
+def _product(moments: list[list[Number]], order: int) -> dict[Word, Number]:
+    """Return the coefficients of all words in the product of exponentials."""
+    number = type(moments[0][0])
+    product: dict[Word, Number] = {(): number(1)} | dict.fromkeys(words(order), number(0))
+    for row in moments:
+        factor: dict[Word, Number] = {(): number(1)}
+        for word in words(order):  # the coefficient of a shorter word is there already
+            factor[word] = factor[word[1:]] * row[word[0] - 1] / len(word)
+        product = {
+            word: sum(
+                (factor[word[:k]] * product[word[k:]] for k in range(len(word) + 1)), number(0)
+            )
+            for word in product
+        }
+    return product
+
+
+def _solution(word: Word) -> Decimal:
+    value, degree = Decimal(1), 0
+    for j in reversed(word):
+        degree += j
+        value /= degree
+    return value
+
+
+def _decimal(value: Fraction) -> Decimal:
+    return Decimal(value.numerator) / value.denominator

@@ -1,0 +1,121 @@
+"""Linear equations: coefficients that depend on time alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from numpy.typing import ArrayLike
+from scipy import LowLevelCallable
+
+from cg.catalogue import magnus
+from cg.frames.base import Frame
+from cg.integration.default_method import AUTO
+from cg.integration.ivp import solve_ivp
+from cg.integration.results import Solution
+from cg.integration.rhs.function import CompiledFunction
+from cg.method.method import Method
+
+__all__ = ["solve_linear"]
+
+_LOOSE = 1e-6
+_DEFAULTS = ("CFM6(4)", "CFM8(6)")
+
+
+def solve_linear(
+    a: Callable[..., ArrayLike] | CompiledFunction | LowLevelCallable[Any, Any],
+    t_span: Sequence[float],
+    y0: ArrayLike,
+    *,
+    frame: Frame,
+    method: str | Method = AUTO,
+    h: float | None = None,
+    rtol: float | None = None,
+    atol: ArrayLike | None = None,
+    t_eval: ArrayLike | None = None,
+    dense_output: bool = False,
+    events: Any = None,
+    breakpoints: ArrayLike | None = None,
+    max_step: float = math.inf,
+    first_step: float | None = None,
+    max_steps: int | None = None,
+    args: Iterable[Any] | None = None,
+    parameters: ArrayLike | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> Solution:
+    r"""Solve :math:`y' = \sum_i a_i(t) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
+
+    The coefficients depend on time alone: a prescribed angular velocity, or a Schrödinger equation
+    with controls. Commutator-free Magnus methods take a step of order six with four flows, and of
+    order eight with eight, where Runge–Kutta methods need 14 and 39.
+
+    Parameters
+    ----------
+    a : callable
+        ``a(t)`` returns the coefficients, shape ``(frame.dim,)``. Compiled functions are those of
+        `cg.solve_ivp`; they get a point, too, and must not read it.
+    t_span, y0, frame
+        As for `cg.solve_ivp`.
+    method : str or Method, optional
+        A name in ``cg.catalogue.magnus``, or a `cg.MagnusMethod`. By default ``"CFM6(4)"``, and
+        ``"CFM8(6)"`` below a relative tolerance of 1e-6. With any other method the call is
+        `cg.solve_ivp`.
+    h, rtol, atol, t_eval, dense_output, events, breakpoints, max_step, first_step, max_steps
+        As for `cg.solve_ivp`. Steps are chosen by the difference from a second product of flows,
+        or are all of size ``h``.
+    args, parameters, progress
+        As for `cg.solve_ivp`.
+
+    Returns
+    -------
+    Solution
+        That of `cg.solve_ivp`; ``nfev`` counts evaluations of ``a``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `cg.solve_ivp`.
+
+    Examples
+    --------
+    A driven two-level system:
+
+    >>> import numpy as np
+    >>> from cg.frames import SU
+    >>> def a(t):  # a spin in a constant field and one that rotates in resonance with it
+    ...     return [0.5 * np.cos(4 * t), 0.5 * np.sin(4 * t), 4.0]
+    >>> run = solve_linear(a, (0, np.pi), np.eye(2), frame=SU(2), rtol=1e-10, atol=1e-10)
+    >>> run.success, abs(run.y[-1][1, 0]).round(8)
+    (True, np.float64(0.70710678))
+    """
+    f: Any = a
+    if not isinstance(a, CompiledFunction | LowLevelCallable):
+        if not callable(a):
+            raise TypeError(f"a must be callable as a(t), got {a!r}")
+        f = _Coefficients(a)
+    if isinstance(method, str):
+        if method == AUTO:
+            method = _DEFAULTS[0 if h is not None or rtol is None or rtol >= _LOOSE else 1]
+        method = magnus.get(method, method)
+    try:
+        return solve_ivp(
+            f, t_span, y0, frame=frame, method=method, h=h, rtol=rtol, atol=atol, t_eval=t_eval,
+            dense_output=dense_output, events=events, breakpoints=breakpoints, max_step=max_step,
+            first_step=first_step, max_steps=max_steps, args=args, parameters=parameters,
+            progress=progress,
+        )  # fmt: skip
+    except (TypeError, ValueError) as error:
+        if str(error).startswith("f must "):
+            raise type(error)(f"a{str(error)[1:]}") from None
+        raise
+
+
+class _Coefficients:
+    """A function of time as one of time and a point."""
+
+    def __init__(self, a: Callable[..., ArrayLike]) -> None:
+        self._a = a
+
+    def __call__(self, t: float, y: Any, *args: Any) -> ArrayLike:
+        return self._a(t, *args)

@@ -1,0 +1,227 @@
+"""Commutator-free Magnus methods: products of exponentials for linear equations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..conditions.linear import (
+    LINEAR_ROUNDING,
+    estimated_order,
+    linear_residuals,
+    linear_sensitivities,
+)
+from ..structure.layout import Layout
+from ..structure.points import START, MethodError, Point, PointTree
+from .coefficients import Coefficient, read_coefficient, read_texts
+from .method import TOLERANCE_FACTOR, Method
+
+__all__ = ["MagnusMethod"]
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class MagnusMethod(Method):
+    r"""A commutator-free Magnus method for linear equations [1]_.
+
+    A step of :math:`y' = \sum_i a_i(t) E_i(y)` evaluates the coefficients at the nodes,
+    :math:`F_k = a(t_0 + c_k h)`, and follows flows one after the other,
+
+    .. math::
+
+        y_1 = \exp\Bigl(h \sum_k a_{sk} F_k\Bigr) \cdots \exp\Bigl(h \sum_k a_{1k} F_k\Bigr) y_0 .
+
+    No stage depends on a point. So there are fewer order conditions, those of words in the
+    derivatives of a, and fewer flows than a Runge–Kutta method needs.
+
+    Parameters
+    ----------
+    nodes : sequence of K numbers
+        The nodes c, as `Coefficient.read` takes them.
+    weights : s rows of K numbers
+        The weights of each flow, in the order in which flows are followed.
+    embedded : rows of K numbers, optional
+        The flows of a second result, of lower order, from the initial point.
+    name, source : str, optional
+        What the method is called and where it is from.
+
+    Raises
+    ------
+    MethodError
+        If there is no node, no flow, a row has another length than there are nodes, or an entry
+        is no finite number.
+
+    References
+    ----------
+    .. [1] A. Alvermann, H. Fehske, "High-order commutator-free exponential time-propagation of
+       driven quantum systems", J. Comput. Phys. 230 (2011), 5930-5956.
+
+    Examples
+    --------
+    >>> midpoint = MagnusMethod(["1/2"], [[1]], name="exponential midpoint rule")
+    >>> midpoint.order, midpoint.stages, midpoint.exponentials
+    (2, 1, 1)
+    """
+
+    name: str
+    source: str
+    nodes: tuple[Coefficient, ...]
+    weights: tuple[tuple[Coefficient, ...], ...]
+    embedded_weights: tuple[tuple[Coefficient, ...], ...] | None
+
+    def __init__(
+        self,
+        nodes: Iterable[Any],
+        weights: Iterable[Iterable[Any]],
+        embedded: Iterable[Iterable[Any]] | None = None,
+        *,
+        name: str = "",
+        source: str = "",
+    ) -> None:
+        values = read_texts(name, source, (None, None))
+        values["nodes"] = _row(nodes, "nodes", None)
+        count = len(values["nodes"])
+        values["weights"] = _rows(weights, "weights", count)
+        values["embedded_weights"] = None
+        if embedded is not None:
+            values["embedded_weights"] = _rows(embedded, "embedded", count)
+        self._set(values)
+
+    @classmethod
+    def from_layout(
+        cls,
+        layout: Layout,
+        coefficients: Sequence[Any],
+        *,
+        nodes: Iterable[Any] = (),
+        **fields: Any,
+    ) -> MagnusMethod:
+        """Return the method with a layout, packed weights and nodes."""
+        nodes = tuple(nodes)
+        rows = [
+            [weights.get(k, 0) for k in range(len(nodes))]
+            for weights in layout.point_weights(coefficients)
+        ]
+        flows = layout.results[0] + 1
+        second = rows[flows:] if layout.pair else None
+        return cls(nodes, rows[:flows], second, **fields)
+
+    def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
+        """Return the method with other weights at the same nodes."""
+        return super().with_coefficients(coefficients, **({"nodes": self.nodes} | fields))
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return self.nodes, self.weights, self.embedded_weights
+
+    @cached_property
+    def tree(self) -> PointTree:
+        """The points on the way to both results; stages are at the initial point."""
+        points: list[Point] = []
+        results = []
+        for rows in (self.weights, self.embedded_weights or ()):
+            parent = START
+            for row in rows:
+                points.append(Point(parent, {k: a.value for k, a in enumerate(row)}))
+                parent = len(points) - 1
+            results.append(parent)
+        second = None if self.embedded_weights is None else results[1]
+        return PointTree(tuple(points), (START,) * len(self.nodes), results[0], second)
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        """The weights that aren't zero, flow after flow; then those of the second result."""
+        rows = (*self.weights, *(self.embedded_weights or ()))
+        return tuple(a for row in rows for a in row if a.value != 0)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Where each weight that isn't zero stands, flow after flow."""
+        return Layout.of_tree(self.tree)
+
+    @cached_property
+    def embedded(self) -> MagnusMethod | None:
+        """The method that leads to the second result of a pair; None without it."""
+        if self.embedded_weights is None:
+            return None
+        name = f"{self.name}, embedded" if self.name else ""
+        return MagnusMethod(self.nodes, self.embedded_weights, name=name, source=self.source)
+
+    @cached_property
+    def abscissae(self) -> tuple[Fraction, ...]:
+        """The nodes as Fractions."""
+        return tuple(node.value for node in self.nodes)
+
+    @cached_property
+    def c(self) -> NDArray[np.float64]:
+        """The nodes, rounded to double; shape (K,), read-only."""
+        nodes = np.array(self.abscissae, dtype=np.float64)
+        nodes.flags.writeable = False
+        return nodes
+
+    @cached_property
+    def exact_order(self) -> int:
+        """The order for linear equations, as far as the stored places can tell."""
+        orders = range(estimated_order(self.abscissae, self._values), 0, -1)
+        return next((order for order in orders if self.satisfies(order)), 0)
+
+    def residuals(self, order: int) -> list[Decimal]:
+        """Return the residuals of the conditions of all words through a degree, to 50 digits.
+
+        Parameters
+        ----------
+        order : int
+            From 1 to ``MAX_LINEAR_ORDER``.
+        """
+        return linear_residuals(self.abscissae, self._values, order)
+
+    def largest_residual(self, order: int | None = None) -> float:
+        """Return the largest residual through an order, by default that of the method."""
+        return float(max(map(abs, self.residuals(max(self.order, 1) if order is None else order))))
+
+    def principal_error(self, order: int | None = None) -> float:
+        """Return the Euclidean norm of the residuals of degree q + 1, q by default the order."""
+        degree = (self.order if order is None else order) + 1
+        residuals = self.residuals(degree)[2 ** (degree - 1) - 1 :]
+        return float(np.linalg.norm(np.array(residuals, dtype=np.float64)))
+
+    def satisfies(self, order: int) -> bool:
+        """Tell whether the conditions through an order hold, as far as stored places can tell."""
+        units = [[a.unit for a in row] for row in self.weights]
+        node_units = [node.unit for node in self.nodes]
+        bounds = linear_sensitivities(self.abscissae, self._values, node_units, units, order)
+        return all(
+            abs(residual) <= TOLERANCE_FACTOR * bound + LINEAR_ROUNDING
+            for residual, bound in zip(self.residuals(order), bounds, strict=True)
+        )
+
+    @property
+    def _values(self) -> list[list[Fraction]]:
+        return [[a.value for a in row] for row in self.weights]
+
+
+def _row(entries: Any, label: str, count: int | None) -> tuple[Coefficient, ...]:
+    """Return a row of coefficients of a given length, if there is one."""
+    if isinstance(entries, str | bytes) or not isinstance(entries, Iterable):
+        raise MethodError(f"{label} must be a sequence of numbers, got {entries!r}")
+    row = tuple(read_coefficient(entry, f"{label}[{k}]") for k, entry in enumerate(entries))
+    if count is None and not row:
+        raise MethodError(f"{label} must have at least one entry, got none")
+    if count is not None and len(row) != count:
+        raise MethodError(f"{label} must have {count} entries, one per node, got {len(row)}")
+    return row
+
+
+def _rows(rows: Any, label: str, count: int) -> tuple[tuple[Coefficient, ...], ...]:
+    if isinstance(rows, str | bytes) or not isinstance(rows, Iterable):
+        raise MethodError(f"{label} must be a sequence of rows, got {rows!r}")
+    read = tuple(_row(row, f"{label}[{i}]", count) for i, row in enumerate(rows))
+    if not read:
+        raise MethodError(f"{label} must have at least one row, got none")
+    return read

@@ -1,0 +1,185 @@
+"""Linear equations: orders on manifolds, steps, output, input."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.linalg import expm
+
+import cg
+from cg.catalogue import magnus
+from cg.frames import SE3, SO, SO3, SU, Euclidean, LinearAction, Product, Sphere, UnitQuaternion
+
+FRAMES = [SO3(), SO3("space"), UnitQuaternion(), SE3(), SO(4), SU(2), Sphere(2),
+          Product(SO3(), Euclidean(2))]  # fmt: skip
+
+
+def coefficients_for(frame):
+    amplitudes = np.random.default_rng(7).uniform(-1, 1, (2, frame.dim))
+
+    def a(t):
+        return amplitudes[0] + amplitudes[1] * np.sin((1.5 + np.arange(frame.dim) / 4) * t)
+
+    return a
+
+
+@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+@pytest.mark.parametrize("name", list(magnus))
+def test_orders_on_manifolds(frame, name):
+    a = coefficients_for(frame)
+    y0 = frame.random_point(np.random.default_rng(2))
+    reference = cg.solve_linear(a, (0, 2), y0, frame=frame, method="CFM8(6)", h=2 / 128).y[-1]
+    counts = {"CFM4": (16, 32), "CFM6(4)": (8, 16), "CFM8(6)": (4, 8)}[name]
+    errors = [
+        np.abs(
+            cg.solve_linear(a, (0, 2), y0, frame=frame, method=name, h=2 / n).y[-1] - reference
+        ).max()
+        for n in counts
+    ]
+    slope = np.log2(errors[0] / errors[1])
+    assert magnus[name].order - 0.4 < slope < magnus[name].order + 1.2
+
+
+def test_the_reference_agrees_with_methods_for_nonlinear_equations():
+    frame = SO3()
+    a = coefficients_for(frame)
+    other = cg.solve_ivp(lambda t, y: a(t), (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-13)
+    found = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(found.y[-1], other.y[-1], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-11])
+def test_errors_stay_below_tolerances(tolerance):
+    frame = UnitQuaternion()
+    a = coefficients_for(frame)
+    y0 = [1.0, 0.0, 0.0, 0.0]
+    exact = cg.solve_linear(a, (0, 5), y0, frame=frame, method="CFM8(6)", h=5 / 400).y[-1]
+    found = cg.solve_linear(a, (0, 5), y0, frame=frame, rtol=tolerance, atol=tolerance)
+    assert np.abs(found.y[-1] - exact).max() < tolerance
+    assert frame.membership_error(found.y).max() < 1e-14
+
+
+def test_coefficients_are_evaluated_at_the_nodes_alone():
+    times = []
+
+    def a(t):
+        times.append(t)
+        return [t, 0.0, 1.0]
+
+    solution = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="CFM6(4)", h=0.5)
+    nodes = magnus["CFM6(4)"].c
+    assert solution.nfev == len(times) == 7
+    assert solution.nexp == 8
+    wanted = sorted({*(0.5 * nodes), *(0.5 + 0.5 * nodes)})
+    np.testing.assert_allclose(sorted(times), wanted, rtol=0, atol=1e-15)
+
+
+def test_output_between_steps_is_as_accurate_as_steps():
+    frame = SO3()
+    a = coefficients_for(frame)
+    times = np.linspace(0, 2, 41)
+    exact = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-12, atol=1e-12, t_eval=times)
+    for given in ({"t_eval": times}, {"dense_output": True}):
+        run = cg.solve_linear(a, (0, 2), np.eye(3), frame=frame, rtol=1e-7, atol=1e-7, **given)
+        y = run.y if run.sol is None else run.sol(times)
+        np.testing.assert_allclose(y, exact.y, rtol=0, atol=1e-7)
+
+
+def test_a_method_for_nonlinear_equations_serves_too():
+    a = coefficients_for(SO3())
+    found = cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), method="CF4", h=0.1)
+    same = cg.integrate(lambda t, y: a(t), (0, 1), np.eye(3), frame=SO3(), method="CF4", h=0.1)
+    np.testing.assert_array_equal(found.y[-1], same.y[-1])
+
+
+def test_arguments_are_passed_on():
+    frame = UnitQuaternion()
+    run = cg.solve_linear(
+        lambda t, rate: [0.0, 0.0, rate], (0, 1), [1, 0, 0, 0], frame=frame, h=0.5, args=(2.0,)
+    )
+    turned = frame.flow([0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(run.y[-1], turned, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"a": 3}, TypeError, "a must be callable as a"),
+        ({"method": "CFM5"}, ValueError, "CFM5"),
+        (
+            {"a": lambda t: [1.0]},
+            ValueError,
+            r"^a must return an array of shape \(3,\), got shape \(1,\)",
+        ),
+        ({"a": lambda t: [np.nan] * 3}, ValueError, "^a must return finite numbers"),
+        ({"h": -1.0}, ValueError, "h"),
+    ],
+)
+def test_bad_input_is_refused(change, error, message):
+    call = {"a": lambda t: [1.0, 0.0, 0.0], "h": 0.5} | change
+    a = call.pop("a")
+    with pytest.raises(error, match=message):
+        cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), **call)
+
+
+class TestLinearAction:
+    RNG = np.random.default_rng(5)
+    DENSE = RNG.standard_normal((3, 6, 6)) * (RNG.uniform(size=(3, 6, 6)) < 0.4)
+
+    def test_flow_and_field_are_those_of_the_dense_matrices(self):
+        frame = LinearAction([sparse.csr_array(g) for g in self.DENSE])
+        v, y = self.RNG.standard_normal((4, 3)), self.RNG.standard_normal((4, 6))
+        for scale in (0.1, 1.0, 20.0):
+            for k in range(4):
+                matrix = np.tensordot(scale * v[k], self.DENSE, 1)
+                exact = expm(matrix) @ y[k]
+                found = frame.flow(scale * v, y)[k]
+                np.testing.assert_allclose(found, exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+                np.testing.assert_allclose(
+                    frame.field(scale * v[k], y[k]), matrix @ y[k], rtol=1e-13, atol=1e-13
+                )
+
+    def test_it_passes_the_checks_of_frames(self):
+        LinearAction([sparse.csr_array(g) for g in self.DENSE]).check()
+        LinearAction([1j * (g + g.T) for g in self.DENSE]).check()
+
+    def test_frames_are_compared_by_value(self):
+        first, second = (LinearAction(list(self.DENSE)) for _ in range(2))
+        assert first == second
+        assert hash(first) == hash(second)
+        assert first != LinearAction(list(self.DENSE[:2]))
+
+    def test_a_spin_chain_as_unitary_matrices(self):
+        x, z = np.array([[0, 1], [1, 0]]), np.diag([1.0, -1.0])
+        eye = np.eye(2)
+        zz, xx = np.kron(z, z), np.kron(x, eye) + np.kron(eye, x)
+        generators = [-1j * zz, -1j * xx]
+        frame = LinearAction([sparse.csr_array(g) for g in generators])
+        psi = np.array([1.0, 0, 0, 0], dtype=complex)
+
+        def a(t):
+            return [1.0, np.cos(t)]
+
+        found = cg.solve_linear(a, (0, 3), psi, frame=frame, rtol=1e-9, atol=1e-9)
+        dense = cg.frames.MatrixFrame(generators)
+        same = cg.solve_linear(a, (0, 3), psi, frame=dense, method="CFM8(6)", h=0.02)
+        np.testing.assert_allclose(found.y[-1], same.y[-1], rtol=0, atol=1e-9)
+        assert abs(np.linalg.norm(found.y[-1]) - 1) < 1e-13
+
+    @pytest.mark.parametrize(
+        ("generators", "message"),
+        [
+            ([], "at least one matrix"),
+            ([np.ones((2, 3))], r"generators\[0\] must be square, got shape \(2, 3\)"),
+            ([np.eye(2), np.eye(3)], "one shape"),
+            ([np.full((2, 2), np.inf)], r"generators\[0\] must be finite"),
+            (7, "must be a sequence of matrices"),
+            ([[["a"]]], r"generators\[0\] must be a matrix of numbers"),
+        ],
+    )
+    def test_bad_generators_are_refused(self, generators, message):
+        with pytest.raises(ValueError, match=message):
+            LinearAction(generators)
+
+    def test_a_flow_beyond_double_precision_is_refused(self):
+        with pytest.raises(cg.frames.FlowOverflowError):
+            LinearAction([np.eye(2)]).flow([1e12], [1.0, 0.0])

@@ -1,0 +1,175 @@
+"""Commutator-free Magnus methods: conditions, orders, coefficients, files, bad input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from math import factorial
+
+import pytest
+
+from cg.catalogue import dumps, loads, magnus
+from cg.conditions.linear import linear_residuals, words
+from cg.method.magnus import MagnusMethod
+from cg.structure.points import MethodError
+
+ORDERS = {"CFM4": (4, None, 2, 3), "CFM6(4)": (6, 4, 4, 4), "CFM8(6)": (8, 6, 8, 5)}
+
+
+@dataclass(frozen=True)
+class Root5:
+    """A number a + b √5, exactly."""
+
+    a: Fraction = Fraction(0)
+    b: Fraction = Fraction(0)
+
+    def __add__(self, other):
+        return Root5(self.a + other.a, self.b + other.b)
+
+    def __mul__(self, other):
+        return Root5(self.a * other.a + 5 * self.b * other.b, self.a * other.b + self.b * other.a)
+
+    def scaled(self, factor):
+        return Root5(self.a * factor, self.b * factor)
+
+
+def root5(rational, irrational):
+    return Root5(Fraction(rational), Fraction(irrational))
+
+
+NODES = [root5(0, 0), root5("1/2", "-1/10"), root5("1/2", "1/10"), root5(1, 0)]
+WEIGHTS = [
+    [root5("1/4", "-1/20"), root5(0, "1/12"), root5("5/24", "-1/8"), root5("1/24", "-1/120")],
+    [root5("-3/20", "1/30"), root5("5/24", "1/24"), root5(0, "2/15"), root5("-7/120", "-1/120")],
+    [root5("-7/120", "1/120"), root5("5/24", "-1/24"), root5(0, "-2/15"), root5("-3/20", "-1/30")],
+    [root5("1/24", "1/120"), root5(0, "-1/12"), root5("5/24", "1/8"), root5("1/4", "1/20")],
+]
+
+
+def solution(word):
+    value, degree = Fraction(1), 0
+    for j in reversed(word):
+        degree += j
+        value /= degree
+    return value
+
+
+def power(number, exponent):
+    product = root5(1, 0)
+    for _ in range(exponent):
+        product *= number
+    return product
+
+
+def exact_coefficients(order):
+    """Return the coefficients of words in the product of four exponentials, in ℚ(√5)."""
+    product = {(): root5(1, 0)} | dict.fromkeys(words(order), Root5())
+    for row in WEIGHTS:
+        moments = [
+            sum((a * power(c, j) for a, c in zip(row, NODES, strict=True)), Root5())
+            for j in range(order)
+        ]
+        factor = {(): root5(1, 0)}
+        for word in words(order):
+            factor[word] = (factor[word[1:]] * moments[word[0] - 1]).scaled(Fraction(1, len(word)))
+        product = {
+            word: sum((factor[word[:k]] * product[word[k:]] for k in range(len(word) + 1)), Root5())
+            for word in product
+        }
+    return product
+
+
+def test_words_are_the_compositions():
+    assert [len(words(order)) for order in range(1, 9)] == [2**order - 1 for order in range(1, 9)]
+    assert words(2) == ((1,), (1, 1), (2,))
+
+
+def test_residuals_of_the_midpoint_rule():
+    found = linear_residuals([Fraction(1, 2)], [[Fraction(1)]], 3)
+    residuals = dict(zip(words(3), found, strict=True))
+    assert all(abs(residuals[word]) < 1e-60 for word in [(1,), (1, 1), (2,), (1, 1, 1)])
+    # its coefficients are 1/4 for A_3 and for both words of A_1 and A_2
+    for word, coefficient in {(3,): "1/3", (1, 2): "1/6", (2, 1): "1/3"}.items():
+        assert float(residuals[word]) == pytest.approx(0.25 - float(Fraction(coefficient)))
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_orders_flows_and_evaluations(name):
+    method = magnus[name]
+    order, embedded, flows, nodes = ORDERS[name]
+    assert (method.order, method.embedded_order) == (order, embedded)
+    assert (method.exponentials, method.stages) == (flows, nodes)
+    assert method.largest_residual() < 1e-34
+    assert method.principal_error() > 1e-5
+    assert not method.satisfies(order + 1)
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_constant_coefficients_are_solved_exactly(name):
+    residuals = dict(zip(words(8), magnus[name].residuals(8), strict=True))
+    for n in range(1, 9):
+        assert abs(residuals[(1,) * n]) < Decimal(10) ** -34 / factorial(n - 1)
+
+
+@pytest.mark.parametrize("name", ["CFM4", "CFM8(6)"])
+def test_symmetric_methods_read_backwards_are_themselves(name):
+    method = magnus[name]
+    rows = [[a.value for a in row] for row in method.weights]
+    for row, other in zip(rows, reversed(rows), strict=True):
+        assert row == other[::-1]
+
+
+def test_order_six_is_exact_in_the_field_of_the_square_root_of_five():
+    product = exact_coefficients(6)
+    for word in words(6):
+        assert product[word] == Root5(solution(word)), word
+    seventh = exact_coefficients(7)
+    assert any(seventh[word] != Root5(solution(word)) for word in words(7))
+
+
+def test_the_stored_method_of_order_six_is_this_one():
+    root = Fraction("2.2360679774997896964091736687312762354406183596115257")
+    for row, stored in zip(WEIGHTS, magnus["CFM6(4)"].weights, strict=True):
+        for exact, coefficient in zip(row, stored, strict=True):
+            assert abs(exact.a + exact.b * root - coefficient.value) < Fraction(1, 10**36)
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_files_give_back_an_equal_method(name):
+    method = magnus[name]
+    assert loads(dumps(method)) == method
+    assert hash(loads(dumps(method))) == hash(method)
+
+
+def test_a_changed_coefficient_is_another_method_of_lower_order():
+    method = magnus["CFM6(4)"]
+    weights = [[a.value for a in row] for row in method.weights]
+    weights[0][0] += Fraction(1, 10**30)
+    changed = MagnusMethod(method.nodes, weights)
+    assert changed != method
+    assert changed.order == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([], [[1]]), r"nodes must have at least one entry"),
+        ((["1/2"], []), r"weights must have at least one row"),
+        ((["1/2"], [[1, 2]]), r"weights\[0\] must have 1 entries, one per node, got 2"),
+        ((["half"], [[1]]), r"nodes\[0\]: expected a finite real number, got 'half'"),
+        ((["1/2"], [["nan"]]), r"weights\[0\]\[0\]: expected a finite real number"),
+        ((["1/2"], 3), r"weights must be a sequence of rows, got 3"),
+        (("1/2", [[1]]), r"nodes must be a sequence of numbers, got '1/2'"),
+        ((["1/2"], [[1]], [[]]), r"embedded\[0\] must have 1 entries"),
+    ],
+)
+def test_bad_coefficients_are_refused(arguments, message):
+    with pytest.raises(MethodError, match=message):
+        MagnusMethod(*arguments)
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_packed_weights_make_the_same_method(name):
+    method = magnus[name]
+    assert method.with_coefficients(method.coefficients) == method
