@@ -7,6 +7,7 @@ import math
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -30,6 +31,7 @@ _RIVALS = ("Dopri8", "Tsit5")
 _DEFAULT = "RKMK8(5,3)"
 _AIMS = {1e-6: 1.0, 1e-8: 1.3, 1e-10: 1.5}
 _MEMBERS = 1000
+_SIZES = (1_000, 100_000)
 _ERROR = 1e-6  # of a gradient, and of members
 
 Solve = Callable[..., Any]
@@ -46,7 +48,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         with tempfile.TemporaryDirectory() as folder:
             case = tumbling(Path(folder))
             rows = (*_equal_errors(case, rounds), *_gradients(case, rounds))
-        rows = (*rows, *_batches(rounds), *_compiling(3))
+        rows = (*rows, *_batches(rounds), *_ensembles(rounds, quick), *_compiling(3))
     return Result(
         "In JAX",
         "The tumbling body of *Rigid bodies*, as a quaternion and an angular velocity, in float64 "
@@ -241,6 +243,43 @@ def _batches(rounds: int) -> list[Row]:
     exact = np.asarray(functions["RKMK8(5,3)"](1e-12))
     title = f"{_MEMBERS} members, a member of 10 s, error {_ERROR:g}"
     return _compare(title, functions, exact, rounds, _MEMBERS)
+
+
+def _ensembles(rounds: int, quick: bool) -> list[Row]:
+    """Return rows of `cg.solve_ensemble` in compiled code against `jax.vmap`, the same method."""
+    import diffrax
+    import jax
+
+    solve, _ = _solvers()[_DEFAULT]
+    together = jax.jit(jax.vmap(
+        lambda y0: solve(_ERROR, y0, _INERTIA, 10.0, diffrax.ForwardMode())
+    ))  # fmt: skip
+
+    def by_vmap(points: Any) -> Any:
+        return np.asarray(together(points))
+
+    def compiled(case: Case, points: Any) -> Any:
+        return cg.solve_ensemble(
+            case.f, (0.0, 10.0), points, frame=case.frame, method=_DEFAULT,
+            rtol=_ERROR, atol=_ERROR, t_eval=[10.0],
+        )  # fmt: skip
+
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        case = tumbling(Path(folder))
+        for members in _SIZES[:1] if quick else _SIZES:
+            velocities = np.random.default_rng(0).standard_normal((members, 3))
+            points = np.concatenate([np.tile(_start()[:4], (members, 1)), velocities], axis=1)
+            momenta = points * np.concatenate([np.ones(4), _INERTIA])
+            times = measure(
+                {"vmap": partial(by_vmap, points), "compiled": partial(compiled, case, momenta)},
+                rounds=rounds,
+            )
+            rows.append(times.row(
+                f"{members} members by vmap, a member of 10 s, {_DEFAULT}", "vmap", "µs",
+                "cg.solve_ensemble, f in C", "compiled", pieces=(members, members),
+            ))  # fmt: skip
+    return rows
 
 
 def _compiling(rounds: int) -> list[Row]:

@@ -25,6 +25,7 @@ __all__ = [
     "is_array",
     "is_complex_array",
     "real_array",
+    "traced_hint",
 ]
 
 Array = NDArray[np.float64]
@@ -62,6 +63,15 @@ def complex_array(value: Any, name: str) -> NDArray[np.complex128]:
     return _number_array(value, name, np.complex128, "iufcO", "complex")
 
 
+def traced_hint(error: BaseException | None) -> str:
+    """Return what to say of an error that a traced array of JAX raised; else nothing."""
+    while error is not None:
+        if type(error).__module__.partition(".")[0] == "jax":
+            return "; cg.jax has the methods for JAX, with gradients"
+        error = error.__cause__
+    return ""
+
+
 def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str) -> NDArray[Any]:
     try:
         # what is masked would count as if it weren't
@@ -73,7 +83,7 @@ def _number_array(value: Any, name: str, dtype: type, kinds: str, adjective: str
         return np.array(raw, dtype=dtype, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(
-            f"{name} must be an array of {adjective} numbers, got {value!r}"
+            f"{name} must be an array of {adjective} numbers, got {value!r}{traced_hint(error)}"
         ) from error
 
 

@@ -14,8 +14,9 @@ except ImportError as error:
     ) from error
 
 from cg.jax.control import controller
-from cg.jax.frames import join, split
+from cg.jax.conversions import from_jaxlie, to_jaxlie
 from cg.jax.points import cotangent, flow, log
+from cg.jax.products import join, split
 from cg.jax.solver import Solver
 from cg.jax.term import FrameTerm
 
@@ -25,7 +26,9 @@ __all__ = [
     "controller",
     "cotangent",
     "flow",
+    "from_jaxlie",
     "join",
     "log",
     "split",
+    "to_jaxlie",
 ]

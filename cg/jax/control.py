@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from cg.frames import Frame
 from cg.jax.entire import JaxArray
-from cg.jax.frames import real_dtype, rules_of
+from cg.jax.frames import rules_of
+from cg.jax.rules import real_dtype
 
 __all__ = ["FrameController", "controller"]
 
@@ -72,11 +73,10 @@ def controller(
     Notes
     -----
     Derivatives are those of the steps that are taken, with their sizes held fixed.  The default
-    adjoint of diffrax repeats steps in the reverse mode.  An estimate near rounding does not
-    repeat to the last bit, nor do the sizes that follow from it: with an error of about 1e-16 /
-    tolerance, relative, in gradients.  ``diffrax.RecursiveCheckpointAdjoint(checkpoints=n)`` with
-    n as large as ``max_steps`` repeats none of them, is exact, and takes less time; it keeps n
-    points.
+    adjoint of diffrax repeats steps in the reverse mode, and gradients are exact if sizes repeat
+    to the last bit; `Solver` keeps `XLA` from rounding them in two ways.
+    ``diffrax.RecursiveCheckpointAdjoint(checkpoints=n)`` with n as large as ``max_steps`` repeats
+    no step and takes less time; it keeps n points.
 
     Examples
     --------

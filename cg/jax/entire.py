@@ -12,12 +12,18 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from cg.frames.dexpinv import bernoulli_terms
+
 __all__ = ["angle_over_sine", "dexpinv_factor", "motion_factors", "stumpff"]
 
 JaxArray = Any
 
 _NEAR = 4.0  # where the series is summed instead of a recurrence that cancels
 _TERMS = 14  # of which the first one left out is below rounding there
+_FACTOR_NEAR = 0.25
+_FACTOR_TERMS = [  # of dexpinv_factor as a series in q / 4; all are positive
+    float(4**n * abs(term)) for n, term in enumerate(bernoulli_terms(22)[2::2])
+]
 _ARCTAN_NEAR = 0.04
 _ARCTAN_TERMS = 14
 
@@ -78,7 +84,14 @@ def dexpinv_factor(q: JaxArray) -> JaxArray:
     exponential; see `cg.frames.dexpinv.rotation_dexpinv`.
     """
     x2 = 0.25 * q
-    return (stumpff(2, x2) - stumpff(3, x2)) / (4.0 * stumpff(1, x2))
+    # The quotient's rounding error grows as 1 / q; its factor ad² is proportional to q.
+    near = x2 < _FACTOR_NEAR
+    small, far = jnp.where(near, x2, 0.0), jnp.where(near, 1.0, x2)
+    series = jnp.full_like(x2, _FACTOR_TERMS[-1])
+    for term in _FACTOR_TERMS[-2::-1]:
+        series = term + small * series
+    x = jnp.sqrt(far)
+    return jnp.where(near, series, (1.0 - x * jnp.cos(x) / jnp.sin(x)) / (4.0 * far))
 
 
 def motion_factors(q: JaxArray) -> tuple[JaxArray, JaxArray]:

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 
 from cg.frames import Frame
 from cg.jax.entire import JaxArray
-from cg.jax.frames import real_dtype, rules_of
+from cg.jax.frames import rules_of
+from cg.jax.rules import real_dtype
 
 __all__ = ["cotangent", "flow", "log"]
 

@@ -19,7 +19,7 @@ from cg.integration.arguments import check_algebra
 from cg.integration.step.paths import MethodPaths, paths_of
 from cg.integration.step.plan import error_exponent
 from cg.jax.entire import JaxArray
-from cg.jax.frames import Rules
+from cg.jax.rules import Rules
 from cg.jax.term import rules_in
 from cg.jax.within import Within, interpolant
 from cg.method.method import Method, remembered
@@ -44,6 +44,14 @@ class _Steps:
     def flows(self) -> list[list[NDArray[np.float64]]]:
         """The weights of the flows of each path, on the stages that are known by then."""
         return [[_row(dict(flow)) for flow in path.flows] for path in self.paths.paths]
+
+    @cached_property
+    def weights(self) -> NDArray[np.float64]:
+        """Of a method of Munthe-Kaas, the weights of stages in paths, shape ``(paths, stages)``."""
+        table = np.zeros((len(self.flows), len(self.paths.stages)))
+        for row, (flow,) in zip(table, self.flows, strict=True):
+            row[: len(flow)] = flow
+        return table
 
     @cached_property
     def on_algebra(self) -> bool:
@@ -179,15 +187,35 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         first = solver_state
         if made_jump is not False:
             first = jax.lax.cond(made_jump, lambda: f(0.0, y0), lambda: solver_state)
-        stages, ends, last = _take_stages(steps, rules, f, h, y0, first)
-        y1 = ends[steps.paths.result]
-        if last is None:
-            last = f(1.0, y1)
+        take = _take_stages_on_algebra if steps.on_algebra else _take_stages
+        stages = take(steps, rules, f, h, y0, first)
+        y1, values = stages.result, stages.values
+        last = f(1.0, y1) if stages.last is None else stages.last
         within = interpolant(
-            self.method, rules, f, h, y0, y1, first, last, stages, accurate=self.dense == "accurate"
+            self.method, rules, f, h, y0, y1, first, last, values, accurate=self.dense == "accurate"
         )
-        error = _error(steps, rules, h, y1, ends, stages)
+        error = _error(steps, rules, h, y0, stages)
         return y1, error, {"within": within}, last, diffrax.RESULTS.successful
+
+
+@dataclass(frozen=True)
+class _Stages:
+    """What a step has computed at its stages.
+
+    Attributes
+    ----------
+    values
+        The coefficients at the stages; of a method of Munthe-Kaas the derivatives of coordinates.
+    result, embedded
+        The points that the step leads to; the second is None where no pair compares two points.
+    last
+        The coefficients at the result, None if no stage is there.
+    """
+
+    values: list[JaxArray]
+    result: JaxArray
+    embedded: JaxArray | None
+    last: JaxArray | None
 
 
 def _take_stages(
@@ -197,38 +225,76 @@ def _take_stages(
     h: JaxArray,
     y0: JaxArray,
     first: JaxArray,
-) -> tuple[list[JaxArray], list[JaxArray], JaxArray | None]:
-    """Return the coefficients at stages, the start and the ends of all paths, and f at the end.
-
-    The last is None where no stage is there.
-    """
+) -> _Stages:
+    """Return the stages and results of a method whose stages are reached by compositions."""
     paths = steps.paths
     last = None
     stages: list[JaxArray] = []
-    ends, coordinates = [y0], [jnp.zeros_like(first)]
+    ends = [y0]
     results = {paths.result, paths.embedded}
 
     def follow(last: int) -> None:
         for k in range(len(ends), last + 1):
             y = ends[paths.paths[k - 1].origin]
-            v = coordinates[0]
             for row in steps.flows[k - 1]:
-                v = combined(h, row, stages)
-                y = rules.flow(v, y)
+                # Without the barrier XLA compiles a flow once for each of its consumers.  Then
+                # rounding errors, and with them sizes of steps, differ between the forward pass
+                # and its repetition by an adjoint.
+                y = jax.lax.optimization_barrier(rules.flow(combined(h, row, stages), y))
             ends.append(rules.restore(y) if k in results else y)
-            coordinates.append(v)
 
     for c, k in zip(paths.doubles[1].tolist(), paths.stages, strict=True):
         follow(k)
         value = first if k == 0 and c == 0.0 and not stages else f(c, ends[k])
         if len(stages) + 1 == paths.final_stage:
             last = value
-        if steps.on_algebra and k > 0:
-            assert rules.dexpinv is not None
-            value = rules.dexpinv(coordinates[k], value, paths.series)
         stages.append(value)
     follow(len(paths.paths))
-    return stages, ends, last
+    embedded = ends[paths.embedded] if paths.embedded else None
+    return _Stages(stages, ends[paths.result], embedded, last)
+
+
+def _take_stages_on_algebra(
+    steps: _Steps,
+    rules: Rules,
+    f: Callable[[Any, JaxArray], JaxArray],
+    h: JaxArray,
+    y0: JaxArray,
+    first: JaxArray,
+) -> _Stages:
+    """Return the stages and the result of a method of Munthe-Kaas.
+
+    Each path is one flow from the start, whose coordinates are a weighted sum of stages.  The
+    value at a stage is added to the sums of all paths at once, which is one kernel of XLA in
+    either mode of differentiation.  `jax.jit` makes JAX trace and differentiate one stage only.
+    """
+    paths, c = steps.paths, steps.paths.doubles[1].tolist()
+    weights = jnp.asarray(steps.weights, h.dtype)
+    dexpinv = rules.dexpinv
+    assert dexpinv is not None
+
+    @jax.jit
+    def derivative(u: JaxArray, c: JaxArray) -> JaxArray:
+        return dexpinv(u, f(c, rules.flow(u, y0)), paths.series)
+
+    stages: list[JaxArray] = []
+    result = last = None
+    sums = jnp.zeros((len(weights), len(first)), h.dtype)
+    for index, k in enumerate(paths.stages):
+        if k == 0:
+            value = first if index == 0 and c[0] == 0.0 else f(c[index], y0)
+        elif index + 1 == paths.final_stage:
+            u = h * sums[k - 1]
+            result = rules.restore(rules.flow(u, y0))
+            last = f(1.0, result)
+            value = dexpinv(u, last, paths.series)
+        else:
+            value = derivative(h * sums[k - 1], c[index])
+        stages.append(value)
+        sums = sums + weights[:, index, None] * value
+    if result is None:
+        result = rules.restore(rules.flow(h * sums[paths.result - 1], y0))
+    return _Stages(stages, result, None, last)
 
 
 def combined(h: JaxArray, row: NDArray[np.float64], stages: list[JaxArray]) -> JaxArray:
@@ -243,26 +309,24 @@ def _error(
     steps: _Steps,
     rules: Rules,
     h: JaxArray,
-    y1: JaxArray,
-    ends: list[JaxArray],
-    stages: list[JaxArray],
+    y0: JaxArray,
+    stages: _Stages,
 ) -> JaxArray | None:
     """Return the estimate as a tangent at the end of the step; None without a pair.
 
     Two estimates are made one as in DOP853, by norms that are those of `controller` where both of
     its tolerances are equal.
     """
-    paths = steps.paths
-    if paths.errors:
-        found = h * (jnp.asarray(steps.errors, h.dtype) @ jnp.stack(stages))
+    y1, other = stages.result, stages.embedded
+    if steps.paths.errors:
+        found = h * (jnp.asarray(steps.errors, h.dtype) @ jnp.stack(stages.values))
         error = found[0]
         if len(found) == 2:
-            size = rules.extent(ends[0], y1)
+            size = rules.extent(y0, y1)
             squares = [(jnp.abs(rules.measured(e, y1) / size) ** 2).sum() for e in found]
             total = jnp.maximum(squares[0] + 0.01 * squares[1], jnp.finfo(h.dtype).tiny)
             error = jax.lax.stop_gradient(jnp.sqrt(squares[0] / total)) * error
         return rules.field(error, y1)
-    if not paths.embedded:
+    if other is None:
         return None
-    other = ends[paths.embedded]
     return y1 - other if rules.log is None else rules.field(rules.log(other, y1), y1)

@@ -13,7 +13,8 @@ import numpy as np
 
 from cg.frames import Frame
 from cg.jax.entire import JaxArray
-from cg.jax.frames import Rules, rules_of
+from cg.jax.frames import rules_of
+from cg.jax.rules import Rules
 
 __all__ = ["FrameTerm", "rules_in"]
 

@@ -23,7 +23,7 @@ from cg.integration.step.interpolant import (
     series_order,
 )
 from cg.jax.entire import JaxArray
-from cg.jax.frames import Rules
+from cg.jax.rules import Rules
 from cg.method.method import Method, remembered
 from cg.method.munthe_kaas import MuntheKaas
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from itertools import combinations
 from typing import Any, Protocol
 
@@ -53,8 +54,9 @@ _SMALL_ONLY = "only small, below"
 MAX_SMALL = Fraction(1, 10**40)
 """Larger bounds don't tell conditions that hold from coefficients that are rounded."""
 
-STRUCTURES: dict[str, type[FlatRows | TwoRegisters]] = {
+STRUCTURES: dict[str, Callable[..., FlatRows | TwoRegisters]] = {
     "flat tableau": FlatRows,
+    "flat tableau in Q(√21)": partial(FlatRows, root=21),
     "two registers": TwoRegisters,
 }
 """What makes further conditions follow, if its equations are held, by name."""

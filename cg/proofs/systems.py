@@ -33,13 +33,13 @@ class Equation(NamedTuple):
     label : str
         What it says, for messages.
     terms : tuple of Term
-    constant : Fraction
+    constant : Fraction or arb
         Added to the terms.
     """
 
     label: str
     terms: tuple[Term, ...]
-    constant: Fraction = Fraction(0)
+    constant: Fraction | arb = Fraction(0)
 
 
 def condition(word: Word, row: int) -> Equation:
@@ -145,8 +145,8 @@ def exact_residuals(
     ]
 
 
-def _ball(value: Fraction) -> arb:
-    return arb(fmpq(value.numerator, value.denominator))
+def _ball(value: Fraction | arb) -> arb:
+    return value if isinstance(value, arb) else arb(fmpq(value.numerator, value.denominator))
 
 
 def _product(factors: Sequence[Any]) -> Any:

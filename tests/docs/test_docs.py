@@ -15,7 +15,8 @@ from cg.integration.default_method import choose_method
 pytestmark = pytest.mark.no_core
 
 DOCS = Path(__file__).parents[2] / "docs"
-SLOW = {"howto/jax", "howto/monte_carlo", "howto/optimal_turn", "howto/schroedinger"}
+IN_JAX = {"howto/batch", "howto/jax", "howto/jaxlie", "howto/neural_ode", "howto/quadrotor"}
+SLOW = IN_JAX | {"howto/monte_carlo", "howto/optimal_turn", "howto/schroedinger"}
 PAGES = sorted(
     str(path.relative_to(DOCS).with_suffix(""))
     for folder in ("start", "howto", "mathematics")
@@ -32,8 +33,10 @@ PAGES = sorted(
     ],
 )
 def test_the_blocks_of_a_page_run(page, capsys):
-    if page == "howto/jax":
+    if page in IN_JAX:
         pytest.importorskip("diffrax", reason="diffrax isn't installed")
+    if page == "howto/jaxlie":
+        pytest.importorskip("jaxlie", reason="jaxlie isn't installed")
     names = run(f"docs/{page}.md")
     if "numba" in {kind for kind, _ in blocks_of(f"docs/{page}.md")}:
         numba = pytest.importorskip("numba")

@@ -127,6 +127,34 @@ class TestValues:
         np.testing.assert_allclose(low, frame.flow(v, y), rtol=0.0, atol=2e-6)
 
 
+class TestSeriesOfDexpinv:
+    """Its values beyond the radius of convergence are those of NumPy: NaN, except if it stops."""
+
+    @pytest.mark.parametrize("frame", [SU(3), pytest.param(SO(4), marks=SLOW)], ids=repr)
+    def test_values(self, frame):
+        rng = np.random.default_rng(11)
+        v = rng.standard_normal((6, frame.dim))
+        u = (
+            rng.standard_normal((6, frame.dim))
+            * np.array([0.0, 0.1, 2.0, 10.0, 1e3, 1e160])[:, None]
+        )
+        u[5] = 8.0 * v[5]
+        found = jax.jit(jax.vmap(lambda u, v: rules_of(frame).dexpinv(u, v, 6)))(u, v)
+        expected = frame.dexpinv(u, v, order=6)
+        assert np.isnan(expected[3:5]).all()
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+    def test_derivatives_stay_finite(self):
+        frame = SU(3)
+        v = np.random.default_rng(12).standard_normal(frame.dim)
+        slope = jax.jit(jax.jacrev(lambda u: rules_of(frame).dexpinv(u, v, 6)))
+        for u in (0.0 * v, 0.1 * v[::-1]):
+            forward = jax.jacfwd(lambda u: rules_of(frame).dexpinv(u, v, 6))(u)
+            close(slope(u), forward, 10)
+            assert np.isfinite(forward).all()
+        assert np.isfinite(slope(8.0 * v)).all()
+
+
 # Kinds of closed forms; the others take longer to compile.
 QUICK = (UnitQuaternion, Euclidean)
 MOST = [

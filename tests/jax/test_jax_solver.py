@@ -1,5 +1,10 @@
 """Steps, errors and output in JAX are those of compiled code."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from jax_setup import diffrax, jax
@@ -368,6 +373,60 @@ class TestTransforms:
             quotient = self.quotient(lambda s, u=unit: exact(INERTIA, frame.flow(s * u, START)))
             assert float(numbers[k]) == pytest.approx(quotient, abs=1e-9)
 
+    @pytest.mark.parametrize(
+        ("frame", "name"),
+        [
+            (UnitQuaternion(), "CF4(3)"),
+            pytest.param(UnitQuaternion(), "RKMK5(4)", marks=SLOW),
+            pytest.param(Sphere(2), "CF4(3)", marks=SLOW),
+        ],
+    )
+    def test_times_of_events(self, frame, name):
+        """The derivative of the time of an event, and of the point there."""
+        optimistix = pytest.importorskip("optimistix")
+        ours, _ = term(frame)
+        y0 = point(frame)
+        event = diffrax.Event(
+            lambda t, y, args, **kwargs: y[0] - y[-1], root_finder=optimistix.Newton(1e-11, 1e-11)
+        )
+        options = {"end": 4.0, "event": event, "max_steps": 512}
+
+        def found(factor):
+            solver = cg.jax.Solver(name)
+            run = solve(ours, solver, y0, h=0.05, args=factor, **options)
+            return jnp.concatenate([run.ts, run.ys[0]])
+
+        values = jax.jit(found)
+        slope = jax.jit(jax.jacrev(found))(0.8)
+        assert 0.1 < float(values(0.8)[0]) < 3.9
+        expected = self.quotient(lambda s: np.asarray(values(0.8 + s)), 5e-3)
+        np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-7)
+
+    def test_flows_are_compiled_once(self):
+        """Without barriers XLA compiles a flow again with each consumer, with other rounding."""
+        frame = UnitQuaternion()
+        ours, _ = term(frame)
+        y0 = point(frame)
+        solver = cg.jax.Solver("CF4(3)", dense="steps")
+
+        def step(y0, first):
+            return solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[:2]
+
+        primitives = [str(e.primitive) for e in jax.make_jaxpr(step)(y0, np.ones(3)).eqns]
+        flows = sum(len(path.flows) for path in solver.steps.paths.paths)
+        assert primitives.count("optimization_barrier") == flows
+
+    @pytest.mark.slow
+    def test_repeated_steps_are_the_same(self):
+        """The default adjoint repeats steps; their sizes follow from differences near rounding.
+
+        Only XLA with its usual optimisations, which tests do without, shows whether they differ.
+        """
+        environment = {name: text for name, text in os.environ.items() if name != "XLA_FLAGS"}
+        command = [sys.executable, Path(__file__).parents[1] / "helpers/jax_repetition.py"]
+        done = subprocess.run(command, env=environment, capture_output=True, check=True, text=True)
+        assert abs(float(done.stdout)) < 1e-12
+
     @staticmethod
     def quotient(function, step=5e-3):
         """Return a derivative by differences of order six."""
@@ -433,8 +492,20 @@ class TestTransforms:
                 lambda t, y: f(t, y, inertia), (0.0, 1.0), START, frame=ATTITUDE_AND_VELOCITY
             ).y[-1, 0]
 
-        with pytest.raises(ValueError, match=r"cg\.jax has the methods for JAX"):
-            jax.grad(end)(jnp.asarray(INERTIA))
+        def listed(inertia):
+            f = body(jnp)
+            return cg.solve_ivp(
+                lambda t, y: list(f(t, y, inertia)), (0.0, 1.0), START, frame=ATTITUDE_AND_VELOCITY
+            ).y[-1, 0]
+
+        def from_start(y0):
+            return cg.solve_ivp(body(np), (0.0, 1.0), y0, frame=ATTITUDE_AND_VELOCITY).y[-1, 0]
+
+        for function, at in ((end, INERTIA), (listed, INERTIA), (from_start, START)):
+            with pytest.raises(ValueError, match=r"cg\.jax has the methods for JAX"):
+                jax.grad(function)(jnp.asarray(at))
+            with pytest.raises(ValueError, match=r"cg\.jax has the methods for JAX"):
+                jax.jit(function)(jnp.asarray(at))
 
 
 class TestRefusals:

@@ -36,7 +36,7 @@ pytestmark = pytest.mark.no_core
 
 CERTIFIED = certificate_names()
 PARTLY = {
-    "CF6(5)", "CF7b", "CF7(6)", "Verner7(6)", "DOP853", "CooperVerner8", "CF8a", "Verner8(7)"
+    "CF6(5)", "CF7b", "CF7(6)", "Verner7(6)", "DOP853", "CF8a", "Verner8(7)"
 }  # fmt: skip
 IRRATIONAL = [name for name in CERTIFIED if Fraction(certificate_of(methods[name]).radius)]
 PROVED_HERE = ["LieEuler", "CG2", "CG3", "CG2(3)", "CG4", "CG4a", "CG5a"]

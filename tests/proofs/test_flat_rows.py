@@ -8,10 +8,12 @@ import pytest
 from flint import fmpq, fmpq_mat
 
 import cg
-from cg.proofs import CertificationError, certify, check
+from cg.proofs import CertificationError, certificate_of, certify, check
 from cg.proofs.dependent.flat_rows import FlatRows
-from cg.proofs.dependent.words import reciprocal_density
+from cg.proofs.dependent.quadratic import Quadratic, dependencies
+from cg.proofs.dependent.words import condition_words, reciprocal_density, text
 from cg.proofs.weights import Quantity, Weights
+from cg.support.balls import working_precision
 
 pytestmark = pytest.mark.no_core
 
@@ -102,3 +104,95 @@ def test_rows_that_are_no_tableau_of_the_order():
     forged = replace(certificate, identities=("flat tableau", *certificate.identities))
     with pytest.raises(CertificationError):
         check(forged, method)
+
+
+def test_products_give_relations_that_vectors_do_not(values):
+    """With the products of surroundings and letters left out, fewer relations are known."""
+
+    def rank(kinds):
+        rows = flat_rows(values)
+        found = [zero for kind in kinds for k in range(5) for zero in getattr(rows, kind)(k)]
+        words = sorted({one for zero in found for one in zero}, key=str)
+        table = [[zero[one].a if one in zero else 0 for one in words] for zero in found]
+        return fmpq_mat(table).rank()
+
+    vectors = ["_of_letters", "_of_surroundings"]
+    assert rank([*vectors, "_of_products"]) > rank(vectors)
+
+
+def quadratic(a, b, d=21):
+    return Quadratic(fmpq(a), fmpq(b), d)
+
+
+def test_numbers_with_a_root():
+    x, y = quadratic(1, 2), Quadratic(fmpq(3, 7), fmpq(-1, 5), 21)
+    assert float((x * y).number) == pytest.approx(float(x.number) * float(y.number))
+    assert float((x - y).number) == pytest.approx(float(x.number) - float(y.number))
+    one = x * x.inverse()
+    assert (one.number, bool(one - quadratic(1, 0))) == (Fraction(1), False)
+    assert x.times(Fraction(1, 2)).b == 1
+    # a rational number is one with any root
+    assert (Quadratic(2) * x).d == (x * Quadratic(2)).d == 21
+    with working_precision(200):
+        digits = Fraction(y.number.str(36, radius=False))
+    near = Quadratic.near(digits, 21)
+    assert (near.a, near.b) == (y.a, y.b)
+    assert Quadratic.near(Fraction(2, 3), 0).number == Fraction(2, 3)
+
+
+def test_dependencies_of_vectors_with_a_root():
+    root = quadratic(0, 1)
+    first, second = [quadratic(1, 0), root], [quadratic(2, 1), quadratic(5, 0)]
+    third = [x * root - y for x, y in zip(first, second, strict=True)]
+    (zero,) = dependencies([first, second, third])
+    assert max(zero) == 2
+    vectors = [first, second, third]
+    for place in range(2):
+        total = sum((share * vectors[k][place] for k, share in zero.items()), Quadratic(0))
+        assert not total
+    assert dependencies([first, second]) == []
+
+
+def test_the_tableau_of_cooper_and_verner_has_a_root():
+    method = cg.methods["CooperVerner8"]
+    x = [coefficient.value for coefficient in method.coefficients]
+    rows = FlatRows(method.layout, [8], x, 21)
+    assert rows.satisfied()
+    assert not FlatRows(method.layout, [8], x, 6).satisfied()
+    assert not FlatRows(method.layout, [8], x).satisfied()
+    constants = {one.terms[0].weights[0]: -one.constant for one in rows.equations()}
+    for quantity, constant in constants.items():
+        row = method.tree.flat_row(method.layout.ends[quantity.row])
+        assert float(constant) == pytest.approx(float(row[quantity.word[0]]), abs=1e-15)
+
+
+@pytest.mark.slow
+def test_order_eight_is_proved_whole():
+    method = cg.methods["CooperVerner8"]
+    certificate = certificate_of(method)
+    assert certificate.identities[0] == "flat tableau in Q(√21)"
+    check(certificate, method)
+    names = certificate.identities[1]
+    for identities in ((names,), ("flat tableau", names)):
+        with pytest.raises(CertificationError):
+            check(replace(certificate, identities=identities), method)
+
+
+def test_one_more_condition_left_out_is_refused():
+    """With one more coefficient held, so that there is a zero of what is left."""
+    certificate = certificate_of(METHOD)
+    structure, names = certificate.identities
+    trees = [text(word) for word in condition_words(5)]
+    kept = [tree for tree in trees if tree not in names.split()]
+    held = set(certificate.fixed)
+    refused = 0
+    for name in [name for name in METHOD.layout.names if name not in held][:6]:
+        forged = replace(
+            certificate,
+            identities=(structure, f"{names} {kept[-1]}"),
+            fixed=(*certificate.fixed, name),
+        )
+        with pytest.raises(CertificationError) as error:
+            check(forged, METHOD)
+        refused += "that conditions follow from others is not proved" in str(error.value)
+    assert refused

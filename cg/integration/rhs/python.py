@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, Points, real_array
+from cg.frames.arrays import Array, Points, real_array, traced_hint
 from cg.frames.base import Frame
 from cg.frames.homogeneous import HomogeneousSpace
 from cg.frames.matrix_group import MatrixGroup
@@ -176,9 +176,9 @@ class PythonRhs:
             coefficients = real_array(value, "f")
         except ValueError as error:
             wanted = f"an array of shape {shape}" if self.vectorized else f"{shape[0]} real numbers"
-            traced = type(value).__module__.partition(".")[0] == "jax"
-            hint = "; cg.jax has the methods for JAX, with gradients" if traced else ""
-            raise ValueError(f"f must return {wanted}, got {value!r} at {when(t)}{hint}") from error
+            raise ValueError(
+                f"f must return {wanted}, got {value!r} at {when(t)}{traced_hint(error)}"
+            ) from error
         if coefficients.shape != shape:
             got = "None" if value is None else f"shape {coefficients.shape}"
             raise ValueError(

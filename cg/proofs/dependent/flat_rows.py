@@ -1,31 +1,34 @@
 """Relations between residuals of a method whose rows add up to those of a flat tableau.
 
 The sums of weights along the ways to stages and results make a tableau. If they are held, at
-rational numbers, so are the weights of rooted trees, whose nodes have no order: combinations of
-those of ordered trees. Where the conditions of rooted trees are satisfied, and where vectors made
-of rooted trees alone depend on each other, that gives relations with rational coefficients.
+rational numbers or at numbers ``a + b √d``, so are the weights of rooted trees, whose nodes have
+no order: combinations of those of ordered trees. Where the conditions of rooted trees are
+satisfied, and where products of vectors made of rooted trees alone vanish, that gives relations
+with exact coefficients.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from functools import cache
-
-from flint import fmpq, fmpq_mat
+from itertools import product
 
 from ...structure.layout import Layout
 from ..systems import Equation, Term
 from ..weights import Quantity
 from .holes import HOLE, basis, outer_nodes
-from .orthogonality import Condition
+from .orthogonality import Condition, Known
+from .quadratic import Quadratic, dependencies
 from .relations import fill
-from .words import Word, condition_words, reciprocal_density, shuffle
+from .words import Word, condition_words, nodes, reciprocal_density, shuffle
 
 __all__ = ["FlatRows"]
 
 Combination = dict[Word, int]
 _Steps = tuple[Word, ...]
+_Zero = dict[Condition, Quadratic]
+_ONE = Quadratic(1)
 
 
 class FlatRows:
@@ -38,23 +41,30 @@ class FlatRows:
         Of each row of weights.
     x : sequence of Fraction
         Packed coefficients.
+    root : int
+        The d of numbers ``a + b √d`` that the sums are rounded from; 0 if they are exact.
     """
 
-    def __init__(self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction]) -> None:
+    def __init__(
+        self, layout: Layout, orders: Sequence[int], x: Sequence[Fraction], root: int = 0
+    ) -> None:
         self._layout, self._orders = layout, orders
-        self._sums = [[Fraction(0)] * layout.stages for _ in layout.ends]
+        sums = [[Fraction(0)] * layout.stages for _ in layout.ends]
         self._present: list[tuple[int, int]] = []
         for i, end in enumerate(layout.ends):
             for point in layout.path(end):
                 for k, stage in enumerate(layout.weights[point], layout.starts[point]):
-                    self._sums[i][stage] += x[k]
+                    sums[i][stage] += x[k]
                     if (i, stage) not in self._present:
                         self._present.append((i, stage))
+        self._sums = [[Quadratic.near(entry, root) for entry in row] for row in sums]
+        self._known_values: dict[Word, list[Quadratic]] = {}
+        self._known_along: dict[tuple[int, _Steps], list[Quadratic]] = {}
 
     def satisfied(self) -> bool:
         """Tell whether the tableau has the orders in flat space, exactly."""
         return all(
-            _product(self._sums[row], self._values(tree)) == _exact(_flat(tree))
+            not _product(self._sums[row], self._values(tree)) - _exact(_flat(tree))
             for r, order in enumerate(self._orders)
             for row in [self._layout.stages + r]
             for count in range(order)
@@ -62,7 +72,7 @@ class FlatRows:
         )
 
     def equations(self) -> list[Equation]:
-        """Return that sums of weights are what they are, as far as these are independent."""
+        """Return that sums of weights are what they are; of those over the same weights, one."""
         size = self._layout.size
         rows = []
         for i, stage in self._present:
@@ -75,75 +85,130 @@ class FlatRows:
             Equation(
                 f"the sum of weights on stage {stage + 1} in row {i + 1}",
                 (Term(Fraction(1), (Quantity(i, (stage,)),)),),
-                -self._sums[i][stage],
+                -self._sums[i][stage].number,
             )
             for i, stage in (self._present[k] for k in _pivots(rows))
         ]
 
-    def relations(self) -> Iterator[dict[Condition, Fraction]]:
+    def relations(self) -> Iterator[Known]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(order):
                 for tree in _rooted(count):
                     yield {(row, (word,)): Fraction(m) for word, m in _flat(tree).items()}
         for most in range(self._orders[0]):
-            for found in (*self._of_letters(most), *self._of_surroundings(most)):
+            for found in (
+                *self._of_letters(most),
+                *self._of_surroundings(most),
+                *self._of_products(most),
+            ):
                 # what is zero for the method must be zero for the exact solution
-                terms = (value * reciprocal_density(word) for (_, word), value in found.items())
-                if sum(terms, Fraction(0)) == 0:
-                    yield found
+                terms = (value.times(reciprocal_density(w)) for (_, w), value in found.items())
+                if not sum(terms, Quadratic(0)):
+                    yield {key: value.number for key, value in found.items() if value}
 
-    def _of_letters(self, most: int) -> Iterator[dict[Condition, Fraction]]:
+    def _of_letters(self, most: int) -> Iterator[_Zero]:
         """Yield products of any surroundings with letters of rooted trees that are dependent."""
         trees = [tree for count in range(most + 1) for tree in _rooted(count)]
-        for zero in _dependencies([self._values(tree) for tree in trees]):
+        for zero in dependencies([self._values(tree) for tree in trees]):
+            if nodes(trees[max(zero)]) < most:
+                continue  # with more surroundings before
             letter = _sum((_flat(trees[k]), share) for k, share in zero.items())
             for row, order in enumerate(self._orders):
                 free = order - 1 - most
                 for hole in ((HOLE,), *basis(free)) if free >= 0 else ():
                     for factor in _words(free - outer_nodes(hole)):
-                        yield _filled(row, {hole: Fraction(1)}, {factor: 1}, letter)
+                        yield _filled(row, {hole: _ONE}, {factor: 1}, letter)
 
-    def _of_surroundings(self, most: int) -> Iterator[dict[Condition, Fraction]]:
+    def _of_surroundings(self, most: int) -> Iterator[_Zero]:
         """Yield products of any letter with surroundings of rooted trees that are dependent."""
-        rows = [
-            (row, steps)
-            for row, order in enumerate(self._orders)
-            for degree in range(order - most)
-            for steps in _chains(degree)
-        ]
-        for zero in _dependencies([self._along(row, steps) for row, steps in rows]):
-            for letter in _words(most):
-                found: dict[Condition, Fraction] = {}
+        rows = self._surroundings(most + 1)
+        for zero in dependencies([self._along(row, steps) for row, steps in rows]):
+            for letter in (word for word in _words(most) if nodes(word) == most):
+                found: _Zero = {}
                 for k, share in zero.items():
-                    row, steps = rows[k]
-                    holes = _sum([(_around(steps), share)])
-                    for one, value in _filled(
-                        row, holes, _flat(steps[-1]), {letter: Fraction(1)}
-                    ).items():
-                        found[one] = found.get(one, Fraction(0)) + value
+                    _add(found, self._around(*rows[k], share, letter))
                 yield found
 
-    def _values(self, tree: Word) -> list[Fraction]:
-        """Return the weights of a rooted tree at the stages."""
-        stages = range(self._layout.stages)
-        found = [Fraction(1) for _ in stages]
-        for child in tree:
-            inner = self._values(child)
-            found = [found[i] * _product(self._sums[i], inner) for i in stages]
-        return found
+    def _of_products(self, most: int) -> Iterator[_Zero]:
+        """Yield combinations of products of surroundings and letters of rooted trees.
 
-    def _along(self, row: int, steps: _Steps) -> list[Fraction]:
+        Those that are zero for all rows i and stages k such that flows on the way to the end of
+        row i have weights on stage k: then they are zero with any words on these ways, `most`
+        nodes in each besides the letter.
+        """
+        if not most:
+            return
+        trees = [tree for count in range(self._orders[0] - most) for tree in _rooted(count)]
+        trees = [trees[k] for k in _independent([self._values(tree) for tree in trees])]
+        rows = self._surroundings(most + 1)
+        rows = [rows[k] for k in _independent([self._along(*one) for one in rows])]
+        rows += [(row, ()) for row in range(len(self._orders))]
+        both = [
+            (row, steps, tree)
+            for row, steps in rows
+            for tree in trees
+            if _degree(steps) + nodes(tree) <= self._orders[row] - 2 - most
+        ]
+        products = []
+        for row, steps, tree in both:
+            left, right = self._at_ends(row, steps), self._values(tree)
+            products.append([left[i] * right[k] for i, k in self._present])
+        for zero in dependencies(products):
+            for hole in _holes(most):
+                found: _Zero = {}
+                for k, share in zero.items():
+                    row, steps, tree = both[k]
+                    for (_, word), value in self._around(row, steps, share, hole).items():
+                        filled = {(row, fill(word, z)): m for z, m in _flat(tree).items()}
+                        _add(found, {one: value.times(m) for one, m in filled.items()})
+                yield found
+
+    def _surroundings(self, nodes_left: int) -> list[tuple[int, _Steps]]:
+        """Return surroundings of rooted trees that leave so many nodes to what they surround."""
+        return [
+            (row, steps)
+            for row, order in enumerate(self._orders)
+            for degree in range(order + 1 - nodes_left)
+            for steps in _chains(degree)
+        ]
+
+    def _around(self, row: int, steps: _Steps, share: Quadratic, word: Word) -> _Zero:
+        """Return a multiple of a surrounding of rooted trees, with a word in the hole."""
+        if not steps:
+            return {(row, word): share}
+        holes = _sum([(_around(steps), share)])
+        return _filled(row, holes, _flat(steps[-1]), {word: _ONE})
+
+    def _at_ends(self, row: int, steps: _Steps) -> list[Quadratic]:
+        """Return a surrounding as a vector over stages and results; a row itself for no steps."""
+        stages = self._layout.stages
+        if steps:
+            return self._along(row, steps) + [Quadratic(0)] * len(self._orders)
+        return [Quadratic(int(i == stages + row)) for i in range(len(self._layout.ends))]
+
+    def _values(self, tree: Word) -> list[Quadratic]:
+        """Return the weights of a rooted tree at the stages."""
+        if tree not in self._known_values:
+            found = [_ONE] * self._layout.stages
+            for child in tree:
+                inner = self._values(child)
+                rows = self._sums[: self._layout.stages]
+                found = [x * _product(row, inner) for x, row in zip(found, rows, strict=True)]
+            self._known_values[tree] = found
+        return self._known_values[tree]
+
+    def _along(self, row: int, steps: _Steps) -> list[Quadratic]:
         """Return a surrounding of rooted trees as a vector over the stages."""
-        stages = range(self._layout.stages)
-        found = self._sums[self._layout.stages + row]
-        for k, tree in enumerate(steps):
-            if k:
-                found = [
-                    sum((found[i] * self._sums[i][j] for i in stages), Fraction(0)) for j in stages
-                ]
-            found = [a * b for a, b in zip(found, self._values(tree), strict=True)]
-        return found
+        if (row, steps) not in self._known_along:
+            found = self._sums[self._layout.stages + row]
+            if len(steps) > 1:
+                before = self._along(row, steps[:-1])
+                columns = zip(*self._sums[: self._layout.stages], strict=True)
+                found = [_product(before, column) for column in columns]
+            values = self._values(steps[-1])
+            self._known_along[row, steps] = [a * b for a, b in zip(found, values, strict=True)]
+        return self._known_along[row, steps]
 
 
 @cache
@@ -201,65 +266,65 @@ def _words(most: int) -> tuple[Word, ...]:
     return ((), *condition_words(most, independent=False)) if most > 0 else ((),)
 
 
-def _exact(letters: Combination) -> Fraction:
-    terms = (m * reciprocal_density((letter,)) for letter, m in letters.items())
-    return sum(terms, Fraction(0))
+@cache
+def _holes(count: int) -> tuple[Word, ...]:
+    """Return the words with a hole at the root, and so many nodes around it."""
+    words = [((), *condition_words(count, independent=False))] if count else [((),)]
+    found = [(*left, HOLE, *right) for left, right in product(words[0], repeat=2)]
+    return tuple(hole for hole in found if outer_nodes(hole) == count)
 
 
-def _product(row: Sequence[Fraction], values: Sequence[Fraction]) -> Fraction:
-    return sum((a * b for a, b in zip(row, values, strict=True)), Fraction(0))
+def _degree(steps: _Steps) -> int:
+    """Return how many nodes a surrounding of rooted trees has."""
+    return len(steps) - 1 + sum(map(nodes, steps))
 
 
-def _sum(
-    terms: Iterator[tuple[Combination, Fraction]] | list[tuple[Combination, Fraction]],
-) -> dict[Word, Fraction]:
-    found: dict[Word, Fraction] = {}
+def _exact(letters: Combination) -> Quadratic:
+    total = sum((m * reciprocal_density((letter,)) for letter, m in letters.items()), Fraction(0))
+    return _ONE.times(total)
+
+
+def _product(row: Sequence[Quadratic], values: Sequence[Quadratic]) -> Quadratic:
+    terms = (a * b for a, b in zip(row, values, strict=True) if a and b)
+    return sum(terms, Quadratic(0))
+
+
+def _add(total: _Zero, more: _Zero) -> None:
+    for one, value in more.items():
+        total[one] = total[one] + value if one in total else value
+
+
+def _sum(terms: Iterable[tuple[Combination, Quadratic]]) -> dict[Word, Quadratic]:
+    found: dict[Word, Quadratic] = {}
     for combination, share in terms:
         for word, m in combination.items():
-            found[word] = found.get(word, Fraction(0)) + m * share
+            change = share.times(m)
+            found[word] = found[word] + change if word in found else change
     return found
 
 
 def _filled(
-    row: int, holes: dict[Word, Fraction], factors: Combination, letters: dict[Word, Fraction]
-) -> dict[Condition, Fraction]:
+    row: int,
+    holes: dict[Word, Quadratic],
+    factors: Combination,
+    letters: dict[Word, Quadratic],
+) -> _Zero:
     """Return the words of surroundings times factors, with letters in the hole."""
-    found: dict[Condition, Fraction] = {}
+    found: _Zero = {}
     for factor, first in factors.items():
         for letter, second in letters.items():
             for z, multiplicity in shuffle(factor, letter).items():
                 for hole, share in holes.items():
-                    key = (row, fill(hole, z))
-                    value = share * first * second * multiplicity
-                    found[key] = found.get(key, Fraction(0)) + value
+                    value = (share * second).times(first * multiplicity)
+                    _add(found, {(row, fill(hole, z)): value})
     return found
 
 
-def _echelon(rows: Sequence[Sequence[Fraction | int]]) -> tuple[list[list[fmpq]], list[int]]:
-    """Return the reduced echelon form of columns, and which of them are independent."""
-    columns = fmpq_mat(
-        [[fmpq(Fraction(x).numerator, Fraction(x).denominator) for x in row] for row in rows]
-    ).transpose()
-    reduced, rank = columns.rref()
-    entries = reduced.tolist()[:rank]
-    return entries, [next(k for k, x in enumerate(row) if x != 0) for row in entries]
+def _independent(vectors: Sequence[Sequence[Quadratic]]) -> list[int]:
+    """Return the vectors that don't depend on those before."""
+    gone = {max(zero) for zero in dependencies(vectors)}
+    return [k for k in range(len(vectors)) if k not in gone]
 
 
 def _pivots(rows: Sequence[Sequence[int]]) -> list[int]:
-    return _echelon(rows)[1]
-
-
-def _dependencies(vectors: Sequence[Sequence[Fraction]]) -> list[dict[int, Fraction]]:
-    """Return combinations of vectors that are zero, one for each that depends on others."""
-    if not vectors:
-        return []
-    entries, pivots = _echelon(vectors)
-    found = []
-    for k in range(len(vectors)):
-        if k not in pivots:
-            zero = {k: Fraction(1)}
-            for row, pivot in zip(entries, pivots, strict=True):
-                if row[k] != 0:
-                    zero[pivot] = -Fraction(int(row[k].p), int(row[k].q))
-            found.append(zero)
-    return found
+    return _independent([[Quadratic(entry) for entry in row] for row in rows])

@@ -16,7 +16,7 @@ residuals, this is a linear relation between these.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
@@ -37,11 +37,12 @@ from .words import Word, condition_words, reciprocal_density
 __all__ = ["Condition", "Known", "conditions_of", "find_relations", "follow"]
 
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
+_CHUNK = 500  # known relations that are looked at together
 
 Condition = tuple[int, Word]
 """A row of weights, from 0, and the word of a condition."""
 
-Known = dict[Condition, Fraction]
+Known = Mapping[Condition, Fraction | arb]
 """A combination of residuals of rows and words that is zero."""
 
 _Doubles = NDArray[np.float64]
@@ -155,13 +156,15 @@ class _Relations:
 
     def _offered(self) -> Iterator[tuple[Sequence[_Choice | Known], _Doubles]]:
         """Yield relations, and what they are in double precision."""
-        if self._known:
-            rows = np.zeros((len(self._known), len(self.conditions)))
-            for vector, combination in zip(rows, self._known, strict=True):
-                largest = max(map(abs, combination.values()))
-                for (row, word), factor in combination.items():
-                    self._add(vector, row, word, float(factor / largest))
-            yield self._known, rows
+        for begin in range(0, len(self._known), _CHUNK):
+            some = self._known[begin : begin + _CHUNK]
+            rows = np.zeros((len(some), len(self.conditions)))
+            for vector, combination in zip(rows, some, strict=True):
+                sizes = {key: float(factor) for key, factor in combination.items()}
+                largest = max(map(abs, sizes.values()))
+                for (row, word), factor in sizes.items():
+                    self._add(vector, row, word, factor / largest)
+            yield some, rows
         for frame in self._frames():
             us, vs, rows = self._in_doubles(frame)
             yield [_Choice(frame, i, j) for i in us for j in vs], rows
@@ -333,7 +336,7 @@ class _Relations:
 
 
 def _ball(value: Any) -> arb:
-    return arb(fmpq(value.numerator, value.denominator))
+    return value if isinstance(value, arb) else arb(fmpq(value.numerator, value.denominator))
 
 
 def _projections(

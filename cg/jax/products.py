@@ -1,0 +1,168 @@
+"""Products and powers of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from cg.frames import Power, Product
+from cg.jax.entire import JaxArray
+from cg.jax.rules import Rules
+
+__all__ = ["join", "power_rules", "product_rules", "split"]
+
+
+def product_rules(frame: Product, parts: list[Rules]) -> Rules:
+    """Return the rules of a product, from those of its factors."""
+    vectors = frame._vector_slices
+
+    def joined(*points: JaxArray) -> JaxArray:
+        return join(frame, *points)
+
+    def cut(v: JaxArray) -> list[JaxArray]:
+        return [v[place] for place in vectors]
+
+    def each(name: str, *arguments: Any) -> list[JaxArray]:
+        return [getattr(rules, name)(*rest) for rules, *rest in zip(parts, *arguments, strict=True)]
+
+    def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
+        orders = [order] * len(parts)
+        return jnp.concatenate(each("dexpinv", cut(u), cut(v), orders))
+
+    def together(name: str) -> Callable[[JaxArray, JaxArray], JaxArray]:
+        return lambda x, y: jnp.concatenate(each(name, split(frame, x), split(frame, y)))
+
+    return Rules(
+        frame,
+        lambda v, y: joined(*each("flow", cut(v), split(frame, y))),
+        lambda y: joined(*each("restore", split(frame, y))),
+        None if any(rules.log is None for rules in parts) else together("log"),
+        None if any(rules.dexpinv is None for rules in parts) else dexpinv,
+        together("coefficients"),
+        lambda y: jnp.concatenate(each("sizes", split(frame, y))),
+        free=all(rules.free for rules in parts),
+    )
+
+
+def split(frame: Product, y: JaxArray) -> tuple[JaxArray, ...]:
+    """Return the points of the factors of a product.
+
+    Parameters
+    ----------
+    frame
+        A `cg.frames.Product`.
+    y
+        Shape ``frame.point_shape``.
+
+    Returns
+    -------
+    tuple of arrays
+        One of the shape ``point_shape`` of each factor.
+
+    Raises
+    ------
+    TypeError
+        If ``frame`` is no product.
+    ValueError
+        If ``y`` has another shape.
+
+    Examples
+    --------
+    >>> import cg
+    >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
+    >>> [part.shape for part in cg.jax.split(frame, jnp.arange(7.0))]
+    [(4,), (3,)]
+    """
+    _check_product(frame)
+    y = jnp.asarray(y)
+    if y.shape != frame.point_shape:
+        raise ValueError(f"y must have shape {frame.point_shape}, got {y.shape}")
+    parts = []
+    for factor, place in zip(frame.factors, frame._point_slices, strict=True):
+        part = y[place]
+        if factor.dtype.kind == "c":
+            part = part.reshape(-1, 2)
+            part = jax.lax.complex(part[:, 0], part[:, 1])
+        parts.append(part.reshape(factor.point_shape))
+    return tuple(parts)
+
+
+def join(frame: Product, *parts: JaxArray) -> JaxArray:
+    """Return the point of a product that `split` takes apart.
+
+    Parameters
+    ----------
+    frame
+        A `cg.frames.Product`.
+    *parts
+        A point of each factor, shape ``factor.point_shape``.
+
+    Returns
+    -------
+    array
+        Shape ``frame.point_shape``.
+
+    Raises
+    ------
+    TypeError
+        If ``frame`` is no product.
+    ValueError
+        If the number of parts or a shape is wrong.
+
+    Examples
+    --------
+    >>> import cg
+    >>> frame = cg.frames.Product(cg.frames.UnitQuaternion(), cg.frames.Euclidean(3))
+    >>> join(frame, jnp.ones(4), jnp.zeros(3)).tolist()
+    [1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    """
+    _check_product(frame)
+    if len(parts) != len(frame.factors):
+        raise ValueError(f"parts must be {len(frame.factors)} points, got {len(parts)}")
+    flat = []
+    for index, (factor, part) in enumerate(zip(frame.factors, parts, strict=True)):
+        point = jnp.asarray(part)
+        if point.shape != factor.point_shape:
+            raise ValueError(
+                f"parts[{index}] must have shape {factor.point_shape}, got {point.shape}"
+            )
+        if factor.dtype.kind == "c":
+            point = jnp.stack([point.real, point.imag], axis=-1)
+        flat.append(point.reshape(-1))
+    return jnp.concatenate(flat)
+
+
+def _check_product(frame: Any) -> None:
+    if not isinstance(frame, Product):
+        raise TypeError(f"frame must be a cg.frames.Product, got {frame!r}")
+
+
+def power_rules(frame: Power, rules: Rules) -> Rules:
+    """Return the rules of a power, from those of its factor."""
+    n, m = frame.n, frame.factor.dim
+
+    def on_points(function: Callable[..., JaxArray]) -> Callable[..., JaxArray]:
+        return lambda *points: jax.vmap(function)(*points).reshape(-1)
+
+    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
+        return jax.vmap(rules.flow)(v.reshape(n, m), y)
+
+    def dexpinv(u: JaxArray, v: JaxArray, order: int) -> JaxArray:
+        inverse = rules.dexpinv
+        assert inverse is not None
+        each = jax.vmap(lambda x, y: inverse(x, y, order))
+        return each(u.reshape(n, m), v.reshape(n, m)).reshape(-1)
+
+    return Rules(
+        frame,
+        flow,
+        jax.vmap(rules.restore),
+        None if rules.log is None else on_points(rules.log),
+        None if rules.dexpinv is None else dexpinv,
+        on_points(rules.coefficients),
+        on_points(rules.sizes),
+        free=rules.free,
+    )

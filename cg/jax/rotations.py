@@ -1,0 +1,78 @@
+"""Unit quaternions, and exponentials and logarithms of rotations of space."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from cg.frames import UnitQuaternion
+from cg.frames.quaternion import _generators
+from cg.jax.dexpinv import turning_dexpinv
+from cg.jax.entire import JaxArray, angle_over_sine, stumpff
+from cg.jax.rules import Rules, linear, ones, unit_step
+
+__all__ = [
+    "average_rotation",
+    "quaternion_of",
+    "quaternion_rules",
+    "rotation_logarithm",
+    "rotation_matrix",
+]
+
+
+def quaternion_rules(frame: UnitQuaternion) -> Rules:
+    """Return the rules of unit quaternions."""
+    generators = _generators(frame.convention, frame.scalar_first)
+
+    def flow(v: JaxArray, y: JaxArray) -> JaxArray:
+        x2 = 0.25 * (v @ v)
+        return stumpff(0, x2) * y + stumpff(1, x2) * (linear(v, generators) @ y)
+
+    def sines(y: JaxArray, end: JaxArray) -> JaxArray:
+        return (jnp.asarray(2.0 * generators, y.dtype) @ y) @ end
+
+    def log(y0: JaxArray, y1: JaxArray) -> JaxArray:
+        vector = sines(y0, y1 - y0)
+        return 2.0 * angle_over_sine(vector @ vector, y0 @ y1) * vector
+
+    return Rules(
+        frame,
+        flow,
+        unit_step,
+        log,
+        turning_dexpinv(frame._side),
+        lambda y, tangent: 2.0 * sines(y, tangent),
+        ones(frame),
+    )
+
+
+def rotation_matrix(v: JaxArray, wedge: JaxArray) -> JaxArray:
+    """Return the rotation by v, whose skew matrix is `wedge`."""
+    q = v @ v
+    return stumpff(0, q) * jnp.eye(3, dtype=v.dtype) + (
+        stumpff(1, q) * wedge + stumpff(2, q) * jnp.outer(v, v)
+    )
+
+
+def average_rotation(v: JaxArray, wedge: JaxArray) -> JaxArray:
+    """Return the integral of the rotation by s v over s from 0 to 1."""
+    q = v @ v
+    return stumpff(1, q) * jnp.eye(3, dtype=v.dtype) + (
+        stumpff(2, q) * wedge + stumpff(3, q) * jnp.outer(v, v)
+    )
+
+
+def quaternion_of(away: JaxArray) -> JaxArray:
+    """Return the unit quaternion (x, y, z, w), w ≥ 0, of the rotation identity plus `away`."""
+    trace = jnp.trace(away)
+    axial = jnp.stack([away[2, 1] - away[1, 2], away[0, 2] - away[2, 0], away[1, 0] - away[0, 1]])
+    block = away + away.T + jnp.diag(-trace * jnp.ones(3, away.dtype))
+    outer = jnp.block([[block, axial[:, None]], [axial[None, :], (4.0 + trace)[None, None]]])
+    q = outer[jnp.argmax(jnp.diagonal(outer))]
+    q = q / jnp.sqrt(q @ q)
+    return jnp.where(q[3] < 0.0, -q, q)
+
+
+def rotation_logarithm(away: JaxArray) -> JaxArray:
+    """Return the rotation vector of the identity plus `away`, as `cg.frames.rotations` has it."""
+    q = quaternion_of(away)
+    return 2.0 * angle_over_sine(q[:3] @ q[:3], q[3]) * q[:3]

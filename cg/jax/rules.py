@@ -1,0 +1,120 @@
+"""A frame as functions of JAX, and what frames have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from cg.frames import Frame
+from cg.jax.entire import JaxArray
+
+__all__ = ["Rules", "adjoint", "linear", "newton_schulz", "ones", "real_dtype", "same", "unit_step"]
+
+_NEARBY_STEPS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Rules:
+    """A frame as functions of JAX.
+
+    Attributes
+    ----------
+    frame
+        The frame.
+    flow, restore
+        ``flow(v, y)`` leaves rounding errors, which ``restore(y)`` removes.
+    log
+        ``log(y0, y1)``, the coefficients whose flow takes one point to the other; None where the
+        frame has no `cg.frames.Frame.exp_coordinates`.
+    dexpinv
+        ``dexpinv(u, v, order)`` as `cg.frames.Frame.dexpinv`; None without brackets.
+    coefficients
+        ``coefficients(y, tangent)``, the shortest ones whose field is nearest to a tangent.
+    sizes
+        ``sizes(y)`` as `cg.frames.Frame.coordinate_sizes`, shape ``(dim,)``.
+    free
+        Whether small coefficients are known from the two points that they lead between.
+    """
+
+    frame: Frame
+    flow: Callable[[JaxArray, JaxArray], JaxArray]
+    restore: Callable[[JaxArray], JaxArray]
+    log: Callable[[JaxArray, JaxArray], JaxArray] | None
+    dexpinv: Callable[[JaxArray, JaxArray, int], JaxArray] | None
+    coefficients: Callable[[JaxArray, JaxArray], JaxArray]
+    sizes: Callable[[JaxArray], JaxArray]
+    free: bool = True
+
+    def field(self, v: JaxArray, y: JaxArray) -> JaxArray:
+        """Return the tangent at ``y``: the derivative of the flow."""
+        return jax.jvp(lambda w: self.flow(w, y), (jnp.zeros_like(v),), (v,))[1]
+
+    def nearby(self, y0: JaxArray, y1: JaxArray) -> JaxArray:
+        """Return coefficients whose flow takes ``y0`` to a point near it, for any frame."""
+        if self.log is not None:
+            return self.log(y0, y1)
+        v = jnp.zeros(self.frame.dim, real_dtype(y0))
+        for _ in range(_NEARBY_STEPS):
+            y = self.flow(v, y0)
+            v = v + self.coefficients(y, y1 - y)
+        return v
+
+    def measured(self, v: JaxArray, y: JaxArray) -> JaxArray:
+        """Return what errors are measured in: shortest coefficients, or entries of the tangent."""
+        if self.log is not None and self.free:
+            return v
+        tangent = self.field(v, y)
+        return tangent if self.log is None else self.coefficients(y, tangent)
+
+    def measured_sizes(self, y: JaxArray) -> JaxArray:
+        """Return the sizes that `measured` numbers are relative to, which have their shape."""
+        if self.log is not None:
+            return self.sizes(y)
+        return jnp.full(y.shape, jnp.sqrt((jnp.abs(y) ** 2).mean()))
+
+    def extent(self, x: JaxArray, y: JaxArray) -> JaxArray:
+        """Return 1 and the larger of the sizes at two points, added."""
+        return 1.0 + jnp.maximum(self.measured_sizes(x), self.measured_sizes(y))
+
+
+def real_dtype(y: JaxArray) -> Any:
+    """Return the type of the real part of an array."""
+    return jnp.finfo(jnp.result_type(y)).dtype
+
+
+def ones(frame: Frame) -> Callable[[JaxArray], JaxArray]:
+    """Return the sizes of a frame whose coordinates are all of size 1."""
+    return lambda y: jnp.ones(frame.dim, real_dtype(y))
+
+
+def same(y: JaxArray) -> JaxArray:
+    """Return the point itself."""
+    return y
+
+
+def linear(v: JaxArray, basis: NDArray[Any]) -> JaxArray:
+    """Return the combination of matrices with real coefficients, in their precision."""
+    dtype = v.dtype if basis.dtype.kind == "f" else jnp.result_type(v.dtype, np.complex64)
+    flat = jnp.asarray(basis.reshape(len(basis), -1), dtype)
+    return (v.astype(dtype) @ flat).reshape(basis.shape[1:])
+
+
+def unit_step(y: JaxArray) -> JaxArray:
+    """Return a vector with a length nearer to 1: a step of Newton's method."""
+    return (1.5 - 0.5 * (y @ y)) * y
+
+
+def adjoint(y: JaxArray) -> JaxArray:
+    """Return the conjugate transpose."""
+    return y.T.conj()
+
+
+def newton_schulz(y: JaxArray) -> JaxArray:
+    """Return a matrix whose columns are nearer to orthonormal, by the step of Newton and Schulz."""
+    return 1.5 * y - 0.5 * (y @ (adjoint(y) @ y))

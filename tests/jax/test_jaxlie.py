@@ -1,0 +1,87 @@
+"""Points of jaxlie are points of frames, with the same meaning; steps of either agree."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from jax_setup import jax
+
+import cg
+from cg.frames import SE3, SO3, Euclidean, Product, Sphere, UnitQuaternion
+
+jnp = jax.numpy
+ROTATIONS = [SO3(), SO3("space"), UnitQuaternion(), UnitQuaternion("space", scalar_first=True)]
+POSES = [SE3(), SE3("space"), Product(UnitQuaternion(), Euclidean(3))]
+
+
+def numbers(seed=3):
+    """Return a unit quaternion, scalar first and positive, and a position."""
+    wxyz, xyz = np.split(np.random.default_rng(seed).standard_normal(7), [4])
+    return np.concatenate([np.sign(wxyz[0]) * wxyz / np.linalg.norm(wxyz), xyz])
+
+
+@pytest.mark.parametrize("frame", [*ROTATIONS, *POSES], ids=repr)
+def test_there_and_back(frame):
+    full = jnp.asarray(numbers())
+    pose = SimpleNamespace(wxyz=full[:4], wxyz_xyz=full)
+    y = cg.jax.from_jaxlie(frame, pose)
+    assert y.shape == frame.point_shape
+    back = cg.jax.to_jaxlie(frame, y, np.asarray)
+    np.testing.assert_allclose(back, full[: len(back)], rtol=0.0, atol=1e-15)
+
+
+def test_meanings_of_quaternions_are_the_same():
+    """A quaternion and a matrix of one pose are one rotation for SciPy too."""
+    full = numbers()
+    pose = SimpleNamespace(wxyz=full[:4])
+    matrix = cg.jax.from_jaxlie(SO3(), pose)
+    by_quaternion = UnitQuaternion().as_rotation(
+        np.asarray(cg.jax.from_jaxlie(UnitQuaternion(), pose))
+    )
+    np.testing.assert_allclose(matrix, by_quaternion.as_matrix(), rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("convention", ["body", "space"])
+def test_exponentials_are_those_of_jaxlie(convention):
+    jaxlie = pytest.importorskip("jaxlie", reason="jaxlie isn't installed")
+    start = jaxlie.SE3(jnp.asarray(numbers()))
+    twist = jnp.array([0.3, -0.2, 0.5, 0.4, 0.1, -0.7])  # (v, ω)
+    step = jaxlie.SE3.exp(twist)
+    end = start @ step if convention == "body" else step @ start
+    frame = SE3(convention)
+    y = cg.jax.flow(frame, jnp.roll(twist, 3), cg.jax.from_jaxlie(frame, start))
+    np.testing.assert_allclose(y, end.as_matrix(), rtol=0.0, atol=1e-14)
+    found = cg.jax.to_jaxlie(frame, y, jaxlie.SE3)
+    np.testing.assert_allclose((found.inverse() @ end).log(), 0.0, atol=1e-14)
+    turn = cg.jax.to_jaxlie(SO3(), y[:3, :3], jaxlie.SO3)
+    np.testing.assert_allclose(turn.as_matrix(), end.as_matrix()[:3, :3], atol=1e-14)
+
+
+def test_derivatives_and_batches():
+    frame = SE3()
+
+    def position(v):
+        y = cg.jax.flow(frame, v, jnp.eye(4))
+        return cg.jax.to_jaxlie(frame, y, lambda full: full)
+
+    slope = jax.jacfwd(position)(jnp.zeros(6))
+    expected = np.zeros((7, 6))
+    expected[1:4, :3] = 0.5 * np.eye(3)
+    expected[4:, 3:] = np.eye(3)
+    np.testing.assert_allclose(slope, expected, atol=1e-15)
+    together = jnp.stack([jnp.asarray(numbers(seed)) for seed in range(3)])
+    points = jax.vmap(lambda full: cg.jax.from_jaxlie(frame, SimpleNamespace(wxyz_xyz=full)))(
+        together
+    )
+    assert points.shape == (3, 4, 4)
+
+
+def test_bad_input():
+    with pytest.raises(TypeError, match="frame must be UnitQuaternion, SO3, SE3 or Product"):
+        cg.jax.from_jaxlie(Sphere(2), SimpleNamespace(wxyz=np.ones(4)))
+    with pytest.raises(TypeError, match="pose must have the attribute wxyz_xyz"):
+        cg.jax.from_jaxlie(SE3(), SimpleNamespace(wxyz=np.ones(4)))
+    with pytest.raises(ValueError, match=r"wxyz must have shape \(4,\), got \(2, 4\)"):
+        cg.jax.from_jaxlie(SO3(), SimpleNamespace(wxyz=np.ones((2, 4))))
+    with pytest.raises(ValueError, match=r"y must have shape \(4, 4\), got \(3, 3\)"):
+        cg.jax.to_jaxlie(SE3(), np.eye(3), list)
