@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from cg.frames.arrays import Points
 from cg.frames.base import FlowOverflowError
 from cg.frames.user import Function, UserFrame
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 # Terms of a Taylor polynomial for a matrix of this norm lose less than a digit to cancellation.
 _MAX_NORM = 2.0
@@ -23,9 +25,9 @@ _MAX_PARTS = 10**7
 class LinearAction(UserFrame):
     r"""The vector fields :math:`E_i(y) = G_i y` for given sparse matrices.
 
-    For states of many entries, such as those of a spin chain: no matrix is exponentiated. The flow
-    is :math:`\exp(\sum_i v_i G_i)\, y` by Taylor polynomials, in parts whose norm is at most two
-    [1]_.
+    For large state vectors, such as those of spin chains. The flow
+    :math:`\exp(\sum_i v_i G_i)\, y` is computed by Taylor polynomials after scaling the matrix to
+    a norm of at most two [1]_; no matrix exponential is formed.
 
     Parameters
     ----------
@@ -49,8 +51,7 @@ class LinearAction(UserFrame):
     Examples
     --------
     >>> import numpy as np
-    >>> from scipy import sparse
-    >>> x, z = [[0, -1j], [-1j, 0]], [[-1j, 0], [0, 1j]]
+    >>>     >>> x, z = [[0, -1j], [-1j, 0]], [[-1j, 0], [0, 1j]]
     >>> frame = LinearAction([sparse.csr_array(x), sparse.csr_array(z)])
     >>> frame.flow([np.pi / 2, 0.0], [1.0, 0.0]).round(12) + 0.0
     array([0.+0.j, 0.-1.j])
@@ -100,6 +101,8 @@ class LinearAction(UserFrame):
         return self._values.dtype
 
     def _matrix(self, v: Points) -> sparse.csr_array:
+        from scipy import sparse
+
         pattern = self._pattern
         entries = v @ self._values
         return sparse.csr_array((entries, pattern.indices, pattern.indptr), shape=pattern.shape)
@@ -156,10 +159,16 @@ def _exponential_action(matrix: sparse.csr_array, y: Points) -> Points:
 
 def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
     """Return generators as sparse matrices of one type, after checking them."""
-    if isinstance(generators, str | bytes) or not hasattr(generators, "__iter__"):
+    from scipy import sparse
+
+    try:
+        listed = list(generators)
+    except TypeError:
+        listed = None
+    if listed is None or isinstance(generators, str | bytes):
         raise ValueError(f"generators must be a sequence of matrices, got {generators!r}")
     matrices: list[sparse.csr_array] = []
-    for i, generator in enumerate(generators):
+    for i, generator in enumerate(listed):
         try:
             matrix = sparse.csr_array(generator)
             matrix = matrix.astype(np.complex128 if matrix.dtype.kind == "c" else np.float64)
@@ -180,7 +189,9 @@ def _read(generators: Sequence[Any]) -> list[sparse.csr_array]:
 
 
 def _on_one_pattern(matrices: list[sparse.csr_array]) -> tuple[sparse.csr_array, Points]:
-    """Return a matrix with all entries that any has, and the values of each there."""
+    """Return the union of the sparsity patterns, and the values of each matrix on it."""
+    from scipy import sparse
+
     ones = [
         sparse.csr_array((np.ones(m.nnz), m.indices, m.indptr), shape=m.shape) for m in matrices
     ]

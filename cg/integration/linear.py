@@ -14,7 +14,7 @@ from cg.frames.base import Frame
 from cg.integration.default_method import AUTO
 from cg.integration.ivp import solve_ivp
 from cg.integration.results import Solution
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.method.method import Method
 
 __all__ = ["solve_linear"]
@@ -48,7 +48,8 @@ def solve_linear(
 
     The coefficients depend on time alone: a prescribed angular velocity, or a Schrödinger equation
     with controls. Commutator-free Magnus methods take a step of order six with four flows, and of
-    order eight with eight, where Runge–Kutta methods need 14 and 39.
+    order eight with eight, where commutator-free Runge–Kutta methods of the catalogue need at least
+    13 and 39.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def solve_linear(
     if not isinstance(a, CompiledFunction | LowLevelCallable):
         if not callable(a):
             raise TypeError(f"a must be callable as a(t), got {a!r}")
-        f = _Coefficients(a)
+        f = TimeFunction(a)
     if isinstance(method, str):
         if method == AUTO:
             method = _DEFAULTS[0 if h is not None or rtol is None or rtol >= _LOOSE else 1]
@@ -109,13 +110,3 @@ def solve_linear(
         if str(error).startswith("f must "):
             raise type(error)(f"a{str(error)[1:]}") from None
         raise
-
-
-class _Coefficients:
-    """A function of time as one of time and a point."""
-
-    def __init__(self, a: Callable[..., ArrayLike]) -> None:
-        self._a = a
-
-    def __call__(self, t: float, y: Any, *args: Any) -> ArrayLike:
-        return self._a(t, *args)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from numpy.typing import ArrayLike
+from scipy import LowLevelCallable
 
 from cg.catalogue import resolve_method
 from cg.frames.arrays import Array, Points, real_array
@@ -29,15 +30,19 @@ from cg.integration.default_method import AUTO, choose_method
 from cg.integration.loop.run import Control, Output, Run
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
+from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import check_stage_solver
 from cg.integration.step.plan import Plan, has_brackets, plan_of
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.method.warnings import check_order, check_pair
 from cg.support.checks import check_flag
 
 __all__ = ["Problem", "make_control", "make_problem", "make_rhs"]
+
+_OF_TIME = (TimeFunction, CompiledFunction, LowLevelCallable)  # `cg.solve_linear` passes these
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,6 +220,10 @@ def make_problem(
     if isinstance(method, str) and method == AUTO:
         method = choose_method(frame, rtol if h is None else None)
     chosen = resolve_method(method)
+    if isinstance(chosen, MagnusMethod) and not isinstance(f, _OF_TIME):
+        raise ValueError(
+            f"method must be one for nonlinear equations, got {chosen!r}; see cg.solve_linear"
+        )
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen)
     plan = plan_of(frame, chosen)

@@ -22,6 +22,7 @@ from cg.jax.entire import JaxArray
 from cg.jax.rules import Rules
 from cg.jax.term import rules_in
 from cg.jax.within import Within, interpolant
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 
@@ -124,6 +125,8 @@ class Solver(diffrax.AbstractAdaptiveSolver):
         found = resolve_method(method)
         if not found.explicit:
             raise ValueError(f"method must be explicit in JAX, got {found!r}")
+        if isinstance(found, MagnusMethod):
+            raise ValueError(f"method must be one for nonlinear equations, got {found!r}")
         if dense not in _DENSE:
             raise ValueError(f'dense must be "accurate" or "steps", got {dense!r}')
         self.steps = _steps_of(found)

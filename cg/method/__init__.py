@@ -1,1 +1,1 @@
-"""Methods: coefficients, tableaux, commutator-free and Munthe-Kaas methods, stability."""
+"""Methods: coefficients, tableaux, commutator-free, Munthe-Kaas and Magnus methods, stability."""

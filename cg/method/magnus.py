@@ -20,7 +20,7 @@ from ..conditions.linear import (
 )
 from ..structure.layout import Layout
 from ..structure.points import START, MethodError, Point, PointTree
-from .coefficients import Coefficient, read_coefficient, read_texts
+from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
 from .method import TOLERANCE_FACTOR, Method
 
 __all__ = ["MagnusMethod"]
@@ -37,7 +37,7 @@ class MagnusMethod(Method):
 
         y_1 = \exp\Bigl(h \sum_k a_{sk} F_k\Bigr) \cdots \exp\Bigl(h \sum_k a_{1k} F_k\Bigr) y_0 .
 
-    No stage depends on a point. So there are fewer order conditions, those of words in the
+    No stage depends on a point, so there are fewer order conditions, one for each word in the
     derivatives of a, and fewer flows than a Runge–Kutta method needs.
 
     Parameters
@@ -49,7 +49,7 @@ class MagnusMethod(Method):
     embedded : rows of K numbers, optional
         The flows of a second result, of lower order, from the initial point.
     name, source : str, optional
-        What the method is called and where it is from.
+        Name and origin of the method.
 
     Raises
     ------
@@ -207,10 +207,9 @@ class MagnusMethod(Method):
 
 
 def _row(entries: Any, label: str, count: int | None) -> tuple[Coefficient, ...]:
-    """Return a row of coefficients of a given length, if there is one."""
-    if isinstance(entries, str | bytes) or not isinstance(entries, Iterable):
-        raise MethodError(f"{label} must be a sequence of numbers, got {entries!r}")
-    row = tuple(read_coefficient(entry, f"{label}[{k}]") for k, entry in enumerate(entries))
+    """Return a row of coefficients after checking its length; with `count` None it is any."""
+    numbers = read_sequence(entries, label)
+    row = tuple(read_coefficient(entry, f"{label}[{k}]") for k, entry in enumerate(numbers))
     if count is None and not row:
         raise MethodError(f"{label} must have at least one entry, got none")
     if count is not None and len(row) != count:
@@ -219,9 +218,7 @@ def _row(entries: Any, label: str, count: int | None) -> tuple[Coefficient, ...]
 
 
 def _rows(rows: Any, label: str, count: int) -> tuple[tuple[Coefficient, ...], ...]:
-    if isinstance(rows, str | bytes) or not isinstance(rows, Iterable):
-        raise MethodError(f"{label} must be a sequence of rows, got {rows!r}")
-    read = tuple(_row(row, f"{label}[{i}]", count) for i, row in enumerate(rows))
-    if not read:
+    listed = read_sequence(rows, label, of=" of rows")
+    if not listed:
         raise MethodError(f"{label} must have at least one row, got none")
-    return read
+    return tuple(_row(row, f"{label}[{i}]", count) for i, row in enumerate(listed))

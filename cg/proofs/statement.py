@@ -9,6 +9,7 @@ from flint import arb
 
 from ..conditions import MAX_ORDER
 from ..method.coefficients import Coefficient
+from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..structure.layout import Layout
@@ -83,7 +84,7 @@ class Packed:
 
 def fitting(certificate: Certificate, method: Method) -> Packed:
     """Return the method as a certificate sees it; CertificationError if it isn't the one meant."""
-    if isinstance(method, MuntheKaas):
+    if isinstance(method, MuntheKaas | MagnusMethod):
         raise CertificationError(
             "the certificate doesn't fit: method must be a Tableau or CommutatorFree, got "
             f"{method!r}"

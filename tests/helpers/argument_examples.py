@@ -47,7 +47,29 @@ def axes():
     return matplotlib.figure.Figure().add_subplot()
 
 
+def constant_in_time(t, *args):
+    return [0.1, 0.2, 0.3]
+
+
 FUNCTION_EXAMPLES: dict[str, Call] = {
+    "solve_linear": Call(
+        cg.solve_linear,
+        {
+            "a": constant_in_time,
+            "t_span": (0.0, 1.0),
+            "y0": np.eye(3),
+            "frame": SO3,
+            "method": "CFM4",
+            "h": 0.5,
+            "t_eval": None,
+            "dense_output": False,
+            "args": None,
+        },
+    ),
+    "MagnusMethod": Call(
+        cg.MagnusMethod,
+        {"nodes": ["1/2"], "weights": [[1]], "embedded": None, "name": "x", "source": "y"},
+    ),
     "solve_ivp": Call(
         cg.solve_ivp,
         {

@@ -104,6 +104,10 @@ FRAME_EXAMPLES: dict[str, Call] = {
     "frames.Product": Call(lambda factor: frames.Product(SO3, factor), {"factor": SO3}),
     "frames.Product.split": Call(FRAMES["Product"].split, {"y": np.zeros(5)}),
     "frames.Semidirect": Call(frames.Semidirect, {"group": SO3, "copies": 2}),
+    "frames.LinearAction": Call(
+        frames.LinearAction,
+        {"generators": [[[0.0, 1.0], [-1.0, 0.0]]], "membership_error": None},
+    ),
     "frames.MatrixFrame": Call(
         frames.MatrixFrame,
         {"matrices": [[[0.0, 1.0], [0.0, 0.0]]], "columns": 2, "membership_error": None},

@@ -121,6 +121,22 @@ def test_bad_input_is_refused(change, error, message):
         cg.solve_linear(a, (0, 1), np.eye(3), frame=SO3(), **call)
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda method: cg.solve_ivp(
+            lambda t, y: [1.0, 0.0, 0.0], (0, 1), np.eye(3), frame=SO3(), method=method, h=0.5
+        ),
+        cg.certify,
+        cg.diagnose,
+        lambda method: cg.export(method, "c"),
+    ],
+)
+def test_only_linear_equations_take_these_methods(call):
+    with pytest.raises((TypeError, ValueError), match="method"):
+        call(magnus["CFM4"])
+
+
 class TestLinearAction:
     RNG = np.random.default_rng(5)
     DENSE = RNG.standard_normal((3, 6, 6)) * (RNG.uniform(size=(3, 6, 6)) < 0.4)

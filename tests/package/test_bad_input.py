@@ -256,9 +256,13 @@ def test_catalogue_functions_reject(value, tmp_path):
         load(value)
     with pytest.raises(TypeError, match="path must be a path, got"):
         save(cg.methods["CG3"], value)
-    with pytest.raises(TypeError, match="method must be a Tableau, CommutatorFree or MuntheKaas"):
+    with pytest.raises(
+        TypeError, match="method must be a Tableau, CommutatorFree, MuntheKaas or MagnusMethod"
+    ):
         dumps(value)
-    with pytest.raises(TypeError, match="method must be a Tableau, CommutatorFree or MuntheKaas"):
+    with pytest.raises(
+        TypeError, match="method must be a Tableau, CommutatorFree, MuntheKaas or MagnusMethod"
+    ):
         save(value, tmp_path / "method.toml")
     assert not list(tmp_path.iterdir())
 

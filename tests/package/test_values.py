@@ -13,7 +13,6 @@ pytestmark = pytest.mark.no_core
 # They work for one run alone
 CHANGE = {
     "cg.proofs.dependent.spanned.Spanned",
-    "cg.construction.construct._Told",
 }
 
 

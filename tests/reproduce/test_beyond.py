@@ -70,7 +70,7 @@ def test_table_in_docs_matches_the_catalogue(catalogue):
     shown = beyond_catalogue.markdown(beyond_catalogue.table(catalogue))
     page = PAGE.read_text("utf-8")
     assert shown in page, "out of date; run python tools/update_catalogue.py"
-    advice = page.partition("## Which to use")[2].partition("## The table")[0]
+    advice = page.partition("## Which method to use")[2].partition("## The table")[0]
     named = set(re.findall(r"`([A-Z]\w+(?:\(\d\)\w?)?)`", advice))
     assert len(named) > 8
     assert named <= {*methods, *munthe_kaas}

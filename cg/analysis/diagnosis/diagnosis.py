@@ -8,6 +8,7 @@ from typing import Any
 
 from ...catalogue import resolve_method
 from ...method.coefficients import Coefficient, read_coefficient
+from ...method.magnus import MagnusMethod
 from ...method.method import Method
 from ...method.munthe_kaas import MuntheKaas
 from ...structure.points import MethodError
@@ -157,6 +158,8 @@ def diagnose(method: str | Method, *, c: Sequence[Any] | None = None) -> Diagnos
     [[][[]]]  Φ = 0.3125, 1/γ = 1/3, off by -0.0208
     """
     method = resolve_method(method)
+    if isinstance(method, MagnusMethod):
+        raise TypeError(f"method must be one for nonlinear equations, got {method!r}")
     abscissae = None if c is None else _read_abscissae(c, method)
     return Diagnosis(
         method,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from cg.frames.arrays import real_array
 
-__all__ = ["CompiledFunction"]
+__all__ = ["CompiledFunction", "TimeFunction"]
 
 
 class CompiledFunction:
@@ -89,3 +90,14 @@ class CompiledFunction:
     def __repr__(self) -> str:
         data = "" if self.user_data is None else f", {self.user_data.tolist()}"
         return f"CompiledFunction({self.path!r}, {self.symbol!r}{data})"
+
+
+class TimeFunction:
+    """A function ``a(t, *args)`` of time as a right-hand side, which gets a point as well."""
+
+    def __init__(self, a: Callable[..., ArrayLike]) -> None:
+        self._a = a
+
+    def __call__(self, t: float, y: Any, *args: Any) -> ArrayLike:
+        """Return the coefficients at a time."""
+        return self._a(t, *args)
