@@ -128,7 +128,7 @@ def similar_names(name: object) -> str:
 
 
 def resolve_method(method: str | PathLike[str] | Method) -> Method:
-    """Return the method that `method` is, names, or is the file of.
+    """Return a method given as an object, a name or a file.
 
     Parameters
     ----------

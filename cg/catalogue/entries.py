@@ -61,8 +61,8 @@ def loads(text: str) -> Method:
     Raises
     ------
     MethodError
-        If the text is neither, a key is missing or unknown, or the method is wrong; of
-        tableaux a `TableauError`.
+        If the text is neither TOML nor JSON, a key is missing or unknown, or the method is
+        invalid. For tableaux it is a `TableauError`.
     """
     if not isinstance(text, str):
         raise TypeError(f"text must be a str, got {text!r}")
@@ -155,7 +155,7 @@ def load_kind(kind: type[T], path: str | PathLike[str]) -> T:
 
 
 def is_file(text: str) -> bool:
-    """Tell whether a text is the path of a file, and not a name of the catalogue."""
+    """Return whether a text is a file path rather than a name in the catalogue."""
     return text.endswith(_SUFFIXES) or os.sep in text
 
 

@@ -1,4 +1,4 @@
-"""One try of a construction: a random start, then fewer stages or flows."""
+"""One attempt of a construction: a random start, then fewer stages or flows."""
 
 from __future__ import annotations
 

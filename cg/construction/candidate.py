@@ -80,7 +80,7 @@ class Candidate:
 
     @property
     def estimate(self) -> float:
-        """Norm of the residuals of order q of the second result: the size of the error estimate."""
+        """Norm of the order-q residuals of the second result: the size of the estimate."""
         layout = self.system.layout
         if not layout.pair or layout.rows is not None:
             raise ValueError("candidate must be a pair of points")

@@ -60,7 +60,11 @@ def drop_flow(
     inner = [m for m in range(len(layout.parents)) if m not in layout.ends]
     system, x = candidate.system, candidate.x.tolist()
     merged = (merge_point(layout, x, m) for m in inner)
-    starts = [Candidate(replace(system, layout=smaller), start) for smaller, start in merged]
+    starts = [
+        Candidate(replace(system, layout=smaller), start)
+        for smaller, start in merged
+        if smaller.uses_every_stage
+    ]
     return first_solved(starts, random, largest, tries, iterations, accept, _PROMISING)
 
 
@@ -124,4 +128,5 @@ def _without_stage(candidate: Candidate, stage: int, receiver: int | None) -> It
     kept = sorted({m for end in ends for m in layout.path(end)})
     if all(renumbered[m] for m in kept):
         smaller, x = select_points(layout, layout.parents, renumbered, stage_points, kept)
-        yield Candidate(replace(candidate.system, layout=smaller), x)
+        if smaller.uses_every_stage:
+            yield Candidate(replace(candidate.system, layout=smaller), x)

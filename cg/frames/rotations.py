@@ -107,8 +107,8 @@ def vee(matrix: ArrayLike) -> Array:
 def half_angle(v: Array) -> tuple[Array, Array]:
     r"""Return :math:`x = |v| / 2` and :math:`\sin(x) / x`, each of shape ``(...)``.
 
-    The quotient is accurate to a rounding or two for every nonzero angle, in any precision, so that
-    no series is needed.
+    The quotient is accurate to one or two rounding errors for every nonzero angle, in any
+    precision, so that no series is needed.
     """
     # At the smallest number the quotient is exactly 1, its limit at zero.
     half = np.maximum(0.5 * np.sqrt(np.vecdot(v, v)), _SMALLEST)

@@ -17,7 +17,7 @@ from cg.frames.so import SO
 from cg.frames.unit_vectors import UnitVectors
 from cg.support.checks import check_integer
 
-# Points are antipodal if the tangential part of their sum is less than this fraction of it.
+# Points are antipodal if the tangential part of their sum is less than this fraction of the sum.
 _ANTIPODAL = 1e-4
 
 

@@ -56,7 +56,7 @@ def group_rules(frame: MatrixGroup) -> Rules:
 
 
 def semidirect_rules(frame: Semidirect) -> Rules:
-    """Return the rules of motions, or raise TypeError for other groups than SO(3)."""
+    """Return the rules of rigid motions; raise TypeError for groups other than SO(3)."""
     if not _is_rotation(frame.group):
         raise TypeError(
             f"frame must be a Semidirect of rotations of space in JAX, got {frame!r}; a FieldFrame "

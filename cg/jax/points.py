@@ -1,4 +1,4 @@
-"""Points and derivatives as numbers of coordinates."""
+"""Flows, logarithms and cotangents of frames in JAX."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def flow(frame: Frame, v: JaxArray, y: JaxArray) -> JaxArray:
     Parameters
     ----------
     frame
-        A frame that JAX has functions for.
+        A frame that `cg.jax` supports.
     v
         Coefficients, shape ``(dim,)``.
     y
@@ -62,7 +62,7 @@ def log(frame: Frame, y0: JaxArray, y1: JaxArray) -> JaxArray:
     Parameters
     ----------
     frame
-        A frame that JAX has functions for.
+        A frame that `cg.jax` supports.
     y0, y1
         Points, shape ``point_shape``.
 
@@ -103,7 +103,7 @@ def cotangent(frame: Frame, y: JaxArray, g: JaxArray) -> JaxArray:
     Parameters
     ----------
     frame
-        A frame that JAX has functions for.
+        A frame that `cg.jax` supports.
     y
         A point, shape ``point_shape``.
     g

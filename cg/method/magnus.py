@@ -142,7 +142,7 @@ class MagnusMethod(Method):
 
     @cached_property
     def layout(self) -> Layout:
-        """Where each weight that isn't zero stands, flow after flow."""
+        """Positions of the nonzero weights in `coefficients`."""
         return Layout.of_tree(self.tree)
 
     @cached_property

@@ -88,7 +88,7 @@ def curve_style(ax: Any) -> dict[str, Any]:
 
 
 def plain(text: str) -> str:
-    """Return a text in which matplotlib takes no dollar sign for a formula."""
+    """Return a text with dollar signs escaped for matplotlib."""
     return visible(text).replace("$", r"\$")
 
 

@@ -1,4 +1,4 @@
-"""What a certificate says of a method: which equations, which unknowns, which box."""
+"""The statement of a certificate: equations, unknowns and box."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Packed:
 
 
 def fitting(certificate: Certificate, method: Method) -> Packed:
-    """Return the method as a certificate sees it; CertificationError if it isn't the one meant."""
+    """Return the packed method; raise CertificationError if the certificate is for another one."""
     if isinstance(method, MuntheKaas | MagnusMethod):
         raise CertificationError(
             "the certificate doesn't fit: method must be a Tableau or CommutatorFree, got "
@@ -159,7 +159,7 @@ def left_out_of(certificate: Certificate) -> tuple[list[Condition], str]:
 
 
 def bound_of(certificate: Certificate) -> Fraction | None:
-    """Return what conditions that are left out are below; None if they vanish."""
+    """Return the bound of the omitted conditions; None if they vanish."""
     return read_small(certificate.identities)[1]
 
 

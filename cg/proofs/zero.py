@@ -112,7 +112,7 @@ def largest_residual(packed: Packed, some: Sequence[Condition], y: Sequence[arb]
 
 
 def quantities(attempt: KrawczykTest) -> dict[str, float]:
-    """Return what a test gave, for messages."""
+    """Return the quantities of a test for messages."""
     return {
         "radius": float(attempt.radius),
         "ratio": attempt.ratio,
@@ -141,7 +141,7 @@ def check_places(
 
 
 def check_rational(packed: Packed, certificate: Certificate) -> None:
-    """Prove that no condition has a residual; CertificationError, which names it, if one has."""
+    """Prove that all residuals are zero; raise CertificationError that names the first nonzero."""
     for r, order in enumerate(orders_of(certificate), packed.layout.stages):
         words = condition_words(order)
         for word, residual in zip(

@@ -146,7 +146,7 @@ class PointTree:
         return self.merged[one] == self.merged[other]
 
     def roles(self) -> dict[int, list[str]]:
-        """Return what each point is evaluated as, such as ``{-1: ["stage 1"], 0: ["result"]}``."""
+        """Return the roles of each point, such as ``{-1: ["stage 1"], 0: ["result"]}``."""
         roles: dict[int, list[str]] = {}
         for stage, point in enumerate(self.stage_points, 1):
             roles.setdefault(point, []).append(f"stage {stage}")

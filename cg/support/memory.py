@@ -1,7 +1,7 @@
-"""Memory for compiled calls: asked for before they begin.
+"""Reservation of memory for compiled calls.
 
-A failed ``allocate`` in Fortran stops the program, and so does an automatic array. What a call is
-going to allocate follows from its arguments, so that it is compared here with what can be had.
+A failed ``allocate`` in Fortran stops the program, and so does an automatic array. The memory of a
+call follows from its arguments, and is compared here with the available memory.
 """
 
 from __future__ import annotations

@@ -174,7 +174,7 @@ def raise_if_stopped() -> None:
 
 
 def new_flag() -> StopFlag:
-    """Return a new flag, not set."""
+    """Return a new flag that isn't set."""
     return np.zeros(1, dtype=np.intc)
 
 

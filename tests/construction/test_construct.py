@@ -29,6 +29,7 @@ from cg.construction import (
     walk,
 )
 from cg.construction.drop import _smaller_starts, solve_start
+from cg.construction.drop_flow import drop_flow
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.start import random_candidate
 from cg.runs import Store
@@ -361,3 +362,13 @@ class TestConstruct:
 def test_arguments_are_checked_before_any_work(argument, error):
     with pytest.raises(error, match=f"{next(iter(argument))} must be"):
         cg.construct(**{"order": 3, "stages": 3, "seed": 1} | argument)
+
+
+def test_dropped_flows_leave_no_idle_stage():
+    points = [(-1, {0: "1/3"}), (-1, {1: "2/3"}), (0, {0: "-1/12", 2: "3/4"}), (2, {3: 1})]
+    method = cg.CommutatorFree(points, [-1, 0, 1, 2], 2)  # CF3, and a fourth stage at a leaf
+    candidate = Candidate(
+        ConditionSystem(3, method.layout), np.array([float(c.value) for c in method.coefficients])
+    )
+    assert candidate.system.layout.uses_every_stage
+    assert drop_flow(candidate, np.random.default_rng(0)) is None

@@ -85,7 +85,7 @@ class Output(NamedTuple):
     times
         Output times, or None.
     every
-        Every so many steps one is stored, 0 to store none.
+        Number of steps between stored steps; 0 to store none.
     dense
         Whether to store interpolants.
     y
@@ -265,7 +265,7 @@ class Run:
         self._share("event_y", np.empty((capacity, 2, width)))
 
     def allocate_interpolants(self, capacity: int) -> None:
-        """Give compiled code memory for so many interpolants."""
+        """Allocate memory for `capacity` interpolants."""
         plan = self.plan
         self.record.dense_capacity = capacity
         self._share("dense_member", np.empty(capacity, dtype=np.int64))

@@ -12,7 +12,7 @@ _MAX_STEPS = 2**30  # fits into 32 bits
 class StepBudget:
     """The number of steps to take at a time, chosen from the duration of the last ones.
 
-    Python can't stop compiled code, so that an interrupt from the keyboard waits until it pauses.
+    Python can't stop compiled code; a keyboard interrupt takes effect when it returns.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What words surround, and what is put there: vectors over stages or flows, and their products.
+"""Words with a hole and letters, as vectors over stages or flows, and their inner products.
 
 A word with a hole is linear in the letter that is put there. So it is a vector over the flows, and
 over the stages, whose product with the vector of a letter's values is the weight of a word.

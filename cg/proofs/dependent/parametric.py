@@ -1,4 +1,4 @@
-"""Identities with coefficients that have to be found: linear relations between stages.
+"""Identities with unknown parameters: linear relations between stages.
 
 Solutions with few stages often have to satisfy them. Weights of stages, seen as vectors,
 are orthogonal to weights of what is around a stage; where the two together span all
@@ -28,7 +28,7 @@ _LINE: Word = (((),),)  # [τ] as a word, [[τ]] as a letter
 _BUSH: Word = ((), ())  # ττ as a word, [ττ] as a letter
 
 RELATION_RADIUS = 1e-15
-"""The parameters are given this play when the rank of relations is shown."""
+"""Radius of the balls around the parameters in the proof of the rank of the relations."""
 
 
 def _add(relation: Relation, word: Word, coefficient: Any) -> None:
@@ -62,7 +62,7 @@ class Path:
 
     @property
     def heading(self) -> str:
-        """Text that tells it from others, without the parameters."""
+        """Text that identifies it, without the parameters."""
         return "path"
 
     def equations(
@@ -135,7 +135,7 @@ class Letters:
 
     @property
     def heading(self) -> str:
-        """Text that tells it from others, without the parameters."""
+        """Text that identifies it, without the parameters."""
         return f"letters {text(self.pivot)} by {' '.join(map(text, self.others))}"
 
     @classmethod
@@ -207,7 +207,7 @@ class Columns:
 
     @property
     def heading(self) -> str:
-        """Text that tells it from others, without the parameters."""
+        """Text that identifies it, without the parameters."""
         return "columns"
 
     def equations(
