@@ -51,7 +51,8 @@ class LinearAction(UserFrame):
     Examples
     --------
     >>> import numpy as np
-    >>>     >>> x, z = [[0, -1j], [-1j, 0]], [[-1j, 0], [0, 1j]]
+    >>> from scipy import sparse
+    >>> x, z = [[0, -1j], [-1j, 0]], [[-1j, 0], [0, 1j]]
     >>> frame = LinearAction([sparse.csr_array(x), sparse.csr_array(z)])
     >>> frame.flow([np.pi / 2, 0.0], [1.0, 0.0]).round(12) + 0.0
     array([0.+0.j, 0.-1.j])
