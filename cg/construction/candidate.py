@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from ..conditions import count
-from ..method.commutator_free import CommutatorFree
 from ..method.method import Method
-from ..method.tableau import Tableau
-from ..structure.layout import Layout
+from ..method.packed import make_method
 from ..support import quads
 from .search.start import EXACT
 from .solvers.minimum_norm import fit_conditions
@@ -225,10 +223,4 @@ def to_method(
         )
     polished = polish_zeros(quads.decode(refined.x), system, free)
     decimals = [quads.to_decimal(entry) for entry in polished.x]
-    return method_of(system.layout, decimals, name, source)
-
-
-def method_of(layout: Layout, decimals: Sequence[str], name: str, source: str) -> Method:
-    """Return the method of a layout with these packed coefficients."""
-    kind = CommutatorFree if layout.rows is None else Tableau
-    return kind.from_layout(layout, decimals, name=name, source=source)
+    return make_method(system.layout, decimals, name=name, source=source)

@@ -136,23 +136,6 @@ class CommutatorFree(Method):
             **fields,
         )
 
-    @classmethod
-    def from_packed(
-        cls, x: Sequence[Fraction | str], layout: Layout, *, name: str = "", source: str = ""
-    ) -> CommutatorFree:
-        """Return the method with packed weights; Fractions are rounded to 36 digits.
-
-        Parameters
-        ----------
-        x : sequence of Fraction or str
-            As many as ``layout.size``.
-        layout : Layout
-            Of a tree of points.
-        name, source : str, optional
-        """
-        texts = [entry if isinstance(entry, str) else quads.to_decimal(entry) for entry in x]
-        return cls.from_layout(layout, texts, name=name, source=source)
-
     @property
     def _key(self) -> tuple[Any, ...]:
         return self.tree, self.third_weights

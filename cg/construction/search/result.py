@@ -11,11 +11,11 @@ from functools import cached_property
 from typing import Any, overload
 
 from ...method.method import Method
+from ...method.packed import make_method
 from ...runs import Failure, Store
 from ...structure.layout import Layout
 from ...support import quads
 from ...support.parallel import single_threads
-from ..candidate import method_of
 from ..solvers.polish import polish_zeros
 from ..solvers.system import ConditionSystem
 from .records import RandomStart
@@ -143,4 +143,4 @@ class SearchResult:
         # the last of the 36 digits are beyond the accuracy of real(16)
         system = ConditionSystem(settings.order, layout)
         x = polish_zeros(list(map(Fraction, start.x)), system, system.free).x
-        return method_of(layout, list(map(quads.to_decimal, x)), name, source)
+        return make_method(layout, list(map(quads.to_decimal, x)), name=name, source=source)
