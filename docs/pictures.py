@@ -115,14 +115,31 @@ def sphere() -> Figure:
     return ax.figure
 
 
-def axes_of_a_body() -> Figure:
-    """Draw the axes of a tumbling body."""
+def tumbling_body(**options: Any) -> cg.Solution:
+    """Return the motion of a free rigid body."""
     problem = FreeRigidBody()
-    run = cg.solve_ivp(
-        problem.f, (0, 8), problem.y0, frame=problem.frame, max_step=0.05, rtol=1e-8, atol=1e-8
+    return cg.solve_ivp(
+        problem.f, (0, 8), problem.y0, frame=problem.frame, max_step=0.05, **options
     )
-    attitude, _ = problem.frame.split(run.y)
-    return cg.plot.trajectory_of_axes(attitude, new_axes(4.2, 4.0, projection="3d")).figure
+
+
+def attitude() -> Figure:
+    """Draw Euler angles of a tumbling body, and the errors of two tolerances."""
+    angles, errors = new_panels()
+    exact = tumbling_body(rtol=1e-12, atol=1e-12, dense_output=True)
+    cg.plot.attitude(exact, angles, show="ZYX")
+    angles.set_ylim(top=1.35 * angles.get_ylim()[1])
+    for tolerance, dashes in ((1e-5, "-"), (1e-8, "--")):
+        run = cg.solve_ivp(
+            FreeRigidBody().f, (0, 8), exact.y[0], frame=exact.frame, rtol=tolerance, atol=tolerance
+        )
+        cg.plot.attitude(run, errors, show="error", reference=exact)
+        errors.get_lines()[-1].set(
+            label=f"tolerance {tolerance:g}", linestyle=dashes,
+            color=COLOURS[len(errors.get_lines()) - 1],
+        )  # fmt: skip
+    errors.legend(frameon=False)
+    return angles.figure
 
 
 def draw_drift(ax: Axes, problem: Any, solution: cg.Solution) -> None:
@@ -225,7 +242,10 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "convergence": convergence,
     "work_precision": work_precision,
     "sphere": sphere,
-    "axes": axes_of_a_body,
+    "axes": lambda: (
+        cg.plot.trajectory_of_axes(tumbling_body(), new_axes(4.2, 4.0, projection="3d")).figure
+    ),
+    "attitude": attitude,
     "reaction_wheels": reaction_wheels,
     "forced_rigid_body": forced_rigid_body,
     "body_with_pendulum": body_with_pendulum,

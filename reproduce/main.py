@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import signal
 import sys
@@ -11,8 +10,10 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
+import click
+
+from cg.command import main as run_command
 from cg.runs import StoreError
 from cg.support.parallel import available_cores
 
@@ -22,7 +23,7 @@ from .display import Display, duration
 from .items import ITEMS, select
 from .run import OutputError, check_output, check_settings, run
 
-__all__ = ["main"]
+__all__ = ["main", "reproduce_command"]
 
 _FOLDER = Path("reproduce/out")
 _FULL_FOLDER = _FOLDER / "full"
@@ -31,44 +32,92 @@ _UNUSABLE = 2
 _INTERRUPTED = 130
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command.
+class _Items(click.ParamType):  # type: ignore[type-arg]
+    """Names of items separated by commas."""
 
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        By default those of the process.
+    name = "ITEM[,ITEM...]"
 
-    Returns
-    -------
-    int
-        Exit status: 0; 2 if the output folder cannot be used, is full or has a report with other
-        settings; 130 after an interrupt.
+    def convert(
+        self, value: str | list[str], param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[str]:
+        if isinstance(value, list):
+            return value
+        names = [name.strip() for name in value.split(",")]
+        if unknown := [name for name in names if name not in ITEMS]:
+            texts = ", ".join(map(repr, unknown))
+            self.fail(f"{texts}: items are {', '.join(ITEMS)}", param, ctx)
+        return names
 
-    Raises
-    ------
-    SystemExit
-        With status 2, if an argument is wrong; with 0 after ``--help``.
+
+def _check_minutes(_: click.Context, __: click.Parameter, minutes: float | None) -> float | None:
+    if minutes is not None and not 0.0 <= minutes < math.inf:
+        raise click.BadParameter(f"must be finite and not negative, got {minutes:g}")
+    return minutes
+
+
+@click.command("reproduce", short_help="Reproduce the paper.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="DIR",
+    help="Folder for report.html, results.json, figures and checkpoints; by default "
+    f"{_FOLDER}, with --full {_FULL_FOLDER}.",
+)  # fmt: skip
+@click.option(
+    "--full", is_flag=True,
+    help="The extensive search, with twenty times as many starts: hours.",
+)  # fmt: skip
+@click.option(
+    "--minutes", type=float, callback=_check_minutes, metavar="M",
+    help="End each search after M minutes; the report says how far it came, and the same command "
+    "continues from there.",
+)  # fmt: skip
+@click.option(
+    "--only", type=_Items(), multiple=True,
+    help="Run these items and what they need; may be given several times.",
+)  # fmt: skip
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of random starts."
+)
+@click.option(
+    "--workers", type=click.IntRange(1), default=available_cores, metavar="N",
+    help="Threads; all cores by default. The numbers do not depend on them.",
+)  # fmt: skip
+@click.option("--list", "show_items", is_flag=True, help="List the items and exit.")
+def reproduce_command(
+    out: Path | None,
+    full: bool,
+    minutes: float | None,
+    only: tuple[list[str], ...],
+    seed: int,
+    workers: int,
+    show_items: bool,
+) -> int:
+    r"""Reproduce the figures, tables and claims of the paper, and what goes beyond it.
+
+    The result is one report. An interrupted run continues where it ended.
+
+    \b
+    Examples:
+      crouch-grossman reproduce --list
+      crouch-grossman reproduce --only fig4.1 --out report
     """
-    options = _parser().parse_args(arguments)
-    if options.list:
+    if show_items:
         for item in ITEMS.values():
-            print(f"{item.name:16} {item.title}")
+            click.echo(f"{item.name:16} {item.title}")
         return 0
-    settings = Settings(options.seed, options.full)
-    out = options.out or (_FULL_FOLDER if options.full else _FOLDER)
+    settings = Settings(seed, full)
+    out = out or (_FULL_FOLDER if full else _FOLDER)
     try:
         check_output(out)
         check_settings(out, settings)
     except OutputError as error:
         return _complain(f"--out {error}")
-    items = select(options.only or ITEMS)
-    limit = None if options.minutes is None else 60.0 * options.minutes
-    display = Display(sys.stderr, items, options.full, limit)
+    items = select([name for names in only for name in names] or ITEMS)
+    limit = None if minutes is None else 60.0 * minutes
+    display = Display(sys.stderr, items, full, limit)
     begun = time.perf_counter()
     try:
         with _terminated_as_interrupted():
-            run(items, out, settings, options.workers, display.begin, display.finish, limit)
+            run(items, out, settings, workers, display.begin, display.finish, limit)
     except (StoreError, DamagedError) as error:
         return _complain(f"{error}; if you delete that file, its content is computed again")
     except OSError as error:
@@ -79,6 +128,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seconds = time.perf_counter() - begun
     print(f"{out / 'report.html'} written in {duration(seconds)}", file=sys.stderr)
     return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command ``reproduce-paper``.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        By default those of the process.
+
+    Returns
+    -------
+    int
+        Exit status: 0; 2 if an argument is wrong, or the output folder cannot be used, is full or
+        has a report with other settings; 130 after an interrupt.
+    """
+    return run_command(arguments, program="reproduce-paper", command=reproduce_command)
 
 
 def _complain(message: str) -> int:
@@ -97,81 +163,3 @@ def _terminated_as_interrupted() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="reproduce-paper",
-        description="Reproduce the figures, tables and claims of the paper, and "
-        "what goes beyond it, as one report.",
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR",
-        help="folder for report.html, results.json, figures and checkpoints "
-        f"(default: {_FOLDER}, with --full {_FULL_FOLDER})",
-    )  # fmt: skip
-    parser.add_argument(
-        "--full", action="store_true",
-        help="the extensive search, with twenty times as many starts: hours",
-    )  # fmt: skip
-    parser.add_argument(
-        "--minutes", type=_minutes, metavar="M",
-        help="end each search after M minutes; the report says how far it came, and the same "
-        "command continues from there",
-    )  # fmt: skip
-    parser.add_argument(
-        "--only", action=_Names, metavar="ITEM[,ITEM...]",
-        help="run these items and what they need; may be given several times",
-    )  # fmt: skip
-    parser.add_argument(
-        "--seed", type=_at_least(0), default=0, help="seed of random starts (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--workers", type=_at_least(1), default=available_cores(), metavar="N",
-        help="threads; the numbers do not depend on them (default: all cores, %(default)s)",
-    )  # fmt: skip
-    parser.add_argument("--list", action="store_true", help="list the items and exit")
-    return parser
-
-
-class _Names(argparse.Action):
-    """Names of items separated by commas."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any,
-        option: str | None = None,
-    ) -> None:  # fmt: skip
-        names = [name.strip() for name in values.split(",")]
-        unknown = [name for name in names if name not in ITEMS]
-        if unknown:
-            asked = ", ".join(map(repr, unknown))
-            raise argparse.ArgumentError(self, f"{asked}: items are {', '.join(ITEMS)}")
-        setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or []), *names])
-
-
-def _minutes(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"must be a number, not negative, got {text!r}")
-    return value
-
-
-class _at_least:
-    """An integer argument with a lower bound."""
-
-    def __init__(self, least: int) -> None:
-        self.least = least
-
-    def __call__(self, text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = self.least - 1
-        if value < self.least:
-            raise argparse.ArgumentTypeError(
-                f"must be an integer, at least {self.least}, got {text!r}"
-            )
-        return value

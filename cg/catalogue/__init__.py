@@ -81,8 +81,8 @@ class Catalogue(Mapping[str, Method]):
 
     def _hint(self, name: object) -> str:
         if self is not munthe_kaas and name in munthe_kaas:
-            return f"; cg.catalogue.munthe_kaas has it; the catalogue has {', '.join(self)}"
-        return f"; the catalogue has {', '.join(self)}{similar_names(name)}"
+            return f"; cg.catalogue.munthe_kaas has it; {_all(self)}"
+        return f"{similar_names(name)}; {_all(self)}"
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and name in self._files
@@ -116,8 +116,12 @@ _IN_SCIPY = {
 } | dict.fromkeys(("Radau", "BDF", "LSODA"), f"SciPy has a method of that name; {_STIFF}")
 
 
+def _all(*catalogues: Catalogue) -> str:
+    return f"all names are {', '.join(name for names in catalogues for name in names)}"
+
+
 def similar_names(name: object) -> str:
-    """Return the end of an error message that lists the names most similar to `name`."""
+    """Return a part of an error message: the names most similar to `name`, after a semicolon."""
     if not isinstance(name, str):
         return ""
     if name in _IN_SCIPY:
@@ -155,5 +159,7 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
     for catalogue in (methods, munthe_kaas):
         if method in catalogue:
             return catalogue[method]
-    known = ", ".join([*methods, *munthe_kaas])
-    raise ValueError(f"method must be one of {known}, got {method!r}{similar_names(method)}")
+    raise ValueError(
+        f"method must be the name of a method, got {method!r}{similar_names(method)}; "
+        f"{_all(methods, munthe_kaas)}"
+    )

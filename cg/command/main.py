@@ -30,7 +30,7 @@ _MODULES = {
     "export": "exporting",
     "plot": "plotting",
     "runs": "runs",
-    "reproduce": "reproducing",
+    "reproduce": "cg.reproduce.main",
     "completion": "completion",
 }
 
@@ -44,7 +44,8 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _MODULES:
             return None
-        module = import_module(f"cg.command.{_MODULES[cmd_name]}")
+        name = _MODULES[cmd_name]
+        module = import_module(name if "." in name else f"cg.command.{name}")
         command: click.Command = getattr(module, f"{cmd_name}_command")
         return command
 
@@ -72,8 +73,13 @@ def group() -> None:
     """
 
 
-def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> int:
-    """Run the command.
+def main(
+    arguments: Sequence[str] | None = None,
+    *,
+    program: str = PROGRAM,
+    command: click.Command = group,
+) -> int:
+    """Run a command.
 
     Parameters
     ----------
@@ -81,6 +87,8 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
         By default those of the process.
     program : str, optional
         Name of the command in messages.
+    command : click.Command, optional
+        By default the group of all commands.
 
     Returns
     -------
@@ -91,7 +99,7 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     """
     given = None if arguments is None else list(arguments)
     try:
-        code = group.main(
+        code = command.main(
             given,
             prog_name=program,
             standalone_mode=False,

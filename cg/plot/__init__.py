@@ -6,6 +6,7 @@ are distinguishable for colour-blind readers; lines also differ in dashes and ma
 
 from __future__ import annotations
 
+from .attitude import attitude
 from .errors import convergence, work_precision
 from .methods import points, tableau
 from .stability import stability_region
@@ -13,6 +14,7 @@ from .trajectories import trajectory_of_axes, trajectory_on_sphere
 from .trees import tree
 
 __all__ = [
+    "attitude",
     "convergence",
     "points",
     "stability_region",

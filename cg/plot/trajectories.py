@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..frames.arrays import check_finite, real_array
 from ..support.checks import check_integer
+from .rotations import rotations_of
 from .style import COLOURS, check_label, spatial_axes_for
 
 __all__ = ["trajectory_of_axes", "trajectory_on_sphere"]
@@ -54,7 +55,10 @@ def trajectory_on_sphere(
     >>> ax.name
     '3d'
     """
-    points = _points(y, (3,))
+    points = real_array(getattr(y, "y", y), "y")
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise ValueError(f"y must have shape (n, 3), got {points.shape}")
+    check_finite(points, "y")
     check_label(label)
     if color is not None and not isinstance(color, str):
         raise TypeError(f"color must be a str or None, got {color!r}")
@@ -74,8 +78,10 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
 
     Parameters
     ----------
-    y : array_like, shape (n, 3, 3), Solution or scipy.spatial.transform.Rotation
-        Rotation matrices, whose columns are the axes of the body in space.
+    y : Solution, scipy.spatial.transform.Rotation or array_like
+        A solution on `SO3`, `UnitQuaternion`, `SE3` or a product with one of them, rotations,
+        matrices of shape ``(n, 3, 3)``, whose columns are the axes of the body in space, or
+        quaternions of shape ``(n, 4)``, scalar last.
     ax : matplotlib.axes.Axes, optional
         Three-dimensional axes; a new figure by default.
     triads : int, optional
@@ -104,7 +110,7 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
     >>> ax.name
     '3d'
     """
-    matrices = _points(y.as_matrix() if hasattr(y, "as_matrix") else y, (3, 3))
+    matrices = rotations_of(y)[0].as_matrix()
     triads = min(check_integer("triads", triads, 0), len(matrices))
     ax = spatial_axes_for(ax)
     _draw_sphere(ax, 1.0)
@@ -117,15 +123,6 @@ def trajectory_of_axes(y: Any, ax: Any = None, *, triads: int = 2) -> Any:
             ax.plot(*x.T, color=COLOURS[k], linewidth=1.0 if early else 2.5)
     ax.legend(frameon=False, fontsize=8)
     return ax
-
-
-def _points(y: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    points = real_array(getattr(y, "y", y), "y")
-    if points.ndim != 1 + len(shape) or points.shape[1:] != shape or len(points) == 0:
-        expected = ", ".join(("n", *map(str, shape)))
-        raise ValueError(f"y must have shape ({expected}), got {points.shape}")
-    check_finite(points, "y")
-    return points
 
 
 def _draw_path(ax: Any, points: NDArray[np.float64], colour: str, label: str | None) -> None:

@@ -111,7 +111,7 @@ def test_rejects():
         cg.export("CG3", "excel")
     with pytest.raises(TypeError, match="format must be a str, got None"):
         cg.export("CG3", None)
-    with pytest.raises(ValueError, match=r"method must be one of .* similar names are CG3"):
+    with pytest.raises(ValueError, match=r"similar names are CG3"):
         cg.export("CG33", "c")
     for format in CODE:
         with pytest.raises(ValueError, match="must be json, toml or latex for an implicit"):

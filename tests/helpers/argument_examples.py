@@ -459,6 +459,16 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     "plot.trajectory_of_axes": Call(
         plot.trajectory_of_axes, {"y": np.array([np.eye(3)] * 2), "ax": None, "triads": 2}
     ),
+    "plot.attitude": Call(
+        plot.attitude,
+        {
+            "y": np.array([np.eye(3)] * 2),
+            "ax": None,
+            "show": "rate",
+            "t": [0.0, 1.0],
+            "reference": None,
+        },
+    ),
     "plot.tree": Call(plot.tree, {"tree": TREE, "ax": axes(), "title": True}),
     "plot.points": Call(plot.points, {"method": "CG3", "ax": axes()}),
     "plot.tableau": Call(plot.tableau, {"method": "CG3", "ax": axes(), "digits": 4}),

@@ -119,7 +119,9 @@ class TestMethods:
             cg.certify("RKMK4")
 
     def test_a_name_that_is_none(self):
-        with pytest.raises(ValueError, match=r"method must be one of .*RKMK5\(4\).*, got 'RKMK9'"):
+        with pytest.raises(
+            ValueError, match=r"method must be the name of a method, got 'RKMK9'.*RKMK5"
+        ):
             resolve_method("RKMK9")
 
     def test_it_is_no_method_of_two_registers(self):

@@ -93,7 +93,7 @@ def test_method_names_must_be_strings(name):
 
 
 def test_certify_rejects_unknown_names():
-    with pytest.raises(ValueError, match=r"method must be one of .*CG4a, .*, got 'CG9z'"):
+    with pytest.raises(ValueError, match=r"got 'CG9z'.* CG4a, "):
         cg.certify("CG9z")
 
 

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import cg
 from cg.plot.stability import growth
@@ -123,7 +124,7 @@ class TestMethods:
     def test_rejects(self, ax):
         with pytest.raises(ValueError, match="method must be explicit, got"):
             cg.plot.points("DICG4", ax)
-        with pytest.raises(ValueError, match="method must be one of"):
+        with pytest.raises(ValueError, match="method must be the name of a method"):
             cg.plot.tableau("XX", ax)
         with pytest.raises(ValueError, match="digits must be at least 1, got 0"):
             cg.plot.tableau("CG3", ax, digits=0)
@@ -236,8 +237,7 @@ class TestTrajectories:
         assert len(spheres) == 1
 
     def test_of_axes(self, spatial):
-        rotation = pytest.importorskip("scipy.spatial.transform").Rotation
-        turns = rotation.from_rotvec(np.linspace(0, 1, 5)[:, None] * [0, 0, np.pi / 2])
+        turns = Rotation.from_rotvec(np.linspace(0, 1, 5)[:, None] * [0, 0, np.pi / 2])
         cg.plot.trajectory_of_axes(turns, spatial)
         matrices = turns.as_matrix()
         lines = spatial.get_lines()
@@ -255,9 +255,87 @@ class TestTrajectories:
             cg.plot.trajectory_on_sphere(np.eye(3), ax)
         with pytest.raises(ValueError, match=r"y must have shape \(n, 3\), got \(3, 4\)"):
             cg.plot.trajectory_on_sphere(np.ones((3, 4)), spatial)
-        with pytest.raises(ValueError, match=r"y must have shape \(n, 3, 3\), got \(5, 4\)"):
+        with pytest.raises(ValueError, match=r"matrices of shape \(n, 3, 3\).* got shape \(5, 2\)"):
+            cg.plot.trajectory_of_axes(np.ones((5, 2)), spatial)
+        with pytest.raises(ValueError, match=r"y must hold points of UnitQuaternion\(\)"):
             cg.plot.trajectory_of_axes(np.ones((5, 4)), spatial)
         with pytest.raises(ValueError, match="y must be finite"):
             cg.plot.trajectory_on_sphere(np.full((2, 3), np.nan), spatial)
         with pytest.raises(ValueError, match="triads must be at least 0, got -1"):
             cg.plot.trajectory_of_axes(np.eye(3)[None], spatial, triads=-1)
+
+
+class TestAttitude:
+    turns = Rotation.from_rotvec(np.linspace(0.1, 1.1, 5)[:, None] * [0.1, -0.2, 0.9])
+    t = np.linspace(0, 2, 5)
+
+    @pytest.mark.parametrize(
+        ("show", "curves"),
+        [
+            ("ZYX", turns.as_euler("ZYX", degrees=True)),
+            ("xyx", turns.as_euler("xyx", degrees=True)),
+            ("vector", np.rad2deg(turns.as_rotvec())),
+            ("rate", np.rad2deg(np.tile([0.05, -0.1, 0.45], (4, 1)))),
+        ],
+    )
+    def test_shows(self, ax, show, curves):
+        cg.plot.attitude(self.turns, ax, show=show, t=self.t)
+        times = self.t[:-1] + 0.25 if show == "rate" else self.t
+        assert len(ax.lines) == 3
+        for line, curve in zip(ax.lines, curves.T, strict=True):
+            np.testing.assert_array_equal(line.get_xdata(), times)
+            np.testing.assert_allclose(line.get_ydata(), curve, atol=1e-12)
+
+    def test_reads_all_kinds_of_rotations(self, ax):
+        for y in (self.turns, self.turns.as_quat(), self.turns.as_matrix()):
+            cg.plot.attitude(y, ax, show="vector")
+        for line in ax.lines:
+            k = ax.lines.index(line) % 3
+            np.testing.assert_allclose(line.get_ydata(), np.rad2deg(self.turns.as_rotvec()[:, k]))
+
+    @pytest.mark.parametrize(
+        ("frame", "y0"),
+        [
+            (cg.frames.SO3(), np.eye(3)),
+            (cg.frames.UnitQuaternion(scalar_first=True), [1.0, 0, 0, 0]),
+            (cg.frames.SE3(), np.eye(4)),
+            (cg.frames.Product(cg.frames.Euclidean(2), cg.frames.SO3()), [1, 1, *np.eye(3).flat]),
+        ],
+        ids=str,
+    )
+    def test_reads_solutions(self, ax, frame, y0):
+        coefficients = np.zeros(frame.dim)
+        coefficients[2 if isinstance(frame, cg.frames.Product) else 0] = 0.5
+        run = cg.solve_ivp(lambda t, y: coefficients, (0, 3), y0, frame=frame, dense_output=True)
+        cg.plot.attitude(run, ax, show="vector")
+        np.testing.assert_allclose(ax.lines[0].get_ydata(), np.rad2deg(0.5 * run.t), atol=1e-12)
+        exact = Rotation.from_rotvec([[0.5, 0, 0], [1.0, 0.1, 0]])
+        cg.plot.attitude(exact, ax, show="error", t=[1.0, 2.0], reference=run)
+        np.testing.assert_allclose(ax.lines[-1].get_ydata()[0], 0.0, atol=1e-12)
+        assert 5.0 < ax.lines[-1].get_ydata()[1] < 6.0
+        assert ax.get_yscale() == "log"
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            ({"y": np.zeros((2, 5))}, "y must be a Solution, a Rotation, matrices"),
+            ({"y": np.zeros((2, 3, 3))}, "y must hold points of SO"),
+            ({"y": np.full((2, 4), np.nan)}, "y must be finite"),
+            ({"y": np.zeros((0, 4))}, "y must hold rotations at one or more times"),
+            ({"show": "Xyz"}, "show must be a sequence of Euler angles"),
+            ({"show": "xxz"}, "show must be a sequence of Euler angles"),
+            ({"show": "error"}, "reference must be given with show='error'"),
+            ({"reference": turns}, "reference must be given with show='error'"),
+            ({"show": "error", "reference": turns[:2]}, "reference must hold 5 rotations"),
+            ({"t": [0.0, 1.0]}, r"t must have shape \(5,\)"),
+            ({"t": [0.0, 1.0, 1.0, 2.0, 3.0]}, "t must increase"),
+        ],
+    )
+    def test_rejects(self, ax, arguments, message):
+        with pytest.raises(ValueError, match=message):
+            cg.plot.attitude(**{"y": self.turns, "ax": ax, **arguments})
+
+    def test_rejects_a_frame_without_rotations(self, ax):
+        run = cg.solve_ivp(lambda t, y: [1.0], (0, 1), [0.0], frame=cg.frames.Euclidean(1))
+        with pytest.raises(ValueError, match="y must be a solution with rotations, got one on"):
+            cg.plot.attitude(run, ax)

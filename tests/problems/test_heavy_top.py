@@ -261,7 +261,7 @@ def test_order_five_far_below_the_rounding_of_doubles():
     ("changes", "error", "message"),
     [
         ({"problem": StateDependentRotation()}, TypeError, "problem must be a HeavyTop"),
-        ({"method": "CG0"}, ValueError, "method must be one of"),
+        ({"method": "CG0"}, ValueError, "method must be the name of a method"),
         ({"h": 0}, ValueError, "h must be positive, got 0"),
         ({"h": -0.1}, ValueError, "h must be positive"),
         ({"h": np.nan}, ValueError, "h must be a finite number"),

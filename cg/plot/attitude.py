@@ -1,0 +1,129 @@
+"""Plots of an attitude over time."""
+
+from __future__ import annotations
+
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames.arrays import check_finite, real_array
+from .rotations import rotations_of
+from .style import COLOURS, axes_for
+
+__all__ = ["attitude"]
+
+_SEQUENCES = {"".join(axes) for axes in permutations("xyz")} | {
+    a + b + a for a in "xyz" for b in "xyz" if a != b
+}
+_DASHES = ("-", "--", "-.")
+_ORDER = ("first", "second", "third")
+
+
+def attitude(
+    y: Any, ax: Any = None, *, show: str = "ZYX", t: Any = None, reference: Any = None
+) -> Any:
+    """Draw angles of an attitude, its angular velocity or its error against time.
+
+    Parameters
+    ----------
+    y : Solution, scipy.spatial.transform.Rotation or array_like
+        A solution on `SO3`, `UnitQuaternion`, `SE3` or a product with one of them, rotations,
+        matrices of shape ``(n, 3, 3)``, or quaternions of shape ``(n, 4)``, scalar last.
+    ax : matplotlib.axes.Axes, optional
+        By default those of a new figure.
+    show : str, optional
+        A sequence of Euler angles, as for SciPy's ``Rotation.as_euler``: ``"ZYX"`` (default; yaw,
+        pitch and roll), upper case for rotations about axes of the body, lower case for axes in
+        space. Or ``"vector"``, the rotation vector; ``"rate"``, the mean angular velocity in axes
+        of the body between two times; ``"error"``, the angle to `reference`.
+    t : array_like, shape (n,), optional
+        Increasing times; by default those of the solution, else 0, 1, …
+    reference : Solution, scipy.spatial.transform.Rotation or array_like, optional
+        The exact attitude at the same times, as `y`; a solution with dense output is evaluated at
+        these times.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Angles are in degrees, angular velocities in degrees for each unit of time.
+
+    Raises
+    ------
+    ValueError
+        If `y` or `reference` holds no rotations, their numbers or that of `t` differ, `show` isn't
+        one of these, or `reference` is missing for errors or given for anything else.
+    TypeError
+        If `ax` isn't axes of matplotlib.
+
+    Examples
+    --------
+    >>> import cg
+    >>> run = cg.solve_ivp(
+    ...     lambda t, y: [0.4, 0.2 * y[3], 1.0], (0, 3), [0.0, 0.0, 0.0, 1.0],
+    ...     frame=cg.frames.UnitQuaternion(),
+    ... )
+    >>> ax = cg.plot.attitude(run, show="vector")
+    >>> ax.get_ylabel()
+    'rotation vector (°)'
+    """
+    if not isinstance(show, str) or (
+        show not in ("vector", "rate", "error")
+        and (show.lower() not in _SEQUENCES or not (show.islower() or show.isupper()))
+    ):
+        raise ValueError(
+            "show must be a sequence of Euler angles such as 'ZYX', 'vector', 'rate' or 'error', "
+            f"got {show!r}"
+        )
+    if (show == "error") != (reference is not None):
+        raise ValueError(
+            "reference must be given with show='error', and only then, got "
+            f"reference={reference!r} and show={show!r}"
+        )
+    rotations, times_of_solution = rotations_of(y)
+    times = _times(t, times_of_solution, len(rotations))
+    labels = [f"{axis} axis" for axis in "xyz"]
+    if show == "error":
+        exact, _ = rotations_of(reference, "reference", times)
+        if len(exact) != len(rotations):
+            raise ValueError(
+                f"reference must hold {len(rotations)} rotations, as y, got {len(exact)}"
+            )
+        angles = np.asarray((exact.inv() * rotations).magnitude())
+        curves, labels, title = angles[:, None], [""], "error"
+    elif show == "rate":
+        step = np.diff(times)
+        curves = (rotations[:-1].inv() * rotations[1:]).as_rotvec() / step[:, None]
+        times, title = times[:-1] + step / 2, "angular velocity"
+    elif show == "vector":
+        curves, title = rotations.as_rotvec(), "rotation vector"
+    else:
+        sequence: Any = show
+        curves, title = np.unwrap(rotations.as_euler(sequence), axis=0), "Euler angles"
+        labels = [f"{order} angle, {axis}" for order, axis in zip(_ORDER, show, strict=True)]
+    ax = axes_for(ax)
+    for curve, label, colour, dashes in zip(
+        np.rad2deg(curves.T), labels, COLOURS, _DASHES, strict=False
+    ):
+        ax.plot(times, curve, color=colour, linestyle=dashes, linewidth=1.4, label=label)
+    if show == "error":
+        ax.set_yscale("log", nonpositive="mask")
+    else:
+        ax.legend(frameon=False, fontsize=8)
+    unit = "° / unit of time" if show == "rate" else "°"
+    ax.set(xlabel="t", ylabel=f"{title} ({unit})")
+    return ax
+
+
+def _times(t: Any, times: NDArray[np.float64] | None, count: int) -> NDArray[np.float64]:
+    """Return the times of the rotations: `t`, else those of the solution, else indices."""
+    if t is None:
+        return np.arange(count, dtype=np.float64) if times is None else times
+    times = real_array(t, "t")
+    check_finite(times, "t")
+    if times.shape != (count,):
+        raise ValueError(f"t must have shape ({count},), as many times as y, got {times.shape}")
+    if not (np.diff(times) > 0.0).all():
+        raise ValueError(f"t must increase, got {times}")
+    return times

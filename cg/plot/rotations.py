@@ -1,0 +1,85 @@
+"""Rotations of solutions and arrays, for plots."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames.arrays import check_finite, real_array
+from ..frames.base import Frame
+from ..frames.product import Product
+from ..frames.quaternion import UnitQuaternion
+from ..frames.rotations import is_rotation
+from ..frames.se3 import SE3
+from ..frames.so import SO
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+__all__ = ["rotations_of"]
+
+_TOLERANCE = 1e-6
+
+
+def rotations_of(
+    y: Any, name: str = "y", at: NDArray[np.float64] | None = None
+) -> tuple[Rotation, NDArray[np.float64] | None]:
+    """Return the rotations of a solution or an array, and the times of a solution.
+
+    Parameters
+    ----------
+    y : Solution, scipy.spatial.transform.Rotation, array_like
+        A solution on `SO3`, `UnitQuaternion` or `SE3`, or on a product, whose first such factor
+        is taken; rotations; matrices, shape ``(n, 3, 3)``; or quaternions with the scalar last,
+        shape ``(n, 4)``.
+    name : str, optional
+        Name of the argument in error messages.
+    at : ndarray, shape (n,), optional
+        Times at which a solution with dense output is evaluated, instead of its own.
+
+    Raises
+    ------
+    ValueError
+        If `y` has another shape, is empty or isn't finite, or its frame has no rotation.
+    """
+    frame, times = getattr(y, "frame", None), None
+    if isinstance(frame, Frame):
+        times, points = np.asarray(y.t, dtype=np.float64), np.asarray(y.y)
+        if at is not None and y.sol is not None:
+            times, points = at, np.asarray(y.sol(at))
+        rotations = _of_frame(frame, points)
+        if rotations is None:
+            raise ValueError(f"{name} must be a solution with rotations, got one on {frame!r}")
+    elif is_rotation(y):
+        rotations = y
+    else:
+        points = real_array(y, name)
+        if points.ndim not in (2, 3) or points.shape[1:] not in ((3, 3), (4,)):
+            raise ValueError(
+                f"{name} must be a Solution, a Rotation, matrices of shape (n, 3, 3) or "
+                f"quaternions of shape (n, 4), got shape {points.shape}"
+            )
+        check_finite(points, name)
+        frame = SO(3) if points.ndim == 3 else UnitQuaternion()
+        if points.size and (distance := frame.membership_error(points).max()) > _TOLERANCE:
+            raise ValueError(
+                f"{name} must hold points of {frame!r}; the farthest is {distance:.3g} away"
+            )
+        rotations = _of_frame(frame, points)
+    if rotations is None or rotations.single or len(rotations) == 0:
+        raise ValueError(f"{name} must hold rotations at one or more times, got {y!r}")
+    return rotations, times
+
+
+def _of_frame(frame: Frame, y: Any) -> Rotation | None:
+    """Return the rotations of points of a frame, or None if it has none."""
+    if isinstance(frame, UnitQuaternion) or (isinstance(frame, SO) and frame.n == 3):
+        return frame.as_rotation(y)
+    if isinstance(frame, SE3):
+        return SO(3).as_rotation(y[..., :3, :3])
+    if isinstance(frame, Product):
+        parts = map(_of_frame, frame.factors, frame.split(y))
+        return next((part for part in parts if part is not None), None)
+    return None
