@@ -14,6 +14,11 @@ import lazy_loader
 from .support.installation import check_folder
 
 check_folder(__path__[0])
+if find_spec(f"{__name__}._core_r64") is None:
+    raise ImportError(
+        f"{__path__[0]} is not built: its compiled modules are missing. Run `make build` or "
+        "`python -m pip install .` in the source tree, or start Python in another folder."
+    )
 
 _listed, _, _names = lazy_loader.attach_stub(__name__, __file__)
 __all__ = [name for name in _names if name != "jax"]  # `from cg import *` would import JAX

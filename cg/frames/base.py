@@ -32,6 +32,11 @@ from cg.support.checks import check_generator
 
 MEMBERSHIP_TOLERANCE = 1e-8
 
+_ROTATION_HINTS = {
+    (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
+    (3, 3): "; rotation matrices are points of cg.frames.SO3()",
+}
+
 
 class FlowOverflowError(OverflowError):
     """The coefficients are too large for their flow to be computed in double precision.
@@ -388,7 +393,8 @@ class Frame(FieldAlgebra):
             raise ValueError(f"tolerance must be a non-negative number, got {tolerance!r}")
         point = self.read_points(y, name)
         if point.shape != self.point_shape:
-            raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}")
+            hint = _ROTATION_HINTS.get(point.shape, "") if self._rotation_sign else ""
+            raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}{hint}")
         if not np.isfinite(point).all():
             raise ValueError(f"{name} must be finite, got {point}")
         error = float(self.relative_error(point))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import lazy_loader
 import pytest
 
 import cg
@@ -80,6 +81,16 @@ def test_replaced_modules_are_reported(tmp_path, files):
     assert run.returncode == 1
     assert "pip uninstall --yes cg crouch-grossman" in run.stderr
     assert str(tmp_path) in run.stderr
+
+
+@of_the_source_tree
+def test_source_tree_without_build_is_reported(tmp_path):
+    shutil.copytree(ROOT / "cg", tmp_path / "cg", ignore=shutil.ignore_patterns("*.so", "*.toml"))
+    packages = Path(lazy_loader.__file__).parents[1]
+    run = python(f"sys.path.append({str(packages)!r})\nimport cg", tmp_path)
+    assert run.returncode == 1
+    assert "is not built" in run.stderr.splitlines()[-1]
+    assert "make build" in run.stderr.splitlines()[-1]
 
 
 @of_the_source_tree

@@ -181,8 +181,9 @@ class PythonRhs:
             ) from error
         if coefficients.shape != shape:
             got = "None" if value is None else f"shape {coefficients.shape}"
+            together = ", a row for each member, since vectorized=True" if self.vectorized else ""
             raise ValueError(
-                f"f must return an array of shape {shape}, got {got} at {when(t)}"
+                f"f must return an array of shape {shape}{together}, got {got} at {when(t)}"
                 f"{self._hint(coefficients.shape[len(shape) - 1 :])}"
             )
         # a finite sum means that all terms are finite, and takes a fraction of the time
