@@ -81,7 +81,8 @@ def test_an_ensemble_needs_the_shape_of_its_coefficients():
     for flat in (lambda k: np.ones(6 * k), lambda k: [1.0] * (6 * k)):
         with pytest.raises(ValueError, match="f must return an array of shape") as caught:
             together(flat)
-        assert f"shape {shapes[-1]}, got shape ({6 * shapes[-1][0]},)" in str(caught.value)
+        assert f"shape {shapes[-1]}, a row for each member" in str(caught.value)
+        assert f"got shape ({6 * shapes[-1][0]},)" in str(caught.value)
 
 
 def points_seen(keep, frame=FRAME, y0=Y0):
