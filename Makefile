@@ -6,7 +6,7 @@ PEERS := $(VENV)/.peers
 OUT ?=
 ARGS ?=
 
-.PHONY: all build reproduce test test-all test-checks test-sanitize test-oldest lint benchmarks catalogue reference-steps implementations mutants docs wheel clean
+.PHONY: all build reproduce test test-all test-checks test-sanitize test-oldest lint benchmarks catalogue reference-steps implementations mutants docs wheel release clean
 
 all: build
 
@@ -100,6 +100,11 @@ docs: build
 # sdist and wheel in dist/, tested in a new environment without Fortran libraries
 wheel:
 	sh tools/wheel.sh dist
+
+# builds, checks and lists what would be published
+release: build wheel
+	$(PY) -m pip install --quiet twine
+	$(PY) tools/release.py dist
 
 clean:
 	rm -rf build dist $(VENV) $(VENV)-checks $(VENV)-oldest reproduce/out

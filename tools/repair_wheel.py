@@ -1,6 +1,7 @@
 """Add shared libraries and their licences to a wheel, and set its platform tag.
 
-``python tools/repair_wheel.py WHEEL FOLDER`` runs auditwheel and adds the licences to its result.
+``python tools/repair_wheel.py WHEEL FOLDER`` runs auditwheel, delocate or delvewheel, as the system
+needs, and adds the licences to its result. Only auditwheel has been tried.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def add_licences(wheel: Path, folder: Path) -> Path:
         output(sys.executable, "-m", "wheel", "unpack", "--dest", temporary, wheel)
         (content,) = Path(temporary).iterdir()
         (information,) = content.glob("*.dist-info")
-        libraries = sorted(path.name for path in content.glob("*.libs/*"))
+        folders = (*content.glob("*.libs"), *content.rglob(".dylibs"))
+        libraries = sorted(path.name for folder in folders for path in folder.iterdir())
         target = information / "licenses" / "bundled"
         target.mkdir(parents=True, exist_ok=True)
         for name in BUNDLED:
@@ -52,16 +54,26 @@ def add_licences(wheel: Path, folder: Path) -> Path:
     return folder / wheel.name
 
 
+def repair(wheel: Path, folder: str) -> None:
+    """Write the wheel with its shared libraries to a folder."""
+    tools = {
+        "darwin": ("delocate-wheel", "-w", folder, "-v"),
+        "win32": ("delvewheel", "repair", "-w", folder),
+    }
+    linux = (sys.executable, "-m", "auditwheel", "repair", "-w", folder, "--plat")
+    command = tools[sys.platform] if sys.platform in tools else (*linux, oldest_tag(wheel))
+    output(*command, wheel)
+
+
 def main(wheel: str, folder: str) -> None:
     """Repair one wheel."""
-    source, target = Path(wheel), Path(folder)
+    target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    tag = oldest_tag(source)
     with tempfile.TemporaryDirectory() as temporary:
-        output(sys.executable, "-m", "auditwheel", "repair", "--plat", tag, "-w", temporary, source)
+        repair(Path(wheel), temporary)
         (repaired,) = Path(temporary).glob("*.whl")
         made = add_licences(repaired, target)
-    print(json.dumps({"tag": tag, "wheel": made.name, "bytes": made.stat().st_size}))
+    print(json.dumps({"wheel": made.name, "bytes": made.stat().st_size}))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import lazy_loader
@@ -97,7 +98,23 @@ def test_source_tree_without_build_is_reported(tmp_path):
 def test_versions_agree():
     (built,) = re.findall(r"^  version: '(.*)'", (ROOT / "meson.build").read_text(), re.MULTILINE)
     (cited,) = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
-    assert built == cited == cg.__version__
+    recipe = (ROOT / "packaging" / "conda" / "recipe.yaml").read_text()
+    (packaged,) = re.findall(r"^  version: ([\w.]+)$", recipe, re.MULTILINE)
+    assert built == cited == packaged == cg.__version__
+
+
+@of_the_source_tree
+def test_conda_recipe_has_the_requirements_of_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    recipe = (ROOT / "packaging" / "conda" / "recipe.yaml").read_text()
+    host, run = re.search(r"  host:\n(.*?)  run:\n(.*?)\n\n", recipe, re.DOTALL).groups()
+    listed = {line.strip("- ").replace(" ", "") for line in run.splitlines()}
+    needed = {
+        text.replace("matplotlib", "matplotlib-base") for text in project["project"]["dependencies"]
+    }
+    assert listed == needed | {f"python{project['project']['requires-python']}"}
+    built_with = {line.strip("- ").replace(" ", "") for line in host.splitlines()}
+    assert built_with == {"python", "pip", *project["build-system"]["requires"]}
 
 
 @of_the_source_tree
