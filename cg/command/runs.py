@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from cg.conditions import Rows
 from cg.construction.results import Solution, best, families, publish, solutions
 from cg.construction.results.solutions import OBJECTIVES
 from cg.runs import RunSummary, Store, StoredRun
@@ -98,6 +99,8 @@ def show_run(store: Store, run: StoredRun, in_json: bool) -> int:
         as_json(data)
         return 0
     settings = {key: value for key, value in summary.settings.items() if value is not None}
+    if "rows" in settings:
+        settings["rows"] = Rows(settings["rows"]).name.lower()
     say(f"run {run.number}, {summary.kind}, begun {_time(summary.created)}")
     say(", ".join(f"{key} {value}" for key, value in settings.items() if key != "tree"))
     rate = summary.starts / summary.seconds if summary.seconds else 0.0

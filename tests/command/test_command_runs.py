@@ -51,6 +51,7 @@ def test_show(capsys, path):
     assert 1 <= data["families_at_most"] < data["distinct"] <= exact
     assert data["failures"] == [[99, "Killed"]]
     code, out, _ = told(capsys, "show", path, "1")
+    assert "rows explicit" in out
     assert "30 starts in" in out
     assert f"{exact} solved, 1 failed" in out
     assert "start 99 failed: Killed" in out
