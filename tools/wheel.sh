@@ -23,7 +23,7 @@ PATH="$tools:$PATH" "$tools/python" tools/repair_wheel.py "$work"/built/*.whl "$
 python3 -m venv "$work/fresh"
 fresh=$work/fresh/bin/python
 "$fresh" -m pip install --quiet "$work"/repaired/*.whl pytest hypothesis mypy
-cp -r tests tools pyproject.toml "$work/" # some tests run tools, which is no package
+cp -r tests tools research pyproject.toml "$work/" # some tests run scripts of these folders
 sh tools/without_fortran.sh "$fresh" tools/try_wheel.py "$work/tests"
 cp "$work"/sdist/*.tar.gz "$work"/repaired/*.whl "$dist/"
 ls -l "$dist"
