@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from compiled_examples import frames_in_python
 from frame_examples import name
+from gallery import load
 from test_munthe_kaas import generic
 
 import cg
@@ -20,7 +21,6 @@ from cg.integration.step.flows import (
     difference_of,
     flows_of,
 )
-from cg.problems import TodaFlow
 from cg.problems.affine import AffineField
 from cg.reproduce.reference_runs import integrate_affine
 from cg.support.shared_numbers import BlockKind
@@ -207,7 +207,9 @@ def test_slopes_in_quadruple_precision(solved, key):
 
 
 def test_toda_flow_to_the_end():
-    flow = TodaFlow()
-    found = cg.solve_ivp(flow.f, (0, 40), flow.y0, frame=flow.frame, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(found.y[-1], np.diag(flow.frame.spectrum[::-1]), rtol=0, atol=1e-8)
-    assert flow.frame.relative_error(found.y).max() < 2e-15
+    flow = load("toda")
+    solution = cg.solve_ivp(flow.f, (0, 40), flow.y0, frame=flow.frame, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        solution.y[-1], np.diag(flow.frame.spectrum[::-1]), rtol=0, atol=1e-8
+    )
+    assert flow.frame.relative_error(solution.y).max() < 2e-15
