@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import click
 
 __all__ = ["reproduce_command"]
@@ -24,7 +22,8 @@ def reproduce_command(arguments: tuple[str, ...]) -> int:
       crouch-grossman reproduce --list
       crouch-grossman reproduce --only fig4.1 --out report
     """
-    main = import_module("cg.reproduce.main").main  # not below cg in the source tree
+    from ..reproduce.main import main
+
     try:
         return int(main(arguments))
     except SystemExit as end:  # its parser has printed why
