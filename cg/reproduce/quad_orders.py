@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from typing import Any
@@ -11,11 +10,10 @@ from typing import Any
 from cg.analysis.convergence import observed_order, slopes
 from cg.runs.execution import as_finished
 
-from . import fingerprint, top
-from .checkpoint import Checkpoint
+from . import top
 from .context import Context
 
-__all__ = ["FIT", "Run", "end_errors", "order_data"]
+__all__ = ["FIT", "Run", "convergence", "order_data"]
 
 FIT = 4
 """Number of points, those with the smallest steps, to which a slope is fitted."""
@@ -24,45 +22,45 @@ Run = tuple[top.Reading, str, int]
 """An integration over [0, 1]: reading, method, number of steps."""
 
 
-def end_errors(context: Context, runs: Sequence[Run]) -> dict[Run, float]:
-    """Integrate in real(16), several at a time, and return the errors of B at t = 1.
-
-    Errors are stored in a checkpoint, and are not computed again.
+def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[str, dict[str, Any]]:
+    """Integrate in real(16) with several stepsizes, several runs at a time.
 
     Parameters
     ----------
     context : Context
-    runs : sequence of Run
-        Long runs should be first, so that all cores are busy until the end.
+        Both readings of the initial momentum are used in an extensive run, else the first.
+    steps : mapping
+        By method the numbers of steps.
+
+    Returns
+    -------
+    dict
+        By reading the ``reference_error`` at t = 1, and ``methods``: by method `order_data` of the
+        errors of B at t = 1.
     """
-    digest = fingerprint.of_code(__name__, {})
-    checkpoint = Checkpoint(context.checkpoints / f"quad-errors-{digest}.jsonl", _recorded)
-    try:
-        errors = dict(checkpoint.records)
-        missing = [run for run in runs if run not in errors]
-        for reading in {run[0] for run in missing}:
-            top.reference_end(reading)  # once, before threads ask for it
-        with closing(as_finished(partial(_indexed_error, missing), range(len(missing)),
-                                 context.workers)) as running:  # fmt: skip
-            for index, error in running:
-                errors[missing[index]] = error
-                checkpoint.append({"run": missing[index], "error": error})
-                context.progress(sum(run in errors for run in runs), len(runs))
-    finally:
-        checkpoint.close()
-    return {run: errors[run] for run in runs}
-
-
-def _recorded(record: Any) -> tuple[Run, float]:
-    """Read a record of the checkpoint."""
-    try:
-        reading, method, steps = record["run"]
-        error = record["error"]
-        if not (isinstance(error, float) and 0 < error < math.inf):
-            raise TypeError
-    except (IndexError, KeyError, TypeError, ValueError):
-        raise ValueError(f"not the record of an error: {str(record)[:80]}") from None
-    return (reading, method, steps), error
+    readings: tuple[top.Reading, ...] = ("momentum",)
+    if context.settings.full:
+        readings = ("momentum", "velocity")
+    # computed here, before several threads ask for them
+    references = {reading: top.reference_end(reading)[1] for reading in readings}
+    runs: list[Run] = [(r, name, n) for r in readings for name, ns in steps.items() for n in ns]
+    runs.sort(key=lambda run: -run[2])  # long runs first, so that no core waits at the end
+    errors: dict[Run, float] = {}
+    with closing(as_finished(partial(_indexed_error, runs), range(len(runs)),
+                             context.workers)) as running:  # fmt: skip
+        for index, error in running:
+            errors[runs[index]] = error
+            context.progress(len(errors), len(runs))
+    return {
+        reading: {
+            "reference_error": references[reading],
+            "methods": {
+                name: order_data({n: errors[reading, name, n] for n in ns})
+                for name, ns in steps.items()
+            },
+        }
+        for reading in readings
+    }
 
 
 def _indexed_error(runs: Sequence[Run], index: int) -> tuple[int, float]:
@@ -71,7 +69,7 @@ def _indexed_error(runs: Sequence[Run], index: int) -> tuple[int, float]:
 
 
 def order_data(errors: Mapping[int, float]) -> dict[str, object]:
-    """Return what errors by number of steps say about the order.
+    """Return the order that errors by number of steps show.
 
     Returns
     -------

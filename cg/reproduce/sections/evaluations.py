@@ -84,7 +84,7 @@ def compute(context: Context) -> Data:
 
 def _search(context: Context, plan: Plan) -> Sequence[RandomStart]:
     arguments = plan.arguments(context.settings.seed)
-    digest = fingerprint.of_code(search.__module__, arguments)
+    digest = fingerprint.digest(**arguments)
     result = search(
         **arguments,
         starts=plan.starts,
@@ -213,6 +213,5 @@ ITEMS = (
         compute,
         present,
         needs=("appendix", "search4", "search6"),
-        cost=(330.0, 330.0),
     ),
 )

@@ -114,7 +114,7 @@ def compute(plan: Plan, context: Context) -> Data:
     """
     starts = plan.full_starts if context.settings.full else plan.starts
     arguments = plan.arguments(context.settings.seed)
-    digest = fingerprint.of_code(search.__module__, arguments)
+    digest = fingerprint.digest(**arguments)
     name = f"search{plan.order}-seed{context.settings.seed}-{digest}.db"
     path = context.checkpoints / name
     clock = _Clock(context, starts, path)
@@ -349,9 +349,6 @@ def _draw(figure: Figure, data: Data) -> None:
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
-_COSTS = {4: (15.0, 700.0), 5: (150.0, 3000.0), 6: (130.0, 2600.0)}
-"""Seconds of one core, by default and in full."""
-
 ITEMS = tuple(
     Item(
         f"search{order}",
@@ -360,8 +357,6 @@ ITEMS = tuple(
         30 + order,
         partial(compute, plan),
         partial(present, plan),
-        cost=_COSTS[order],
-        limited=True,
     )
     for order, plan in PLANS.items()
 )
