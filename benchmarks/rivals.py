@@ -11,6 +11,7 @@ from pathlib import Path
 from statistics import median
 
 import cg
+from cg.support.markdown import table
 
 from .cases import Case, cases, top_in_c
 from .lielab_rival import expresses
@@ -83,22 +84,19 @@ def run(quick: bool, figures: Path | None, only: Sequence[str] = ()) -> Result:
 def ratios_of_default(rows: Sequence[Row]) -> str:
     """Return the table of the time of projected DOP853 divided by that of the default method."""
     errors = (1e-6, *_ERRORS[1:])
-    table: dict[str, dict[str, str]] = {}
+    by_title: dict[str, dict[str, str]] = {}
     for row in rows:
-        title, found, error = row.quantity.partition(f", {_DEFAULT}, error ")
-        if found and row.ratio is not None:
-            table.setdefault(title, {})[error] = f"{row.ratio:.3g}"
-    lines = [
-        "Time of SciPy's DOP853 with projection divided by the time of the default method of "
-        "`cg.solve_ivp`, by error at the end:",
-        "",
-        f"| | {' | '.join(f'{error:g}' for error in errors)} |",
-        "|---" * (len(errors) + 1) + "|",
+        title, separator, error = row.quantity.partition(f", {_DEFAULT}, error ")
+        if separator and row.ratio is not None:
+            by_title.setdefault(title, {})[error] = f"{row.ratio:.3g}"
+    heads = [f"{error:g}" for error in errors]
+    shown = [
+        [title, *(ratios.get(head, "") for head in heads)] for title, ratios in by_title.items()
     ]
-    for title, ratios in table.items():
-        cells = (ratios.get(f"{error:g}", "") for error in errors)
-        lines.append(f"| {title} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    return (
+        "Time of SciPy's DOP853 with projection divided by the time of the default method of "
+        f"`cg.solve_ivp`, by error at the end:\n\n{table(['', *heads], shown)}"
+    )
 
 
 def _lielab(problems: list[Case]) -> str:
@@ -232,12 +230,7 @@ def _table(case: Case, curves: list[Curve]) -> str:
             shown[name] = None
     rivals = [curve.name for curve in curves if curve.kind in ("rkmk", "rival")]
     heads = [f"{quantity}, {error:g}" for error in _ERRORS for quantity in QUANTITIES]
-    lines = [
-        f"**{case.title[0].upper()}{case.title[1:]}**, t = 0 … {case.end:g}; time in ms:",
-        "",
-        f"| | {' | '.join(heads)} | drift |",
-        "|---" * (len(heads) + 2) + "|",
-    ]
+    rows = []
     for name in (*shown, *rivals):
         curve = named[name]
         cells = []
@@ -249,5 +242,6 @@ def _table(case: Case, curves: list[Curve]) -> str:
             drift = curve.drift(_ERRORS[1])
             cells.append("" if math.isnan(drift) else f"{drift:.0e}")
             label = f"`{name}`" if curve.kind in ("pair", "fixed", "rkmk") else name
-            lines.append(f"| {label} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+            rows.append([label, *cells])
+    title = f"**{case.title[0].upper()}{case.title[1:]}**, t = 0 … {case.end:g}; time in ms:"
+    return f"{title}\n\n{table(['', *heads, 'drift'], rows)}"

@@ -14,42 +14,6 @@ from . import top
 from .blocks import Data, number, places
 from .statistics import median
 
-__all__ = [
-    "Results",
-    "Verdict",
-    "all_digits",
-    "best_at_tenth",
-    "beyond",
-    "catalogue_order",
-    "double",
-    "drift",
-    "exact",
-    "example",
-    "flat",
-    "ill_conditioned",
-    "improved",
-    "in_unit_interval",
-    "independence",
-    "initial",
-    "many",
-    "moderate",
-    "munthe_kaas",
-    "no_zero",
-    "six_no_further",
-    "six_reached",
-    "slope",
-    "slope_approximate",
-    "slope_six",
-    "superior",
-    "table",
-    "theorem",
-    "trees",
-    "truncated",
-    "typical_digits",
-    "usually",
-    "zeros",
-]
-
 Verdict = tuple[bool | None, str]
 """Passed, failed, or (None) not reproducible; and the evidence or the reason."""
 

@@ -22,7 +22,7 @@ from cg.integration.step.flows import (
     flows_of,
 )
 from cg.problems.affine import AffineField
-from cg.reproduce.reference_runs import integrate_affine
+from cg.reproduce.reference_runs import integrate_compiled
 from cg.support.shared_numbers import BlockKind
 
 pytestmark = pytest.mark.sanitize
@@ -192,14 +192,14 @@ def test_a_function_in_c(affine):
 def solved():
     problem = AffineField(IsospectralOrbit((1.0, 2.0, 4.0)), np.diag([2.0, 4.0, 1.0]), seed=3)
     options = {"method": "RKMK8(5,3)", "h": "1/100", "steps": 100, "kind": "real128"}
-    return problem, integrate_affine(problem, **options).exact(-1)
+    return problem, integrate_compiled(problem, **options).exact(-1)
 
 
 @pytest.mark.parametrize("key", ["CF4", "RKMK4", "CG4a"])
 def test_slopes_in_quadruple_precision(solved, key):
     (problem, exact), errors = solved, []
     for n in (64, 128):
-        end = integrate_affine(problem, method=key, h=f"1/{n}", steps=n, kind="real128")
+        end = integrate_compiled(problem, method=key, h=f"1/{n}", steps=n, kind="real128")
         errors.append(float(max(abs(x - y) for x, y in zip(end.exact(-1), exact, strict=True))))
     assert max(errors) < 1e-4
     slope = observed_order(1 / np.array([64, 128]), errors, floor=1e-31)

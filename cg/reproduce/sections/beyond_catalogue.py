@@ -13,6 +13,7 @@ from cg.conditions import count, jacobian_at
 from cg.method.method import Method
 from cg.proofs import certificate_of
 from cg.proofs.files import certificate_names
+from cg.support.markdown import table as markdown_table
 
 from ..blocks import Block, Data, Table, Text, number, places
 from ..coefficients import RANK_THRESHOLD
@@ -166,8 +167,7 @@ def _proved(certificate: Data | None) -> str:
 def markdown(shown: Table) -> str:
     """Write a table in Markdown, its first column as code."""
     rows = [[f"`{first}`", *rest] for first, *rest in shown.rows]
-    ruler = ["---"] * len(shown.header)
-    return "".join(f"| {' | '.join(row)} |\n" for row in (shown.header, ruler, *rows))
+    return markdown_table(shown.header, rows) + "\n"
 
 
 ITEMS = (Item("beyond.catalogue", "Beyond the paper: the catalogue", 110, 110, compute, present),)
