@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import runpy
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -66,8 +65,8 @@ class Case:
 
 def cases(names: Iterable[str] | None = None) -> list[Case]:
     """Return all cases, or those of the given names."""
-    wanted = _CASES if names is None else {name: _CASES[name] for name in names}
-    return [make(name) for name, make in wanted.items()]
+    makers = _CASES if names is None else {name: _CASES[name] for name in names}
+    return [make(name) for name, make in makers.items()]
 
 
 def top_in_c(case: Case, folder: Path) -> Case:
@@ -96,22 +95,7 @@ def _free(name: str) -> Case:
 def _forced(title: str, **parameters: Any) -> Callable[[str], Case]:
     def make(name: str) -> Case:
         body = ForcedRigidBody(**parameters)
-        i1, i2, i3 = body.inertia
-        (a1, a2, a3), (b1, b2, b3), nu = body.cosine, body.sine, body.frequency
-
-        def f(t: float, y: Array) -> list[float]:
-            w1, w2, w3 = y[9:].tolist()
-            c, s = math.cos(nu * t), math.sin(nu * t)
-            return [
-                w1,
-                w2,
-                w3,
-                ((i2 - i3) * w2 * w3 + a1 * c + b1 * s) / i1,
-                ((i3 - i1) * w3 * w1 + a2 * c + b2 * s) / i2,
-                ((i1 - i2) * w1 * w2 + a3 * c + b3 * s) / i3,
-            ]
-
-        return _with_reference(name, title, body, f, 4.0)
+        return _with_reference(name, title, body, body.f, 4.0)
 
     return make
 

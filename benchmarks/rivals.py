@@ -140,12 +140,12 @@ def _runs(case: Case, solver: Solver) -> dict[float, tuple[Point, list[float]]]:
     runs: dict[float, tuple[Point, list[float]]] = {}
     for setting in solver.settings:
         try:
-            found, seconds = _timed(solver, setting)
+            result, seconds = _timed(solver, setting)
         except (ArithmeticError, RuntimeError, ValueError, cg.ConvergenceError) as failure:
             if isinstance(failure, ValueError) and "finite" not in str(failure):
                 raise
             continue  # the step is too long for this method
-        runs[setting] = Point.of(case, found, seconds), [seconds]
+        runs[setting] = Point.of(case, result, seconds), [seconds]
         if seconds > _SLOWEST:
             break
     return runs
@@ -181,13 +181,13 @@ def _rows(case: Case, curves: list[Curve]) -> list[Row]:
 
 
 def _row(
-    case: Case, own: Curve, other: Curve, quantity: str, error: float, aim: float
+    case: Case, curve: Curve, other: Curve, quantity: str, error: float, aim: float
 ) -> Row | None:
-    work, against = own.at(error, quantity), other.at(error, quantity)
+    work, against = curve.at(error, quantity), other.at(error, quantity)
     if math.isnan(work) or math.isnan(against):
         return None
     scale, unit = (1e3, "ms") if quantity == "time" else (1.0, quantity)
-    what = f"{case.title}, {own.name}, error {error:g}"
+    what = f"{case.title}, {curve.name}, error {error:g}"
     here, there, ratio = scale * work, scale * against, against / work
     return Row(what, here, unit, other.name, there, ratio, aim=Aim(aim, True))
 
@@ -196,11 +196,11 @@ def _count(curves: list[Curve], wins: dict[str, list[int]]) -> None:
     """Count for how many errors a method of the catalogue needs less than all other solvers."""
     for quantity in QUANTITIES:
         for error in _ERRORS:
-            own = _best(curves, ("pair", "fixed"), error, quantity)
+            own_best = _best(curves, ("pair", "fixed"), error, quantity)
             best = _best(curves, ("pair", "fixed", "rkmk", "rival"), error, quantity)
             if best is not None:
                 counts = wins.setdefault(quantity, [0, 0])
-                counts[0] += own == best
+                counts[0] += own_best == best
                 counts[1] += 1
 
 

@@ -79,19 +79,19 @@ def _motion() -> Case:
 
 def _curves(case: Case, rounds: int, quick: bool) -> dict[str, Curve]:
     """Return error against work of all four methods, which run in turns."""
-    wanted: dict[str, Solver] = {
+    chosen: dict[str, Solver] = {
         solver.name: solver
         for solver in solvers(case, quick)
         if solver.name in {*_PAIRS, *_PAIRS.values()}
     }
-    points: dict[str, list[Point]] = {name: [] for name in wanted}
-    for setting in next(iter(wanted.values())).settings:
-        by_solver = run_point(case, {name: s.solve for name, s in wanted.items()}, setting, rounds)
+    points: dict[str, list[Point]] = {name: [] for name in chosen}
+    for setting in next(iter(chosen.values())).settings:
+        by_solver = run_point(case, {name: s.solve for name, s in chosen.items()}, setting, rounds)
         for name, point in by_solver.items():
             points[name].append(point)
     return {
         name: Curve.of(name, solver.kind, solver.order, points[name])
-        for name, solver in wanted.items()
+        for name, solver in chosen.items()
     }
 
 

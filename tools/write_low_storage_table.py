@@ -43,7 +43,7 @@ class Row(NamedTuple):
     stages : int
     flat_order : int
         The classical order that is claimed.
-    flat, own : Fraction
+    flat, on_manifolds : Fraction
         The largest residuals through it of the printed numbers, of the classical conditions and
         of those on manifolds.
     beyond : Fraction
@@ -61,7 +61,7 @@ class Row(NamedTuple):
     stages: int
     flat_order: int
     flat: Fraction
-    own: Fraction
+    on_manifolds: Fraction
     beyond: Fraction
     moved: Fraction
     order: int
@@ -141,7 +141,7 @@ def row_of(entry: dict[str, Any]) -> Row:
     exact = closest(parameters, order)
     refined = weights_of(exact)
     orders = range(1, order + 2)
-    own = next(
+    order_on_manifolds = next(
         (q - 1 for q in orders if _largest(exact_residuals_of(refined, q)) > ZERO), order + 1
     )
     return Row(
@@ -153,7 +153,7 @@ def row_of(entry: dict[str, Any]) -> Row:
         _largest(exact_residuals_of(printed, order)),
         _largest(flat_residuals(*printed.exact, order + 1)),
         max(abs(x - y) for x, y in zip(exact, parameters, strict=True)),
-        own,
+        order_on_manifolds,
         _largest(flat_residuals(*refined.exact, order)),
         _largest(exact_residuals_of(refined, order)),
     )
@@ -180,10 +180,18 @@ def table_of(rows: Sequence[Row]) -> str:
     )  # fmt: skip
     cells = []
     for row in rows:
-        numbers = map(_power, (row.flat, row.own, row.moved))
+        numbers = map(_power, (row.flat, row.on_manifolds, row.moved))
         refined = map(_bound, (row.flat_refined, row.refined))
-        own = (row.name, row.stages, row.flat_order, *numbers, *refined, row.order, row.source)
-        cells.append([str(cell) for cell in own])
+        cells_of_row = (
+            row.name,
+            row.stages,
+            row.flat_order,
+            *numbers,
+            *refined,
+            row.order,
+            row.source,
+        )
+        cells.append([str(cell) for cell in cells_of_row])
     return table(header, cells) + "\n"
 
 

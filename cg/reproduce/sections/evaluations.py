@@ -169,14 +169,14 @@ def _stopped(data: Data) -> str:
 
 def _near(data: Data) -> str:
     """Say after how many evaluations the median is where the paper's f is."""
-    wanted = data["paper"]["f_double"]
+    target = data["paper"]["f_double"]
     medians = [five[2] for five in data["f_quartiles"]]
-    passed = [k for k, value in enumerate(medians) if value <= wanted]
+    passed = [k for k, value in enumerate(medians) if value <= target]
     if not passed or not passed[0]:
-        return f"At none of these limits is the median near the paper's {number(wanted, 1)}."
+        return f"At none of these limits is the median near the paper's {number(target, 1)}."
     before, after = (data["limits"][k] for k in (passed[0] - 1, passed[0]))
     return (
-        f"The median passes the paper's {number(wanted, 1)} between {before} and {after} "
+        f"The median passes the paper's {number(target, 1)} between {before} and {after} "
         f"evaluations, {before // _ONCE} to {after // _ONCE} Jacobians."
     )
 
