@@ -90,7 +90,8 @@ def _match_findings(method: Method, match: CatalogueMatch | None) -> Iterator[Fi
             yield Finding(
                 "slip",
                 "it is CG4a with a misprint known from several codes: "
-                f"a_5,4 = {_text(coefficient)} has one wrong digit; -1.1092979392113465 in the paper agrees with c_5",
+                f"a_5,4 = {_text(coefficient)} has one wrong digit; -1.1092979392113465 in the "
+                "paper agrees with c_5",
             )
             return
     labels = " and ".join(change[0] for change in match.changed)
