@@ -1,4 +1,4 @@
-"""Problems for contests: right-hand sides as a user in a hurry would write them, and solutions."""
+"""Test problems of comparisons: right-hand sides in plain Python, and exact solutions."""
 
 from __future__ import annotations
 

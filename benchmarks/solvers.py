@@ -20,15 +20,15 @@ from .magnus import Magnus
 __all__ = ["Kind", "Run", "Solver", "pairs", "solvers"]
 
 Kind = Literal["pair", "fixed", "rkmk", "rival", "default"]
-"""Pairs of the catalogue, methods with fixed steps, Munthe-Kaas methods, other rivals, and what
-`cg.solve_ivp` chooses."""
+"""Pairs of the catalogue, methods with fixed steps, Munthe-Kaas methods, solvers of other packages,
+and the default of `cg.solve_ivp`."""
 
 _MIN_ORDER = 4
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a solver returned.
+    """Result of a solver.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a work-precision diagram shows."""
+"""Curves of error against work, for work-precision diagrams."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .solvers import Kind, Run
 
 __all__ = ["QUANTITIES", "Curve", "Point", "run_point"]
 
-# Runs whose steps are too long to mean anything, and those that rounding has spoilt
+# Larger errors are those of steps that are too long; rounding dominates smaller ones.
 _WORST = 0.1
 _ROUNDING = 1e-11
 
@@ -58,7 +58,7 @@ QUANTITIES: dict[str, Callable[[Point], float]] = {
     "flows": lambda p: float(p.flows),
     "time": lambda p: p.seconds,
 }
-"""What work is measured by."""
+"""Measures of work by name."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Curve:
 
     @classmethod
     def of(cls, name: str, kind: Kind, order: int, points: list[Point]) -> Curve:
-        """Make a curve of the runs that mean something."""
+        """Make a curve of the runs that are neither too coarse nor dominated by rounding."""
         usable: list[Point] = []
         for point in points:
             if not point.error <= _WORST:
