@@ -25,7 +25,7 @@ from .leastsq import OutOfTime, PaddedResidual, solve
 __all__ = ["SEED", "Contestant", "compete", "contestants"]
 
 SEED = 1
-"""Of all random starts."""
+"""Seed of all random starts."""
 
 
 @dataclass
@@ -38,7 +38,7 @@ class Contestant:
     exact: list[int] = field(default_factory=list)
 
     def advance(self, until: float) -> None:
-        """Run starts, in order, until so much time is used up."""
+        """Run starts, in order, until a number of seconds is used up."""
         while self.seconds < until:
             begin = time.process_time()
             if self.solve(self.starts):
@@ -53,7 +53,7 @@ class Contestant:
 
 
 def compete(contest: dict[str, Contestant], budget: float, turns: int) -> str:
-    """Let contestants run in turns until each has used its time; return how it went."""
+    """Let contestants run in turns until each has used its time; return a summary."""
     for turn in range(1, turns + 1):
         for contestant in contest.values():
             contestant.advance(turn * budget / turns)
@@ -78,7 +78,10 @@ def contestants(order: int, stages: int, most: float = np.inf) -> dict[str, Cont
 
 
 def _with_default_budget(settings: SearchSettings) -> SearchSettings:
-    """Return settings with MINPACK's bound on evaluations; above, one start was not solved."""
+    """Return settings with MINPACK's default limit of evaluations.
+
+    `contestants` gets its settings from a search whose limit is one evaluation.
+    """
     evaluations = 200 * (unknowns(settings.stages, settings.rows) + 1)
     return SearchSettings(**{**vars(settings), "maxfev": evaluations})
 

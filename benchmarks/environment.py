@@ -1,4 +1,4 @@
-"""What the numbers depend on, without a trace of whose machine it was."""
+"""Processor, system and versions on which the numbers depend, without names of machines."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PACKAGES = ("numpy", "scipy", "lielab", "jax", "diffrax")
 
 
 def describe() -> dict[str, str]:
-    """Return processor, system, compilers and versions of what is compared."""
+    """Return the processor, the system, and the versions of compilers and packages."""
     environment = {
         "processor": _processor(),
         "system": f"{platform.system()} {platform.machine()}",

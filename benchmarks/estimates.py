@@ -12,6 +12,7 @@ import numpy as np
 import cg
 from cg.catalogue import munthe_kaas, resolve_method
 from cg.frames import SO3
+from cg.support.markdown import replace_between, table
 
 from .cases import Case, cases
 from .record import Aim, Result, Row
@@ -123,8 +124,8 @@ def _quotients(name: str, runs: list[Runs]) -> list[float]:
     """Return errors divided by tolerances."""
     return [
         p.error / tolerance
-        for found in runs
-        for tolerance, p in found[name].items()
+        for by_pair in runs
+        for tolerance, p in by_pair[name].items()
         if tolerance <= _MAX_TOLERANCE
     ]
 
@@ -151,52 +152,44 @@ def stored(result: Result) -> dict[str, dict[str, float]]:
 
 def write_table(result: Result, page: Path) -> None:
     """Write the table of all pairs between the marks of a page."""
-    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    after = rest.partition(END)[2]
-    lines = ["| pair | median | 90 % below | largest | honest |", "|---|---|---|---|---|"]
+    rows = []
     for name, numbers in stored(result).items():
         honest = numbers["median"] <= MEDIAN and numbers["largest"] <= LARGEST
-        cells = " | ".join(f"{number:.2g}" for number in numbers.values())
-        lines.append(f"| `{name}` | {cells} | {'yes' if honest else '**no**'} |")
-    shown = "\n".join(lines)
-    page.write_text(f"{before}{BEGIN}{shown}\n{END}{after}", encoding="utf-8")
+        cells = [f"{number:.2g}" for number in numbers.values()]
+        rows.append([f"`{name}`", *cells, "yes" if honest else "**no**"])
+    shown = table(("pair", "median", "90 % below", "largest", "honest"), rows)
+    replace_between(page, BEGIN, END, f"{shown}\n")
 
 
 def _by_tolerance(names: list[str], turning: list[Runs], problems: list[Runs]) -> str:
     shown = [k for k in turning[0][names[0]] if k <= _MAX_TOLERANCE]
     heads = [f"{kind}, {tolerance:g}" for kind in ("spins", "problems") for tolerance in shown[::2]]
-    lines = [
-        "**Error divided by tolerance**, median and largest, by tolerance:",
-        "",
-        f"| | {' | '.join(heads)} |",
-        "|---" * (len(heads) + 1) + "|",
-    ]
+    rows = []
     for name in names:
         cells = []
         for runs in (turning, problems):
             for tolerance in shown[::2]:
                 here = [r[name][tolerance].error / tolerance for r in runs if tolerance in r[name]]
                 cells.append(f"{median(here):.2g}, {max(here):.2g}" if here else "")
-        lines.append(f"| `{name}` | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        rows.append([f"`{name}`", *cells])
+    title = "**Error divided by tolerance**, median and largest, by tolerance:"
+    return f"{title}\n\n{table(['', *heads], rows)}"
 
 
 def _defaults(runs: list[Runs], problems: list[Runs]) -> str:
     """Return which pairs the rule of `cg.integration.default_method` chooses."""
     names = [name for name in problems[0] if _may_be_default(name, runs)]
     curves = _curves(problems)
-    lines = [
-        "The [rule for the default](howto/choose.md#the-rule-for-the-default) chooses among "
-        f"{', '.join(f'`{name}`' for name in names)}:",
-        "",
-        f"| frames | cost | {' | '.join(f'for errors of {error:g}' for error in _DECISIVE)} |",
-        "|---|---|---|---|",
-    ]
+    rows = []
     for frames, kinds in _COSTS.items():
         fit = [n for n in names if n not in munthe_kaas or frames != _NO_BRACKETS]
         cells = [_cheapest(fit, curves, error, kinds) for error in _DECISIVE]
-        lines.append(f"| {frames} | {' + '.join(kinds)} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        rows.append([frames, " + ".join(kinds), *cells])
+    header = ["frames", "cost", *(f"for errors of {error:g}" for error in _DECISIVE)]
+    return (
+        "The [rule for the default](howto/choose.md#the-rule-for-the-default) chooses among "
+        f"{', '.join(f'`{name}`' for name in names)}:\n\n{table(header, rows)}"
+    )
 
 
 def _may_be_default(name: str, runs: list[Runs]) -> bool:
@@ -221,7 +214,7 @@ def _counts(name: str, curves: Curves, error: float) -> float:
 
 def _curves(runs: list[Runs]) -> Curves:
     return [
-        {name: Curve.of(name, "pair", 0, list(found.values())) for name, found in r.items()}
+        {name: Curve.of(name, "pair", 0, list(points.values())) for name, points in r.items()}
         for r in runs
     ]
 
@@ -231,19 +224,15 @@ def _work(runs: list[Runs], rounds: int) -> str:
     kinds = [kind for kind in QUANTITIES if rounds or kind != "time"]
     heads = [f"{kind}, {error:g}" for error in _ERRORS for kind in kinds]
     how = f"; times are medians of {rounds} rounds of all in turn" if rounds else ""
-    lines = [
-        f"**Work at equal errors** divided by that of `{_AGAINST}`, on the "
-        f"{'problems' if rounds else 'spins'}, medians{how}:",
-        "",
-        f"| | {' | '.join(heads)} |",
-        "|---" * (len(heads) + 1) + "|",
-    ]
+    rows = []
     curves = _curves(runs)
     for name in curves[0]:
         ratios = [_ratio(name, curves, error, kind) for error in _ERRORS for kind in kinds]
-        cells = ["" if math.isnan(ratio) else f"{ratio:.2f}" for ratio in ratios]
-        lines.append(f"| `{name}` | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        rows.append([f"`{name}`", *("" if math.isnan(r) else f"{r:.2f}" for r in ratios)])
+    return (
+        f"**Work at equal errors** divided by that of `{_AGAINST}`, on the "
+        f"{'problems' if rounds else 'spins'}, medians{how}:\n\n{table(['', *heads], rows)}"
+    )
 
 
 def _ratio(name: str, curves: Curves, error: float, kind: str) -> float:

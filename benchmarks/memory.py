@@ -22,18 +22,18 @@ def megabytes():
 
 class Peak:
     def __enter__(self):
-        self.before = self.most = megabytes()
+        self.before = self.peak = megabytes()
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self.watch)
         self.thread.start()
         return self
     def watch(self):
         while not self.ended.wait(0.01):
-            self.most = max(self.most, megabytes())
+            self.peak = max(self.peak, megabytes())
     def __exit__(self, *_):
         self.ended.set()
         self.thread.join()
-        self.most = max(self.most, megabytes())
+        self.peak = max(self.peak, megabytes())
 """
 
 _SEARCH = """
@@ -47,8 +47,8 @@ module.run_start = lambda settings, index: replace(first, index=index)
 with TemporaryDirectory() as folder:
     cg.search(4, 5, 100, 1, workers=2, store=folder + "/before.db")
     with Peak() as peak:
-        found = cg.search(4, 5, size, 1, workers=2, store=folder + "/runs.db")
-        assert len(found.starts) == size
+        result = cg.search(4, 5, size, 1, workers=2, store=folder + "/runs.db")
+        assert len(result.starts) == size
 print(json.dumps(peak.most - peak.before))
 """
 

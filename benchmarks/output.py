@@ -98,8 +98,8 @@ def run(quick: bool, figures: Path | None) -> Result:
                     errors.append(_errors(problem, name, tolerance, solution, frame, exact))
     rows = []
     for name in _PAIRS:
-        own = [x for x in errors if x.method == name]
-        worst = max(own, key=lambda x: x.ratio)
+        of_method = [x for x in errors if x.method == name]
+        worst = max(of_method, key=lambda x: x.ratio)
         rows.append(
             Row(
                 f"`{name}`; largest on {worst.problem}, tolerance {worst.tolerance:g}",

@@ -66,11 +66,11 @@ def draw(errors: list[OutputError], folder: Path) -> None:
                        label="three times as large")  # fmt: skip
             for k, method in enumerate(methods):
                 colour, marker = _STYLES[k % len(_STYLES)]
-                own = [x for x in errors if (x.problem, x.method) == (problem, method)]
+                of_method = [x for x in errors if (x.problem, x.method) == (problem, method)]
                 style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 5}
                 if k >= len(_STYLES):
                     style["markerfacecolor"] = "white"
-                panel.plot([x.at for x in own], [x.between for x in own], linewidth=0,
+                panel.plot([x.at for x in of_method], [x.between for x in of_method], linewidth=0,
                            label=method, **style)  # fmt: skip
             panel.set_xscale("log")
             panel.set_yscale("log")

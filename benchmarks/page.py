@@ -7,6 +7,8 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+from cg.support.markdown import table
+
 from .record import Aim, Result, Row
 
 __all__ = ["read", "read_environments", "render", "render_details", "write", "write_pages"]
@@ -102,8 +104,7 @@ def _table(rows: tuple[Row, ...]) -> str:
     heads = ("", "here", "compared with", "there", "ratio", "aim")
     lines = [_cells(row) for row in rows]
     shown = [k for k in range(len(heads)) if k < 2 or any(line[k] for line in lines)]
-    table = [heads, ("---",) * len(heads), *lines]
-    return "\n".join(f"| {' | '.join(line[k] for k in shown)} |" for line in table)
+    return table([heads[k] for k in shown], [[line[k] for k in shown] for line in lines])
 
 
 def _cells(row: Row) -> tuple[str, ...]:

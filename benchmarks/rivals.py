@@ -11,6 +11,7 @@ from pathlib import Path
 from statistics import median
 
 import cg
+from cg.support.markdown import table
 
 from .cases import Case, cases, top_in_c
 from .lielab_rival import expresses
@@ -83,22 +84,19 @@ def run(quick: bool, figures: Path | None, only: Sequence[str] = ()) -> Result:
 def ratios_of_default(rows: Sequence[Row]) -> str:
     """Return the table of the time of projected DOP853 divided by that of the default method."""
     errors = (1e-6, *_ERRORS[1:])
-    table: dict[str, dict[str, str]] = {}
+    by_title: dict[str, dict[str, str]] = {}
     for row in rows:
-        title, found, error = row.quantity.partition(f", {_DEFAULT}, error ")
-        if found and row.ratio is not None:
-            table.setdefault(title, {})[error] = f"{row.ratio:.3g}"
-    lines = [
-        "Time of SciPy's DOP853 with projection divided by the time of the default method of "
-        "`cg.solve_ivp`, by error at the end:",
-        "",
-        f"| | {' | '.join(f'{error:g}' for error in errors)} |",
-        "|---" * (len(errors) + 1) + "|",
+        title, separator, error = row.quantity.partition(f", {_DEFAULT}, error ")
+        if separator and row.ratio is not None:
+            by_title.setdefault(title, {})[error] = f"{row.ratio:.3g}"
+    heads = [f"{error:g}" for error in errors]
+    shown = [
+        [title, *(ratios.get(head, "") for head in heads)] for title, ratios in by_title.items()
     ]
-    for title, ratios in table.items():
-        cells = (ratios.get(f"{error:g}", "") for error in errors)
-        lines.append(f"| {title} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    return (
+        "Time of SciPy's DOP853 with projection divided by the time of the default method of "
+        f"`cg.solve_ivp`, by error at the end:\n\n{table(['', *heads], shown)}"
+    )
 
 
 def _lielab(problems: list[Case]) -> str:
@@ -142,12 +140,12 @@ def _runs(case: Case, solver: Solver) -> dict[float, tuple[Point, list[float]]]:
     runs: dict[float, tuple[Point, list[float]]] = {}
     for setting in solver.settings:
         try:
-            found, seconds = _timed(solver, setting)
+            result, seconds = _timed(solver, setting)
         except (ArithmeticError, RuntimeError, ValueError, cg.ConvergenceError) as failure:
             if isinstance(failure, ValueError) and "finite" not in str(failure):
                 raise
             continue  # the step is too long for this method
-        runs[setting] = Point.of(case, found, seconds), [seconds]
+        runs[setting] = Point.of(case, result, seconds), [seconds]
         if seconds > _SLOWEST:
             break
     return runs
@@ -183,13 +181,13 @@ def _rows(case: Case, curves: list[Curve]) -> list[Row]:
 
 
 def _row(
-    case: Case, own: Curve, other: Curve, quantity: str, error: float, aim: float
+    case: Case, curve: Curve, other: Curve, quantity: str, error: float, aim: float
 ) -> Row | None:
-    work, against = own.at(error, quantity), other.at(error, quantity)
+    work, against = curve.at(error, quantity), other.at(error, quantity)
     if math.isnan(work) or math.isnan(against):
         return None
     scale, unit = (1e3, "ms") if quantity == "time" else (1.0, quantity)
-    what = f"{case.title}, {own.name}, error {error:g}"
+    what = f"{case.title}, {curve.name}, error {error:g}"
     here, there, ratio = scale * work, scale * against, against / work
     return Row(what, here, unit, other.name, there, ratio, aim=Aim(aim, True))
 
@@ -198,11 +196,11 @@ def _count(curves: list[Curve], wins: dict[str, list[int]]) -> None:
     """Count for how many errors a method of the catalogue needs less than all other solvers."""
     for quantity in QUANTITIES:
         for error in _ERRORS:
-            own = _best(curves, ("pair", "fixed"), error, quantity)
+            own_best = _best(curves, ("pair", "fixed"), error, quantity)
             best = _best(curves, ("pair", "fixed", "rkmk", "rival"), error, quantity)
             if best is not None:
                 counts = wins.setdefault(quantity, [0, 0])
-                counts[0] += own == best
+                counts[0] += own_best == best
                 counts[1] += 1
 
 
@@ -232,12 +230,7 @@ def _table(case: Case, curves: list[Curve]) -> str:
             shown[name] = None
     rivals = [curve.name for curve in curves if curve.kind in ("rkmk", "rival")]
     heads = [f"{quantity}, {error:g}" for error in _ERRORS for quantity in QUANTITIES]
-    lines = [
-        f"**{case.title[0].upper()}{case.title[1:]}**, t = 0 … {case.end:g}; time in ms:",
-        "",
-        f"| | {' | '.join(heads)} | drift |",
-        "|---" * (len(heads) + 2) + "|",
-    ]
+    rows = []
     for name in (*shown, *rivals):
         curve = named[name]
         cells = []
@@ -249,5 +242,6 @@ def _table(case: Case, curves: list[Curve]) -> str:
             drift = curve.drift(_ERRORS[1])
             cells.append("" if math.isnan(drift) else f"{drift:.0e}")
             label = f"`{name}`" if curve.kind in ("pair", "fixed", "rkmk") else name
-            lines.append(f"| {label} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+            rows.append([label, *cells])
+    title = f"**{case.title[0].upper()}{case.title[1:]}**, t = 0 … {case.end:g}; time in ms:"
+    return f"{title}\n\n{table(['', *heads, 'drift'], rows)}"

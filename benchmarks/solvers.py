@@ -20,15 +20,15 @@ from .magnus import Magnus
 __all__ = ["Kind", "Run", "Solver", "pairs", "solvers"]
 
 Kind = Literal["pair", "fixed", "rkmk", "rival", "default"]
-"""Pairs of the catalogue, methods with fixed steps, Munthe-Kaas methods, other rivals, and what
-`cg.solve_ivp` chooses."""
+"""Pairs of the catalogue, methods with fixed steps, Munthe-Kaas methods, solvers of other packages,
+and the default of `cg.solve_ivp`."""
 
 _MIN_ORDER = 4
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a solver returned.
+    """Result of a solver.
 
     Attributes
     ----------
@@ -88,8 +88,8 @@ def solvers(case: Case, quick: bool) -> Iterator[Solver]:
     if expresses(case):
         for name, order in METHODS.items():
             yield Solver(f"Lielab {name}", "rival", order, tolerances, _lielab(case, name))
-    for label, wanted in (("DOP853, projected", True), ("DOP853, not projected", False)):
-        yield Solver(label, "rival", 8, tolerances, _dop853(case, wanted))
+    for label, project in (("DOP853, projected", True), ("DOP853, not projected", False)):
+        yield Solver(label, "rival", 8, tolerances, _dop853(case, project))
     if case.linear:
         for order, stages in ((4, 2), (6, 3)):
             steps = _steps(case.budget, stages)
@@ -124,10 +124,10 @@ def _fixed(case: Case, name: str) -> Callable[[float], Run]:
     return solve
 
 
-def _dop853(case: Case, wanted: bool) -> Callable[[float], Run]:
+def _dop853(case: Case, project: bool) -> Callable[[float], Run]:
     def solve(tolerance: float) -> Run:
         points, evaluations = projected.integrate(
-            case.f, case.end, case.y0, case.frame, tolerance, projected=wanted
+            case.f, case.end, case.y0, case.frame, tolerance, projected=project
         )
         return Run(points, evaluations, 0)
 

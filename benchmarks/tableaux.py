@@ -10,6 +10,7 @@ import numpy as np
 
 from cg.frames import SE3
 from cg.problems.affine import AffineField
+from cg.support.markdown import table
 
 from .cases import Case, cases, top_in_c
 from .record import Result
@@ -40,11 +41,8 @@ def run(quick: bool, figures: Path | None) -> Result:
     rounds = 1 if quick else 5
     problems = cases(["heavy_top"] if quick else _CASES)
     problems.insert(len(problems) - 2 if not quick else 1, _motion())
-    lines = [
-        "| | tableau | error | evaluations | | flows | | time, ms | | |",
-        "|---" * 10 + "|",
-        "| | | | lifted | dexp⁻¹ | lifted | dexp⁻¹ | lifted | dexp⁻¹ | ratio |",
-    ]
+    header = ("", "tableau", "error", "evaluations", "", "flows", "", "time, ms", "", "")
+    rows = [["", "", "", *["lifted", "dexp⁻¹"] * 3, "ratio"]]
     won = dict.fromkeys(QUANTITIES, 0)
     contests = 0
     with tempfile.TemporaryDirectory() as folder:
@@ -55,7 +53,7 @@ def run(quick: bool, figures: Path | None) -> Result:
                 for error in _ERRORS:
                     line = _line(case, curves[lifted], curves[algebra], error, won)
                     contests += line is not None
-                    lines += [] if line is None else [line]
+                    rows += [] if line is None else [line]
     counts = ", ".join(
         f"{'less' if quantity == 'time' else 'fewer'} {quantity} in {count}"
         for quantity, count in won.items()
@@ -68,7 +66,7 @@ def run(quick: bool, figures: Path | None) -> Result:
         "The ratio is the time of the method with dexp⁻¹ divided by that of the lifted one: above "
         "1 the lifted one is faster."
     )
-    details = Result(TITLE, explanation, (), ("\n".join(lines),))
+    details = Result(TITLE, explanation, (), (table(header, rows),))
     return Result(TITLE, method_text(rounds), (), (verdict,), details=details)
 
 
@@ -81,25 +79,25 @@ def _motion() -> Case:
 
 def _curves(case: Case, rounds: int, quick: bool) -> dict[str, Curve]:
     """Return error against work of all four methods, which run in turns."""
-    wanted: dict[str, Solver] = {
+    chosen: dict[str, Solver] = {
         solver.name: solver
         for solver in solvers(case, quick)
         if solver.name in {*_PAIRS, *_PAIRS.values()}
     }
-    points: dict[str, list[Point]] = {name: [] for name in wanted}
-    for setting in next(iter(wanted.values())).settings:
-        by_solver = run_point(case, {name: s.solve for name, s in wanted.items()}, setting, rounds)
+    points: dict[str, list[Point]] = {name: [] for name in chosen}
+    for setting in next(iter(chosen.values())).settings:
+        by_solver = run_point(case, {name: s.solve for name, s in chosen.items()}, setting, rounds)
         for name, point in by_solver.items():
             points[name].append(point)
     return {
         name: Curve.of(name, solver.kind, solver.order, points[name])
-        for name, solver in wanted.items()
+        for name, solver in chosen.items()
     }
 
 
 def _line(
     case: Case, lifted: Curve, algebra: Curve, error: float, won: dict[str, int]
-) -> str | None:
+) -> list[str] | None:
     cells = []
     for quantity in QUANTITIES:
         one, other = lifted.at(error, quantity), algebra.at(error, quantity)
@@ -112,4 +110,4 @@ def _line(
     for quantity in QUANTITIES:
         won[quantity] += lifted.at(error, quantity) < algebra.at(error, quantity)
     title = f"{case.title[0].upper()}{case.title[1:]}"
-    return f"| {title} | {algebra.name[4:]} | {error:g} | {' | '.join(cells)} |"
+    return [title, algebra.name[4:], f"{error:g}", *cells]

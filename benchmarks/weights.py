@@ -28,7 +28,7 @@ class NumpyResidual:
         self.inner = [np.array(word) - 1 for word in inner]
         conditions = condition_trees(order, independent=True)
         self.words = [np.array(trees.children[t - 1]) - 1 for t in conditions]
-        self.wanted = np.array([1.0 / trees.density[t - 1] for t in conditions])
+        self.right_sides = np.array([1.0 / trees.density[t - 1] for t in conditions])
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ``Φ(t) - 1/γ(t)``, shape ``(m,)``, at packed coefficients."""
@@ -38,7 +38,7 @@ class NumpyResidual:
         for tree, word in enumerate(self.inner, start=1):
             phi[:, tree] = self._weight(table, phi, word)
         weights_of_words = np.array([self._weight(table[-1:], phi, word)[0] for word in self.words])
-        return np.asarray(weights_of_words - self.wanted)
+        return np.asarray(weights_of_words - self.right_sides)
 
     def _weight(
         self, table: NDArray[np.float64], phi: NDArray[np.float64], word: NDArray[np.intp]

@@ -1,4 +1,4 @@
-"""What a work-precision diagram shows."""
+"""Curves of error against work, for work-precision diagrams."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .solvers import Kind, Run
 
 __all__ = ["QUANTITIES", "Curve", "Point", "run_point"]
 
-# Runs whose steps are too long to mean anything, and those that rounding has spoilt
+# Larger errors are those of steps that are too long; rounding dominates smaller ones.
 _WORST = 0.1
 _ROUNDING = 1e-11
 
@@ -58,7 +58,7 @@ QUANTITIES: dict[str, Callable[[Point], float]] = {
     "flows": lambda p: float(p.flows),
     "time": lambda p: p.seconds,
 }
-"""What work is measured by."""
+"""Measures of work by name."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ class Curve:
         """Return the work for an error by interpolation of logarithms, NaN beyond the ends."""
         what = QUANTITIES[quantity]
         logs = [(np.log(p.error), np.log(what(p))) for p in self.points if what(p) > 0]
-        wanted = np.log(error)
+        log_error = np.log(error)
         for (e0, w0), (e1, w1) in pairwise(logs):
-            if e1 <= wanted <= e0:
-                part = 1.0 if e0 == e1 else (wanted - e0) / (e1 - e0)
+            if e1 <= log_error <= e0:
+                part = 1.0 if e0 == e1 else (log_error - e0) / (e1 - e0)
                 return float(np.exp(w0 + part * (w1 - w0)))
         return float("nan")
 
@@ -96,15 +96,15 @@ class Curve:
 
     @classmethod
     def of(cls, name: str, kind: Kind, order: int, points: list[Point]) -> Curve:
-        """Make a curve of the runs that mean something."""
-        kept: list[Point] = []
+        """Make a curve of the runs that are neither too coarse nor dominated by rounding."""
+        usable: list[Point] = []
         for point in points:
             if not point.error <= _WORST:
                 continue
-            if kept and kept[-1].error < _ROUNDING and point.error > 0.7 * kept[-1].error:
+            if usable and usable[-1].error < _ROUNDING and point.error > 0.7 * usable[-1].error:
                 break
-            kept.append(point)
-        return cls(name, kind, order, tuple(kept))
+            usable.append(point)
+        return cls(name, kind, order, tuple(usable))
 
 
 def run_point(

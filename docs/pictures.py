@@ -21,13 +21,7 @@ from matplotlib.figure import Figure
 import cg
 from cg.analysis.convergence import final_errors
 from cg.plot.style import COLOURS
-from cg.problems import (
-    ForcedRigidBody,
-    FreeRigidBody,
-    GradientFlow,
-    ReactionWheels,
-    StateDependentRotation,
-)
+from cg.problems import ForcedRigidBody, FreeRigidBody, StateDependentRotation
 
 FOLDER = Path(__file__).parent / "pictures"
 GALLERY = Path(__file__).parent / "gallery"
@@ -49,6 +43,11 @@ def new_panels() -> tuple[Axes, Axes]:
     _, axes = plt.subplots(1, 2, figsize=(9.0, 4.2), layout="constrained")
     left, right = axes
     return left, right
+
+
+def gallery(name: str) -> SimpleNamespace:
+    """Return the names that a script of the gallery defines."""
+    return SimpleNamespace(**runpy.run_path(str(GALLERY / f"{name}.py")))
 
 
 def integrate(problem: Any, stop: float, h: float, method: str = "CG4a") -> cg.Solution:
@@ -166,10 +165,10 @@ def put_legend_below(ax: Axes) -> None:
 def reaction_wheels() -> Figure:
     """Draw how the wheels take up the momentum of the satellite."""
     ax, other = new_panels()
-    satellite = ReactionWheels()
+    satellite = gallery("reaction_wheels")
     solution = integrate(satellite, 12.0, 0.02)
     norm = np.linalg.norm
-    momentum = norm(np.array(satellite.inertia) * solution.y[:, 4:7], axis=1)
+    momentum = norm(np.array(satellite.INERTIA) * solution.y[:, 4:7], axis=1)
     angle = 2.0 * np.arcsin(np.minimum(norm(solution.y[:, :3], axis=1), 1.0))
     ax.plot(solution.t, momentum, label="momentum of the satellite (N m s)")
     ax.plot(solution.t, norm(solution.y[:, 7:], axis=1), label="momentum of the wheels (N m s)")
@@ -196,7 +195,7 @@ def forced_rigid_body() -> Figure:
 
 def body_with_pendulum() -> Figure:
     """Draw the paths of joint and mass, and the invariants."""
-    chain = SimpleNamespace(**runpy.run_path(str(GALLERY / "body_with_pendulum.py")))
+    chain = gallery("body_with_pendulum")
     solution = integrate(chain, 5.0, 0.005)
     figure = plt.figure(figsize=(9.0, 4.2), layout="constrained")
     ax = figure.add_subplot(1, 2, 1, projection="3d")
@@ -215,18 +214,18 @@ def body_with_pendulum() -> Figure:
 
 def gradient_flow() -> Figure:
     """Draw how the action decreases, and errors."""
+    flow = gallery("gradient_flow").GradientFlow
     ax, other = new_panels()
     for roughness in (0.25, 0.5, 1.0):
-        problem = GradientFlow(roughness=roughness)
+        problem = flow(sides=(2, 2, 2, 2), roughness=roughness)
         solution = integrate(problem, 1.0, 0.02, "CF4")
-        action = problem.action(solution.y) / (6 * problem.lattice.sites)
+        action = [problem.action(links) for links in solution.y]
         ax.semilogy(solution.t, action, label=f"roughness {roughness:g}")
     ax.set(xlabel="flow time", ylabel="action per plaquette")
     ax.set_title("the flow smooths a field, $2^4$ sites")
     put_legend_below(ax)
-    small = GradientFlow((2, 2))
-    exact = small.reference([1]).y.view(complex).reshape(small.y0.shape)
-    draw_errors(other, small, exact)
+    small = flow()
+    draw_errors(other, small, integrate(small, 1.0, 1 / 256, "CF6c").y[-1])
     other.set_title("error at flow time 1, $2^2$ sites")
     return ax.figure
 

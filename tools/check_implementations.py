@@ -20,6 +20,7 @@ from cg.analysis.diagnosis.files import diagnose_tableau
 from cg.method.method import Method
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
+from cg.support import markdown
 
 DOCS = Path(__file__).parent.parent / "docs"
 DATA, PAGE = DOCS / "implementations.toml", DOCS / "implementations.md"
@@ -37,10 +38,10 @@ class Checked:
     slope: float
 
     @property
-    def row(self) -> str:
-        """Row of the table."""
+    def row(self) -> tuple[str, ...]:
+        """Cells of the table."""
         says, order = _pair(self.entry["says"], self.entry.get("says_embedded")), self.diagnosis
-        cells = (
+        return (
             self.entry["implementation"],
             f"`{self.entry['name']}`",
             says,
@@ -49,17 +50,16 @@ class Checked:
             f"{self.slope:.1f}",
             self.verdict,
         )
-        return f"| {' | '.join(cells)} |"
 
     @property
     def verdict(self) -> str:
         """Recognised mistakes, and the largest residual up to the claimed order."""
-        found = "; ".join(finding.message for finding in self.diagnosis.findings)
+        findings = "; ".join(finding.message for finding in self.diagnosis.findings)
         note = self.entry.get("note", "")
         residual = self.diagnosis.method.largest_residual(self.entry["says"])
         size = f"conditions to {residual:.0e}" if residual else "conditions exactly"
         right = self.diagnosis.order >= self.entry["says"]
-        return "; ".join(part for part in (found, note, size if right or residual < 1e-9 else
+        return "; ".join(part for part in (findings, note, size if right or residual < 1e-9 else
                          f"conditions off by {residual:.1g}") if part)  # fmt: skip
 
 
@@ -72,9 +72,9 @@ def read() -> list[dict[str, Any]]:
 def check(entry: dict[str, Any]) -> Checked:
     """Diagnose an entry and measure its order."""
     keys = ("a", "b", "b_embedded", "c")
-    found = diagnose_tableau({"name": ""} | {key: entry[key] for key in keys if key in entry})
+    diagnosis = diagnose_tableau({"name": ""} | {key: entry[key] for key in keys if key in entry})
     # without second weights, since `integrate` advances with the weights of higher order
-    return Checked(entry, found, slope_of(Tableau(entry["a"], entry["b"])))
+    return Checked(entry, diagnosis, slope_of(Tableau(entry["a"], entry["b"])))
 
 
 def slope_of(method: Method) -> float:
@@ -101,17 +101,15 @@ def table(checked: list[Checked]) -> str:
     """Return the table of the page."""
     heads = ("implementation", "method", "says order", "order", "where flows commute", "slope",
              "what it is")  # fmt: skip
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *(c.row for c in checked)]
     sources = [f"- {i}: {w}" for i, w in {c.entry["implementation"]: c.entry["where"] for c in
                checked}.items()]  # fmt: skip
-    return "\n".join([*lines, "", "Sources:", "", *sources]) + "\n"
+    shown = markdown.table(heads, [c.row for c in checked])
+    return "\n".join([shown, "", "Sources:", "", *sources]) + "\n"
 
 
 def main() -> int:
     """Write the page."""
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    shown = table([check(entry) for entry in read()])
-    PAGE.write_text(f"{before}{BEGIN}{shown}{END}{rest.partition(END)[2]}", encoding="utf-8")
+    markdown.replace_between(PAGE, BEGIN, END, table([check(entry) for entry in read()]))
     return 0
 
 

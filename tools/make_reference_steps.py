@@ -15,12 +15,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flint import arb, arb_mat, ctx, fmpq
+from flint import arb, arb_mat, ctx
 
 from cg.catalogue import methods, munthe_kaas
 from cg.method.method import Method
 from cg.method.munthe_kaas import MuntheKaas
 from cg.structure.points import START
+from cg.support.balls import to_ball as ball
 from cg.support.quads import to_decimal
 
 FILE = Path(__file__).parent.parent / "cg" / "catalogue" / "reference_steps.json"
@@ -95,11 +96,6 @@ def exponential(v: Sequence[arb]) -> arb_mat:
     """Return the exponential of the skew matrix of v."""
     x, y, z = v
     return arb_mat([[0, -z, y], [z, 0, -x], [-y, x, 0]]).exp()
-
-
-def ball(x: Fraction) -> arb:
-    """Return a fraction as a ball."""
-    return arb(fmpq(x.numerator, x.denominator))
 
 
 def _combined(weights: Sequence[Fraction], fields: Sequence[Vector]) -> Vector:

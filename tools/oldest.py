@@ -9,8 +9,8 @@ ROOT = Path(__file__).parents[1]
 def oldest() -> list[str]:
     """Return the requirements of ``pyproject.toml`` with the lowest version of each."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    wanted = [*project["dependencies"], *project["optional-dependencies"]["test"]]
-    return [requirement.replace(">=", "==") for requirement in wanted]
+    requirements = [*project["dependencies"], *project["optional-dependencies"]["test"]]
+    return [requirement.replace(">=", "==") for requirement in requirements]
 
 
 if __name__ == "__main__":

@@ -26,10 +26,10 @@ def output(*command: str | Path) -> str:
 
 def oldest_tag(wheel: Path) -> str:
     """Return the oldest platform that the wheel runs on once its libraries are in it."""
-    told = output(sys.executable, "-m", "auditwheel", "show", wheel)
-    tags = re.findall(r"\"((?:manylinux|musllinux)_\d+_\d+_\w+)\"", told)
+    report = output(sys.executable, "-m", "auditwheel", "show", wheel)
+    tags = re.findall(r"\"((?:manylinux|musllinux)_\d+_\d+_\w+)\"", report)
     if not tags:
-        raise SystemExit(f"auditwheel names no platform for {wheel.name}:\n{told}")
+        raise SystemExit(f"auditwheel names no platform for {wheel.name}:\n{report}")
     return tags[-1]
 
 

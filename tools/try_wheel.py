@@ -47,10 +47,10 @@ def check_libraries() -> None:
 def check_files() -> None:
     """Make sure that licences and marks of types are in the wheel."""
     names = {str(path) for path in files("crouch-grossman") or ()}
-    for wanted in ("cg/py.typed", "crouch_grossman/py.typed"):
-        assert wanted in names, wanted
-    for wanted in ("LICENSE", "MINPACK.txt", "GPL-3.0.txt", "LGPL-2.1.txt", "BUNDLED.txt"):
-        assert any(name.endswith(f"/{wanted}") for name in names), wanted
+    for mark in ("cg/py.typed", "crouch_grossman/py.typed"):
+        assert mark in names, mark
+    for licence in ("LICENSE", "MINPACK.txt", "GPL-3.0.txt", "LGPL-2.1.txt", "BUNDLED.txt"):
+        assert any(name.endswith(f"/{licence}") for name in names), licence
     about = metadata("crouch-grossman")
     assert about["License-Expression"] == "MIT", about["License-Expression"]
     assert "](" not in about.get_payload(), "the text has links that lead nowhere elsewhere"

@@ -19,6 +19,7 @@ from cg.proofs.files import certificate_names
 from cg.proofs.statement import fitting
 from cg.reproduce.context import Context, Settings
 from cg.reproduce.sections.beyond_catalogue import compute, markdown, table
+from cg.support.markdown import replace_between
 
 ROOT = Path(__file__).parent.parent
 CERTIFICATES = ROOT / "cg" / "catalogue" / "certificates"
@@ -42,7 +43,8 @@ def main() -> int:
                 print(f"proved {known}")
         names = without if known is None else whole if known.complete else partly
         names.append(method.name)
-    write_table(ROOT / "docs" / "catalogue.md")
+    shown = markdown(table(compute(Context(Settings(), Path()))))
+    replace_between(ROOT / "docs" / "catalogue.md", BEGIN, END, shown)
     write_summaries(ROOT / "cg" / "catalogue" / "summaries.json")
     print(f"{len(whole)} methods are proved; in part {_listed(partly)}; not {_listed(without)}")
     return 1 if failed else 0
@@ -69,14 +71,6 @@ def _certificate(method: Method) -> Certificate | None:
     except CertificationError:
         return None
     return certificate
-
-
-def write_table(page: Path) -> None:
-    """Replace the text between the two marks of a page."""
-    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    after = rest.partition(END)[2]
-    shown = markdown(table(compute(Context(Settings(), Path()))))
-    page.write_text(f"{before}{BEGIN}{shown}{END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from cg.conditions import exact_residuals_of
 from cg.method.commutator_free import CommutatorFree
 from cg.method.flat import flat_residuals
 from cg.method.low_storage import from_two_registers
+from cg.support.markdown import replace_between, table
 from cg.trees.rooted import rooted_trees_through
 
 METHODS = Path(__file__).parents[1] / "research" / "two_register_methods.toml"
@@ -34,7 +35,7 @@ Numbers = Sequence[Fraction]
 
 
 class Row(NamedTuple):
-    """What is found of a method.
+    """Properties of a method.
 
     Attributes
     ----------
@@ -42,7 +43,7 @@ class Row(NamedTuple):
     stages : int
     flat_order : int
         The classical order that is claimed.
-    flat, own : Fraction
+    flat, on_manifolds : Fraction
         The largest residuals through it of the printed numbers, of the classical conditions and
         of those on manifolds.
     beyond : Fraction
@@ -60,7 +61,7 @@ class Row(NamedTuple):
     stages: int
     flat_order: int
     flat: Fraction
-    own: Fraction
+    on_manifolds: Fraction
     beyond: Fraction
     moved: Fraction
     order: int
@@ -70,8 +71,8 @@ class Row(NamedTuple):
 
 def entries() -> list[dict[str, Any]]:
     """Return the methods as they are in print."""
-    found: list[dict[str, Any]] = tomllib.loads(METHODS.read_text(encoding="utf-8"))["method"]
-    return found
+    methods: list[dict[str, Any]] = tomllib.loads(METHODS.read_text(encoding="utf-8"))["method"]
+    return methods
 
 
 def weights_of(parameters: Numbers) -> CommutatorFree:
@@ -133,14 +134,14 @@ def _largest(residuals: Sequence[Fraction]) -> Fraction:
     return max(map(abs, residuals))
 
 
-def row(entry: dict[str, Any]) -> Row:
-    """Return what is found of one method."""
+def row_of(entry: dict[str, Any]) -> Row:
+    """Return the properties of one method."""
     parameters = [Fraction(text) for text in (*entry["a"], *entry["b"])]
     printed, order = weights_of(parameters), entry["order"]
-    found = closest(parameters, order)
-    refined = weights_of(found)
+    exact = closest(parameters, order)
+    refined = weights_of(exact)
     orders = range(1, order + 2)
-    own = next(
+    order_on_manifolds = next(
         (q - 1 for q in orders if _largest(exact_residuals_of(refined, q)) > ZERO), order + 1
     )
     return Row(
@@ -151,8 +152,8 @@ def row(entry: dict[str, Any]) -> Row:
         _largest(flat_residuals(*printed.exact, order)),
         _largest(exact_residuals_of(printed, order)),
         _largest(flat_residuals(*printed.exact, order + 1)),
-        max(abs(x - y) for x, y in zip(found, parameters, strict=True)),
-        own,
+        max(abs(x - y) for x, y in zip(exact, parameters, strict=True)),
+        order_on_manifolds,
         _largest(flat_residuals(*refined.exact, order)),
         _largest(exact_residuals_of(refined, order)),
     )
@@ -171,28 +172,33 @@ def _bound(number: Fraction) -> str:
     return "0" if number == 0 else "< 1e−55" if number < Fraction(1, 10**55) else _power(number)
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def table_of(rows: Sequence[Row]) -> str:
     """Return the table as it stands in the page."""
-    lines = [
-        "| method | stages | flat order | residual in print: flat | on manifolds "
-        "| moved by | residual there: flat | on manifolds | order on manifolds | source |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for found in rows:
-        numbers = map(_power, (found.flat, found.own, found.moved))
-        refined = map(_bound, (found.flat_refined, found.refined))
-        cells = [found.name, found.stages, found.flat_order, *numbers, *refined, found.order]
-        lines.append(f"| {' | '.join(map(str, cells))} | {found.source} |")
-    return "\n".join(lines) + "\n"
+    header = (
+        "method", "stages", "flat order", "residual in print: flat", "on manifolds", "moved by",
+        "residual there: flat", "on manifolds", "order on manifolds", "source",
+    )  # fmt: skip
+    cells = []
+    for row in rows:
+        numbers = map(_power, (row.flat, row.on_manifolds, row.moved))
+        refined = map(_bound, (row.flat_refined, row.refined))
+        cells_of_row = (
+            row.name,
+            row.stages,
+            row.flat_order,
+            *numbers,
+            *refined,
+            row.order,
+            row.source,
+        )
+        cells.append([str(cell) for cell in cells_of_row])
+    return table(header, cells) + "\n"
 
 
 def main(path: str = "docs/low_storage.md") -> None:
-    """Replace what is between the two marks."""
-    page = Path(path)
-    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    after = rest.partition(END)[2]
-    shown = markdown([row(entry) for entry in entries()])
-    page.write_text(f"{before}{BEGIN}{shown}{END}{after}", encoding="utf-8")
+    """Replace the table of the page."""
+    rows = [row_of(entry) for entry in entries()]
+    replace_between(Path(path), BEGIN, END, table_of(rows))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ _MODULES = {
     "export": "exporting",
     "plot": "plotting",
     "runs": "runs",
-    "reproduce": "cg.reproduce.main",
+    "reproduce": "reproducing",
     "completion": "completion",
 }
 
@@ -44,8 +44,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _MODULES:
             return None
-        name = _MODULES[cmd_name]
-        module = import_module(name if "." in name else f"cg.command.{name}")
+        module = import_module(f"cg.command.{_MODULES[cmd_name]}")
         command: click.Command = getattr(module, f"{cmd_name}_command")
         return command
 
@@ -73,13 +72,8 @@ def group() -> None:
     """
 
 
-def main(
-    arguments: Sequence[str] | None = None,
-    *,
-    program: str = PROGRAM,
-    command: click.Command = group,
-) -> int:
-    """Run a command.
+def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> int:
+    """Run the command.
 
     Parameters
     ----------
@@ -87,8 +81,6 @@ def main(
         By default those of the process.
     program : str, optional
         Name of the command in messages.
-    command : click.Command, optional
-        By default the group of all commands.
 
     Returns
     -------
@@ -99,7 +91,7 @@ def main(
     """
     given = None if arguments is None else list(arguments)
     try:
-        code = command.main(
+        code = group.main(
             given,
             prog_name=program,
             standalone_mode=False,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import MISSING, fields, is_dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,7 @@ from cg.frames.arrays import (
     Array,
     Points,
     Size,
-    check_name,
     check_random,
-    complex_array,
-    is_array,
-    real_array,
 )
 from cg.frames.block_kinds import Blocks
 from cg.frames.checking import find_inconsistencies
@@ -28,9 +23,8 @@ from cg.frames.local_coordinates import (
     minimum_norm_coefficients,
     newton_correction,
 )
+from cg.frames.manifold import Manifold
 from cg.support.checks import check_generator
-
-MEMBERSHIP_TOLERANCE = 1e-8
 
 _ROTATION_HINTS = {
     (4,): "; quaternions are points of cg.frames.UnitQuaternion()",
@@ -53,7 +47,7 @@ class FlowOverflowError(OverflowError):
     """
 
 
-class Frame(FieldAlgebra):
+class Frame(Manifold, FieldAlgebra):
     r"""Vector fields :math:`E_1, \dots, E_m` on a manifold embedded in arrays.
 
     A differential equation is written in the frame as
@@ -98,16 +92,6 @@ class Frame(FieldAlgebra):
     @abstractmethod
     def dim(self) -> int:
         """Number of vector fields, the length of ``v``."""
-
-    @property
-    @abstractmethod
-    def point_shape(self) -> tuple[int, ...]:
-        """Shape of the array that holds one point."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of a point's entries: float64, or complex128."""
-        return np.dtype(np.float64)
 
     def __repr__(self) -> str:
         if not is_dataclass(self):
@@ -157,80 +141,6 @@ class Frame(FieldAlgebra):
             Points, shape ``(..., *point_shape)``.
         """
         return self._arguments(v, y)[0]
-
-    @abstractmethod
-    def membership_error(self, y: ArrayLike) -> Array:
-        """Return the distance of ``y`` from the manifold, shape ``(...)``."""
-
-    def relative_error(self, y: ArrayLike) -> Array:
-        """Return the membership error relative to the size of the points, shape ``(...)``.
-
-        By default it is the membership error itself, as for rotations, which have size one.
-        """
-        return self.membership_error(y)
-
-    def project(self, y: ArrayLike) -> Points:
-        """Return the points of the manifold that are nearest to arrays near it.
-
-        `check_point` rejects points that were stored in single precision; their projections are
-        accepted.
-
-        Parameters
-        ----------
-        y
-            Shape ``(..., *point_shape)``.
-
-        Returns
-        -------
-        ndarray
-            Of type ``dtype``, shape ``(..., *point_shape)``; NaN where the nearest point does not
-            exist or is not unique, as for zero and a sphere.
-
-        Raises
-        ------
-        NotImplementedError
-            If the frame does not define a projection.
-        """
-        point = self._points(y)
-        rows = point.reshape(-1, *self.point_shape)
-        axes = tuple(range(1, rows.ndim))
-        valid = np.asarray(np.isfinite(rows).all(axis=axes))
-        projected = np.full(rows.shape, np.nan, dtype=self.dtype)
-        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            projected[valid] = self._project(rows[valid])
-            valid = np.asarray(np.isfinite(projected).all(axis=axes))
-            valid[valid] = self.relative_error(projected[valid]) <= MEMBERSHIP_TOLERANCE
-        projected[~valid] = np.nan
-        return projected.reshape(point.shape)
-
-    def _project(self, y: Points) -> Points:
-        """Return the nearest points to finite arrays, shape ``(count, *point_shape)``."""
-        raise NotImplementedError(f"{self!r} has no projection onto its manifold")
-
-    @abstractmethod
-    def random_point(self, rng: np.random.Generator, size: Size = ()) -> Points:
-        """Return random points, shape ``(*size, *point_shape)``.
-
-        Parameters
-        ----------
-        rng
-            Random generator, such as ``numpy.random.default_rng(seed)``.
-        size
-            The leading axes; an integer is one axis.
-
-        Raises
-        ------
-        TypeError
-            If ``rng`` isn't a generator, or ``size`` is neither an integer nor a sequence of them.
-        ValueError
-            If ``size`` is negative.
-        """
-
-    def distance(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """Return the distance of points, shape ``(...)``; by default the Euclidean distance."""
-        difference = self._points(x, "x") - self._points(y)
-        axes = tuple(range(-len(self.point_shape), 0))
-        return np.asarray(np.sqrt((np.abs(difference) ** 2).sum(axis=axes)))
 
     def exp_coordinates(self, y0: ArrayLike, y1: ArrayLike) -> Array | None:
         """Return the coefficients of least norm whose flow takes ``y0`` to ``y1``.
@@ -339,83 +249,13 @@ class Frame(FieldAlgebra):
         """Return the blocks of an instance of exactly this class; compiled frames define it."""
         return None
 
+    def _shape_hint(self, shape: tuple[int, ...]) -> str:
+        return _ROTATION_HINTS.get(shape, "") if self._rotation_sign else ""
+
     def random_vector(self, rng: np.random.Generator, size: Size = ()) -> Array:
         """Return standard normal coefficients, shape ``(*size, dim)``."""
         size = check_random(rng, size)
         return rng.standard_normal((*size, self.dim))
-
-    def read_points(self, value: Any, name: str = "y") -> Points:
-        """Convert points to a new C-ordered array of type ``dtype``.
-
-        Some frames also accept other representations, such as ``Rotation`` of SciPy.
-
-        Parameters
-        ----------
-        value
-            Points; neither the shape nor the membership is checked.
-        name
-            Name of the argument in error messages.
-
-        Raises
-        ------
-        ValueError
-            If it isn't numeric (real, unless points are complex).
-        TypeError
-            If ``name`` isn't a string.
-        """
-        check_name(name)
-        return (real_array if self.dtype.kind == "f" else complex_array)(value, name)
-
-    def check_point(
-        self, y: ArrayLike, *, tolerance: float = MEMBERSHIP_TOLERANCE, name: str = "y"
-    ) -> Points:
-        """Return ``y`` as a new array of type ``dtype`` after checking that it is one point.
-
-        Parameters
-        ----------
-        y
-            The candidate, shape ``point_shape``.
-        tolerance
-            Largest accepted `relative_error`.
-        name
-            Name of the argument in error messages.
-
-        Raises
-        ------
-        ValueError
-            If ``y`` isn't numeric (real, unless points are complex), has another shape, is not
-            finite or lies off the manifold, or if ``tolerance`` is negative or not a number.
-        TypeError
-            If ``name`` isn't a string.
-        """
-        check_name(name)
-        if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not tolerance >= 0.0:
-            raise ValueError(f"tolerance must be a non-negative number, got {tolerance!r}")
-        point = self.read_points(y, name)
-        if point.shape != self.point_shape:
-            hint = _ROTATION_HINTS.get(point.shape, "") if self._rotation_sign else ""
-            raise ValueError(f"{name} must have shape {self.point_shape}, got {point.shape}{hint}")
-        if not np.isfinite(point).all():
-            raise ValueError(f"{name} must be finite, got {point}")
-        error = float(self.relative_error(point))
-        if not error <= tolerance:
-            relative = "" if error == self.membership_error(point) else "relative "
-            raise ValueError(
-                f"{name} must be a point of {self}: its {relative}distance from the manifold is "
-                f"{error:.3g}, more than {tolerance:.3g}{self._projection_hint(point, name)}"
-            )
-        return point
-
-    def _projection_hint(self, point: Points, name: str) -> str:
-        """Return a hint to use `project`, for the message about a point off the manifold."""
-        try:
-            nearest = self.project(point)
-        except NotImplementedError:
-            return ""
-        if not np.isfinite(nearest).all() or self.relative_error(nearest) > MEMBERSHIP_TOLERANCE:
-            return ""
-        argument = name.partition("[")[0]
-        return f"; frame.project({argument}) is the nearest point"
 
     def check(
         self, *, rng: np.random.Generator | None = None, points: ArrayLike | None = None
@@ -478,12 +318,3 @@ class Frame(FieldAlgebra):
     def _arguments(self, v: ArrayLike, y: ArrayLike) -> tuple[Array, Points]:
         """Return ``v`` and ``y`` as arrays whose trailing axes fit this frame."""
         return self._vectors(v), self._points(y)
-
-    def _points(self, y: ArrayLike, name: str = "y") -> Points:
-        """Return ``y`` as an array of type ``dtype`` whose trailing axes are ``point_shape``."""
-        points: Points = y if is_array(y, self.dtype) else self.read_points(y, name)
-        shape = self.point_shape
-        if points.shape[max(points.ndim - len(shape), 0) :] != shape:
-            axes = ", ".join(map(str, shape))
-            raise ValueError(f"{name} must have shape (..., {axes}), got {points.shape}")
-        return points

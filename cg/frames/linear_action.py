@@ -204,6 +204,6 @@ def _on_one_pattern(matrices: list[sparse.csr_array]) -> tuple[sparse.csr_array,
     values = np.zeros((len(matrices), pattern.nnz), dtype=dtype)
     for row, matrix in zip(values, matrices, strict=True):
         matrix.sum_duplicates()
-        own = np.repeat(np.arange(n), np.diff(matrix.indptr)) * n + matrix.indices
-        row[np.searchsorted(keys, own)] = matrix.data
+        positions = np.repeat(np.arange(n), np.diff(matrix.indptr)) * n + matrix.indices
+        row[np.searchsorted(keys, positions)] = matrix.data
     return pattern, values

@@ -16,7 +16,7 @@ from cg.frames.arrays import (
     is_complex_array,
     real_array,
 )
-from cg.frames.base import MEMBERSHIP_TOLERANCE
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import combine, expm
 from cg.frames.user import Function, UserFrame
 from cg.support.checks import check_integer

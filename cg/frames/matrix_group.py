@@ -20,9 +20,10 @@ from cg.frames.arrays import (
     check_convention,
     check_random,
 )
-from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
+from cg.frames.base import Frame
 from cg.frames.dexpinv import frobenius, series_dexpinv
 from cg.frames.logarithms import real_log1p
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.frames.matrix_functions import (
     MAX_EXPONENT,
     combine,

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
 from cg.frames.arrays import Points
-from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
+from cg.frames.base import Frame
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.arguments import check_grid, equal_steps
 from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cg.frames.arrays import Array, real_array
+from cg.frames.arrays import real_array
 
 
 def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
@@ -19,13 +19,11 @@ def vector(value: ArrayLike, name: str, n: int) -> tuple[float, ...]:
     return tuple(array.tolist())
 
 
-def number(value: Any, name: str, *, positive: bool = False) -> float:
+def number(value: Any, name: str) -> float:
     """Return a finite number as a float; ValueError for any other value."""
     array = real_array(value, name)
     if array.shape != () or not math.isfinite(array.item()):
         raise ValueError(f"{name} must be a finite number, got {value!r}")
-    if positive and array.item() <= 0.0:
-        raise ValueError(f"{name} must be positive, got {value!r}")
     return float(array.item())
 
 
@@ -37,11 +35,3 @@ def moments(value: ArrayLike, name: str = "inertia") -> tuple[float, ...]:
             f"{name} must be positive, none larger than the sum of the others, got {value!r}"
         )
     return three
-
-
-def times_array(t: ArrayLike) -> Array:
-    """Return finite times as an array; ValueError for any other value."""
-    times = real_array(t, "t")
-    if not np.isfinite(times).all():
-        raise ValueError(f"t must be finite, got {t!r}")
-    return times

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,25 +82,28 @@ class ForcedRigidBody(QuadraticProblem):
         """The identity and the initial angular velocity, shape ``(12,)``."""
         return self.frame.join(np.eye(3), np.array(self.velocity))
 
-    def f(self, t: float, y: Array) -> Array:
-        """Return the angular velocity and its derivative.
+    def f(self, t: float, y: Array) -> list[float]:
+        """Return the angular velocity and its derivative, six numbers.
 
         Parameters
         ----------
         t
             Time (s).
         y
-            Points, shape ``(..., 12)``.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(..., 6)``.
+            Point, shape ``(12,)``.
         """
-        omega = y[..., 9:]
-        inertia = np.array(self.inertia)
-        change = (np.cross(inertia * omega, omega) + self.torque(t)) / inertia
-        return np.concatenate([omega, change], axis=-1)
+        i1, i2, i3 = self.inertia
+        (a1, a2, a3), (b1, b2, b3), nu = self.cosine, self.sine, self.frequency
+        w1, w2, w3 = y[9:].tolist()
+        c, s = math.cos(nu * t), math.sin(nu * t)
+        return [
+            w1,
+            w2,
+            w3,
+            ((i2 - i3) * w2 * w3 + a1 * c + b1 * s) / i1,
+            ((i3 - i1) * w3 * w1 + a2 * c + b2 * s) / i2,
+            ((i1 - i2) * w1 * w2 + a3 * c + b3 * s) / i3,
+        ]
 
     def torque(self, t: float) -> Array:
         """Return the torque at a time, shape ``(3,)``."""

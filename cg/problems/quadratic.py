@@ -128,15 +128,3 @@ def balls(values: Sequence[float]) -> Any:
 def identity() -> list[arb]:
     """Return the entries of the identity matrix of three rows."""
     return [arb(int(i == j)) for i in range(3) for j in range(3)]
-
-
-def unit_vector(values: Sequence[float]) -> Any:
-    """Return numbers divided by the root of the sum of their squares, an array of balls."""
-    vector = balls(values)
-    return vector / sum((x * x for x in vector), arb()).sqrt()
-
-
-def quaternion_rate(q: Any, omega: Any) -> Any:
-    """Return half the product of a quaternion, its scalar last, and a vector."""
-    vector = q[3] * omega + np.cross(q[:3], omega)
-    return 0.5 * np.array([*vector, -(q[:3] @ omega)])

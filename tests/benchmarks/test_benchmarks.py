@@ -159,7 +159,8 @@ def test_solvers_solve_the_tumbling_body(tmp_path):
 
     case = bodies.tumbling(tmp_path)
     assert np.divide(bodies._MOMENTUM, bodies._INERTIA).tolist() == [1.0, 2.0, -0.5]
-    exact = FreeRigidBody(bodies._INERTIA, bodies._MOMENTUM).exact_momentum(case.end)
+    body = FreeRigidBody(bodies._INERTIA, bodies._MOMENTUM)
+    exact = body.body_momentum(body.reference([case.end]).y[0])
     np.testing.assert_allclose(case.exact[4:], exact, rtol=0, atol=1e-12)
     solvers = {"own": bodies._solve(case)}
     if importlib.util.find_spec("diffrax") is not None:
@@ -203,7 +204,18 @@ def test_tableaux_compare_both_forms():
     )
     won = dict.fromkeys(("evaluations", "flows", "time"), 0)
     line = _line(case, lifted, algebra, 1e-6, won)
-    assert line == "| Two-level system | 5(4) | 1e-06 | 6 | 6 | 12 | 12 | 6e+03 | 1.2e+04 | 2.00 |"
+    assert line == [
+        "Two-level system",
+        "5(4)",
+        "1e-06",
+        "6",
+        "6",
+        "12",
+        "12",
+        "6e+03",
+        "1.2e+04",
+        "2.00",
+    ]
     assert won == {"evaluations": 0, "flows": 0, "time": 1}
     assert _line(case, lifted, algebra, 1e-12, won) is None
 

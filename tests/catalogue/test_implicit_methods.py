@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from gallery import load
 
 import cg
 from cg import conditions
@@ -15,7 +16,7 @@ from cg.conditions import Rows, count, residuals, residuals_exact
 from cg.construction.search.random_search import search
 from cg.frames import SO3, Euclidean, Product
 from cg.method.tableau import Tableau
-from cg.problems import Spacecraft, StateDependentRotation
+from cg.problems import StateDependentRotation
 from cg.structure.points import tree_of_rows
 from cg.trees.ordered import forest
 
@@ -351,7 +352,8 @@ class TestDampedPair:
 
     def test_a_spacecraft_with_strong_damping(self):
         """Velocities of attitude and body that are tied to each other."""
-        craft = Spacecraft(stiffness=1.0, damping=1e4)
+        craft = load("spacecraft")
+        craft.DAMPING = 1e4
         options = {"frame": craft.frame, "method": "DICG3(2)"}
         fine = cg.solve_ivp(craft.f, (0, 2), craft.y0, rtol=1e-7, atol=1e-7, **options)
         coarse = cg.solve_ivp(craft.f, (0, 2), craft.y0, rtol=1e-4, atol=1e-4, **options)

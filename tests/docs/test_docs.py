@@ -32,7 +32,8 @@ PAGES = sorted(
         if page != "howto/compiled"
     ],
 )
-def test_code_of_page_runs(page, capsys):
+def test_code_of_page_runs(page, capsys, monkeypatch):
+    monkeypatch.syspath_prepend(DOCS / "gallery")
     if page in IN_JAX:
         pytest.importorskip("diffrax", reason="diffrax is not installed")
     if page == "howto/jaxlie":

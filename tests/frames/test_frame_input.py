@@ -26,7 +26,7 @@ from cg.frames import (
     UnitQuaternion,
 )
 from cg.frames.matrix_group import MatrixGroup
-from cg.problems import AffineField, ConingMotion, FreeRigidBody
+from cg.problems import AffineField, ForcedRigidBody, FreeRigidBody
 
 pytestmark = pytest.mark.no_core
 
@@ -157,7 +157,10 @@ def test_conventions_must_be_strings():
         (lambda: IsospectralOrbit(MASKED), "spectrum must be an array of real numbers"),
         (lambda: CoadjointOrbit(SO3(), MASKED), "point must be an array of real numbers"),
         (lambda: FreeRigidBody(inertia=MASKED), "inertia must be an array of real numbers"),
-        (lambda: ConingMotion(spin=True), "spin must be an array of real numbers, got True"),
+        (
+            lambda: ForcedRigidBody(frequency=True),
+            "frequency must be an array of real numbers, got",
+        ),
         (
             lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))),
             r"parts must have leading axes that broadcast, got \[\(2,\), \(3,\)\]",

@@ -135,33 +135,18 @@ def of_problem(problem):
     arguments = {
         "invariants": points,
         "body_momentum": points,
-        "action": points,
-        "exact": {"t": [0.0, 0.25]},
-        "exact_momentum": {"t": [0.0, 0.25]},
-        "transition_probability": {"t": [0.0, 0.25]},
-        "rate": {"t": [0.0, 0.25]},
-        "attitude": {"t": [0.0, 0.25]},
-        "sampled": {"times": [0.0, 0.25, 0.5, 0.75]},
     }
     for method, values in arguments.items():
         if callable(getattr(problem, method, None)):
             yield f"problems.{kind}.{method}", Call(getattr(problem, method), values)
 
 
-GYRO = {"times": [0.0, 0.25, 0.5, 0.75], "rates": np.ones((4, 3))}
 PROBLEMS = [
     problems.AffineField(SO3, np.eye(3)),
-    problems.ConingMotion(),
     problems.ForcedRigidBody(),
     problems.FreeRigidBody(),
-    problems.GradientFlow((2, 2)),
-    problems.GyroAttitude(**GYRO),
     problems.HeavyTop(),
-    problems.ReactionWheels(),
-    problems.Spacecraft(),
     problems.StateDependentRotation(),
-    problems.TodaFlow(),
-    problems.TwoLevelSystem(),
 ]
 
 for _name, _frame in FRAMES.items():

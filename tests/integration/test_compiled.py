@@ -17,7 +17,7 @@ from cg.integration import integrate
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
-from cg.reproduce.reference_runs import integrate_affine
+from cg.reproduce.reference_runs import integrate_compiled
 from cg.support.shared_numbers import (
     BlockKind,
     ConditionOwner,
@@ -383,7 +383,7 @@ def test_built_in_affine_fields_agree_with_python(name):
     problem = PROBLEMS[name]
     slow = integrate(problem.f, (0, 1), problem.y0, frame=problem.frame, method="CG4a", h=1 / 16)
     for kind in ("real64", "real128"):
-        fast = integrate_affine(problem, method="CG4a", h="1/16", steps=16, kind=kind)
+        fast = integrate_compiled(problem, method="CG4a", h="1/16", steps=16, kind=kind)
         np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
         assert fast.raw.shape[:2] == (17, problem.frame.point_shape[0])
 
@@ -399,7 +399,7 @@ def test_order_slopes_in_quadruple_precision(name, method, steps):
     errors = [
         float(max(abs(x - y) for x, y in zip(found.exact(-1), exact, strict=True)))
         for found in (
-            integrate_affine(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
+            integrate_compiled(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
             for n in steps
         )
     ]
@@ -421,7 +421,7 @@ def test_bad_affine_fields_are_refused():
         AffineField(SU(2), np.eye(2))
     with pytest.raises(ValueError, match="initial must be a point of SO3"):
         AffineField(SO3(), 2 * np.eye(3))
-    with pytest.raises(TypeError, match="problem must be an AffineField"):
-        integrate_affine(None, method="CG3", h=1, steps=1)
+    with pytest.raises(TypeError, match="problem must be a HeavyTop or an AffineField"):
+        integrate_compiled(None, method="CG3", h=1, steps=1)
     with pytest.raises(ValueError, match="frame must be one that is compiled"):
-        integrate_affine(AffineField(GL(2), np.eye(2)), method="CG3", h=1, steps=1)
+        integrate_compiled(AffineField(GL(2), np.eye(2)), method="CG3", h=1, steps=1)

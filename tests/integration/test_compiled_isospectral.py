@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from compiled_examples import frames_in_python
 from frame_examples import name
+from gallery import load
 from test_munthe_kaas import generic
 
 import cg
@@ -20,9 +21,8 @@ from cg.integration.step.flows import (
     difference_of,
     flows_of,
 )
-from cg.problems import TodaFlow
 from cg.problems.affine import AffineField
-from cg.reproduce.reference_runs import integrate_affine
+from cg.reproduce.reference_runs import integrate_compiled
 from cg.support.shared_numbers import BlockKind
 
 pytestmark = pytest.mark.sanitize
@@ -192,14 +192,14 @@ def test_a_function_in_c(affine):
 def solved():
     problem = AffineField(IsospectralOrbit((1.0, 2.0, 4.0)), np.diag([2.0, 4.0, 1.0]), seed=3)
     options = {"method": "RKMK8(5,3)", "h": "1/100", "steps": 100, "kind": "real128"}
-    return problem, integrate_affine(problem, **options).exact(-1)
+    return problem, integrate_compiled(problem, **options).exact(-1)
 
 
 @pytest.mark.parametrize("key", ["CF4", "RKMK4", "CG4a"])
 def test_slopes_in_quadruple_precision(solved, key):
     (problem, exact), errors = solved, []
     for n in (64, 128):
-        end = integrate_affine(problem, method=key, h=f"1/{n}", steps=n, kind="real128")
+        end = integrate_compiled(problem, method=key, h=f"1/{n}", steps=n, kind="real128")
         errors.append(float(max(abs(x - y) for x, y in zip(end.exact(-1), exact, strict=True))))
     assert max(errors) < 1e-4
     slope = observed_order(1 / np.array([64, 128]), errors, floor=1e-31)
@@ -207,7 +207,9 @@ def test_slopes_in_quadruple_precision(solved, key):
 
 
 def test_toda_flow_to_the_end():
-    flow = TodaFlow()
-    found = cg.solve_ivp(flow.f, (0, 40), flow.y0, frame=flow.frame, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(found.y[-1], np.diag(flow.frame.spectrum[::-1]), rtol=0, atol=1e-8)
-    assert flow.frame.relative_error(found.y).max() < 2e-15
+    flow = load("toda")
+    solution = cg.solve_ivp(flow.f, (0, 40), flow.y0, frame=flow.frame, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        solution.y[-1], np.diag(flow.frame.spectrum[::-1]), rtol=0, atol=1e-8
+    )
+    assert flow.frame.relative_error(solution.y).max() < 2e-15

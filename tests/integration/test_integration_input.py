@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import cg
 from cg.frames import SO3, CoadjointOrbit, Euclidean, Product, UnitQuaternion
 from cg.problems import AffineField
-from cg.reproduce.reference_runs import integrate_affine
+from cg.reproduce.reference_runs import integrate_compiled
 
 ATTITUDE = Product(UnitQuaternion(), Euclidean(3))
 QUATERNION = [0.0, 0.0, 0.0, 1.0]
@@ -115,12 +115,12 @@ def test_built_in_problems(changes, message, kind):
     problem = AffineField(Euclidean(1), [1.0])
     options = {"method": "CG2", "h": 0.5, "steps": 3, "kind": kind} | changes
     with pytest.raises((TypeError, ValueError), match=message):
-        integrate_affine(problem, **options)
+        integrate_compiled(problem, **options)
 
 
 def test_built_in_problems_take_integers_of_numpy():
     problem = AffineField(Euclidean(1), [1.0])
-    assert len(integrate_affine(problem, method="CG2", h=0.5, steps=np.int64(3)).t) == 4
+    assert len(integrate_compiled(problem, method="CG2", h=0.5, steps=np.int64(3)).t) == 4
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import ctypes
 import numpy as np
 import cg
 from cg.frames import Euclidean
-from cg.reproduce.reference_runs import integrate_heavy_top
+from cg.reproduce.reference_runs import integrate_compiled
 
 library = ctypes.CDLL({library!r})
 f = library.growth
@@ -34,7 +34,7 @@ CALLS = {
     "adaptive": "cg.solve_ivp(f, (0, 1e9), one, max_step=1e-6, max_steps=10**12, t_eval=[], "
     "**options)",
     "ensemble": "cg.solve_ensemble(f, (0, 1e9), many, max_step=1e-6, max_steps=10**12, **options)",
-    "built in": "integrate_heavy_top(cg.problems.HeavyTop(), method='CG3', h=1e-3, steps=10**6, "
+    "built in": "integrate_compiled(cg.problems.HeavyTop(), method='CG3', h=1e-3, steps=10**6, "
     "kind='real128')",
 }
 

@@ -16,7 +16,7 @@ from cg.frames import SE3, SO, SO3, SU, Power, U, UnitQuaternion
 from cg.frames.dexpinv import series_dexpinv
 from cg.integration.step.flows import dexpinv_of
 from cg.problems.affine import AffineField
-from cg.reproduce.reference_runs import integrate_affine
+from cg.reproduce.reference_runs import integrate_compiled
 
 pytestmark = pytest.mark.sanitize
 
@@ -40,7 +40,7 @@ def test_slopes_in_quadruple_precision(solved, key):
     counts = [8, 16, 32] if order > 5 else [64, 128, 256]
     errors = []
     for n in counts:
-        end = integrate_affine(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
+        end = integrate_compiled(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
         errors.append(float(max(abs(x - y) for x, y in zip(end.exact(-1), exact, strict=True))))
     slope = observed_order(1 / np.array(counts), errors, floor=1e-31)
     assert slope.order == pytest.approx(order, abs=0.25)
@@ -162,9 +162,9 @@ def test_slopes_on_matrices_in_quadruple_precision(key):
     counts = [8, 16, 32] if order > 5 else [64, 128]
     ends = []
     for n in counts:
-        run = integrate_affine(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
+        run = integrate_compiled(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
         ends.append(np.array(run.exact(-1)))
-    fine = integrate_affine(problem, method="RKMK8(5,3)", h="1/200", steps=200, kind="real128")
+    fine = integrate_compiled(problem, method="RKMK8(5,3)", h="1/200", steps=200, kind="real128")
     exact = np.array(fine.exact(-1))
     errors = [float(np.abs(end - exact).max()) for end in ends]
     slope = observed_order(1 / np.array(counts), errors, floor=1e-27)

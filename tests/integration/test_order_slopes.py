@@ -10,7 +10,7 @@ from cg.frames import SE3, SO3, Sphere, UnitQuaternion
 from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
 from cg.problems.affine import AffineField
-from cg.reproduce.reference_runs import integrate_affine
+from cg.reproduce.reference_runs import integrate_compiled
 
 CONVENTIONS = ["body", "space"]
 
@@ -64,7 +64,7 @@ def test_slope_is_the_order_in_quadruple_precision(affine, name):
     steps = 2 ** np.arange(5, 8) if order > 2 else 2 ** np.arange(7, 10)
     errors = []
     for n in map(int, steps):
-        end = integrate_affine(problem, method=tableau, h=f"1/{n}", steps=n, kind="real128")
+        end = integrate_compiled(problem, method=tableau, h=f"1/{n}", steps=n, kind="real128")
         errors.append(float(max(abs(x - y) for x, y in zip(end.exact(-1), exact, strict=True))))
     slope = observed_order(1 / steps, errors, floor=1e-31)
     assert slope.order == pytest.approx(order, abs=0.1)

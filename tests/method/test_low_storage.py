@@ -29,7 +29,7 @@ from cg.method.low_storage import (
     two_registers,
 )
 from cg.reproduce import reference_runs
-from cg.reproduce.reference_runs import integrate_affine
+from cg.reproduce.reference_runs import integrate_compiled
 from cg.structure.points import Point, PointTree
 from cg.support.quads import to_decimal
 from cg.trees.ordered import forest
@@ -156,7 +156,7 @@ class TestOrderOnManifolds:
     """Methods of two registers that have an order in flat space have it on manifolds."""
 
     def test_published_methods(self, tool):
-        rows = [tool.row(entry) for entry in tool.entries()]
+        rows = [tool.row_of(entry) for entry in tool.entries()]
         assert len(rows) == 17
         for row in rows:
             assert row.order == row.flat_order, row.name
@@ -167,7 +167,7 @@ class TestOrderOnManifolds:
             assert row.flat_refined < 1e-60, row.name
             assert row.refined < 1e-55, row.name
         page = (TOOL.parent.parent / "docs" / "low_storage.md").read_text(encoding="utf-8")
-        assert tool.markdown(rows) in page, "out of date; run tools/write_low_storage_table.py"
+        assert tool.table_of(rows) in page, "out of date; run tools/write_low_storage_table.py"
 
     def test_rational_members_of_the_family_of_three_stages(self):
         found = 0
@@ -323,9 +323,9 @@ class TestSteps:
     @pytest.mark.parametrize("kind", ["real64", "real128"])
     def test_equal_to_rounding_in_quadruple_precision(self, kind, monkeypatch):
         options = {"method": "CF4b", "h": "1/8", "steps": 8, "kind": kind}
-        fast = integrate_affine(PROBLEMS["SO3 body"], **options)
+        fast = integrate_compiled(PROBLEMS["SO3 body"], **options)
         self.general(monkeypatch)
-        slow = integrate_affine(PROBLEMS["SO3 body"], **options)
+        slow = integrate_compiled(PROBLEMS["SO3 body"], **options)
         off = [abs(x - y) for x, y in zip(fast.exact(-1), slow.exact(-1), strict=True)]
         assert max(off) < (1e-14 if kind == "real64" else 1e-32)
         if kind == "real128":

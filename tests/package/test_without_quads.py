@@ -7,7 +7,7 @@ import cg
 from cg.conditions import residuals_of
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
-from cg.reproduce.reference_runs import integrate_heavy_top
+from cg.reproduce.reference_runs import integrate_compiled
 from cg.support import quads
 from cg.support.quads import MissingQuadsError
 
@@ -28,7 +28,7 @@ def without(monkeypatch):
         (lambda: quads.to_float(quads.encode([1])), r"cg\.support\.quads\.to_float"),
         (lambda: refine(quads.encode([0, 1, 1]), ConditionSystem.tableau(2, 2)), "refinement"),
         (
-            lambda: integrate_heavy_top(
+            lambda: integrate_compiled(
                 cg.problems.HeavyTop(), method="CG3", h="1/100", steps=2, kind="real128"
             ),
             'kind="real128"',
@@ -42,7 +42,7 @@ def test_missing_quads_error_names_the_function(call, name):
 
 def test_doubles_work_without_quads():
     top = cg.problems.HeavyTop()
-    compiled = integrate_heavy_top(top, method="CG4a", h="1/100", steps=20)
+    compiled = integrate_compiled(top, method="CG4a", h="1/100", steps=20)
     run = cg.integrate(top.f, (0, 0.2), top.y0, frame=top.frame, method="CG4a", h=0.01)
     np.testing.assert_allclose(compiled.y[-1], run.y[-1], atol=1e-13)
     assert np.abs(residuals_of(cg.methods["CG6f"], 6)).max() < 1e-13

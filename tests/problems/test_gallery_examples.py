@@ -1,37 +1,135 @@
-"""The example scripts of the gallery: invariants, the manifold, and an exact solution."""
-
-import importlib.util
-from pathlib import Path
+"""The example scripts of the gallery: invariants, the manifold, and exact solutions."""
 
 import numpy as np
 import pytest
+from gallery import NAMES, example, load
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import cg
+from cg.analysis.convergence import final_errors, observed_order
 
-GALLERY = Path(__file__).resolve().parents[2] / "docs/gallery"
-
-
-def load(name):
-    """Return an example script as a module."""
-    spec = importlib.util.spec_from_file_location(name, GALLERY / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+WITH_EXACT = ("toda", "two_levels")
 
 
-@pytest.mark.parametrize("name", ["body_with_pendulum", "double_pendulum", "rolling_ball"])
-def test_examples_conserve_their_invariants(name):
-    example = load(name)
+def ambient(problem, end):
+    """Solve in the space around by SciPy."""
+    y0, frame = problem.y0, problem.frame
+
+    def right(t, y):
+        y = y.reshape(y0.shape)
+        return frame.field(problem.f(t, y), y).ravel()
+
+    solution = solve_ivp(right, (0, end), y0.ravel(), method="DOP853", rtol=1e-12, atol=1e-13)
+    return solution.y[:, -1].reshape(y0.shape)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_examples_keep_their_invariants_and_the_manifold(name):
+    problem = example(name)
     solution = cg.solve_ivp(
-        example.f, (0, 2), example.y0, frame=example.frame, rtol=1e-10, atol=1e-10
+        problem.f, (0, 2), problem.y0, frame=problem.frame, rtol=1e-10, atol=1e-10
     )
-    assert example.frame.membership_error(solution.y).max() < 1e-14
-    start = example.invariants(example.y0)
-    for key, values in example.invariants(solution.y).items():
-        np.testing.assert_allclose(values - start[key], 0.0, atol=1e-8, err_msg=key)
+    assert np.max(problem.frame.membership_error(solution.y)) < 1e-14
+    if hasattr(problem, "invariants"):
+        start = problem.invariants(problem.y0)
+        for key, values in problem.invariants(solution.y).items():
+            np.testing.assert_allclose(values - start[key], 0.0, atol=1e-8, err_msg=key)
+
+
+@pytest.mark.parametrize("name", ["spacecraft", "reaction_wheels", "gradient_flow", *WITH_EXACT])
+def test_examples_with_fixed_steps_have_the_order_of_the_method(name):
+    problem, h = example(name), 1 / np.array([32, 64, 128])
+    end = ambient(problem, 1.0)
+    if name in WITH_EXACT:
+        np.testing.assert_allclose(problem.exact(1.0), end, rtol=0, atol=1e-10)
+    errors = final_errors(
+        problem.f, (0, 1), problem.y0, end, frame=problem.frame, method="CG4a", h=h
+    )
+    assert observed_order(h, errors).order == pytest.approx(4, abs=0.25)
 
 
 def test_rolling_ball_moves_on_the_exact_circle():
     ball = load("rolling_ball")
     solution = cg.solve_ivp(ball.f, (0, 5), ball.y0, frame=ball.frame, rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(solution.y[:, 12:], ball.exact_position(solution.t), atol=1e-8)
+
+
+def test_spacecraft_equation_in_vector_form():
+    craft = load("spacecraft")
+    craft.STIFFNESS, craft.DAMPING, craft.ORBIT_RATE = 0.5, 0.25, 0.75
+    for y in craft.frame.random_point(np.random.default_rng(4), (4,)):
+        q, omega = craft.frame.split(y)
+        axes = Rotation.from_quat(q).as_matrix()
+        inertia = np.diag(craft.INERTIA)
+        relative = omega - 0.75 * axes[2]
+        torque = np.cross(inertia @ omega, omega)
+        torque += 3 * 0.75**2 * np.cross(axes[0], inertia @ axes[0])
+        torque += -0.5 * q[:3] - 0.25 * relative
+        expected = np.concatenate([relative, np.linalg.solve(inertia, torque)])
+        np.testing.assert_allclose(craft.f(0.0, y), expected, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("damping", [0.0, 4.0])
+def test_spacecraft_loses_energy_by_damping_only(damping):
+    craft = load("spacecraft")
+    craft.STIFFNESS, craft.DAMPING = 4.0, damping
+    end, h = (30, 0.05) if damping else (1, 0.01)
+    solution = cg.integrate(craft.f, (0, end), craft.y0, frame=craft.frame, method="CG5a", h=h)
+    energy = np.array([craft.energy(y) for y in solution.y])
+    if damping:
+        assert (np.diff(energy) < 1e-12).all()
+        np.testing.assert_allclose(np.abs(solution.y[-1, :4]), [0, 0, 0, 1], rtol=0, atol=1e-5)
+        np.testing.assert_allclose(solution.y[-1, 4:], [0, 0, 1], rtol=0, atol=1e-5)
+    else:
+        np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-8)
+
+
+def test_toda_keeps_the_spectrum_and_sorts_it():
+    toda = load("toda")
+    late = toda.exact(60.0)
+    np.testing.assert_allclose(late, np.diag(toda.frame.spectrum[::-1]), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(toda.exact(0.0), toda.y0, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(np.triu(toda.exact(-2.0), 2), 0.0, rtol=0, atol=1e-12)
+
+
+def test_two_level_system_matches_rabis_formula():
+    system = load("two_levels")
+    for t in (0.0, 0.5, 4.0):
+        population = abs(system.exact(t)[1, 0]) ** 2
+        assert population == pytest.approx(system.transition_probability(t), abs=1e-15)
+
+
+class TestGradientFlow:
+    FLOW = example("gradient_flow")
+
+    def test_follows_the_gradient(self):
+        flow = load("gradient_flow").GradientFlow((3, 2, 2))
+        plaquettes = flow.frame.n * (3 - 1) / 2
+        y, h = flow.y0, 1e-5
+        slope = flow.f(0.0, y)
+
+        def change(v):
+            up, down = (flow.action(flow.frame.flow(s * h * v, y)) for s in (1, -1))
+            return plaquettes * (up - down) / (2 * h)
+
+        # The basis has squares of length one half.
+        assert change(slope) == pytest.approx(-0.5 * slope @ slope, rel=1e-8)
+        for k in range(0, len(slope), 31):
+            assert change(np.eye(len(slope))[k]) == pytest.approx(-0.5 * slope[k], abs=1e-6)
+
+    def test_is_gauge_invariant_and_decreases_the_action(self):
+        flow, y = self.FLOW, self.FLOW.y0
+        gauge = cg.frames.SU(3).random_point(np.random.default_rng(3), 4)
+        ends = np.concatenate([following for following, _ in flow.neighbours])
+
+        def rotated(links):
+            return np.tile(gauge, (2, 1, 1)) @ links @ gauge[ends].mT.conj()
+
+        assert flow.action(rotated(y)) == pytest.approx(flow.action(y), rel=1e-14)
+        solutions = [
+            cg.integrate(flow.f, (0, 1), start, frame=flow.frame, method="CF4", h=1 / 32).y
+            for start in (y, rotated(y))
+        ]
+        np.testing.assert_allclose(rotated(solutions[0][-1]), solutions[1][-1], rtol=0, atol=1e-13)
+        assert (np.diff([flow.action(links) for links in solutions[0]]) < 0.0).all()

@@ -14,7 +14,7 @@ from cg.frames import SO3, Euclidean, Product, hat
 from cg.integration import integrate
 from cg.problems import HeavyTop, StateDependentRotation
 from cg.problems.taylor import QuadraticSystem, reference_solution
-from cg.reproduce.reference_runs import integrate_heavy_top
+from cg.reproduce.reference_runs import integrate_compiled
 
 READINGS = ["momentum", "velocity"]
 TENTHS = [Fraction(k, 10) for k in range(11)]
@@ -182,14 +182,14 @@ def test_heavy_top_rejects_bad_arguments(arguments, message):
 @pytest.mark.parametrize("name", [name for name in methods if methods[name].explicit])
 def test_compiled_stepper_agrees_with_python(top, name):
     slow = integrate(top.f, (0, 1), top.y0, frame=top.frame, method=name, h=1 / 16)
-    fast = integrate_heavy_top(top, method=name, h=1 / 16, steps=16)
+    fast = integrate_compiled(top, method=name, h=1 / 16, steps=16)
     np.testing.assert_array_equal(fast.t, slow.t)
     np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
 
 
 def test_real_kinds_agree_to_double_rounding(top):
-    double = integrate_heavy_top(top, method="CG4a", h="1/32", steps=32)
-    quadruple = integrate_heavy_top(top, method="CG4a", h="1/32", steps=32, kind="real128")
+    double = integrate_compiled(top, method="CG4a", h="1/32", steps=32)
+    quadruple = integrate_compiled(top, method="CG4a", h="1/32", steps=32, kind="real128")
     assert quadruple.raw.shape == (33, 12, 16)
     np.testing.assert_allclose(double.y, quadruple.y, rtol=0, atol=1e-14)
     difference = [abs(x - y) for x, y in zip(double.exact(-1), quadruple.exact(-1), strict=True)]
@@ -202,7 +202,7 @@ def test_threads_do_not_disturb_each_other(kind):
     def run(k):
         top = HeavyTop(READINGS[k % 2])
         name = ("CG3", "CG4a", "CG5a")[k % 3]
-        return integrate_heavy_top(top, method=name, h=0.01, steps=200, kind=kind).raw
+        return integrate_compiled(top, method=name, h=0.01, steps=200, kind=kind).raw
 
     alone = [run(k) for k in range(6)]
     with ThreadPoolExecutor(4) as pool:
@@ -220,9 +220,9 @@ def orthogonality(point):
 
 
 def test_rotations_are_orthogonal_to_the_rounding_of_either_kind(top):
-    wide = integrate_heavy_top(top, method="CG3", h="1/100", steps=1000, kind="real128")
+    wide = integrate_compiled(top, method="CG3", h="1/100", steps=1000, kind="real128")
     assert max(orthogonality(wide.exact(k)) for k in (1, 10, 100, 1000)) < 4e-34
-    narrow = integrate_heavy_top(top, method="CG3", h="1/100", steps=10_000)
+    narrow = integrate_compiled(top, method="CG3", h="1/100", steps=10_000)
     assert top.frame.membership_error(narrow.y).max() < 1e-14
 
 
@@ -230,7 +230,7 @@ def errors_in_quadruple(top, exact, name, steps):
     return [
         float(max(abs(x - y) for x, y in zip(found.exact(-1), exact, strict=True)))
         for found in (
-            integrate_heavy_top(top, method=name, h=Fraction(1, n), steps=n, kind="real128")
+            integrate_compiled(top, method=name, h=Fraction(1, n), steps=n, kind="real128")
             for n in steps
         )
     ]
@@ -274,6 +274,6 @@ def test_order_five_far_below_the_rounding_of_doubles():
 )
 def test_compiled_stepper_rejects_bad_arguments(changes, error, message):
     with pytest.raises(error, match=message):
-        integrate_heavy_top(
+        integrate_compiled(
             **{"problem": HeavyTop(), "method": "CG3", "h": 0.1, "steps": 10, **changes}
         )

@@ -318,7 +318,12 @@ def test_judge_passes_and_fails(judge, failing, passing):
 
 def test_every_judge_has_a_case():
     tried = {name(judge) for judge, _, _ in CASES}
-    assert tried | {"beyond", "Results", "Verdict"} == set(judges.__all__)
+    public = {key for key, f in vars(judges).items() if f.__class__ is type(judges.beyond)}
+    assert tried | {"beyond"} == {key for key in public if key.islower() and key[0] != "_"} - {
+        "number",
+        "places",
+        "median",
+    }
     in_use = {name(claim.judge) for claim in CLAIMS}
     assert in_use == tried | {"<lambda>"}  # those of `beyond`
 

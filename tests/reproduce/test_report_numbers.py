@@ -7,8 +7,7 @@ import pytest
 
 from cg.reproduce import fingerprint
 from cg.reproduce.appendix_a import printed
-from cg.reproduce.display import Display, duration
-from cg.reproduce.item import Item
+from cg.reproduce.display import Display
 from cg.reproduce.items import ITEMS
 from cg.reproduce.sections import beyond_catalogue, differences, table3_2
 from cg.reproduce.sections.search import PLANS
@@ -47,33 +46,18 @@ def test_table_of_the_paper():
     ]
 
 
-def test_sources_include_all_modules_of_a_search():
-    found = set(fingerprint.sources("cg.construction.search.random_search"))
-    assert {
-        "cg._core_r64",
-        "cg._core_r128",
-        "cg.conditions.compiled",
-        "cg.conditions",
-        "cg.support.quads",
-        "cg.construction.search.records",
-        "cg.construction.solvers.polish",
-        "cg.construction.solvers.refine",
-        "cg.trees.ordered",
-    } <= found
-    assert not any(name.startswith(("cg.reproduce", "cg.integration")) for name in found)
-    errors = set(fingerprint.sources("cg.reproduce.quad_orders"))
-    assert {"cg.reproduce.top", "cg.reproduce.reference_runs", "cg.problems.taylor"} <= errors
-
-
-def test_digests_change_with_code_and_arguments(tmp_path, monkeypatch):
-    path = tmp_path / "module.py"
-    path.write_text("x = 1")
-    monkeypatch.setattr(fingerprint, "sources", lambda module: {module: path})
-    first = fingerprint.of_code("m", {"order": 4})
-    assert first == fingerprint.of_code("m", {"order": 4})
-    assert first != fingerprint.of_code("m", {"order": 5})
-    path.write_text("x = 2")
-    assert first != fingerprint.of_code("m", {"order": 4})
+def test_digests_change_with_files_and_arguments(tmp_path, monkeypatch):
+    monkeypatch.setattr(fingerprint.cg, "__file__", str(tmp_path / "__init__.py"))
+    path = tmp_path / "folder" / "module.py"
+    path.parent.mkdir()
+    digests = []
+    for text, order in (("x = 1", 4), ("x = 1", 4), ("x = 1", 5), ("x = 2", 4)):
+        path.write_text(text)
+        fingerprint._of_package.cache_clear()
+        digests.append(fingerprint.digest(order=order))
+    fingerprint._of_package.cache_clear()
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3
 
 
 def test_differences_from_the_paper_are_listed():
@@ -98,10 +82,6 @@ class Clock:
         return self.now
 
 
-def item(name, cost, limited=False):
-    return Item(name, name, 0, 0, None, None, cost=(cost, 20 * cost), limited=limited)
-
-
 class Terminal(io.StringIO):
     def isatty(self):
         return True
@@ -109,7 +89,7 @@ class Terminal(io.StringIO):
 
 def test_progress_in_a_file_shows_the_remaining_time():
     clock, stream = Clock(), io.StringIO()
-    items = [item("first", 100.0), item("second", 300.0)]
+    items = [ITEMS["table3.2"], ITEMS["search4"]]
     display = Display(stream, items, clock=clock)
     update = display.begin(items[0])
     assert stream.getvalue() == ""
@@ -117,38 +97,22 @@ def test_progress_in_a_file_shows_the_remaining_time():
         clock.now = 20.0 * done
         update(done, 10)
     lines = stream.getvalue().splitlines()
-    # half a minute apart at least; the second item is expected to take longer, as the first does
-    assert lines[0] == "[1/2] first: 2 of 10, 40 s, about 3 min left, 11 min for all"
+    title = f"[1/2] {items[0].title}"
+    # half a minute apart at least
+    assert lines[0] == f"{title}: 2 of 10, 40 s, about 3 min left"
     assert len(lines) == 5
     display.finish(items[0], 200.0)
-    assert stream.getvalue().splitlines()[-1] == "[1/2] first: 200.0 s"
-    clock.now = 290.0
-    display.begin(items[1])(1, 2)
-    assert "\r" not in stream.getvalue()
-
-
-def test_remaining_time_ignores_parts_from_a_checkpoint():
-    clock, stream = Clock(), io.StringIO()
-    one = item("one", 100.0)
-    update = Display(stream, [one], clock=clock).begin(one)
-    clock.now = 40.0
+    assert stream.getvalue().splitlines()[-1] == f"{title}: 200.0 s"
+    update = display.begin(items[1])
+    clock.now += 40.0
     update(91, 100)  # the first of this run: 40 s for one, nine to go
-    assert "40 s, about 6 min left" in stream.getvalue()
-
-
-def test_time_limit_applies_to_searches_only():
-    clock, stream = Clock(), io.StringIO()
-    items = [item("search", 1000.0, limited=True), item("figure", 120.0)]
-    update = Display(stream, items, clock=clock, limit=60.0).begin(items[0])
-    update(1, 100)
-    clock.now = 40.0
-    update(4, 100)
-    assert "40 s, about 20 s left, 2 min for all" in stream.getvalue()
+    assert "91 of 100, 40 s, about 6 min left" in stream.getvalue().splitlines()[-1]
+    assert "\r" not in stream.getvalue()
 
 
 def test_progress_on_a_terminal_is_one_line():
     clock, stream = Clock(), Terminal()
-    one = item("one", 1.0)
+    one = ITEMS["table3.2"]
     display = Display(stream, [one], clock=clock)
     update = display.begin(one)
     for done in range(1, 5):
@@ -158,17 +122,3 @@ def test_progress_on_a_terminal_is_one_line():
     assert stream.getvalue().count("\n") == 1
     assert stream.getvalue().count("\r") == 6
     assert "2 of 4, 2 s, about 2 s left" in stream.getvalue()
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0, "0 s"), (59, "59 s"), (60, "1 min"), (3599, "1 h 0 min"), (7830, "2 h 10 min")],
-)
-def test_duration(seconds, text):
-    assert duration(seconds) == text
-
-
-def test_every_item_has_a_cost():
-    for one in ITEMS.values():
-        assert 0 < one.cost[0] <= one.cost[1]
-        assert one.limited == one.name.startswith("search")

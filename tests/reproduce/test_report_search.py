@@ -16,11 +16,8 @@ from test_reproduce import read
 from cg.construction.search.random_search import search
 from cg.construction.search.start import random_start
 from cg.reproduce.blocks import Table
-from cg.reproduce.checkpoint import Checkpoint, DamagedError
 from cg.reproduce.coefficients import labels
 from cg.reproduce.context import Context, Settings
-from cg.reproduce.main import main
-from cg.reproduce.quad_orders import end_errors
 from cg.reproduce.sections import evaluations
 from cg.reproduce.sections import search as section
 from cg.reproduce.sections.search import PLANS
@@ -239,51 +236,8 @@ def test_evaluations_section_uses_the_same_starts(tmp_path, monkeypatch):
     assert data["smallest_exact"] == {"f_double": 1e-3, "f_quad": None}
 
 
-def test_quad_errors_are_stored_in_a_checkpoint(tmp_path, monkeypatch):
-    runs = [("momentum", "CG4", 8), ("momentum", "CG4a", 4), ("momentum", "CG4", 4)]
-
-    with pytest.raises(KeyboardInterrupt):
-        end_errors(context(tmp_path, progress=stop_after(2)), runs)
-    (path,) = tmp_path.iterdir()
-    assert len(path.read_text().splitlines()) == 2
-    seen = []
-    found = end_errors(context(tmp_path, progress=lambda *numbers: seen.append(numbers)), runs)
-    assert seen == [(3, 3)]
-    assert list(found) == runs
-    monkeypatch.setattr("cg.reproduce.top.end_error", None)  # nothing is computed again
-    assert end_errors(context(tmp_path), runs) == found
-    with path.open("a") as stream:
-        stream.write(json.dumps({"run": ["momentum", "CG4", 8], "error": "0"}) + "\n")
-    with pytest.raises(ValueError, match=r"damaged line: not the record of an error"):
-        end_errors(context(tmp_path), runs)
-
-
-def test_checkpoint_drops_an_incomplete_last_line(tmp_path):
-    path = tmp_path / "errors.jsonl"
-    path.write_bytes(b'[1]\n[2, "\xc3')
-    with closing(Checkpoint(path)) as checkpoint:
-        assert checkpoint.records == ([1],)
-        checkpoint.append([3])
-    with closing(Checkpoint(path)) as checkpoint:
-        assert checkpoint.records == ([1], [3])
-
-
-@pytest.mark.parametrize("line", [b"no JSON", b"\xff", b"\0\0\0", b"[1]", b'{"run": 3}'])
-def test_damaged_checkpoint_of_quad_errors_is_named(line, tmp_path, monkeypatch, capsys):
-    assert end_errors(context(tmp_path), []) == {}
-    (path,) = tmp_path.iterdir()
-    content = line + b'\n{"run": ["momentum", "CG4", 8], "error": 0.5}\n'
-    path.write_bytes(content)
-    with pytest.raises(DamagedError, match=path.name):
-        end_errors(context(tmp_path), [])
-    assert path.read_bytes() == content
-    monkeypatch.setattr("cg.reproduce.main.run", lambda *_: end_errors(context(tmp_path), []))
-    assert main(["--out", str(tmp_path / "out")]) == 2
-    assert f"{path.name} has a damaged line" in capsys.readouterr().err
-
-
 def start(out, *arguments):
-    command = [sys.executable, "-m", "cg.reproduce", "--out", str(out), *arguments]
+    command = [sys.executable, "-m", "cg", "reproduce", "--out", str(out), *arguments]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
 
@@ -301,17 +255,6 @@ def test_killed_search_continues(tmp_path):
     process = start(killed, "--only", "search4")
     wait_for(lambda: any(len(recorded(p)) > 20 for p in stores(killed / "checkpoints")), process)
     check_that_it_goes_on(process, killed, whole, "search4")
-
-
-@pytest.mark.slow
-def test_killed_integrations_continue(tmp_path):
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
-    process = start(killed, "--only", "fig4.2quad")
-    wait_for(
-        lambda: any(p.read_text().count("\n") > 20 for p in killed.glob("checkpoints/quad*")),
-        process,
-    )
-    check_that_it_goes_on(process, killed, whole, "fig4.2quad")
 
 
 def check_that_it_goes_on(process, killed, whole, item):

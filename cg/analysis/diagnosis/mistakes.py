@@ -85,12 +85,13 @@ def _match_findings(method: Method, match: CatalogueMatch | None) -> Iterator[Fi
             yield Finding("known", f"its coefficients are those of {name}{aside}")
         return
     if [(name, *change[:1]) for change in match.changed] == [_MISPRINT[:2]]:
-        here = match.changed[0][1]
-        if abs(here.value - _MISPRINT[2]) <= here.unit:
+        coefficient = match.changed[0][1]
+        if abs(coefficient.value - _MISPRINT[2]) <= coefficient.unit:
             yield Finding(
                 "slip",
-                f"it is CG4a with a misprint known from several codes: a_5,4 = {_text(here)} has "
-                "one wrong digit; -1.1092979392113465 in the paper agrees with c_5",
+                "it is CG4a with a misprint known from several codes: "
+                f"a_5,4 = {_text(coefficient)} has one wrong digit; -1.1092979392113465 in the "
+                "paper agrees with c_5",
             )
             return
     labels = " and ".join(change[0] for change in match.changed)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from cg.frames.arrays import Array, Points
-from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
+from cg.frames.base import Frame
+from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.step.blocks import block_constants, describe_blocks, is_compiled
 from cg.integration.step.interpolant import (
     extension_of,

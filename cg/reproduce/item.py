@@ -31,11 +31,6 @@ class Item:
         Returns the blocks of a section for these data, without further computation.
     needs : sequence of str
         Items whose data `compute` reads from ``context.results``.
-    cost : pair of float
-        Measured seconds of one core, for the default and the extensive run; first estimate of
-        the remaining time.
-    limited : bool
-        Whether `compute` respects ``context.limit``.
     """
 
     name: str
@@ -45,5 +40,3 @@ class Item:
     compute: Callable[[Context], Data]
     present: Callable[[Data], Sequence[Block]]
     needs: Sequence[str] = ()
-    cost: tuple[float, float] = (1.0, 1.0)
-    limited: bool = False

@@ -31,11 +31,11 @@ def select(names: Iterable[str]) -> list[Item]:
     KeyError
         If there is no item with a given name.
     """
-    wanted: set[str] = set()
+    selected: set[str] = set()
     pending = list(names)
     while pending:
         name = pending.pop()
-        if name not in wanted:
-            wanted.add(name)
+        if name not in selected:
+            selected.add(name)
             pending.extend(ITEMS[name].needs)
-    return [item for item in ITEMS.values() if item.name in wanted]
+    return [item for item in ITEMS.values() if item.name in selected]

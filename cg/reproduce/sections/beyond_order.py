@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,7 +15,7 @@ from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places
 from ..context import Context
 from ..item import Item
-from ..quad_orders import FIT, Run, end_errors, order_data
+from ..quad_orders import FIT, convergence
 from ..style import PALETTE, grid, label_panel, lines
 from .fig4_2 import draw_errors, mark_roundoff
 
@@ -52,35 +51,23 @@ def compute(context: Context) -> Data:
         how many decades of the error, up from the smallest, slopes between neighbours are within
         ``near`` of the order.
     """
-    names = select()
-    readings: tuple[top.Reading, ...] = ("momentum",)
-    if context.settings.full:
-        readings = ("momentum", "velocity")
-    runs: list[Run] = [
-        (reading, name, 2**power)
-        for power in reversed(_POWERS)
-        for reading in readings
-        for name in names
-        if 2**power * methods[name].exponentials <= _FLOWS
-    ]
-    errors = end_errors(context, runs)
-    orders: dict[str, dict[str, Any]] = {}
-    for reading in readings:
-        parts = {}
-        for name in names:
-            part = order_data({run[2]: errors[run] for run in runs if run[:2] == (reading, name)})
-            parts[name] = {
+    steps = {
+        name: [2**power for power in _POWERS if 2**power * methods[name].exponentials <= _FLOWS]
+        for name in select()
+    }
+    readings = convergence(context, steps)
+    for part in readings.values():
+        part["methods"] = {
+            name: {
                 "order": methods[name].order,
                 "approximate": methods[name].approximate,
                 "stages": methods[name].stages,
-                **part,
-                "decades": decades(part, methods[name].order),
+                **run,
+                "decades": decades(run, methods[name].order),
             }
-        orders[reading] = {
-            "reference_error": top.reference_end(reading)[1],
-            "methods": parts,
+            for name, run in part["methods"].items()
         }
-    return {"near": _NEAR, "readings": orders}
+    return {"near": _NEAR, "readings": readings}
 
 
 def decades(part: Data, order: int) -> float:

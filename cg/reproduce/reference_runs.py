@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from cg.catalogue import resolve_method
 from cg.frames.arrays import Array
-from cg.frames.base import Frame
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.step.blocks import block_constants, describe_blocks
 from cg.integration.step.paths import paths_of
@@ -29,8 +28,6 @@ Kind = Literal["real64", "real128"]
 
 # Rounds exact numbers to the arrays of a kind.
 _Convert = Callable[..., Any]
-# Takes some steps of a method.
-_Call = Callable[..., tuple[int, Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,23 +62,24 @@ class CompiledTrajectory:
         return tuple(quads.decode(self.raw[k].reshape(-1, 16)))
 
 
-def integrate_heavy_top(
-    problem: HeavyTop,
+def integrate_compiled(
+    problem: HeavyTop | AffineField,
     *,
     method: str | Method,
     h: Fraction | float | str,
     steps: int,
     kind: Kind = "real64",
 ) -> CompiledTrajectory:
-    """Integrate the spinning top from time zero, with a given number of equal steps.
+    """Integrate a problem from time zero, with a given number of equal steps.
 
     All constants, including the exact coefficients of the method, are rounded once to the kind.
-    The call releases the global interpreter lock.
+    The call releases the global interpreter lock; between calls of compiled code Python handles
+    interrupts.
 
     Parameters
     ----------
     problem
-        The top.
+        The spinning top, or a field with affine coefficients.
     method
         Name of an explicit method of the catalogue, or a tableau.
     h
@@ -101,38 +99,6 @@ def integrate_heavy_top(
     TypeError
         If ``problem`` or ``method`` has another type.
     ValueError
-        If ``method`` is unknown or implicit, or another argument has an impossible value.
-    OverflowError
-        If the solution exceeds the range of floating point.
-    MissingQuadsError
-        If ``kind`` is ``"real128"`` and the package was built without it.
-    """
-    if not isinstance(problem, HeavyTop):
-        raise TypeError(f"problem must be a HeavyTop, got {problem!r}")
-
-    def prepare(core: Any, convert: _Convert) -> _Call:
-        return partial(core.heavy_top, convert(problem.inertia), convert([problem.mgl]))
-
-    return _integrate(prepare, problem.y0_exact, problem.frame, method, h, steps, kind)
-
-
-def integrate_affine(
-    problem: AffineField,
-    *,
-    method: str | Method,
-    h: Fraction | float | str,
-    steps: int,
-    kind: Kind = "real64",
-) -> CompiledTrajectory:
-    """Integrate a field with affine coefficients from time zero, with a given number of steps.
-
-    Parameters and results are those of `integrate_heavy_top`.
-
-    Raises
-    ------
-    TypeError
-        If ``problem`` or ``method`` has another type.
-    ValueError
         If the frame is not compiled, ``method`` is unknown or implicit, or another argument has
         an impossible value.
     OverflowError
@@ -140,54 +106,29 @@ def integrate_affine(
     MissingQuadsError
         If ``kind`` is ``"real128"`` and the package was built without it.
     """
-    if not isinstance(problem, AffineField):
-        raise TypeError(f"problem must be an AffineField, got {problem!r}")
-    description = describe_blocks(problem.frame)
-
-    def prepare(core: Any, convert: _Convert) -> _Call:
-        constant, slope = (convert(_fractions(x)) for x in (problem.constant, problem.slope))
-        linear = convert(_fractions(problem.linear), problem.linear.shape)
-        constants = convert(_fractions(block_constants(problem.frame)))
-        return partial(core.affine_field, description, constants, constant, linear, slope)
-
-    return _integrate(prepare, _fractions(problem.y0), problem.frame, method, h, steps, kind)
-
-
-def _integrate(
-    prepare: Callable[[Any, _Convert], _Call],
-    y0: Sequence[Fraction],
-    frame: Frame,
-    method: str | Method,
-    h: Fraction | float | str,
-    steps: int,
-    kind: Kind,
-) -> CompiledTrajectory:
-    """Check the common arguments, and integrate.
-
-    Between calls of compiled code Python handles interrupts.
-    """
-    tableau = resolve_method(method)
+    if not isinstance(problem, HeavyTop | AffineField):
+        raise TypeError(f"problem must be a HeavyTop or an AffineField, got {problem!r}")
+    blocks = describe_blocks(problem.frame)
+    tableau, size = resolve_method(method), _step_size(h)
     if not tableau.explicit:
         raise ValueError(f"method must be explicit, got the implicit {method!r}")
-    try:
-        if isinstance(h, bool | np.bool_):
-            raise TypeError
-        size = read_fraction(h)
-        float(size)
-    except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
-        raise ValueError(f"h must be a finite number, got {h!r}") from error
-    if size <= 0:
-        raise ValueError(f"h must be positive, got {h!r}")
     steps = check_integer("steps", steps, 1)
     if kind not in ("real64", "real128"):
         raise ValueError(f'kind must be "real64" or "real128", got {kind!r}')
 
     core, convert = _core_of(kind)
-    _check_memory(steps, len(y0), kind)
+    if isinstance(problem, HeavyTop):
+        take_steps = partial(core.heavy_top, convert(problem.inertia), convert([problem.mgl]))
+        start = convert(problem.y0_exact)
+    else:
+        constants = convert(_fractions(block_constants(problem.frame)))
+        constant, slope = (convert(_fractions(x)) for x in (problem.constant, problem.slope))
+        linear = convert(_fractions(problem.linear), problem.linear.shape)
+        take_steps = partial(core.affine_field, blocks, constants, constant, linear, slope)
+        start = convert(_fractions(problem.y0))
+    _check_memory(steps, start.shape[-1], kind)
     paths = paths_of(tableau)
-    weights, c, size_of_step = convert(paths.weights), convert(paths.c), convert([size])
-    call = prepare(core, convert)
-    start = convert(y0)
+    constants_of_method = convert(paths.weights), convert(paths.c), convert([size])
     columns = np.zeros((*start.shape, steps + 1), dtype=start.dtype, order="F")
     columns[..., 0] = start
     budget = StepBudget()
@@ -195,7 +136,7 @@ def _integrate(
     failed_at: Any = [0.0]
     while done < steps and status in (Stop.FINISHED, Stop.PAUSED):
         count = min(budget.start(), steps - done)
-        status, failed_at = call(paths.integers, weights, c, size_of_step, done, count, columns)
+        status, failed_at = take_steps(paths.integers, *constants_of_method, done, count, columns)
         budget.stop(count)
         done += count
     if kind == "real64":
@@ -209,11 +150,24 @@ def _integrate(
     if status != Stop.FINISHED:
         raise OverflowError(f"the solution is no longer finite at t = {t:.17g}")
     times = np.array([float(k * size) for k in range(steps + 1)])
-    raw = raw.reshape(steps + 1, *frame.point_shape, *raw.shape[2:])
-    points = points.reshape(steps + 1, *frame.point_shape)
+    shape = (steps + 1, *problem.frame.point_shape)
+    raw, points = raw.reshape(*shape, *raw.shape[2:]), points.reshape(shape)
     for array in (times, points, raw):
         array.flags.writeable = False
     return CompiledTrajectory(times, points, raw, kind)
+
+
+def _step_size(h: Fraction | float | str) -> Fraction:
+    try:
+        if isinstance(h, bool | np.bool_):
+            raise TypeError
+        size = read_fraction(h)
+        float(size)
+    except (TypeError, ValueError, OverflowError, ZeroDivisionError) as error:
+        raise ValueError(f"h must be a finite number, got {h!r}") from error
+    if size <= 0:
+        raise ValueError(f"h must be positive, got {h!r}")
+    return size
 
 
 def _core_of(kind: Kind) -> tuple[Any, _Convert]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cg.conditions import jacobian_at
+from cg.frames.arrays import Array
 from cg.method.method import Method
 from cg.method.tableau import Tableau
 from cg.support.quads import to_decimal
@@ -22,7 +23,9 @@ __all__ = [
     "condition_number",
     "fixed",
     "labels",
+    "largest_coefficient",
     "method_data",
+    "singular_values",
 ]
 
 RANK_THRESHOLD = 1e-12
@@ -78,7 +81,7 @@ def method_data(method: Tableau, order: int) -> dict[str, Any]:
             [label, to_decimal(value)]
             for label, value in zip(labels(method.stages), values, strict=True)
         ],
-        "largest_coefficient": float(max(np.abs(method.a).max(), np.abs(method.b).max())),
+        "largest_coefficient": largest_coefficient(method),
         "abscissae_in_unit_interval": all(0 <= entry <= 1 for entry in c),
         "condition_number": condition_number(method, order),
     }
@@ -89,12 +92,22 @@ def condition_number(method: Method, order: int) -> float | None:
 
     The Jacobian is that of the independent conditions.
     """
-    x = np.array([float(entry.value) for entry in method.coefficients])
-    derivatives = jacobian_at(method.layout, x, order, independent=True)
-    singular = np.linalg.svd(derivatives, compute_uv=False)
+    singular = singular_values(method, order)
     if singular[-1] <= RANK_THRESHOLD * singular[0]:
         return None
     return float(singular[0] / singular[-1])
+
+
+def singular_values(method: Method, order: int) -> Array:
+    """Return the decreasing singular values of the Jacobian of the independent conditions."""
+    x = np.array([float(entry.value) for entry in method.coefficients])
+    derivatives = jacobian_at(method.layout, x, order, independent=True)
+    return np.asarray(np.linalg.svd(derivatives, compute_uv=False))
+
+
+def largest_coefficient(method: Method) -> float:
+    """Return the largest absolute value of an entry of a and b."""
+    return float(max(np.abs(method.a).max(), np.abs(method.b).max()))
 
 
 def coefficient_table(title: str, method: Data, places: int = 16) -> Table:

@@ -10,7 +10,7 @@ from .. import top
 from ..blocks import Block, Chart, Data, Table, Text, number, places
 from ..context import Context
 from ..item import Item
-from ..quad_orders import FIT, end_errors, order_data
+from ..quad_orders import FIT, convergence
 from ..style import label_panel
 from .fig4_2 import draw_errors, mark_roundoff
 
@@ -27,34 +27,13 @@ def compute(context: Context) -> Data:
     Returns
     -------
     Data
-        By reading the ``reference_error``, and by method what `quad_orders.order_data` returns.
+        ``readings``: what `quad_orders.convergence` returns.
     """
-    chosen: tuple[top.Reading, ...] = ("momentum",)
-    if context.settings.full:
-        chosen = ("momentum", "velocity")
-    runs = [
-        (reading, method, 2**power)
-        for power in reversed(_POWERS)  # the longest first, so that no core waits at the end
-        for reading in chosen
+    steps = {
+        method: [2**power for power in _POWERS if power <= _MAX_POWER[method]]
         for method in top.METHODS
-        if power <= _MAX_POWER[method]
-    ]
-    references = {reading: top.reference_end(reading)[1] for reading in chosen}
-    errors = end_errors(context, runs)
-    return {
-        "readings": {
-            reading: {
-                "reference_error": references[reading],
-                "methods": {
-                    method: order_data(
-                        {run[2]: errors[run] for run in runs if run[:2] == (reading, method)}
-                    )
-                    for method in top.METHODS
-                },
-            }
-            for reading in chosen
-        }
     }
+    return {"readings": convergence(context, steps)}
 
 
 def present(data: Data) -> Sequence[Block]:

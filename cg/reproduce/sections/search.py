@@ -23,7 +23,7 @@ from cg.support.shared_numbers import Status
 
 from .. import fingerprint
 from ..blocks import Block, Chart, Data, Table, Text, number
-from ..coefficients import coefficient_table, method_data
+from ..coefficients import coefficient_table, largest_coefficient, method_data
 from ..context import Context
 from ..item import Item
 from ..statistics import quartiles
@@ -114,7 +114,7 @@ def compute(plan: Plan, context: Context) -> Data:
     """
     starts = plan.full_starts if context.settings.full else plan.starts
     arguments = plan.arguments(context.settings.seed)
-    digest = fingerprint.of_code(search.__module__, arguments)
+    digest = fingerprint.digest(**arguments)
     name = f"search{plan.order}-seed{context.settings.seed}-{digest}.db"
     path = context.checkpoints / name
     clock = _Clock(context, starts, path)
@@ -204,7 +204,7 @@ def _data(plan: Plan, result: SearchResult) -> dict[str, Any]:
         "f_quad_quartiles": quartiles([f for f in f_quad if f is not None]),
         "distinct": len(tableaux),
         "abscissae_in_unit_interval": sum(map(_in_unit_interval, tableaux)),
-        "largest_coefficients": [_largest(method) for method in tableaux],
+        "largest_coefficients": [largest_coefficient(method) for method in tableaux],
         "methods": [method_data(method, plan.order) for method in _chosen(plan.order, tableaux)],
         "best": _best(plan, result.best),
     }
@@ -219,10 +219,6 @@ def _chosen(order: int, methods: Sequence[Tableau]) -> Sequence[Tableau]:
 
 def _in_unit_interval(method: Tableau) -> bool:
     return all(0 <= sum(row, Fraction(0)) <= 1 for row in method.exact[0])
-
-
-def _largest(method: Tableau) -> float:
-    return float(max(np.abs(method.a).max(), np.abs(method.b).max()))
 
 
 def _best(plan: Plan, start: RandomStart) -> dict[str, Any]:
@@ -330,13 +326,13 @@ def _draw(figure: Figure, data: Data) -> None:
         ("after real(16)", data["f_quad"], data["paper"]["f_quad"], "blue", "s", "-"),
     )
     for label, values, paper, colour, marker, line in phases:
-        kept = np.sort([max(f, _MIN_F) for f in values if f is not None])
-        if kept.size:
-            fraction = np.arange(1, kept.size + 1) / kept.size
+        sizes = np.sort([max(f, _MIN_F) for f in values if f is not None])
+        if sizes.size:
+            fraction = np.arange(1, sizes.size + 1) / sizes.size
             axes.step(
-                kept, fraction, where="post", color=PALETTE[colour], linestyle=line, marker=marker,
-                markersize=3.5, markevery=max(1, kept.size // 25),
-                label=f"{label}, {kept.size} starts",
+                sizes, fraction, where="post", color=PALETTE[colour], linestyle=line, marker=marker,
+                markersize=3.5, markevery=max(1, sizes.size // 25),
+                label=f"{label}, {sizes.size} starts",
             )  # fmt: skip
         axes.axvline(
             paper, color=PALETTE[colour], linestyle=":", linewidth=1.5,
@@ -349,9 +345,6 @@ def _draw(figure: Figure, data: Data) -> None:
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
-_COSTS = {4: (15.0, 700.0), 5: (150.0, 3000.0), 6: (130.0, 2600.0)}
-"""Seconds of one core, by default and in full."""
-
 ITEMS = tuple(
     Item(
         f"search{order}",
@@ -360,8 +353,6 @@ ITEMS = tuple(
         30 + order,
         partial(compute, plan),
         partial(present, plan),
-        cost=_COSTS[order],
-        limited=True,
     )
     for order, plan in PLANS.items()
 )

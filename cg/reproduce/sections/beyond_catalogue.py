@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-import numpy as np
-
 from cg.catalogue import methods
-from cg.conditions import count, jacobian_at
+from cg.conditions import count
 from cg.method.method import Method
 from cg.proofs import certificate_of
 from cg.proofs.files import certificate_names
+from cg.support.markdown import table as markdown_table
 
 from ..blocks import Block, Data, Table, Text, number, places
-from ..coefficients import RANK_THRESHOLD
+from ..coefficients import RANK_THRESHOLD, singular_values
 from ..context import Context
 from ..item import Item
 
@@ -101,9 +100,7 @@ def describe(method: Method) -> dict[str, Any]:
 
 
 def _rank(method: Method) -> int:
-    x = np.array([float(entry.value) for entry in method.coefficients])
-    derivatives = jacobian_at(method.layout, x, method.order, independent=True)
-    singular = np.linalg.svd(derivatives, compute_uv=False)
+    singular = singular_values(method, method.order)
     return int((singular > RANK_THRESHOLD * singular[0]).sum())
 
 
@@ -166,8 +163,7 @@ def _proved(certificate: Data | None) -> str:
 def markdown(shown: Table) -> str:
     """Write a table in Markdown, its first column as code."""
     rows = [[f"`{first}`", *rest] for first, *rest in shown.rows]
-    ruler = ["---"] * len(shown.header)
-    return "".join(f"| {' | '.join(row)} |\n" for row in (shown.header, ruler, *rows))
+    return markdown_table(shown.header, rows) + "\n"
 
 
 ITEMS = (Item("beyond.catalogue", "Beyond the paper: the catalogue", 110, 110, compute, present),)

@@ -16,7 +16,7 @@ from cg.frames.rotations import rotate
 from cg.integration import integrate
 from cg.problems import HeavyTop
 
-from .reference_runs import Kind, integrate_heavy_top
+from .reference_runs import Kind, integrate_compiled
 
 __all__ = [
     "METHODS",
@@ -157,7 +157,7 @@ def end_error(
         Number of equal steps over [0, 1].
     kind : {"real64", "real128"}, optional
     """
-    solution = integrate_heavy_top(
+    solution = integrate_compiled(
         HeavyTop(reading), method=method, h=Fraction(1, steps), steps=steps, kind=kind
     )
     return _norms(solution.exact(-1), reference_end(reading)[0])

@@ -14,42 +14,6 @@ from . import top
 from .blocks import Data, number, places
 from .statistics import median
 
-__all__ = [
-    "Results",
-    "Verdict",
-    "all_digits",
-    "best_at_tenth",
-    "beyond",
-    "catalogue_order",
-    "double",
-    "drift",
-    "exact",
-    "example",
-    "flat",
-    "ill_conditioned",
-    "improved",
-    "in_unit_interval",
-    "independence",
-    "initial",
-    "many",
-    "moderate",
-    "munthe_kaas",
-    "no_zero",
-    "six_no_further",
-    "six_reached",
-    "slope",
-    "slope_approximate",
-    "slope_six",
-    "superior",
-    "table",
-    "theorem",
-    "trees",
-    "truncated",
-    "typical_digits",
-    "usually",
-    "zeros",
-]
-
 Verdict = tuple[bool | None, str]
 """Passed, failed, or (None) not reproducible; and the evidence or the reason."""
 
@@ -67,8 +31,8 @@ def beyond(reason: str) -> Callable[[Data, Results], Verdict]:
 
 def catalogue_order(order: int, name: str, numbers: Data, results: Results) -> Verdict:
     """Return whether a method of the catalogue has an order, by its exact residuals."""
-    own = numbers["methods"][name]["exact_order"]
-    return own == order, f"order of {name}, as far as its digits can tell: {own}"
+    exact_order = numbers["methods"][name]["exact_order"]
+    return exact_order == order, f"order of {name}, as far as its digits can tell: {exact_order}"
 
 
 def example(order: int, name: str, numbers: Data, results: Results) -> Verdict:
@@ -304,9 +268,9 @@ def all_digits(numbers: Data, results: Results) -> Verdict:
 def moderate(numbers: Data, results: Results) -> Verdict:
     """Return whether no coefficient exceeds the largest of CG4, the method known before."""
     sizes = {name: numbers["methods"][name]["largest_coefficient"] for name in top.METHODS}
-    own = {name: size for name, size in sizes.items() if name != "CG4"}
-    text = ", ".join(f"{name} {number(size)}" for name, size in own.items())
-    return max(own.values()) < sizes["CG4"], (
+    new = {name: size for name, size in sizes.items() if name != "CG4"}
+    text = ", ".join(f"{name} {number(size)}" for name, size in new.items())
+    return max(new.values()) < sizes["CG4"], (
         f"largest coefficient: {text}; for comparison CG4 {number(sizes['CG4'])}"
     )
 
@@ -351,9 +315,9 @@ def _ratio(
     runs = results["fig4.1"]["readings"][reading]["methods"]
     texts, passed = [], True
     for component, label in (("rotation", "B"), ("momentum", "ω")):
-        own = np.array(runs[name][component][1:])
+        errors = np.array(runs[name][component][1:])
         best = np.min([runs[other][component][1:] for other in others], axis=0)
-        ratios = best / own
+        ratios = best / errors
         passed = passed and ratios[-1] > factor and bool((ratios > 1).all())
         texts.append(
             f"{label}: smaller by {number(float(ratios.min()))} to {number(float(ratios.max()))}, "

@@ -104,8 +104,8 @@ def grid(axes: Axes, *, x: bool, y: bool) -> None:
     x, y : bool
         Which axes.
     """
-    for wanted, name, axis in ((x, "x", axes.xaxis), (y, "y", axes.yaxis)):
-        if wanted:
+    for logarithmic, name, axis in ((x, "x", axes.xaxis), (y, "y", axes.yaxis)):
+        if logarithmic:
             getattr(axes, f"set_{name}scale")("log")
             axis.set_major_locator(LogLocator(base=10.0, numticks=9))
             axis.set_minor_formatter(NullFormatter())
@@ -154,6 +154,8 @@ def _for_page(svg: str, chart: Chart) -> str:
     body = re.sub(r'href="#', f'href="#{prefix}-', body)
     body = re.sub(r"url\(#", f"url(#{prefix}-", body)
     # wide enough for letters of 10 points to be legible
-    least = round(_MIN_SCALE * chart.size[0])
-    opening = f'<svg role="img" aria-labelledby="{prefix}-description" style="min-width: {least}px"'
+    min_width = round(_MIN_SCALE * chart.size[0])
+    opening = (
+        f'<svg role="img" aria-labelledby="{prefix}-description" style="min-width: {min_width}px"'
+    )
     return body.replace("<svg", opening, 1)

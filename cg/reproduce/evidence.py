@@ -20,7 +20,7 @@ from cg.problems import HeavyTop, StateDependentRotation
 from cg.trees.ordered import catalan, forest
 
 from .blocks import Data
-from .coefficients import RANK_THRESHOLD, condition_number
+from .coefficients import RANK_THRESHOLD, condition_number, largest_coefficient
 from .sections.table3_2 import PAPER
 from .statistics import median
 
@@ -89,8 +89,8 @@ def _conditions(order: int, stages: int, seed: int) -> Data:
         a, b = unpack(x.tolist(), stages, Rows.EXPLICIT)
         every = _singular_values(a, b, order, independent=False)
         ranks.append(int((every > RANK_THRESHOLD * every[0]).sum()))
-        own = _singular_values(a, b, order, independent=True)
-        numbers.append(float(own[0] / own[-1]))
+        independent = _singular_values(a, b, order, independent=True)
+        numbers.append(float(independent[0] / independent[-1]))
     return {
         "points": _POINTS,
         "rank": [min(ranks), max(ranks)],
@@ -110,7 +110,7 @@ def _singular_values(a: Any, b: Any, order: int, *, independent: bool) -> Array:
 def _method(method: Method) -> Data:
     return {
         "exact_order": method.exact_order,
-        "largest_coefficient": float(max(np.abs(method.a).max(), np.abs(method.b).max())),
+        "largest_coefficient": largest_coefficient(method),
         "abscissae": [float(method.c.min()), float(method.c.max())],
         "condition_number": condition_number(method, method.order),
     }

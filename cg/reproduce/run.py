@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ from cg.support.parsing import write_file
 
 from . import fingerprint
 from .blocks import Data
-from .context import Context, Progress, Settings
+from .context import Context, Settings
+from .display import Display
 from .item import Item
 from .items import ITEMS
 from .report import page, section
@@ -60,12 +62,12 @@ def check_settings(out: Path, settings: Settings) -> None:
         If it has one.
     """
     try:
-        held = Settings(**_read(out)["settings"])
+        stored = Settings(**_read(out)["settings"])
     except (OSError, ValueError, KeyError, TypeError):
         return  # there is no report
-    if held != settings:
+    if stored != settings:
         raise OutputError(
-            f"{out} holds a report of other settings ({held}; now {settings}), which would be "
+            f"{out} holds a report of other settings ({stored}; now {settings}), which would be "
             "replaced; give another folder"
         )
 
@@ -75,8 +77,7 @@ def run(
     out: Path,
     settings: Settings,
     workers: int,
-    progress: Callable[[Item], Progress] = lambda item: lambda done, total: None,
-    finished: Callable[[Item, float], None] = lambda item, seconds: None,
+    display: Display | None = None,
     limit: float | None = None,
 ) -> dict[str, Any]:
     """Compute items; write ``results.json``, figures and ``report.html`` as each finishes.
@@ -93,10 +94,8 @@ def run(
         Checked by `check_output`.
     settings : Settings
     workers : int
-    progress : callable
-        Returns the function that receives the progress of an item.
-    finished : callable
-        Called with each finished item and its time in seconds.
+    display : Display, optional
+        Shows the progress of each item.
     limit : float, optional
         Seconds that each search may take.
 
@@ -133,10 +132,13 @@ def run(
         begun = time.perf_counter()
         publish = partial(show, item, begun=begun)
         context = Context(
-            settings, out / "checkpoints", workers, progress(item), publish, limit, results
+            settings, out / "checkpoints", workers, publish=publish, limit=limit, results=results
         )
+        if display is not None:
+            context = replace(context, progress=display.begin(item))
         publish(item.compute(context))
-        finished(item, time.perf_counter() - begun)
+        if display is not None:
+            display.finish(item, time.perf_counter() - begun)
     return state
 
 
@@ -152,7 +154,7 @@ def _earlier(out: Path, settings: Settings) -> dict[str, Any]:
         "format": FORMAT,
         "settings": {"seed": settings.seed, "full": settings.full},
         "items": {},
-        "run": {"seconds": {}, "version": cg.__version__, "code": fingerprint.of_package()},
+        "run": {"seconds": {}, "version": cg.__version__, "code": fingerprint.digest()},
     }
     try:
         state = _read(out)

@@ -270,4 +270,4 @@ def present(data: Data) -> Sequence[Block]:
     )
 
 
-ITEMS = (Item("claims", "What the paper claims", 90, 10, compute, present, NEEDS, (8.0, 8.0)),)
+ITEMS = (Item("claims", "What the paper claims", 90, 10, compute, present, NEEDS),)

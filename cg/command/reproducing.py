@@ -1,0 +1,141 @@
+"""``reproduce``: reproduction of the paper; also the command ``reproduce-paper``."""
+
+from __future__ import annotations
+
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from cg.runs import StoreError
+from cg.runs.progress import duration
+from cg.support.parallel import available_cores
+
+from .arguments import workers_option
+from .main import main as run_group
+
+__all__ = ["main", "reproduce_command"]
+
+FOLDER = Path("reproduce/out")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run ``reproduce-paper``; arguments and exit codes are those of `cg.command.main`."""
+    given = sys.argv[1:] if arguments is None else arguments
+    return run_group(["reproduce", *given], program="reproduce-paper")
+
+
+def _read_items(
+    context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
+) -> list[str]:
+    """Return the names of items in lists separated by commas."""
+    if not values:
+        return []
+    from cg.reproduce.items import ITEMS
+
+    names = [name.strip() for value in values for name in value.split(",")]
+    unknown = [name for name in names if name not in ITEMS]
+    if unknown:
+        raise click.BadParameter(f"{', '.join(map(repr, unknown))}: items are {', '.join(ITEMS)}")
+    return names
+
+
+def _read_minutes(
+    context: click.Context, parameter: click.Parameter, value: float | None
+) -> float | None:
+    """Return seconds."""
+    if value is not None and not 0 <= value < math.inf:
+        raise click.BadParameter(f"must be a number, not negative, got {value!r}")
+    return None if value is None else 60.0 * value
+
+
+@click.command("reproduce", short_help="Reproduce the paper.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="DIR",
+    help="Folder for report.html, results.json, figures and stored searches; by default "
+    f"{FOLDER}, with --full {FOLDER / 'full'}.",
+)  # fmt: skip
+@click.option("--full", is_flag=True, help="The extensive search, 20 times as many starts: hours.")
+@click.option(
+    "--minutes", "limit", type=float, callback=_read_minutes, metavar="M",
+    help="End each search after M minutes; the report shows how far it came, and the same command "
+    "continues from there.",
+)  # fmt: skip
+@click.option(
+    "--only", multiple=True, callback=_read_items, metavar="ITEM[,ITEM...]",
+    help="Run these items and what they need; may be given several times.",
+)  # fmt: skip
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of random starts."
+)
+@workers_option
+@click.option("--list", "listing", is_flag=True, help="List the items and exit.")
+def reproduce_command(
+    out: Path | None,
+    full: bool,
+    limit: float | None,
+    only: list[str],
+    seed: int,
+    workers: int | None,
+    listing: bool,
+) -> int:
+    """Reproduce the figures, tables and claims of the paper and what goes beyond it, as one report.
+
+    The same as reproduce-paper. The numbers do not depend on the number of workers.
+
+    \b
+    Examples:
+      crouch-grossman reproduce --list
+      crouch-grossman reproduce --only fig4.1 --out report
+    """
+    from cg.reproduce.context import Settings
+    from cg.reproduce.display import Display
+    from cg.reproduce.items import ITEMS, select
+    from cg.reproduce.run import OutputError, check_output, check_settings, run
+
+    if listing:
+        for item in ITEMS.values():
+            click.echo(f"{item.name:16} {item.title}")
+        return 0
+    settings = Settings(seed, full)
+    out = out or (FOLDER / "full" if full else FOLDER)
+    try:
+        check_output(out)
+        check_settings(out, settings)
+    except OutputError as error:
+        raise click.BadParameter(str(error), param_hint="--out") from error
+    items = select(only or ITEMS)
+    display = Display(sys.stderr, items)
+    begun = time.perf_counter()
+    try:
+        with _terminated_as_interrupted():
+            run(items, out, settings, workers or available_cores(), display, limit)
+    except StoreError as error:
+        error.add_note("if you delete that file, its content is computed again")
+        raise
+    except (OSError, KeyboardInterrupt) as error:
+        error.add_note(f"finished items and searches are kept in {out}")
+        raise
+    click.echo(
+        f"{out / 'report.html'} written in {duration(time.perf_counter() - begun)}", err=True
+    )
+    return 0
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Treat SIGTERM, which ends batch jobs, as an interrupt."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,89 @@
+"""Errors of the spinning top in real(16), and their slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
+from functools import partial
+from typing import Any
+
+from cg.analysis.convergence import observed_order, slopes
+from cg.runs.execution import as_finished
+
+from . import top
+from .context import Context
+
+__all__ = ["FIT", "Run", "convergence", "order_data"]
+
+FIT = 4
+"""Number of points, those with the smallest steps, to which a slope is fitted."""
+
+Run = tuple[top.Reading, str, int]
+"""An integration over [0, 1]: reading, method, number of steps."""
+
+
+def convergence(context: Context, steps: Mapping[str, Iterable[int]]) -> dict[str, dict[str, Any]]:
+    """Integrate in real(16) with several stepsizes, several runs at a time.
+
+    Parameters
+    ----------
+    context : Context
+        Both readings of the initial momentum are used in an extensive run, else the first.
+    steps : mapping
+        By method the numbers of steps.
+
+    Returns
+    -------
+    dict
+        By reading the ``reference_error`` at t = 1, and ``methods``: by method `order_data` of the
+        errors of B at t = 1.
+    """
+    readings: tuple[top.Reading, ...] = ("momentum",)
+    if context.settings.full:
+        readings = ("momentum", "velocity")
+    # computed here, before several threads ask for them
+    references = {reading: top.reference_end(reading)[1] for reading in readings}
+    runs: list[Run] = [(r, name, n) for r in readings for name, ns in steps.items() for n in ns]
+    runs.sort(key=lambda run: -run[2])  # long runs first, so that no core waits at the end
+    errors: dict[Run, float] = {}
+    with closing(as_finished(partial(_indexed_error, runs), range(len(runs)),
+                             context.workers)) as running:  # fmt: skip
+        for index, error in running:
+            errors[runs[index]] = error
+            context.progress(len(errors), len(runs))
+    return {
+        reading: {
+            "reference_error": references[reading],
+            "methods": {
+                name: order_data({n: errors[reading, name, n] for n in ns})
+                for name, ns in steps.items()
+            },
+        }
+        for reading in readings
+    }
+
+
+def _indexed_error(runs: Sequence[Run], index: int) -> tuple[int, float]:
+    reading, method, steps = runs[index]
+    return index, top.end_error(reading, method, steps, "real128")[0]
+
+
+def order_data(errors: Mapping[int, float]) -> dict[str, object]:
+    """Return the order that errors by number of steps show.
+
+    Returns
+    -------
+    dict
+        ``h``, from the largest; ``error``; ``local`` slopes between neighbours; ``slope`` fitted
+        over the smallest `FIT` stepsizes; ``largest_slope`` over all local ones.
+    """
+    steps = sorted(errors)
+    h, error = [1 / n for n in steps], [errors[n] for n in steps]
+    local = slopes(h, error).tolist()
+    return {
+        "h": h,
+        "error": error,
+        "local": local,
+        "slope": observed_order(h[-FIT:], error[-FIT:]).order,
+        "largest_slope": max(local),
+    }
