@@ -30,7 +30,7 @@ _MODULES = {
     "export": "exporting",
     "plot": "plotting",
     "runs": "runs",
-    "reproduce": "reproducing",
+    "reproduce": "cg.reproduce.main",
     "completion": "completion",
 }
 
@@ -44,7 +44,8 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _MODULES:
             return None
-        module = import_module(f"cg.command.{_MODULES[cmd_name]}")
+        name = _MODULES[cmd_name]
+        module = import_module(name if "." in name else f"cg.command.{name}")
         command: click.Command = getattr(module, f"{cmd_name}_command")
         return command
 

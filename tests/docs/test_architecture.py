@@ -39,7 +39,7 @@ def imported_folders(path):
 
 
 def test_paths_on_the_page_exist():
-    paths = re.findall(r"`((?:cg|fortran|research|benchmarks)/[^`]*)`", PAGE)
+    paths = re.findall(r"`((?:cg|fortran|research|reproduce|benchmarks)/[^`]*)`", PAGE)
     assert len(paths) > 40
     assert [path for path in paths if not (ROOT / path).exists()] == []
 

@@ -154,7 +154,7 @@ def test_search_results_have_short_reprs() -> None:
 
 _FULL = """
 import resource, sys
-from cg.command.reproducing import main
+from cg.reproduce.main import main
 resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
 sys.exit(main(["--out", sys.argv[1], "--only", sys.argv[2]]))
 """

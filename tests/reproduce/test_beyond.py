@@ -8,7 +8,7 @@ import pytest
 from test_reproduce import check_page, read
 
 from cg.catalogue import methods, munthe_kaas
-from cg.command.reproducing import main
+from cg.reproduce.main import main
 from cg.conditions import count
 from cg.method.commutator_free import CommutatorFree
 from cg.proofs.files import certificate_names

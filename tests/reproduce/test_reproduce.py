@@ -9,7 +9,7 @@ import pytest
 from tests_of_pages import power_of_ten, words_of
 
 from cg.catalogue import methods
-from cg.command.reproducing import main
+from cg.reproduce.main import main
 from cg.reproduce import items
 from cg.reproduce import run as run_module
 from cg.reproduce.blocks import Table, number

@@ -13,12 +13,16 @@ from pathlib import Path
 
 import click
 
+from cg.command.arguments import workers_option
+from cg.command.main import main as run_command
 from cg.runs import StoreError
 from cg.runs.progress import duration
 from cg.support.parallel import available_cores
 
-from .arguments import workers_option
-from .main import main as run_group
+from .context import Settings
+from .display import Display
+from .items import ITEMS, select
+from .run import OutputError, check_output, check_settings, run
 
 __all__ = ["main", "reproduce_command"]
 
@@ -28,7 +32,7 @@ FOLDER = Path("reproduce/out")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``reproduce-paper``; arguments and exit codes are those of `cg.command.main`."""
     given = sys.argv[1:] if arguments is None else arguments
-    return run_group(["reproduce", *given], program="reproduce-paper")
+    return run_command(["reproduce", *given], program="reproduce-paper")
 
 
 def _read_items(
@@ -37,8 +41,6 @@ def _read_items(
     """Return the names of items in lists separated by commas."""
     if not values:
         return []
-    from cg.reproduce.items import ITEMS
-
     names = [name.strip() for value in values for name in value.split(",")]
     unknown = [name for name in names if name not in ITEMS]
     if unknown:
@@ -94,11 +96,6 @@ def reproduce_command(
       crouch-grossman reproduce --list
       crouch-grossman reproduce --only fig4.1 --out report
     """
-    from cg.reproduce.context import Settings
-    from cg.reproduce.display import Display
-    from cg.reproduce.items import ITEMS, select
-    from cg.reproduce.run import OutputError, check_output, check_settings, run
-
     if listing:
         for item in ITEMS.values():
             click.echo(f"{item.name:16} {item.title}")
