@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from ..conditions import compiled as compiled_conditions
-from ..conditions import condition_trees, count
 from ..support.checks import check_integer, check_real
-from .candidate import Candidate, check_candidate, correct, movable, solved
+from .candidate import Candidate, check_candidate, correct, solved
 from .solvers.singular import Decomposition, decompose, retract
 
-__all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
+__all__ = ["Goals", "fewer_exponentials", "optimise"]
 
 _MAX_STEP = 1.0
 _ZEROS_FTOL = 1e-29  # stricter than elsewhere: with few entries left, near misses are common
@@ -52,12 +51,6 @@ class Goals:
     def __post_init__(self) -> None:
         for name in ("principal_error", "coefficients", "abscissae", "bound", "bound_weight"):
             object.__setattr__(self, name, check_real(name, getattr(self, name)))
-
-
-def principal_error(candidate: Candidate) -> float:
-    """Return the norm of all residuals of order q + 1 of the (first) weights."""
-    values, _ = _next_order(candidate, derivative=False)
-    return float(np.linalg.norm(values))
 
 
 def optimise(
@@ -102,7 +95,7 @@ def optimise(
         raise ValueError(
             f"candidate must be on the solution set, its sum of squares is {candidate.f:.2e}"
         )
-    free = movable(candidate.system, frozen)
+    free = candidate.system.free_without(frozen)
     values, jac = _objective(candidate, goals)
     size, damping = float(values @ values), 1e-2
     history = [size]
@@ -201,7 +194,11 @@ def fewer_exponentials(
 def _objective(candidate: Candidate, goals: Goals) -> Terms:
     parts: list[Terms] = []
     if goals.principal_error:
-        values, jac = _next_order(candidate, derivative=True)
+        problem = candidate.next_order
+        values, jac = (
+            compiled_conditions.residuals(*problem),
+            compiled_conditions.jacobian(*problem),
+        )
         parts.append((goals.principal_error * values, goals.principal_error * jac))
     x = candidate.x
     if goals.coefficients:
@@ -229,13 +226,3 @@ def _row_sums(candidate: Candidate) -> NDArray[np.float64]:
     for stage in range(system.stages):
         sums[stage, system.layout.row(stage)] = 1
     return sums
-
-
-def _next_order(candidate: Candidate, derivative: bool) -> Terms:
-    system = candidate.system
-    order = system.order + 1
-    trees = np.array(condition_trees(order)[count(system.order) :], dtype=np.intc)
-    values = compiled_conditions.residuals(order, system.layout, candidate.x, trees)
-    if not derivative:
-        return values, np.empty((0, system.size))
-    return values, compiled_conditions.jacobian(order, system.layout, candidate.x, trees)

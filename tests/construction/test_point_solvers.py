@@ -18,7 +18,6 @@ from cg.construction import (
     Structure,
     optimise,
     pack_method,
-    principal_error,
     solved,
     to_method,
 )
@@ -143,9 +142,9 @@ class TestSolvers:
         packed = pack_method(method)
         assert packed.system == system
         np.testing.assert_allclose(packed.x, found.x, rtol=0, atol=1e-12)
-        assert principal_error(packed) == pytest.approx(method.principal_error(), rel=1e-10)
+        assert packed.principal_error == pytest.approx(method.principal_error, rel=1e-10)
         better = optimise(packed, Goals(), max_iterations=5)
-        assert principal_error(better) < principal_error(packed)
+        assert better.principal_error < packed.principal_error
 
     def test_tableau_layout_methods_reject_points(self):
         for call in (

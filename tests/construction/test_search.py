@@ -186,7 +186,7 @@ class TestThePapersWay:
         assert len(paper_way.methods) >= 1
         for method in paper_way.methods:
             assert (method.order, method.stages, method.explicit) == (4, 5, True)
-            assert method.principal_error() > 1e-3
+            assert method.principal_error > 1e-3
 
     def test_lmdif_phases_as_in_paper(self, paper_way):
         solved = [start for start in paper_way.starts if start.exact]

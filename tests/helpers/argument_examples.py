@@ -308,9 +308,6 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
             "nominal_residual": "1e-3",
         },
     ),
-    "Tableau.from_packed": Call(
-        cg.Tableau.from_packed, {"x": ["1/2", 0, 1], "stages": 2, "rows": "explicit", "digits": 9}
-    ),
     "CommutatorFree": Call(
         cg.CommutatorFree,
         {
@@ -404,10 +401,6 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     "catalogue.resolve_method": Call(catalogue.resolve_method, {"method": "CG3"}),
     "diagnosis.draw_tree": Call(diagnosis.draw_tree, {"tree": TREE}),
     "diagnosis.draw_points": Call(diagnosis.draw_points, {"method": CG3, "digits": 4}),
-    "construction.compose": Call(
-        construction.compose, {"methods": [CG3, CG3], "gammas": ["1/2", "1/2"], "name": "x"}
-    ),
-    "construction.triple_jump": Call(construction.triple_jump, {"order": 2, "digits": 9}),
     "construction.pack_method": Call(construction.pack_method, {"method": CG3, "order": 3}),
     "construction.correct": Call(
         construction.correct,

@@ -17,14 +17,12 @@ from cg.conditions import (
 )
 from cg.construction import (
     Goals,
-    compose,
     correct,
     eliminate_stage,
     fewer_exponentials,
     optimise,
     pack_method,
     to_method,
-    triple_jump,
 )
 from cg.construction.solvers.system import ConditionSystem
 from cg.problems import FreeRigidBody
@@ -293,12 +291,6 @@ POINT = pack_method(CG3)
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: compose(CG3, [1]), TypeError, "methods must be a sequence, got <Tableau"),
-        (lambda: compose([CG3], 1), TypeError, "gammas must be a sequence, got 1"),
-        (lambda: compose(["CG3"], [1]), TypeError, r"methods\[0\] must be a Tableau, got 'CG3'"),
-        (lambda: compose([CG3], [np.nan]), ValueError, r"gammas\[0\]: expected a finite real"),
-        (lambda: triple_jump(2.0), TypeError, r"order must be an integer, got 2\.0"),
-        (lambda: triple_jump(2, 0), ValueError, "digits must be at least 1, got 0"),
         (lambda: pack_method("CG3"), TypeError, "method must be a Method, got 'CG3'"),
         (lambda: pack_method(CG3, 2.5), TypeError, r"order must be an integer, got 2\.5"),
         (lambda: ConditionSystem.tableau(True, 3), TypeError, "order must be an integer, got True"),

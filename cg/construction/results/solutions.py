@@ -16,7 +16,6 @@ from ...support import quads
 from ...support.checks import check_integer
 from ...support.parallel import single_threads
 from ..candidate import Candidate
-from ..optimise import principal_error
 from ..search.shapes import layout_from_json
 from ..solvers.singular import decompose, retract
 from ..solvers.system import ConditionSystem, Structure
@@ -50,7 +49,7 @@ class Solution:
     @cached_property
     def principal_error(self) -> float:
         """Norm of the residuals of the next order."""
-        return principal_error(self.candidate)
+        return self.candidate.principal_error
 
     def objective(self, name: str) -> float:
         """Return the value of an objective, small for a good solution.

@@ -22,7 +22,7 @@ from ...support.checks import MAX_COUNT, check_integer
 from .records import Phase, RandomStart
 from .result import SearchResult, StoredStarts
 from .settings import SearchArguments, SearchSettings
-from .start import EXACT, check_start, random_start, run_start, start_layout
+from .start import EXACT, random_start, read_start, run_start, start_layout
 
 __all__ = [
     "EXACT",
@@ -186,7 +186,7 @@ def _run(settings: SearchSettings, starts: int, options: RunOptions) -> SearchRe
         settings=settings,
         work=partial(run_start, settings),
         to_record=to_record,
-        from_record=lambda record: check_start(settings, RandomStart.from_record(record)),
+        from_record=partial(read_start, settings),
         score=lambda start: Score(start.f, start.exact),
     )
     finished: list[RandomStart] = []

@@ -20,7 +20,7 @@ __all__ = [
     "ShapeArguments",
     "draw_guess",
     "draw_layout",
-    "held_weights",
+    "fixed_weights",
     "layout_from_json",
     "layout_of",
     "merge_point",
@@ -40,13 +40,9 @@ References
 FLAT_CONDITIONS = (1, 2, 4, 8, 17, 37, 85, 200)
 """Numbers of order conditions of orders 1, 2, ... where flows commute: of unordered trees."""
 
-HELD_FIRST = (0.2, 0.8)
-"""Range of the first weight of a tree, held while solving."""
-
-HELD_ESTIMATE = (0.1, 0.2)
-"""Range of the last weight of an estimate, held while solving."""
-
-_HELD_FROM = 5  # lowest order for which the first weight is held
+_FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
+_FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
+_FIXED_FROM = 5  # lowest order for which the first weight is fixed
 _BACK = 0.3  # probability that a flow starts from a random earlier point, not the last one
 
 
@@ -230,27 +226,29 @@ def merge_point(
     return select_points(layout, parents, weights, layout.stage_points, kept)
 
 
-def held_weights(order: int, layout: Layout) -> list[int]:
+def fixed_weights(order: int, layout: Layout) -> list[int]:
     """Return the indices of the weights to hold fixed while solving from a random start.
 
     From order 5 on, there are degenerate limits where the first weight tends to zero. If the
     second result of a pair is one flow from the result, the conditions are homogeneous in the
-    weights of that flow, so that one of them is held to fix its length.
+    weights of that flow, so that one of them is fixed to determine its length. Tableaux have none.
     """
-    held = [0] if order >= _HELD_FROM else []
+    if layout.rows is not None:
+        return []
+    fixed = [0] if order >= _FIXED_FROM else []
     last = len(layout.parents) - 1
     if layout.pair and layout.results[1] == last and layout.parents[last] == layout.results[0]:
-        held.append(layout.size - 1)
-    return held
+        fixed.append(layout.size - 1)
+    return fixed
 
 
 def draw_guess(
     order: int, layout: Layout, width: float, random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return random weights of a tree, uniform in [-width, width] except for held ones."""
+    """Return random coefficients, uniform in [-width, width] except for fixed ones of trees."""
     guess = random.uniform(-width, width, layout.size)
-    for k in held_weights(order, layout):
-        guess[k] = random.uniform(*(HELD_ESTIMATE if k else HELD_FIRST))
+    for k in fixed_weights(order, layout):
+        guess[k] = random.uniform(*(_FIXED_LAST if k else _FIXED_FIRST))
     return guess
 
 
