@@ -164,7 +164,7 @@ class TestOrder:
         assert MIDPOINT.principal_error == pytest.approx(float(sum(r * r for r in exact)) ** 0.5)
         last = conditions.MAX_ORDER
         highest = Tableau([[]], [1], nominal_order=last, nominal_residual=1)
-        with pytest.raises(ValueError, match=f"order must be at most {last}, got {last + 1}"):
+        with pytest.raises(ValueError, match=f"order must be at most {last}, .* got {last + 1}"):
             _ = highest.principal_error
 
     def test_largest_residual(self):
