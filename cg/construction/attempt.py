@@ -15,7 +15,7 @@ from ..runs import Record
 from ..structure.layout import Layout
 from ..support import quads
 from ..support.checks import MAX_COUNT
-from .candidate import Candidate, NotExactError, refinable, solved, to_method
+from .candidate import Candidate, NotExactError, default_name, refinable, solved, to_method
 from .drop import drop_flow, solve_start
 from .eliminate import eliminate, walk
 from .search.shapes import draw_layout, layout_from_json
@@ -189,15 +189,11 @@ def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -
 def refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
     """Return the method of a try, refined in real(16); None if it isn't exact."""
     x = np.array(attempt.x, dtype=np.float64)
-    size = f"{settings.stages} stages"
-    if settings.flows is not None:
-        size += f", {settings.flows} flows"
+    candidate = _candidate(settings, attempt.stages, attempt.tree, x)
+    name = default_name(candidate.system, settings.seed, f"try{attempt.index}")
+    source = f"construct, seed {settings.seed}, try {attempt.index}"
     try:
-        return to_method(
-            _candidate(settings, attempt.stages, attempt.tree, x),
-            name=f"order {settings.order}, {size}, try {attempt.index}",
-            source=f"construct, seed {settings.seed}, try {attempt.index}",
-        )
+        return to_method(candidate, name=name, source=source)
     except NotExactError:
         return None
 

@@ -14,7 +14,7 @@ from ..conditions import compiled as compiled_conditions
 from ..conditions import condition_trees, count
 from ..method.method import Method
 from ..method.packed import make_method
-from ..structure.layout import Layout
+from ..structure.layout import Layout, Rows
 from ..support import quads
 from .search.start import EXACT
 from .solvers.minimum_norm import fit_conditions
@@ -72,6 +72,19 @@ class Candidate:
         """Rank of the Jacobian; if it is full, all conditions are independent at `x`."""
         values = linalg.svdvals(self.system.jacobian(self.x)[:, self.system.free])
         return int(np.sum(values > RANK_TOLERANCE * values[0]))
+
+    @property
+    def row_sums(self) -> NDArray[np.float64]:
+        """Matrix that takes x to the abscissae, shape (stages, size)."""
+        sums = np.zeros((self.system.stages, self.system.size))
+        for stage in range(self.system.stages):
+            sums[stage, self.system.layout.row(stage)] = 1
+        return sums
+
+    @property
+    def abscissae(self) -> NDArray[np.float64]:
+        """Abscissae of the stages, shape (stages,)."""
+        return np.asarray(self.row_sums @ self.x)
 
     @property
     def next_order(self) -> tuple[int, Layout, NDArray[np.float64], NDArray[np.intc]]:
@@ -145,6 +158,17 @@ def check_candidate(candidate: Any) -> Candidate:
     if not isinstance(candidate, Candidate):
         raise TypeError(f"candidate must be a Candidate, got {candidate!r}")
     return candidate
+
+
+def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
+    """Return the name of a method of a search, such as ``CG4-1-17``: order 4, seed 1, start 17.
+
+    It begins with CG, DICG or ICG for explicit, diagonally or fully implicit tableaux, with CF for
+    commutator-free methods.
+    """
+    kinds = {Rows.EXPLICIT: "CG", Rows.DIAGONAL: "DICG", Rows.FULL: "ICG", None: "CF"}
+    pair = f"({system.order - 1})" if system.embedded else ""
+    return f"{kinds[system.rows]}{system.order}{pair}-{seed}-{number}"
 
 
 def solved(candidate: Candidate) -> bool:

@@ -37,14 +37,30 @@ class Goals:
     coefficients : float
         Weight of the square root of ``Σ |x|^6``, which penalises the largest coefficients.
     abscissae : float
-        Weight of the distance of the abscissae from [0, 1].
+        Weight of the distances of the abscissae from `interval`.
+    interval : (float, float)
+        Interval that the abscissae should lie in.
     bound, bound_weight : float
         Bound on the magnitudes of coefficients, and weight of the amounts that exceed it.
+
+    Examples
+    --------
+    A method with smaller coefficients:
+
+    >>> import cg
+    >>> from cg.construction import Goals, optimise, pack_method, to_method
+    >>> candidate = pack_method(cg.methods["CF4b"])
+    >>> smaller = optimise(candidate, Goals(principal_error=0, coefficients=1))
+    >>> smaller.largest < 0.8 * candidate.largest
+    True
+    >>> to_method(smaller, name="CF4 small", source="CF4b, then along the solution set").order
+    4
     """
 
     principal_error: float = 1.0
     coefficients: float = 0.0
     abscissae: float = 0.0
+    interval: tuple[float, float] = (0.0, 1.0)
     bound: float = 1.5
     bound_weight: float = 0.0
 
@@ -211,18 +227,10 @@ def _objective(candidate: Candidate, goals: Goals) -> Terms:
         sign = np.where(beyond > 0, np.sign(x), 0.0)
         parts.append((goals.bound_weight * beyond, goals.bound_weight * np.diag(sign)))
     if goals.abscissae:
-        sums = _row_sums(candidate)
-        c = sums @ x
-        beyond = np.maximum(c - 1, 0) + np.minimum(c, 0)
+        lower, upper = goals.interval
+        c, sums = candidate.abscissae, candidate.row_sums
+        beyond = np.maximum(c - upper, 0) + np.minimum(c - lower, 0)
         parts.append((goals.abscissae * beyond, goals.abscissae * sums * (beyond != 0)[:, None]))
     if not parts:
         raise ValueError("goals must have at least one weight that isn't zero")
     return np.concatenate([v for v, _ in parts]), np.concatenate([j for _, j in parts])
-
-
-def _row_sums(candidate: Candidate) -> NDArray[np.float64]:
-    system = candidate.system
-    sums = np.zeros((system.stages, system.size))
-    for stage in range(system.stages):
-        sums[stage, system.layout.row(stage)] = 1
-    return sums

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
 from functools import cached_property, wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 import numpy as np
@@ -55,6 +56,9 @@ class Method(Outputs, ABC):
         The points of a step. Those of an implicit method depend on the unknown stages.
     coefficients : tuple of Coefficient
         All coefficients, packed as `layout` describes.
+    file : Path or None
+        The file that `load` read the method from; None for other methods. Its certificate may lie
+        beside it. It isn't compared or pickled.
 
     Examples
     --------
@@ -68,6 +72,7 @@ class Method(Outputs, ABC):
     source: str
     nominal_order: int | None
     nominal_residual: Coefficient | None
+    file: Path | None = None
 
     if TYPE_CHECKING:  # fields in some subclasses, cached properties in others
 
