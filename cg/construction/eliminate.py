@@ -21,24 +21,11 @@ _INTERMEDIATE = 1e-19  # sum of squares that intermediate points must reach
 
 
 def eliminate_stage(candidate: Candidate, stage: int, *, largest: float = 4.0) -> Candidate | None:
-    """Eliminate one stage.
+    """Eliminate one stage (from 0) of a candidate on the solution set; None if a step fails.
 
     The column of ``a`` and the weight of the stage are shrunk together to zero; the other
-    coefficients follow along the solution set. Steps that fail are halved.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        On the solution set.
-    stage : int
-        Index of the stage, from 0.
-    largest : float, optional
-        Bound on the magnitude of coefficients.
-
-    Returns
-    -------
-    Candidate or None
-        A candidate with one stage less, on the solution set; None if a step fails.
+    coefficients follow along the solution set. Steps that fail are halved. `largest` bounds the
+    magnitude of coefficients.
     """
     check_candidate(candidate)
     stage = check_integer("stage", stage, 0, candidate.system.stages - 1)
@@ -116,11 +103,6 @@ def eliminate(
         Largest number of walks to other points of the set after all starts failed.
     accept : callable, optional
         A further test of smaller candidates, for instance of their rank.
-
-    Yields
-    ------
-    Candidate
-        A candidate with one stage less than the one before.
     """
     check_candidate(candidate)
     check_generator("random", random)

@@ -162,21 +162,8 @@ def fewer_exponentials(
 ) -> tuple[Candidate, NDArray[np.intp]]:
     """Set coefficients to exact zeros one by one, smallest magnitudes first.
 
-    Parameters
-    ----------
-    candidate : Candidate
-        On the solution set.
-    largest : float, optional
-        Bound on the magnitude of coefficients.
-    patience : int, optional
-        Number of consecutive failures at which to stop.
-
-    Returns
-    -------
-    candidate : Candidate
-        The candidate with zeros.
-    zeros : ndarray of int
-        Indices of the zeros.
+    Stops after `patience` consecutive failures. Returns the candidate, on the solution set, and the
+    indices of its zeros. `largest` bounds the magnitude of coefficients.
     """
     check_candidate(candidate)
     largest = check_real("largest", largest)

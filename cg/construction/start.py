@@ -21,16 +21,9 @@ _FIXED = (0.3, 0.8)  # range of entries that are held fixed
 class StartSettings:
     """Default settings of random starts.
 
-    Attributes
-    ----------
-    stages : int
-        Number of stages with which random starts reach the solution set often enough.
-    width : float
-        Guesses are uniform in [-width, width].
-    iterations : int
-        Largest number of steps of the solver.
-    promising : float
-        Sum of squares at which the solver runs a second time.
+    `stages` is a number of stages with which random starts reach the solution set often enough;
+    guesses are uniform in [-width, width]; `iterations` bounds the steps of the solver, which runs
+    a second time from sums of squares below `promising`.
     """
 
     stages: int

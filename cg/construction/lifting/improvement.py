@@ -20,21 +20,11 @@ _GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau
 
 
 def improved(splitting: Splitting, end: Fit) -> Fit:
-    """Reduce the principal error along the solution set until it hardly gets smaller.
+    """Reduce the principal error of a solution along the solution set until it hardly gets smaller.
 
     Each step is a Levenberg–Marquardt step for the residuals of the next order within the tangent
-    space of the solution set; a fit then returns to the set. The largest weight doesn't grow
-    beyond the larger of its initial value and 1.25 times the largest entry of the tableau.
-
-    Parameters
-    ----------
-    splitting : Splitting
-    end : Fit
-        A solution.
-
-    Returns
-    -------
-    Fit
+    space of the solution set; a fit then returns to the set. The largest weight doesn't grow beyond
+    the larger of its initial value and 1.25 times the largest entry of the tableau.
     """
     x = end.x
     rows = [*splitting.rows.stages, splitting.rows.result]

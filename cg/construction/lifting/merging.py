@@ -18,18 +18,7 @@ _MIN_FURTHER = 6
 def reduced(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit]:
     """Merge flows with the flows before them until no merge leads to a solution.
 
-    Parameters
-    ----------
-    splitting : Splitting
-    end : Fit
-        A solution.
-    max_iterations : int
-        Largest number of iterations for merges that nearly led to a solution.
-
-    Returns
-    -------
-    Splitting, Fit
-        The last solution.
+    `max_iterations` is for merges that nearly led to a solution. Returns the last solution.
     """
     while True:
         merged = _merged(splitting, end, max_iterations)

@@ -39,17 +39,7 @@ Remainders = dict[int, tuple[dict[int, Fraction], Fraction]]
 
 @dataclass(frozen=True)
 class FlatRows:
-    """The rows of a flat tableau.
-
-    Attributes
-    ----------
-    stages : tuple of rows of Fraction
-        Rows of ``a``, all of length s.
-    result : tuple of Fraction
-        Weights ``b``.
-    embedded : tuple of Fraction or None
-        Second weights of a pair.
-    """
+    """Rows of a flat tableau: those of ``a``, of length s, ``b``, and second weights or None."""
 
     stages: tuple[tuple[Fraction, ...], ...]
     result: tuple[Fraction, ...]
@@ -82,15 +72,8 @@ class FlatRows:
     ) -> Layout:
         """Return the layout with these points, and one for the second result of a pair.
 
-        Parameters
-        ----------
-        parents : sequence of int
-            The parent of each point.
-        at : sequence of int
-            The points of the stages in `own`.
-        result : int
-        uses : sequence of sets of int
-            The stages that each point has weights on.
+        `parents` are those of the points, `at` the points of the stages in `own`, `uses` the stages
+        that each point has weights on.
         """
         parents, weights = list(parents), [tuple(sorted(used)) for used in uses]
         stage_points = (START, *at, *([result] if self.at_result else []))
@@ -106,14 +89,9 @@ class FlatRows:
 def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True) -> Layout:
     """Return the layout in which each stage and the result have chains of their own.
 
-    Parameters
-    ----------
-    rows : FlatRows
-    lengths : sequence of int
-        Flows to each stage in `FlatRows.own`, and to the result.
-    zeros : bool, optional
-        Whether rows have no weights where the tableau has zeros. Otherwise they have weights
-        that add up to zero, in chains of more than one flow.
+    `lengths` are the numbers of flows to each stage in `FlatRows.own`, and to the result. Without
+    `zeros`, chains of more than one flow also have weights where the tableau has zeros, which add
+    up to zero.
     """
     parents: list[int] = []
     uses: list[set[int]] = []
@@ -174,10 +152,7 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
 def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Fraction]]:
     """Return the sets of weights that lie on one path and multiply one stage, and their sums.
 
-    Raises
-    ------
-    ArithmeticError
-        If the sums contradict each other.
+    ArithmeticError if the sums contradict each other.
     """
     sums: dict[frozenset[int], Fraction] = {}
     for end, row in rows.ends(layout):
@@ -192,26 +167,12 @@ def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Frac
 
 
 def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Remainders:
-    """Solve sums of unknowns for the last unknown of each.
+    """Solve sums of unknowns, pairs of indices and a value, for the last unknown of each.
 
-    The reduced echelon form of the equations, with columns in reverse order, expresses each
-    pivot by unknowns with smaller indices that are no pivots themselves.
-
-    Parameters
-    ----------
-    sums : iterable of (indices, value)
-    size : int
-        Number of unknowns.
-
-    Returns
-    -------
-    dict
-        ``{k: (factors, value)}`` with ``x_k = value - Σ_j factors[j] x_j``.
-
-    Raises
-    ------
-    ArithmeticError
-        If the sums contradict each other.
+    The reduced echelon form of the equations, with columns in reverse order, expresses each pivot
+    by unknowns with smaller indices that are no pivots themselves. Returns ``{k: (factors,
+    value)}`` with ``x_k = value - Σ_j factors[j] x_j``; ArithmeticError if the sums contradict each
+    other.
     """
     rows = []
     for indices, value in sums:
@@ -237,16 +198,8 @@ def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Rem
 class Splitting:
     """The order conditions on a flat tableau that is split into flows.
 
-    Parameters
-    ----------
-    rows : FlatRows
-    layout : Layout
-    order : int
-        Order of the result.
-    embedded_order : int
-        Order of the second result; 0 without.
-    stage_orders : tuple of int, optional
-        Order of each stage at its abscissa, as assumed.
+    `embedded_order` is that of the second result, 0 without; `stage_orders` are the assumed orders
+    of the stages at their abscissae.
     """
 
     rows: FlatRows

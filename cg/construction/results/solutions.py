@@ -34,14 +34,7 @@ OBJECTIVES = ("principal-error", "largest-coefficient", "flows", "residual", "se
 
 @dataclass(frozen=True)
 class Solution:
-    """A solved start of a store.
-
-    Attributes
-    ----------
-    record : Record
-    candidate : Candidate
-        Coefficients in double, and the conditions that they solve.
-    """
+    """A solved start of a store: its record, its coefficients in double and their conditions."""
 
     record: Record
     candidate: Candidate
@@ -52,18 +45,7 @@ class Solution:
         return self.candidate.principal_error
 
     def objective(self, name: str) -> float:
-        """Return the value of an objective, small for a good solution.
-
-        Parameters
-        ----------
-        name : str
-            One of `OBJECTIVES`.
-
-        Raises
-        ------
-        ValueError
-            If `name` isn't one of them.
-        """
+        """Return the value of one of `OBJECTIVES`, small for a good solution."""
         match name:
             case "principal-error":
                 return self.principal_error
@@ -134,21 +116,12 @@ def best(run: StoredRun, objective: str = "principal-error", count: int = 10) ->
 
 @single_threads()
 def families(distinct: list[Solution]) -> list[list[Solution]]:
-    """Group solutions that a walk along the solution set connects.
+    """Group solutions that a walk along the solution set connects, the largest family first.
 
-    A walk goes from each solution towards its nearest neighbours, in steps within the tangent
-    space of the set that are corrected back to the set. Solutions that a walk connects lie on
-    one component of the set. A walk that fails proves nothing, since a detour may exist: the
-    number of families is an upper bound of the number of components.
-
-    Parameters
-    ----------
-    distinct : list of Solution
-
-    Returns
-    -------
-    list of list of Solution
-        Largest family first.
+    A walk goes from each solution towards its nearest neighbours, in steps within the tangent space
+    of the set that are corrected back to the set. Solutions that a walk connects lie on one
+    component of the set. A walk that fails proves nothing, since a detour may exist: the number of
+    families is an upper bound of the number of components.
     """
     groups = list(range(len(distinct)))
 

@@ -113,22 +113,10 @@ def draw_layout(
 ) -> Layout:
     """Draw a random tree of points, in which every point leads to a stage or the result.
 
-    Parameters
-    ----------
-    stages : int
-    flows : int
-        At least `stages`: all stages except the first have points of their own, and the result
-        is one more.
-    random : numpy.random.Generator
-    embedded : bool, optional
-        Whether to add a flow from the result to the second result of a pair.
-    first_same_as_last : bool, optional
-        Whether the last stage is at the result, where the next step begins.
-
-    Returns
-    -------
-    Layout
-        Each flow has weights on all stages before it.
+    Each flow has weights on all stages before it. `flows` is at least `stages`: all stages except
+    the first have points of their own, and the result is one more. With `embedded`, a flow from the
+    result to the second result of a pair is added; with `first_same_as_last`, the last stage is at
+    the result.
     """
     inner, own = flows - 1, stages - first_same_as_last
     while True:
@@ -172,24 +160,17 @@ def select_points(
     parents: Sequence[int],
     weights: Sequence[dict[int, float]],
     stage_points: Sequence[int],
-    kept: Sequence[int],
+    points: Sequence[int],
 ) -> tuple[Layout, NDArray[np.float64]]:
     """Return the layout of some points of a tree, numbered anew, and their packed weights.
 
-    Parameters
-    ----------
-    layout : Layout
-        The tree, which has the results.
-    parents, weights : sequences
-        Of all points of the tree, after changes.
-    stage_points : sequence of int
-    kept : sequence of int
-        The points to keep, increasing.
+    `parents`, `weights` and `stage_points` are those of all points of the tree, after changes;
+    `points` are those to select, increasing. The results are those of `layout`.
     """
-    number = {START: START} | {m: k for k, m in enumerate(kept)}
-    rows = [dict(sorted(weights[m].items())) for m in kept]
+    number = {START: START} | {m: k for k, m in enumerate(points)}
+    rows = [dict(sorted(weights[m].items())) for m in points]
     smaller = Layout(
-        tuple(number[parents[m]] for m in kept),
+        tuple(number[parents[m]] for m in points),
         tuple(tuple(row) for row in rows),
         tuple(number[m] for m in stage_points),
         tuple(number[m] for m in layout.results),
@@ -200,21 +181,9 @@ def select_points(
 def merge_point(
     layout: Layout, x: Sequence[float], point: int
 ) -> tuple[Layout, NDArray[np.float64]]:
-    """Leave out a point that is neither a stage nor a result.
+    """Return the layout without a point that is neither a stage nor a result, and its weights.
 
-    Flows that start from it start from its parent instead, with its weights added to theirs.
-
-    Parameters
-    ----------
-    layout : Layout
-    x : sequence of float
-        Packed weights.
-    point : int
-
-    Returns
-    -------
-    layout : Layout
-    x : ndarray
+    Flows that start from the point start from its parent instead, with its weights added to theirs.
     """
     parents, weights = list(layout.parents), layout.point_weights(x)
     for m, parent in enumerate(layout.parents):
@@ -222,8 +191,8 @@ def merge_point(
             parents[m] = layout.parents[point]
             for stage, weight in weights[point].items():
                 weights[m][stage] = weights[m].get(stage, 0.0) + weight
-    kept = [m for m in range(len(parents)) if m != point]
-    return select_points(layout, parents, weights, layout.stage_points, kept)
+    points = [m for m in range(len(parents)) if m != point]
+    return select_points(layout, parents, weights, layout.stage_points, points)
 
 
 def fixed_weights(order: int, layout: Layout) -> list[int]:

@@ -40,13 +40,8 @@ def polish(
         Only its order conditions are used, not its structure.
     directions : array_like, shape (n, k), optional
         Corrections are linear combinations of the columns. Columns of the identity select the
-        entries that may change; other columns preserve linear relations between entries. By
-        default all free entries of the system may change.
-
-    Returns
-    -------
-    RationalZero
-        The point with the smallest residuals.
+        entries that may change; other columns preserve linear relations between entries. By default
+        all free entries of the system may change.
 
     Raises
     ------

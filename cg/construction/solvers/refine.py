@@ -26,18 +26,10 @@ _MAX_ITERATIONS = 40
 
 @dataclass(frozen=True)
 class Refined:
-    """The result of `refine`.
+    """Packed weights in binary128, shape (n, 16), and how they were reached.
 
-    Attributes
-    ----------
-    x : ndarray of int8, shape (n, 16)
-        Packed weights in binary128, see `cg.support.quads`.
-    largest_residual : float
-        Largest residual of all order conditions, computed in real(16).
-    rank : int
-        Numerical rank of the Jacobian.
-    iterations : int
-        Number of corrections.
+    `largest_residual` is that of all order conditions, computed in real(16); `rank` is the
+    numerical rank of the Jacobian, `iterations` the number of corrections.
     """
 
     x: quads.Quads
@@ -57,16 +49,11 @@ def refine(
     Parameters
     ----------
     x : ndarray of int8, shape (n, 16)
-        From `cg.support.quads.encode` or `cg.support.quads.from_float`, close to a zero.
+        Binary128 numbers close to a zero; see `cg.support.quads`.
     system : ConditionSystem
         Corrections preserve the simplifying assumptions of its structure.
     free : sequence of int, optional
         Indices of the entries that may change; by default all free ones.
-
-    Returns
-    -------
-    Refined
-        The point with the smallest residuals.
 
     Raises
     ------

@@ -36,12 +36,8 @@ _PATIENCE, _MIN_GAIN = 15, 0.05  # stop if so many steps together gain less than
 class Decomposition:
     """Pseudo-inverse and kernel of a Jacobian of shape (m, n).
 
-    Attributes
-    ----------
-    inverse : ndarray, shape (n, m)
-        Pseudo-inverse without singular values below 1e-11 of the largest.
-    kernel : ndarray, shape (n, n - rank)
-        Orthonormal basis of the numerical kernel.
+    `inverse`, shape (n, m), leaves out singular values below 1e-11 of the largest; `kernel`, shape
+    (n, n - rank), is an orthonormal basis of the numerical kernel.
     """
 
     inverse: Vector
@@ -56,11 +52,7 @@ class Decomposition:
 def pseudo_inverse(jac: Vector, rcond: float) -> tuple[Vector, int]:
     """Return the pseudo-inverse of a matrix and its numerical rank.
 
-    Parameters
-    ----------
-    jac : ndarray, shape (m, n)
-    rcond : float
-        Singular values below this fraction of the largest count as zero.
+    Singular values below `rcond` times the largest count as zero.
     """
     left, values, right = linalg.svd(jac, full_matrices=False)
     rank = int(np.sum(values > rcond * values.max(initial=0.0)))
@@ -86,23 +78,11 @@ def retract(
     free: Indices,
     near: Decomposition,
 ) -> Vector | None:
-    """Return to the solution set by Newton steps of least norm.
+    """Return to the solution set by Newton steps of least norm; None if f stays above 1e-27.
 
-    Parameters
-    ----------
-    system : ConditionSystem
-    x : ndarray, shape (n,)
-        Packed weights close to the set.
-    free : ndarray of int
-        Entries that may change.
-    near : Decomposition
-        Decomposition of the columns `free` of the Jacobian at a point close by. It is used until
-        steps gain little, which saves most of the work.
-
-    Returns
-    -------
-    ndarray, shape (n,), or None
-        The point on the set; None if the sum of squares stays above 1e-27.
+    Only the entries `free` of the packed weights x, shape (n,), change. `near` is the decomposition
+    of these columns of the Jacobian at a point close by. It is used until steps gain little, which
+    saves most of the work.
     """
     residual = system.residual(x)
     f = float(residual @ residual)
