@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from ..conditions import compiled as compiled_conditions
-from ..support.checks import check_integer, check_real
+from ..support.checks import check_integer, check_interval, check_real
 from .candidate import Candidate, check_candidate, correct, solved
 from .solvers.singular import Decomposition, decompose, retract
 
@@ -45,16 +45,10 @@ class Goals:
 
     Examples
     --------
-    A method with smaller coefficients:
+    Abscissae in [0, 1] and coefficients of at most 1, and then a small principal error:
 
-    >>> import cg
-    >>> from cg.construction import Goals, optimise, pack_method, to_method
-    >>> candidate = pack_method(cg.methods["CF4b"])
-    >>> smaller = optimise(candidate, Goals(principal_error=0, coefficients=1))
-    >>> smaller.largest < 0.8 * candidate.largest
-    True
-    >>> to_method(smaller, name="CF4 small", source="CF4b, then along the solution set").order
-    4
+    >>> from cg.construction import Goals
+    >>> goals = Goals(principal_error=1, abscissae=10, bound=1, bound_weight=10)
     """
 
     principal_error: float = 1.0
@@ -67,6 +61,7 @@ class Goals:
     def __post_init__(self) -> None:
         for name in ("principal_error", "coefficients", "abscissae", "bound", "bound_weight"):
             object.__setattr__(self, name, check_real(name, getattr(self, name)))
+        object.__setattr__(self, "interval", check_interval("interval", self.interval))
 
 
 def optimise(
@@ -101,6 +96,17 @@ def optimise(
         If an argument isn't of the type listed.
     ValueError
         If the candidate isn't on the solution set, or another argument is out of its range.
+
+    Examples
+    --------
+    >>> import cg
+    >>> from cg.construction import Goals, optimise, pack_method, to_method
+    >>> candidate = pack_method(cg.methods["CF4b"])
+    >>> smaller = optimise(candidate, Goals(principal_error=0, coefficients=1))
+    >>> smaller.largest < 0.8 * candidate.largest
+    True
+    >>> to_method(smaller, name="CF4 small", source="CF4b, then along the solution set").order
+    4
     """
     check_candidate(candidate)
     if not isinstance(goals, Goals):

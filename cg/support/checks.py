@@ -17,6 +17,7 @@ __all__ = [
     "check_flag",
     "check_generator",
     "check_integer",
+    "check_interval",
     "check_real",
     "total_memory",
 ]
@@ -92,6 +93,16 @@ def check_integer(name: str, value: Any, least: int, most: int | None = None) ->
     if most is not None and checked > most:
         raise ValueError(f"{name} must be at most {most}, got {value}")
     return checked
+
+
+def check_interval(name: str, value: Any) -> tuple[float, float]:
+    """Return two numbers as floats; ValueError unless they are finite and increasing."""
+    numbers = np.asarray(value) if isinstance(value, tuple | list | np.ndarray) else np.empty(0)
+    if numbers.shape == (2,) and numbers.dtype.kind in "iuf" and np.isfinite(numbers).all():
+        lower, upper = map(float, numbers)
+        if lower < upper:
+            return lower, upper
+    raise ValueError(f"{name} must be two increasing finite numbers, got {value!r}")
 
 
 def total_memory() -> float:

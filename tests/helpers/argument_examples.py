@@ -330,7 +330,6 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     "Solution.sol": Call(SOLVED.sol, {"t": [0.25, 0.5]}),
     "digits": Call(CG3.digits, {"digits": 20, "embedded": False, "certificate": None}),
     "Method.largest_residual": Call(CG3.largest_residual, {"order": 3}),
-    "Method.principal_error": Call(CG3.principal_error, {"order": 3}),
     "Method.satisfies": Call(CG3.satisfies, {"order": 3}),
     "Method.description": Call(CG3.description, {"complete": False}),
     "MuntheKaas.residuals": Call(
@@ -418,7 +417,13 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     ),
     "construction.Goals": Call(
         construction.Goals,
-        {"principal_error": 1.0, "coefficients": 0.0, "abscissae": 0.0, "bound": 1.5},
+        {
+            "principal_error": 1.0,
+            "coefficients": 0.0,
+            "abscissae": 0.0,
+            "interval": (0.0, 1.0),
+            "bound": 1.5,
+        },
     ),
     "construction.walk": Call(
         construction.walk,

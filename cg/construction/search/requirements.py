@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...conditions import MAX_ORDER
-from ...support.checks import check_real
+from ...support.checks import check_interval, check_real
 from ..candidate import Candidate
 from ..optimise import Goals, optimise
 
@@ -33,13 +32,15 @@ class Requirements:
     @classmethod
     def checked(cls, order: int, abscissae: Any, bound: Any, minimise: Any) -> Requirements:
         """Return the requirements of the arguments of `cg.search`, after checking them."""
+        if abscissae is not None:
+            abscissae = check_interval("abscissae", abscissae)
         if bound is not None:
             bound = check_real("bound", bound, positive=True)
         if minimise is not None and (not isinstance(minimise, str) or minimise not in OBJECTIVES):
             raise ValueError(f"minimise must be one of {', '.join(OBJECTIVES)}, got {minimise!r}")
         if minimise == "principal_error" and order >= MAX_ORDER:
             raise ValueError(f"minimise: order must be below {MAX_ORDER}, got {order}")
-        return cls(None if abscissae is None else _interval(abscissae), bound, minimise)
+        return cls(abscissae, bound, minimise)
 
     @property
     def goals(self) -> Goals:
@@ -74,11 +75,3 @@ class Requirements:
         if self.minimise == "principal_error":
             return candidate.principal_error
         return round(candidate.largest, 8)
-
-
-def _interval(value: Any) -> tuple[float, float]:
-    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and len(value) == 2:
-        numbers = np.asarray(value)
-        if numbers.dtype.kind in "iuf" and np.isfinite(numbers).all() and numbers[0] < numbers[1]:
-            return float(numbers[0]), float(numbers[1])
-    raise ValueError(f"abscissae must be two increasing finite numbers, got {value!r}")
