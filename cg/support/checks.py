@@ -65,8 +65,8 @@ def check_real(name: str, value: Any, *, positive: bool = False, most: float = m
         except OverflowError:  # an int beyond all doubles
             number = math.inf
     if not (math.isfinite(number) and number >= 0.0 and (number > 0.0 or not positive)):
-        wanted = "finite positive number" if positive else "finite number, not negative"
-        raise ValueError(f"{name} must be a {wanted}, got {value!r}")
+        kind = "finite positive number" if positive else "finite number, not negative"
+        raise ValueError(f"{name} must be a {kind}, got {value!r}")
     if number > most:
         raise ValueError(f"{name} must be at most {most:g}, got {value!r}")
     return number

@@ -58,7 +58,7 @@ class TestLayout:
         assert layout.packed(layout.cut(x)) == x
         assert layout.packed(layout.full_rows(x)) == x
         assert layout.size == conditions.unknowns(4, rows) + 4 * pair
-        assert layout.held == ([layout.size - 1] if pair else [])
+        assert layout.fixed == ([layout.size - 1] if pair else [])
         for stage in range(4):
             names = [layout.names[k] for k in layout.column(stage)]
             assert all(name.endswith((f",{stage + 1}", f"_{stage + 1}")) for name in names)

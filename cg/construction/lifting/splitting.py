@@ -56,7 +56,7 @@ class FlatRows:
         return self.count > 1 and self.stages[-1] == self.result
 
     @property
-    def own(self) -> list[int]:
+    def moved_stages(self) -> list[int]:
         """Stages with points of their own: all except the first, and one at the result."""
         return list(range(1, self.count - self.at_result))
 
@@ -72,8 +72,8 @@ class FlatRows:
     ) -> Layout:
         """Return the layout with these points, and one for the second result of a pair.
 
-        `parents` are those of the points, `at` the points of the stages in `own`, `uses` the stages
-        that each point has weights on.
+        `parents` are those of the points, `at` the points of the stages in `moved_stages`, `uses`
+        the stages that each point has weights on.
         """
         parents, weights = list(parents), [tuple(sorted(used)) for used in uses]
         stage_points = (START, *at, *([result] if self.at_result else []))
@@ -89,20 +89,23 @@ class FlatRows:
 def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True) -> Layout:
     """Return the layout in which each stage and the result have chains of their own.
 
-    `lengths` are the numbers of flows to each stage in `FlatRows.own`, and to the result. Without
-    `zeros`, chains of more than one flow also have weights where the tableau has zeros, which add
-    up to zero.
+    `lengths` are the numbers of flows to each stage in `FlatRows.moved_stages`, and to the result.
+    Without `zeros`, chains of more than one flow also have weights where the tableau has zeros,
+    which add up to zero.
     """
     parents: list[int] = []
     uses: list[set[int]] = []
     ends: list[int] = []
-    targets = [*((k, rows.stages[k]) for k in rows.own), (1 + len(rows.own), rows.result)]
+    targets = [
+        *((k, rows.stages[k]) for k in rows.moved_stages),
+        (1 + len(rows.moved_stages), rows.result),
+    ]
     for (before, row), length in zip(targets, lengths, strict=True):
         last = START
         for _ in range(length):
             parents.append(last)
-            kept = zeros or length == 1
-            uses.append({k for k in range(before) if row[k] or not kept})
+            free_zeros = length > 1 and not zeros
+            uses.append({k for k in range(before) if row[k] or free_zeros})
             last = len(parents) - 1
         ends.append(last)
     return rows.layout(parents, ends[:-1], ends[-1], uses)
@@ -115,10 +118,10 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
     a stage or the result. A flow has weights on the stages that a row further on contains. Trees
     whose weights can't add up to the rows are rejected.
     """
-    own = rows.own
-    targets = [*(rows.stages[k] for k in own), rows.result]
+    stages = rows.moved_stages
+    targets = [*(rows.stages[k] for k in stages), rows.result]
     while True:
-        places = np.sort(generator.choice(flows - 1, len(own), replace=False)).tolist()
+        places = np.sort(generator.choice(flows - 1, len(stages), replace=False)).tolist()
         ends = [*places, flows - 1]
         parents = []
         for m in range(flows):
@@ -140,7 +143,7 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
         uses = []
         for m in range(flows):
             leading = [row for row, path in zip(targets, paths, strict=True) if m in path]
-            known = [k for k in range(rows.count) if k == 0 or (k in own and places[k - 1] < m)]
+            known = [k for k in range(rows.count) if k == 0 or (k in stages and places[k - 1] < m)]
             uses.append({k for k in known if any(row[k] for row in leading)})
         if not all(uses):
             continue

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
 from ...runs import Record, StoredRun
 from ...structure.layout import Layout, Rows
@@ -123,21 +124,15 @@ def families(distinct: list[Solution]) -> list[list[Solution]]:
     component of the set. A walk that fails proves nothing, since a detour may exist: the number of
     families is an upper bound of the number of components.
     """
-    groups = list(range(len(distinct)))
-
-    def root(place: int) -> int:
-        while groups[place] != place:
-            place = groups[place]
-        return place
-
+    groups = DisjointSet(range(len(distinct)))
     for place, solution in enumerate(distinct):
         for k in _nearest(distinct, place):
-            if root(k) != root(place) and connected(solution.candidate, distinct[k].candidate):
-                groups[root(k)] = root(place)
-    grouped: dict[int, list[Solution]] = {}
-    for place, solution in enumerate(distinct):
-        grouped.setdefault(root(place), []).append(solution)
-    return sorted(grouped.values(), key=len, reverse=True)
+            joined = groups.connected(k, place)
+            if not joined and connected(solution.candidate, distinct[k].candidate):
+                groups.merge(k, place)
+    members = sorted(sorted(subset) for subset in groups.subsets())
+    grouped = ([distinct[k] for k in group] for group in members)
+    return sorted(grouped, key=len, reverse=True)
 
 
 def _nearest(distinct: list[Solution], place: int) -> list[int]:

@@ -118,10 +118,10 @@ def draw_layout(
     result to the second result of a pair is added; with `first_same_as_last`, the last stage is at
     the result.
     """
-    inner, own = flows - 1, stages - first_same_as_last
+    inner, ends = flows - 1, stages - first_same_as_last
     while True:
-        places = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, own - 2)])]
-        at = sorted(int(m) for m in places[: own - 1])
+        places = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, ends - 2)])]
+        at = sorted(int(m) for m in places[: ends - 1])
         back = random.random(flows) < _BACK
         parents = [int(random.integers(START, m)) if back[m] else m - 1 for m in range(flows)]
         if {*at, *parents, inner} >= set(range(flows)):

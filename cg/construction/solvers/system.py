@@ -144,7 +144,7 @@ class ConditionSystem:
     @cached_property
     def free(self) -> NDArray[np.intp]:
         """Indices of the entries that aren't fixed at zero."""
-        fixed = list(self.layout.held)
+        fixed = list(self.layout.fixed)
         weights = [self.layout.row(self.stages + r) for r in range(len(self.layout.results))]
         if self.structure >= Structure.STAGE_ORDER_TWO:
             fixed += [row[1] for row in weights]
