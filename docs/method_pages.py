@@ -114,7 +114,7 @@ def properties(method: Method) -> str:
         "order": f"{pair}{' (nominal; see the catalogue)' if method.approximate else ''}",
         "evaluations per step": method.stages,
         "flows per step": method.exponentials,
-        "principal error": f"{method.principal_error():.3g}",
+        "principal error": f"{method.principal_error:.3g}",
         "largest residual through its order": f"{method.largest_residual():.1e}",
         "error at the end divided by the tolerance": errors_in_tolerances(method),
         "proved": certificate_text(method),

@@ -246,7 +246,7 @@ def main() -> None:
         raise SystemExit("no start came to a solution")
     x = refine(free, given.order, given.flows, given.symmetric)
     method = method_of(x, f"CFM{given.order}")
-    print(method, method.principal_error())
+    print(method, method.principal_error)
     if given.folder is not None:
         save(method, given.folder)
 

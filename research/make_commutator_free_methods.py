@@ -31,13 +31,12 @@ from cg.construction import (
     drop_flow,
     drop_point_stage,
     optimise,
-    principal_error,
     run_attempt,
     solved,
     to_method,
 )
 from cg.construction.search.random_search import start_layout
-from cg.construction.search.shapes import held_weights, layout_of
+from cg.construction.search.shapes import fixed_weights, layout_of
 from cg.proofs import CertificationError, certify
 
 SEED = 1
@@ -232,7 +231,7 @@ def attempts(recipe: Recipe) -> list[tuple[int, Candidate]]:
 
 def held_estimate(candidate: Candidate) -> list[int]:
     """Return the weight of an estimate that is held, since only their ratios count."""
-    return [k for k in held_weights(candidate.system.order, candidate.system.layout) if k]
+    return [k for k in fixed_weights(candidate.system.order, candidate.system.layout) if k]
 
 
 def scaled(candidate: Candidate) -> Candidate:
@@ -242,7 +241,7 @@ def scaled(candidate: Candidate) -> Candidate:
         return candidate
     x = candidate.x.copy()
     # homogeneous conditions: the estimate is linear in these weights
-    x[layout.starts[-2] :] *= ESTIMATE * principal_error(candidate) / candidate.estimate
+    x[layout.starts[-2] :] *= ESTIMATE * candidate.principal_error / candidate.estimate
     return Candidate(candidate.system, x)
 
 
@@ -270,7 +269,7 @@ def merit(candidate: Candidate) -> float:
     sums = np.array([candidate.x[layout.row(k)].sum() for k in range(layout.stages)])
     outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
     large = max(0.0, candidate.largest - 1.5)
-    return float(principal_error(candidate) * (1 + large + 2 * outside))
+    return float(candidate.principal_error * (1 + large + 2 * outside))
 
 
 def along(candidate: Candidate, goals: Goals) -> Candidate:
@@ -351,7 +350,7 @@ def main(folder: str, *names: str) -> None:
             print(
                 f"{name}: order {found.order}, {found.stages} stages, "
                 f"{found.exponentials} exponentials, largest weight {largest:.4f}, "
-                f"principal error {found.principal_error():.4g}; "
+                f"principal error {found.principal_error:.4g}; "
                 f"{time.process_time() - begun:.0f} s of a core",
                 flush=True,
             )

@@ -31,7 +31,6 @@ from cg.construction import (
     eliminate,
     fewer_exponentials,
     optimise,
-    principal_error,
     refinable,
     solved,
     to_method,
@@ -165,7 +164,7 @@ def merit(candidate: Candidate) -> float:
     system = candidate.system
     sums = np.array([candidate.x[system.layout.row(k)].sum() for k in range(system.stages)])
     outside = max(0.0, sums.max() - 1) + max(0.0, -sums.min())
-    return principal_error(candidate) * (1 + max(0.0, candidate.largest - 1.5) + 2 * outside)
+    return candidate.principal_error * (1 + max(0.0, candidate.largest - 1.5) + 2 * outside)
 
 
 def second_residual(candidate: Candidate) -> float:
@@ -216,7 +215,7 @@ def main(folder: str, *names: str) -> None:
             print(
                 f"{name}: order {found.order}, {found.stages} stages, "
                 f"{found.exponentials} exponentials, largest coefficient {largest:.4f}, "
-                f"principal error {found.principal_error():.4g}; "
+                f"principal error {found.principal_error:.4g}; "
                 f"{time.process_time() - begun:.0f} s of a core"
             )
 

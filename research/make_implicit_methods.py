@@ -20,13 +20,14 @@ from pathlib import Path
 import numpy as np
 
 from cg.catalogue import save
-from cg.construction import Candidate, Goals, optimise, principal_error
+from cg.construction import Candidate, Goals, optimise
 from cg.construction.search.random_search import random_start
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.polish import polish
 from cg.construction.solvers.system import ConditionSystem
+from cg.method.packed import make_method
 from cg.method.tableau import Tableau
-from cg.structure.layout import Rows
+from cg.structure.layout import Layout, Rows
 
 DIGITS = 36
 SEED, STARTS = 1, 20
@@ -56,7 +57,7 @@ def midpoints(outer: Sequence[Fraction], order: int, **names: str) -> Tableau:
     )
     if found.largest_residual > Fraction(1, 10**43):
         raise RuntimeError(f"residuals are still {float(found.largest_residual):.1e}")
-    return Tableau.from_packed(found.x, stages, Rows.DIAGONAL, digits=DIGITS, **names)
+    return make_method(Layout.tableau(stages, Rows.DIAGONAL), found.x, digits=DIGITS, **names)
 
 
 def rational() -> Tableau:
@@ -93,15 +94,14 @@ def l_stable() -> Tableau:
             candidates.append(
                 optimise(Candidate(system, fit.x), Goals(), frozen=ends, tolerance=1e-12)
             )
-    best = min(candidates, key=principal_error)
+    best = min(candidates, key=lambda candidate: candidate.principal_error)
     near = [Fraction(entry) for entry in best.x]
     for end in ends:
         near[end] = Fraction(round(Fraction(gamma) * 10**DIGITS), 10**DIGITS)
     found = polish(near, system, directions=np.eye(system.size)[:, free])
-    return Tableau.from_packed(
+    return make_method(
+        system.layout,
         found.x,
-        stages,
-        rows,
         digits=DIGITS,
         name="DICG3",
         source="Search with one diagonal entry, the root 0.4358665... of x^3 - 3x^2 + 3x/2 - 1/6 "
@@ -173,7 +173,7 @@ def main(folder: str = "cg/catalogue") -> None:
         print(
             f"{method.name}: order {method.order}, {method.stages} stages, "
             f"{method.exponentials} exponentials, largest coefficient {largest:.4f}, "
-            f"principal error {method.principal_error():.4g}"
+            f"principal error {method.principal_error:.4g}"
         )
 
 

@@ -64,7 +64,7 @@ def main() -> None:
         seconds = time.process_time() - start
         print(
             f"{name}: order {orders_of(method)}, {method.exponentials} flows, "
-            f"principal error {method.principal_error():.2e}, {seconds:.0f} s"
+            f"principal error {method.principal_error:.2e}, {seconds:.0f} s"
         )
 
 

@@ -27,7 +27,6 @@ from cg.construction import (
     correct,
     optimise,
     pack_method,
-    principal_error,
     to_method,
 )
 
@@ -105,7 +104,7 @@ def walked(walk: Walk) -> Candidate:
         )
         print(
             f"{walk.name}: round {number + 1}, principal error "
-            f"{principal_error(candidate):.3e}, largest weight {candidate.largest:.3f}",
+            f"{candidate.principal_error:.3e}, largest weight {candidate.largest:.3f}",
             flush=True,
         )
     return cleaned(candidate)
@@ -127,7 +126,7 @@ def main(folder: str, *names: str) -> None:
         save(found, Path(folder) / f"{name}.toml")
         print(
             f"{name}: order {found.order}, {found.exponentials} flows, principal error "
-            f"{found.principal_error():.3g}; {time.process_time() - begun:.0f} s of a core",
+            f"{found.principal_error:.3g}; {time.process_time() - begun:.0f} s of a core",
             flush=True,
         )
 

@@ -20,8 +20,10 @@ import numpy as np
 
 from cg import conditions
 from cg.catalogue import save
+from cg.method.packed import make_method
 from cg.method.tableau import Tableau
 from cg.reproduce.appendix_a import Printed, printed
+from cg.structure.layout import Layout
 
 PAPER = (
     "Z. Jackiewicz, A. Marthinsen, B. Owren: Construction of Runge–Kutta methods of "
@@ -81,7 +83,7 @@ def owren_marthinsen() -> Tableau:
         b = [outer, Decimal(0), -(1 + t3) / (6 * (2 + t2)), -1 / (2 * t2), outer]
         rows = [[end - sum(row), *row] for end, row in zip(c, inner, strict=True)]
     packed = [Fraction(entry) for row in (*rows, b) for entry in row]
-    return Tableau.from_packed(packed, 5, digits=36, name="CG4", source=CG4_SOURCE)
+    return make_method(Layout.tableau(5), packed, digits=36, name="CG4", source=CG4_SOURCE)
 
 
 def main(folder: Path) -> None:
@@ -91,7 +93,8 @@ def main(folder: Path) -> None:
         paper = printed()[name]
         source = f"{PAPER}, Example {example}; refined to 36 digits"
         x = refined(paper, order)
-        found.append(Tableau.from_packed(x, len(paper.b), digits=36, name=name, source=source))
+        layout = Layout.tableau(len(paper.b))
+        found.append(make_method(layout, x, digits=36, name=name, source=source))
     paper = printed()["CG6a"]
     found.append(
         Tableau(

@@ -140,7 +140,10 @@ def load(path: str | PathLike[str]) -> Method:
     OSError
         If the file can't be read.
     """
-    return read(check_path(path))
+    path = check_path(path)
+    method = read(path)
+    object.__setattr__(method, "file", path.absolute())
+    return method
 
 
 def load_kind(kind: type[T], path: str | PathLike[str]) -> T:

@@ -71,7 +71,7 @@ def compute_summary(method: Method) -> MethodSummary:
         limits = stability_limits(method)
         real, imaginary = _finite(limits.real), _finite(limits.imaginary)
     if method.order < MAX_ORDER:
-        principal = _rounded(method.principal_error())
+        principal = _rounded(method.principal_error)
     return MethodSummary(
         name=method.name,
         kind=_kind(method),

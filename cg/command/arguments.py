@@ -33,8 +33,6 @@ __all__ = [
     "workers_option",
 ]
 
-_FILE = f"{__name__}.file"  # key of the method's file in the context of a command
-
 F = TypeVar("F", bound=Callable[..., Any])
 
 json_option = click.option("--json", "in_json", is_flag=True, help="Print JSON.")
@@ -85,8 +83,6 @@ class NamedMethod(MethodArgument):
             method = load(value) if is_file(value) else named(value)
         except (MethodError, OSError, ValueError) as problem:
             raise self._refused(param, problem) from None
-        if ctx is not None and is_file(value):
-            ctx.meta[_FILE] = value
         return method
 
 
@@ -100,8 +96,7 @@ def certificate_of_file(method: Method) -> Certificate | None:
     """
     from cg.proofs.files import certificate_beside
 
-    file = click.get_current_context().meta.get(_FILE)
-    return None if file is None else certificate_beside(file, method)
+    return None if method.file is None else certificate_beside(method.file, method)
 
 
 METHOD = NamedMethod()

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from cg.formats import FORMATS, export, known_digits
+from cg.formats import FORMATS, export
 from cg.method.method import Method
 from cg.support.parsing import write_file
 
-from .arguments import METHOD, certificate_of_file, check_output
+from .arguments import METHOD, check_output
 
 __all__ = ["export_command"]
 
@@ -23,10 +23,16 @@ __all__ = ["export_command"]
     help="Significant digits; those beyond the stored ones come from the certificate.",
 )  # fmt: skip
 @click.option(
+    "--certificate", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    help="Certificate of the method; by default that of the catalogue, or the one beside FILE.",
+)  # fmt: skip
+@click.option(
     "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
     help="Output file; standard output by default.",
 )  # fmt: skip
-def export_command(method: Method, format: str, digits: int | None, output: Path | None) -> None:
+def export_command(
+    method: Method, format: str, digits: int | None, certificate: Path | None, output: Path | None
+) -> None:
     """Write a method as a data file, a LaTeX table, or code for one step.
 
     The certificate of FILE.toml is the file FILE.certificate.toml in the same folder.
@@ -38,12 +44,13 @@ def export_command(method: Method, format: str, digits: int | None, output: Path
       crouch-grossman export CG4a latex
       crouch-grossman export CF6c c -o cf6c.h
       crouch-grossman export CG5a json --digits 60
+      crouch-grossman export mine.toml c --digits 40 --certificate proof.toml
     """
+    from cg.proofs import Certificate
+
     check_output(output)
-    known = known_digits(method)
-    more = digits is not None and known is not None and digits > known
-    certificate = certificate_of_file(method) if more else None
-    text = export(method, format, digits=digits, certificate=certificate)
+    proof = None if certificate is None else Certificate.load(certificate)
+    text = export(method, format, digits=digits, certificate=proof)
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
     else:

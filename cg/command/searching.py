@@ -30,8 +30,8 @@ def search_command(**options: Any) -> int:
 
     The methods are tableaux of Crouch-Grossman type, explicit or with --rows implicit. With --flows
     they are commutator-free methods with random trees of points, with --tree those with the tree of
-    a method. Prints a line for each method, sorted by the largest coefficient. Neither --workers
-    nor the executor changes the result.
+    a method. Prints a line for each method, sorted by the largest coefficient or by what --minimise
+    names. Neither --workers nor the executor changes the result.
 
     Progress is shown on standard error. With --store, the same command resumes an interrupted
     search, and `runs` shows the results. Exits with 1 if no start led to a method.
@@ -41,6 +41,7 @@ def search_command(**options: Any) -> int:
       crouch-grossman search --order 4 --stages 5 --starts 200 --seed 1
       crouch-grossman search --order 5 --stages 6 --flows 9 --starts 200 -o found
       crouch-grossman search --order 4 --tree CF4 --store runs.db
+      crouch-grossman search --order 4 --stages 5 --abscissae 0 1 --minimise principal_error
       crouch-grossman search --order 3 --stages 2 --rows diagonal --algorithm lmdif
       crouch-grossman search --order 6 --stages 8 --flows 16 --embedded --first-same-as-last
     """
@@ -100,7 +101,7 @@ def _run(
     for failure in result.failures:
         say(f"{piece} {failure.index} of seed {arguments['seed']}: {failure.message}", err=True)
     plain = function is construct and output is None and not in_json
-    methods = sorted(methods_of(result), key=_largest)
+    methods = methods_of(result)
     if output is not None:
         folder = output if len(methods) > 1 else output.parent
         folder.mkdir(parents=True, exist_ok=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from cg.construction.search.requirements import OBJECTIVES
 from cg.construction.search.settings import ALGORITHMS
 from cg.construction.search.shapes import layout_of
 from cg.construction.solvers.system import Structure
@@ -131,6 +132,18 @@ _SEARCH: Sequence[Option[Any]] = (
     click.option(
         "--refine-maxfev", type=_COUNT, metavar="N",
         help="Largest number of evaluations there; by default 20 (n + 1) for n unknowns.",
+    ),
+    click.option(
+        "--abscissae", type=float, nargs=2, default=None, metavar="LOWER UPPER",
+        help="Interval that all abscissae of the methods must lie in.",
+    ),
+    click.option(
+        "--bound", type=_SIZE, metavar="X",
+        help="Bound on the magnitudes of the coefficients of the methods.",
+    ),
+    click.option(
+        "--minimise", type=click.Choice(OBJECTIVES),
+        help="Move the methods along their solution sets to reduce this.",
     ),
 )  # fmt: skip
 

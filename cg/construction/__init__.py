@@ -1,13 +1,11 @@
-"""Construction of methods: search, eliminate stages and flows, optimise, compose, lift."""
+"""Construction of methods: search, eliminate stages and flows, optimise, lift."""
 
 from .attempt import Attempt, run_attempt
 from .candidate import Candidate, NotExactError, correct, pack_method, refinable, solved, to_method
-from .compose import compose, triple_jump
 from .construct import Construction, construct
-from .drop import drop_stage
-from .drop_flow import drop_flow, drop_point_stage
+from .drop import drop_flow, drop_point_stage, drop_stage
 from .eliminate import eliminate, eliminate_stage, walk
-from .optimise import Goals, fewer_exponentials, optimise, principal_error
+from .optimise import Goals, fewer_exponentials, optimise
 from .settings import ConstructionSettings
 from .solvers.system import ConditionSystem, Structure
 
@@ -20,7 +18,6 @@ __all__ = [
     "Goals",
     "NotExactError",
     "Structure",
-    "compose",
     "construct",
     "correct",
     "drop_flow",
@@ -31,11 +28,9 @@ __all__ = [
     "fewer_exponentials",
     "optimise",
     "pack_method",
-    "principal_error",
     "refinable",
     "run_attempt",
     "solved",
     "to_method",
-    "triple_jump",
     "walk",
 ]

@@ -15,16 +15,15 @@ from ..runs import Record
 from ..structure.layout import Layout
 from ..support import quads
 from ..support.checks import MAX_COUNT
-from .candidate import Candidate, NotExactError, refinable, solved, to_method
-from .drop import solve_start
-from .drop_flow import drop_flow
+from .candidate import Candidate, NotExactError, default_name, refinable, solved, to_method
+from .drop import drop_flow, solve_start
 from .eliminate import eliminate, walk
 from .search.shapes import draw_layout, layout_from_json
 from .settings import ConstructionSettings
 from .solvers.system import ConditionSystem
 from .start import random_candidate
 
-__all__ = ["Attempt", "arrived", "refined", "run_attempt"]
+__all__ = ["Attempt", "read_attempt", "refined", "run_attempt", "succeeded"]
 
 _MIN_ESTIMATE = 1e-5  # of pairs; where stages coincide, both results have the same order
 
@@ -79,43 +78,27 @@ class Attempt:
             seconds=seconds,
         )
 
-    @classmethod
-    def from_record(cls, record: Record) -> Attempt:
-        """Return the try of a record; ValueError if the record isn't that of a try."""
-        where = f"not the record of an attempt: try {record.number}"
-        try:
-            return cls(
-                index=record.number,
-                stages=record.stages,
-                solved=record.solved,
-                f=record.f,
-                x=tuple(quads.to_float(record.quads).tolist()),
-                flows=record.flows,
-                tree=None if record.tree is None else layout_from_json(record.tree),
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{where}: {error}") from None
 
-
-def check_attempt(settings: ConstructionSettings, attempt: Attempt) -> Attempt:
-    """Return a stored try after recomputing all that follows from its coefficients.
+def read_attempt(settings: ConstructionSettings, record: Record) -> Attempt:
+    """Return the try of a record, recomputed from its coefficients.
 
     Raises
     ------
     ValueError
-        If the try doesn't agree with its coefficients.
+        If the record isn't that of a try, or doesn't agree with its coefficients.
     """
-    where = f"not the record of an attempt: try {attempt.index}"
+    where = f"not the record of an attempt: try {record.number}"
     try:
-        layout = attempt.tree or Layout.tableau(attempt.stages)
-        system = ConditionSystem(settings.order, layout, settings.structure)
-        if not 0 <= attempt.index <= MAX_COUNT or len(attempt.x) != system.size:
+        layout = None if record.tree is None else layout_from_json(record.tree)
+        x = quads.to_float(record.quads)
+        candidate = _candidate(settings, record.stages, layout, x)
+        if not 0 <= record.number <= MAX_COUNT or x.size != candidate.system.size:
             raise ValueError("wrong index or number of coefficients")
-        computed = _attempt(settings, attempt.index, Candidate(system, _array(attempt.x)))
-    except (TypeError, ValueError, IndexError) as error:
+        attempt = _attempt(settings, record.number, candidate)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ValueError(f"{where}: {error}") from None
     stored, expected = (
-        (each.solved, each.f.hex(), each.stages, each.flows) for each in (attempt, computed)
+        (each.solved, float(each.f).hex(), each.stages, each.flows) for each in (record, attempt)
     )
     if stored != expected:
         raise ValueError(f"{where} has {stored}, but its coefficients give {expected}")
@@ -180,9 +163,10 @@ def _flows(settings: ConstructionSettings, layout: Layout) -> int:
     return len(layout.parents) - settings.embedded
 
 
-def arrived(settings: ConstructionSettings, attempt: Attempt) -> bool:
-    """Return whether a try reached the stages and flows of the settings."""
-    return (attempt.stages, attempt.flows) == (settings.stages, settings.flows)
+def succeeded(settings: ConstructionSettings, attempt: Attempt) -> bool:
+    """Return whether a try reached a solution with the stages and flows of the settings."""
+    goal = settings.stages, settings.flows
+    return attempt.solved and (attempt.stages, attempt.flows) == goal
 
 
 def _acceptable(settings: ConstructionSettings, candidate: Candidate) -> bool:
@@ -204,21 +188,18 @@ def _attempt(settings: ConstructionSettings, index: int, candidate: Candidate) -
 
 def refined(settings: ConstructionSettings, attempt: Attempt) -> Method | None:
     """Return the method of a try, refined in real(16); None if it isn't exact."""
-    layout = attempt.tree or Layout.tableau(attempt.stages)
-    system = ConditionSystem(settings.order, layout, settings.structure)
-    candidate = Candidate(system, _array(attempt.x))
-    size = f"{settings.stages} stages"
-    if settings.flows is not None:
-        size += f", {settings.flows} flows"
+    x = np.array(attempt.x, dtype=np.float64)
+    candidate = _candidate(settings, attempt.stages, attempt.tree, x)
+    name = default_name(candidate.system, settings.seed, f"try{attempt.index}")
+    source = f"construct, seed {settings.seed}, try {attempt.index}"
     try:
-        return to_method(
-            candidate,
-            name=f"order {settings.order}, {size}, try {attempt.index}",
-            source=f"construct, seed {settings.seed}, try {attempt.index}",
-        )
+        return to_method(candidate, name=name, source=source)
     except NotExactError:
         return None
 
 
-def _array(x: tuple[float, ...]) -> NDArray[np.float64]:
-    return np.array(x, dtype=np.float64)
+def _candidate(
+    settings: ConstructionSettings, stages: int, layout: Layout | None, x: NDArray[np.float64]
+) -> Candidate:
+    layout = layout or Layout.tableau(stages)
+    return Candidate(ConditionSystem(settings.order, layout, settings.structure), x)

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from ..conditions import count
+from ..conditions import compiled as compiled_conditions
+from ..conditions import condition_trees, count
 from ..method.method import Method
 from ..method.packed import make_method
+from ..structure.layout import Layout, Rows
 from ..support import quads
 from .search.start import EXACT
 from .solvers.minimum_norm import fit_conditions
@@ -65,16 +67,36 @@ class Candidate:
         with np.errstate(over="ignore", invalid="ignore"):  # infinite far from the set
             return float(np.sum(self.system.residual(self.x) ** 2))
 
-    def singular_values(self) -> NDArray[np.float64]:
-        """Singular values of the Jacobian of the independent conditions."""
-        jac = self.system.jacobian(self.x)[:, self.system.free]
-        return np.asarray(linalg.svdvals(jac))
-
     @property
     def rank(self) -> int:
         """Rank of the Jacobian; if it is full, all conditions are independent at `x`."""
-        values = self.singular_values()
+        values = linalg.svdvals(self.system.jacobian(self.x)[:, self.system.free])
         return int(np.sum(values > RANK_TOLERANCE * values[0]))
+
+    @property
+    def row_sums(self) -> NDArray[np.float64]:
+        """Matrix that takes x to the abscissae, shape (stages, size)."""
+        sums = np.zeros((self.system.stages, self.system.size))
+        for stage in range(self.system.stages):
+            sums[stage, self.system.layout.row(stage)] = 1
+        return sums
+
+    @property
+    def abscissae(self) -> NDArray[np.float64]:
+        """Abscissae of the stages, shape (stages,)."""
+        return np.asarray(self.row_sums @ self.x)
+
+    @property
+    def next_order(self) -> tuple[int, Layout, NDArray[np.float64], NDArray[np.intc]]:
+        """Order q + 1, layout, x, and the trees of order q + 1, as compiled residuals take them."""
+        order = self.system.order + 1
+        trees = condition_trees(order)[count(self.system.order) :]
+        return order, self.system.layout, self.x, np.array(trees, dtype=np.intc)
+
+    @property
+    def principal_error(self) -> float:
+        """Norm of all residuals of order q + 1 of the (first) weights."""
+        return float(np.linalg.norm(compiled_conditions.residuals(*self.next_order)))
 
     @property
     def estimate(self) -> float:
@@ -86,14 +108,10 @@ class Candidate:
         values = ConditionSystem(self.system.order, second).residual(self.x, independent=False)
         return float(np.linalg.norm(values[count(self.system.order - 1) :]))
 
-    def column(self, stage: int) -> NDArray[np.intp]:
-        """Return the indices of the entries by which a stage (from 0) influences other stages."""
-        return self.system.layout.column(stage)
-
     def without(self, stage: int) -> Candidate:
-        """Drop a stage (from 0) whose column is zero."""
-        layout, kept = self.system.layout.without(stage)
-        return Candidate(replace(self.system, layout=layout), self.x[kept])
+        """Return the candidate without a stage (from 0) whose column is zero."""
+        layout, entries = self.system.layout.without(stage)
+        return Candidate(replace(self.system, layout=layout), self.x[entries])
 
 
 def correct(
@@ -123,11 +141,10 @@ def correct(
         The point where the solver ended, on the set or not; see `solved`.
     """
     system = check_candidate(candidate).system
-    free = movable(system, frozen)
     fit = fit_conditions(
         candidate.x,
         system,
-        free=free,
+        free=system.free_without(frozen),
         ftol=ftol,
         damping=damping,
         max_iterations=max_iterations,
@@ -143,24 +160,15 @@ def check_candidate(candidate: Any) -> Candidate:
     return candidate
 
 
-def movable(system: ConditionSystem, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the indices of the entries of a system that may change.
+def default_name(system: ConditionSystem, seed: int, number: int | str) -> str:
+    """Return the name of a method of a search, such as ``CG4-1-17``: order 4, seed 1, start 17.
 
-    Raises
-    ------
-    ValueError
-        If `frozen`, the indices of entries that may not change, aren't indices of entries.
+    It begins with CG, DICG or ICG for explicit, diagonally or fully implicit tableaux, with CF for
+    commutator-free methods.
     """
-    try:
-        array = np.asarray(frozen)
-    except ValueError:  # lists of several lengths
-        array = np.array(None)
-    indices = array.ndim == 1 and (array.dtype.kind in "iu" or not array.size)
-    if not (indices and ((array >= 0) & (array < system.size)).all()):
-        raise ValueError(
-            f"frozen must be a sequence of integers from 0 to {system.size - 1}, got {frozen!r}"
-        )
-    return np.setdiff1d(system.free, array.astype(np.intp))
+    kinds = {Rows.EXPLICIT: "CG", Rows.DIAGONAL: "DICG", Rows.FULL: "ICG", None: "CF"}
+    pair = f"({system.order - 1})" if system.embedded else ""
+    return f"{kinds[system.rows]}{system.order}{pair}-{seed}-{number}"
 
 
 def solved(candidate: Candidate) -> bool:
@@ -170,13 +178,9 @@ def solved(candidate: Candidate) -> bool:
 
 def refinable(candidate: Candidate) -> bool:
     """Return whether refinement in real(16) leads to an exact solution."""
-    refined = refine(
-        quads.from_float(candidate.x),
-        candidate.system,
-        free=np.setdiff1d(
-            candidate.system.free, np.flatnonzero(candidate.x == 0)
-        ),  # exact zeros stay
-    )
+    # exact zeros stay
+    free = candidate.system.free_without(np.flatnonzero(candidate.x == 0))
+    refined = refine(quads.from_float(candidate.x), candidate.system, free=free)
     return refined.largest_residual <= EXACT * max(1.0, candidate.largest)
 
 
@@ -209,12 +213,8 @@ def to_method(
         If the conditions then don't hold to the accuracy of binary128.
     """
     system = check_candidate(candidate).system
-    free = np.setdiff1d(movable(system, frozen), np.flatnonzero(candidate.x == 0))
-    refined = refine(
-        quads.from_float(candidate.x),
-        system,
-        free=free,
-    )
+    free = np.setdiff1d(system.free_without(frozen), np.flatnonzero(candidate.x == 0))
+    refined = refine(quads.from_float(candidate.x), system, free=free)
     scale = max(1.0, candidate.largest)
     if refined.largest_residual > EXACT * scale:
         raise NotExactError(
@@ -222,5 +222,6 @@ def to_method(
             f"more than {EXACT * scale:.0e}"
         )
     polished = polish_zeros(quads.decode(refined.x), system, free)
-    decimals = [quads.to_decimal(entry) for entry in polished.x]
-    return make_method(system.layout, decimals, name=name, source=source)
+    return make_method(
+        system.layout, list(map(quads.to_decimal, polished.x)), name=name, source=source
+    )

@@ -13,7 +13,7 @@ from ..runs import ExecutorLike, Failure, LongRun, ProgressLine, RunOptions, Sco
 from ..support import quads
 from ..support.checks import MAX_COUNT, check_integer
 from ..support.parallel import single_threads
-from .attempt import Attempt, arrived, check_attempt, refined, run_attempt
+from .attempt import Attempt, read_attempt, refined, run_attempt, succeeded
 from .settings import ConstructionArguments, ConstructionSettings
 from .solvers.system import Structure
 
@@ -181,7 +181,7 @@ def _construct(settings: ConstructionSettings, tries: int, options: RunOptions) 
         settings=settings,
         work=partial(run_attempt, settings),
         to_record=Attempt.record,
-        from_record=lambda record: check_attempt(settings, Attempt.from_record(record)),
+        from_record=partial(read_attempt, settings),
         score=partial(_score, settings),
     )
     finished: dict[int, Attempt | Failure] = {}
@@ -197,7 +197,7 @@ def _construct(settings: ConstructionSettings, tries: int, options: RunOptions) 
                 failures.append(attempt)
                 continue
             attempts.append(attempt)
-            if attempt.solved and arrived(settings, attempt):
+            if succeeded(settings, attempt):
                 method = refined(settings, attempt)
                 if method is not None:
                     return Construction(settings, method, attempt, index + 1, tuple(failures))
@@ -216,5 +216,4 @@ def _score(settings: ConstructionSettings, attempt: Attempt) -> Score:
     note = f" with {attempt.stages} stages"
     if attempt.flows is not None:
         note += f" and {attempt.flows} flows"
-    solved = attempt.solved and arrived(settings, attempt)
-    return Score(attempt.f, solved, _size(attempt), note)
+    return Score(attempt.f, succeeded(settings, attempt), _size(attempt), note)

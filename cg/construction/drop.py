@@ -1,26 +1,28 @@
-"""Drop a stage of a tableau, then solve again from the remaining coefficients."""
+"""Drop a stage or a flow, then solve again from the remaining coefficients."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..support.checks import check_generator, check_integer, check_real
-from .candidate import Candidate, check_candidate, correct, movable, solved
-from .search.shapes import held_weights
+from ..structure.layout import Layout
+from ..support.checks import check_generator, check_real
+from .candidate import Candidate, check_candidate, correct, solved
+from .search.shapes import fixed_weights, merge_point, select_points
 from .solvers.singular import finish
 from .solvers.system import ConditionSystem, Structure
 
-__all__ = ["drop_stage", "first_solved", "held", "solve_start"]
+__all__ = ["drop_flow", "drop_point_stage", "drop_stage", "fixed_entries", "solve_start"]
 
 _SPREAD = 0.6  # standard deviation of the order of starts, in logarithms of f
-_PROMISING = 1e-14  # sum of squares from which on the solver goes on after a stage was dropped
+_TRIES = 16  # starts to solve from
+
+Accept = Callable[[Candidate], bool]
 
 
-def held(system: ConditionSystem) -> list[int]:
+def fixed_entries(system: ConditionSystem) -> list[int]:
     """Return the entries to hold fixed while solving from a point that isn't a solution.
 
     This keeps the solver away from a degenerate limit at a_21 = 0: with c_2 = ε, c_3 ~ ε^(1/2),
@@ -28,22 +30,23 @@ def held(system: ConditionSystem) -> list[int]:
     but has no zero.
     """
     if system.rows is None:
-        return held_weights(system.order, system.layout)
+        return fixed_weights(system.order, system.layout)
     return [0] if system.order >= 5 and system.stages > 1 else []
 
 
 def solve_start(candidate: Candidate, iterations: int, *, promising: float) -> Candidate:
     """Solve from a start, a second time if f is at most `promising` after the first run."""
-    frozen = held(candidate.system)
-    options: dict[str, Any] = {"ftol": 1e-27, "max_iterations": iterations}
-    first = correct(candidate, frozen, damping=1e-2, accurate=False, **options)
+    system, frozen = candidate.system, fixed_entries(candidate.system)
+    first = correct(
+        candidate, frozen, ftol=1e-27, damping=1e-2, max_iterations=iterations, accurate=False
+    )
     if not 1e-26 < first.f <= promising:
         return first
-    if candidate.system.rows is None:
-        free = movable(candidate.system, frozen)
-        x, _ = finish(candidate.system, first.x, free)
-        return Candidate(candidate.system, x)
-    return correct(first, frozen, damping=1e-15, accurate=True, **options)
+    if system.rows is None:
+        return Candidate(system, finish(system, first.x, system.free_without(frozen))[0])
+    return correct(
+        first, frozen, ftol=1e-27, damping=1e-15, max_iterations=iterations, accurate=True
+    )
 
 
 def drop_stage(
@@ -51,11 +54,9 @@ def drop_stage(
     random: np.random.Generator,
     *,
     largest: float = 4.0,
-    tries: int = 16,
-    iterations: int = 200,
-    accept: Callable[[Candidate], bool] = solved,
+    accept: Accept = solved,
 ) -> Candidate | None:
-    """Drop a stage and solve again.
+    """Drop a stage of a tableau and solve again.
 
     The column of the stage is added to that of a neighbour, or dropped. Starts with the smallest
     sums of squares come first, in a slightly random order.
@@ -65,100 +66,143 @@ def drop_stage(
     candidate : Candidate
         On the solution set; not a pair.
     random : numpy.random.Generator
-        Source of the order of tries.
+        Determines the order of starts.
     largest : float, optional
         Bound on the magnitude of coefficients.
-    tries : int, optional
-        How many of the possibilities are tried.
-    iterations : int, optional
-        Bound on the solver's steps in each, and once more where they lead far down.
     accept : callable, optional
         A further test of the smaller candidate.
 
     Returns
     -------
     Candidate or None
-        A candidate with one stage less, on the solution set; None if all tries failed.
+        A candidate with one stage less, on the solution set; None if all starts failed.
 
     Raises
     ------
     ValueError, TypeError
         If an argument is out of its range.
     """
-    check_candidate(candidate)
-    if candidate.system.embedded:
+    if check_candidate(candidate).system.embedded:
         raise ValueError("candidate must be one method, got a pair")
-    starts = list(_smaller_starts(candidate))
-    return first_solved(starts, random, largest, tries, iterations, accept, _PROMISING)
+    starts = list(_without_column(candidate))
+    return _first_solved(starts, random, largest, accept, iterations=200, promising=1e-14)
 
 
-def first_solved(
+def drop_flow(
+    candidate: Candidate,
+    random: np.random.Generator,
+    *,
+    largest: float = 4.0,
+    accept: Accept = solved,
+) -> Candidate | None:
+    """Drop a point that is neither a stage nor a result, and solve again.
+
+    Flows that start from the point start from its parent instead, with the sums of the weights of
+    both flows. The arguments, results and errors are those of `drop_stage`, for commutator-free
+    methods.
+    """
+    layout = _check_points(candidate)
+    merged = (
+        merge_point(layout, candidate.x.tolist(), m)
+        for m in range(len(layout.parents))
+        if m not in layout.ends
+    )
+    starts = [
+        Candidate(replace(candidate.system, layout=smaller), x)
+        for smaller, x in merged
+        if smaller.uses_every_stage
+    ]
+    return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
+
+
+def drop_point_stage(
+    candidate: Candidate,
+    random: np.random.Generator,
+    *,
+    largest: float = 4.0,
+    accept: Accept = solved,
+) -> Candidate | None:
+    """Drop a stage of a commutator-free method, and solve again.
+
+    The weights on the stage are added to those on a neighbour, or dropped. The point of the stage
+    stays if flows start from it. The arguments, results and errors are those of `drop_stage`, for
+    commutator-free methods.
+    """
+    layout = _check_points(candidate)
+    starts = [
+        start
+        for stage in range(1, layout.stages)
+        for receiver in (None, stage - 1, stage + 1)
+        if receiver is None or receiver < layout.stages
+        for start in _without_stage(candidate, stage, receiver)
+    ]
+    return _first_solved(starts, random, largest, accept, iterations=400, promising=1e-10)
+
+
+def _first_solved(
     starts: Sequence[Candidate],
     random: np.random.Generator,
     largest: float,
-    tries: int,
+    accept: Accept,
+    *,
     iterations: int,
-    accept: Callable[[Candidate], bool],
     promising: float,
 ) -> Candidate | None:
-    """Solve from starts until one leads to an acceptable candidate; None if none does.
-
-    Starts with the smallest sums of squares come first, in a slightly random order.
-
-    Parameters
-    ----------
-    starts : sequence of Candidate
-    random : numpy.random.Generator
-    largest : float
-        Bound on the magnitude of coefficients.
-    tries : int
-        Largest number of starts to solve from.
-    iterations, promising : int, float
-        As for `solve_start`.
-    accept : callable
-        A further test of solutions.
-    """
+    """Solve from starts until one leads to an acceptable candidate; None if none does."""
     check_generator("random", random)
-    tries = check_integer("tries", tries, 1)
-    iterations = check_integer("iterations", iterations, 1)
     largest = check_real("largest", largest, positive=True)
     if not starts:
         return None
     closeness = np.log([max(start.f, 1e-300) for start in starts])
     order = np.argsort(closeness + _SPREAD * random.standard_normal(len(starts)), kind="stable")
-    for k in order[:tries]:
+    for k in order[:_TRIES]:
         smaller = solve_start(starts[k], iterations, promising=promising)
         if solved(smaller) and smaller.largest <= largest and accept(smaller):
             return smaller
     return None
 
 
-def _smaller_starts(candidate: Candidate) -> Iterator[Candidate]:
+def _without_column(candidate: Candidate) -> Iterator[Candidate]:
     """Yield the starts without each stage, its column dropped or added to a neighbour."""
     system = candidate.system
     # a structure treats stages 1 and 2 differently
     first = 0 if system.structure is Structure.GENERAL else 2
+    if system.stages - 1 < first + 1:
+        return
     for stage in range(first, system.stages):
-        if system.stages - 1 < first + 1:
-            return
-        column = candidate.column(stage)
         for receiver in (None, stage - 1, stage + 1):
+            if receiver is not None and not first <= receiver < system.stages:
+                continue
             x = candidate.x.copy()
-            if receiver is not None:
-                if not first <= receiver < system.stages:
-                    continue
-                _add_column(candidate, x, stage, receiver)
-            x[column] = 0.0
+            for row in map(system.layout.row, range(len(system.layout.ends))):
+                if receiver is not None and len(row) > max(stage, receiver):
+                    x[row[receiver]] += candidate.x[row[stage]]
+            x[system.layout.column(stage)] = 0.0
             smaller = Candidate(system, x).without(stage)
-            kept = np.zeros(smaller.system.size)
-            kept[smaller.system.free] = smaller.x[smaller.system.free]
-            yield Candidate(smaller.system, kept)
+            start = np.zeros(smaller.system.size)
+            start[smaller.system.free] = smaller.x[smaller.system.free]
+            yield Candidate(smaller.system, start)
 
 
-def _add_column(candidate: Candidate, x: NDArray[np.float64], stage: int, receiver: int) -> None:
-    """Add the column of a stage to that of the receiver, in the rows that have both."""
+def _check_points(candidate: Candidate) -> Layout:
+    layout = check_candidate(candidate).system.layout
+    if layout.rows is not None:
+        raise ValueError("candidate must be a method of points, got a tableau")
+    return layout
+
+
+def _without_stage(candidate: Candidate, stage: int, receiver: int | None) -> Iterator[Candidate]:
     layout = candidate.system.layout
-    for r in range(len(layout.ends)):
-        row = layout.row(r)
-        if len(row) > max(stage, receiver):
-            x[row[receiver]] += candidate.x[row[stage]]
+    weights = layout.point_weights(candidate.x.tolist())
+    for row in weights:
+        weight = row.pop(stage, None)
+        if weight is not None and receiver in row:
+            row[receiver] += weight
+    renumbered = [{k - (k > stage): w for k, w in row.items()} for row in weights]
+    stage_points = layout.stage_points[:stage] + layout.stage_points[stage + 1 :]
+    ends = (*stage_points, *layout.results)
+    points = sorted({m for end in ends for m in layout.path(end)})
+    if all(renumbered[m] for m in points):
+        smaller, x = select_points(layout, layout.parents, renumbered, stage_points, points)
+        if smaller.uses_every_stage:
+            yield Candidate(replace(candidate.system, layout=smaller), x)

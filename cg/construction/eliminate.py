@@ -8,7 +8,7 @@ import numpy as np
 
 from ..support.checks import MAX_HALF_WIDTH, check_generator, check_integer, check_real
 from .candidate import Candidate, check_candidate, correct, solved
-from .drop import drop_stage, held
+from .drop import drop_stage, fixed_entries
 from .solvers.system import Structure
 
 __all__ = ["eliminate", "eliminate_stage", "walk"]
@@ -16,38 +16,21 @@ __all__ = ["eliminate", "eliminate_stage", "walk"]
 _LAST_FRACTION = 1e-2  # of the column; below it the next step goes to zero
 _MIN_STEP = 2e-3
 _MAX_COLUMNS = 3  # number of columns to try from one candidate
+_BUDGET = 1000  # steps of the solver to eliminate one stage
 _INTERMEDIATE = 1e-19  # sum of squares that intermediate points must reach
 
 
-def eliminate_stage(
-    candidate: Candidate, stage: int, *, largest: float = 4.0, budget: int = 1000
-) -> Candidate | None:
-    """Eliminate one stage.
+def eliminate_stage(candidate: Candidate, stage: int, *, largest: float = 4.0) -> Candidate | None:
+    """Eliminate one stage (from 0) of a candidate on the solution set; None if a step fails.
 
     The column of ``a`` and the weight of the stage are shrunk together to zero; the other
-    coefficients follow along the solution set. Steps that fail are halved.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        On the solution set.
-    stage : int
-        Index of the stage, from 0.
-    largest : float, optional
-        Bound on the magnitude of coefficients.
-    budget : int, optional
-        Largest number of steps of the solver.
-
-    Returns
-    -------
-    Candidate or None
-        A candidate with one stage less, on the solution set; None if a step fails.
+    coefficients follow along the solution set. Steps that fail are halved. `largest` bounds the
+    magnitude of coefficients.
     """
     check_candidate(candidate)
     stage = check_integer("stage", stage, 0, candidate.system.stages - 1)
     largest = check_real("largest", largest, positive=True)
-    budget = check_integer("budget", budget, 1)
-    column = candidate.column(stage)
+    column = candidate.system.layout.column(stage)
     target = candidate.x[column].copy()
     left, step, used = 1.0, 0.2, 0
     while left > 0:
@@ -68,7 +51,7 @@ def eliminate_stage(
             candidate, left, step = trial, target_left, min(1.5 * step, 0.5)
             continue
         step /= 2
-        if step < _MIN_STEP or used > budget:
+        if step < _MIN_STEP or used > _BUDGET:
             return None
     return candidate.without(stage)
 
@@ -85,7 +68,7 @@ def walk(
         free = candidate.system.free
         x = candidate.x.copy()
         x[free] += size / np.sqrt(free.size) * random.standard_normal(free.size)
-        moved = correct(Candidate(candidate.system, x), held(candidate.system))
+        moved = correct(Candidate(candidate.system, x), fixed_entries(candidate.system))
         if solved(moved) and moved.largest <= largest:
             return moved
         size /= 2
@@ -98,7 +81,6 @@ def eliminate(
     *,
     random: np.random.Generator,
     largest: float = 4.0,
-    tries: int = 16,
     restarts: int = 3,
     accept: Callable[[Candidate], bool] = lambda candidate: True,
 ) -> Iterator[Candidate]:
@@ -114,20 +96,13 @@ def eliminate(
     stages : int
         Number of stages at which to stop.
     random : numpy.random.Generator
-        Determines the order of tries, and the walks.
+        Determines the order of starts, and the walks.
     largest : float, optional
         Bound on the magnitude of coefficients.
-    tries : int, optional
-        Largest number of starts to solve from to drop a stage.
     restarts : int, optional
-        Largest number of walks to other points of the set after all tries failed.
+        Largest number of walks to other points of the set after all starts failed.
     accept : callable, optional
         A further test of smaller candidates, for instance of their rank.
-
-    Yields
-    ------
-    Candidate
-        A candidate with one stage less than the one before.
     """
     check_candidate(candidate)
     check_generator("random", random)
@@ -137,7 +112,7 @@ def eliminate(
     while candidate.system.stages > stages:
         smaller = None
         if not candidate.system.embedded:
-            smaller = drop_stage(candidate, random, largest=largest, tries=tries, accept=accept)
+            smaller = drop_stage(candidate, random, largest=largest, accept=accept)
         if smaller is None and (candidate.system.embedded or stuck == restarts):
             smaller = _shrink_one(candidate, random, largest, accept)
         if smaller is None:
@@ -158,7 +133,9 @@ def _shrink_one(
 ) -> Candidate | None:
     first = 0 if candidate.system.structure is Structure.GENERAL else 2
     stages = range(first, candidate.system.stages)
-    sizes = np.array([np.linalg.norm(candidate.x[candidate.column(k)]) for k in stages])
+    sizes = np.array(
+        [np.linalg.norm(candidate.x[candidate.system.layout.column(k)]) for k in stages]
+    )
     order = np.argsort(sizes * np.exp(0.4 * random.standard_normal(sizes.size)))
     for k in order[:_MAX_COLUMNS]:
         smaller = eliminate_stage(candidate, stages[int(k)], largest=largest)

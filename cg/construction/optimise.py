@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from ..conditions import compiled as compiled_conditions
-from ..conditions import condition_trees, count
-from ..support.checks import check_integer, check_real
-from .candidate import Candidate, check_candidate, correct, movable, solved
+from ..support.checks import check_integer, check_interval, check_real
+from .candidate import Candidate, check_candidate, correct, solved
 from .solvers.singular import Decomposition, decompose, retract
 
-__all__ = ["Goals", "fewer_exponentials", "optimise", "principal_error"]
+__all__ = ["Goals", "fewer_exponentials", "optimise"]
 
 _MAX_STEP = 1.0
 _ZEROS_FTOL = 1e-29  # stricter than elsewhere: with few entries left, near misses are common
@@ -38,26 +37,31 @@ class Goals:
     coefficients : float
         Weight of the square root of ``Σ |x|^6``, which penalises the largest coefficients.
     abscissae : float
-        Weight of the distance of the abscissae from [0, 1].
+        Weight of the distances of the abscissae from `interval`.
+    interval : (float, float)
+        Interval that the abscissae should lie in.
     bound, bound_weight : float
         Bound on the magnitudes of coefficients, and weight of the amounts that exceed it.
+
+    Examples
+    --------
+    Abscissae in [0, 1] and coefficients of at most 1, and then a small principal error:
+
+    >>> from cg.construction import Goals
+    >>> goals = Goals(principal_error=1, abscissae=10, bound=1, bound_weight=10)
     """
 
     principal_error: float = 1.0
     coefficients: float = 0.0
     abscissae: float = 0.0
+    interval: tuple[float, float] = (0.0, 1.0)
     bound: float = 1.5
     bound_weight: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("principal_error", "coefficients", "abscissae", "bound", "bound_weight"):
             object.__setattr__(self, name, check_real(name, getattr(self, name)))
-
-
-def principal_error(candidate: Candidate) -> float:
-    """Return the norm of all residuals of order q + 1 of the (first) weights."""
-    values, _ = _next_order(candidate, derivative=False)
-    return float(np.linalg.norm(values))
+        object.__setattr__(self, "interval", check_interval("interval", self.interval))
 
 
 def optimise(
@@ -92,6 +96,17 @@ def optimise(
         If an argument isn't of the type listed.
     ValueError
         If the candidate isn't on the solution set, or another argument is out of its range.
+
+    Examples
+    --------
+    >>> import cg
+    >>> from cg.construction import Goals, optimise, pack_method, to_method
+    >>> candidate = pack_method(cg.methods["CF4b"])
+    >>> smaller = optimise(candidate, Goals(principal_error=0, coefficients=1))
+    >>> smaller.largest < 0.8 * candidate.largest
+    True
+    >>> to_method(smaller, name="CF4 small", source="CF4b, then along the solution set").order
+    4
     """
     check_candidate(candidate)
     if not isinstance(goals, Goals):
@@ -102,7 +117,7 @@ def optimise(
         raise ValueError(
             f"candidate must be on the solution set, its sum of squares is {candidate.f:.2e}"
         )
-    free = movable(candidate.system, frozen)
+    free = candidate.system.free_without(frozen)
     values, jac = _objective(candidate, goals)
     size, damping = float(values @ values), 1e-2
     history = [size]
@@ -153,21 +168,8 @@ def fewer_exponentials(
 ) -> tuple[Candidate, NDArray[np.intp]]:
     """Set coefficients to exact zeros one by one, smallest magnitudes first.
 
-    Parameters
-    ----------
-    candidate : Candidate
-        On the solution set.
-    largest : float, optional
-        Bound on the magnitude of coefficients.
-    patience : int, optional
-        Number of consecutive failures at which to stop.
-
-    Returns
-    -------
-    candidate : Candidate
-        The candidate with zeros.
-    zeros : ndarray of int
-        Indices of the zeros.
+    Stops after `patience` consecutive failures. Returns the candidate, on the solution set, and the
+    indices of its zeros. `largest` bounds the magnitude of coefficients.
     """
     check_candidate(candidate)
     largest = check_real("largest", largest)
@@ -201,7 +203,11 @@ def fewer_exponentials(
 def _objective(candidate: Candidate, goals: Goals) -> Terms:
     parts: list[Terms] = []
     if goals.principal_error:
-        values, jac = _next_order(candidate, derivative=True)
+        problem = candidate.next_order
+        values, jac = (
+            compiled_conditions.residuals(*problem),
+            compiled_conditions.jacobian(*problem),
+        )
         parts.append((goals.principal_error * values, goals.principal_error * jac))
     x = candidate.x
     if goals.coefficients:
@@ -214,28 +220,10 @@ def _objective(candidate: Candidate, goals: Goals) -> Terms:
         sign = np.where(beyond > 0, np.sign(x), 0.0)
         parts.append((goals.bound_weight * beyond, goals.bound_weight * np.diag(sign)))
     if goals.abscissae:
-        sums = _row_sums(candidate)
-        c = sums @ x
-        beyond = np.maximum(c - 1, 0) + np.minimum(c, 0)
+        lower, upper = goals.interval
+        c, sums = candidate.abscissae, candidate.row_sums
+        beyond = np.maximum(c - upper, 0) + np.minimum(c - lower, 0)
         parts.append((goals.abscissae * beyond, goals.abscissae * sums * (beyond != 0)[:, None]))
     if not parts:
         raise ValueError("goals must have at least one weight that isn't zero")
     return np.concatenate([v for v, _ in parts]), np.concatenate([j for _, j in parts])
-
-
-def _row_sums(candidate: Candidate) -> NDArray[np.float64]:
-    system = candidate.system
-    sums = np.zeros((system.stages, system.size))
-    for stage in range(system.stages):
-        sums[stage, system.layout.row(stage)] = 1
-    return sums
-
-
-def _next_order(candidate: Candidate, derivative: bool) -> Terms:
-    system = candidate.system
-    order = system.order + 1
-    trees = np.array(condition_trees(order)[count(system.order) :], dtype=np.intc)
-    values = compiled_conditions.residuals(order, system.layout, candidate.x, trees)
-    if not derivative:
-        return values, np.empty((0, system.size))
-    return values, compiled_conditions.jacobian(order, system.layout, candidate.x, trees)

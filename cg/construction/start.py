@@ -8,29 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .candidate import Candidate
-from .drop import held
+from .drop import fixed_entries
 from .search.shapes import draw_guess
 from .solvers.system import ConditionSystem, Structure
 
 __all__ = ["StartSettings", "default_start", "likely_structure", "random_candidate", "tree_start"]
 
-_HELD = (0.3, 0.8)  # range of entries that are held fixed
+_FIXED = (0.3, 0.8)  # range of entries that are held fixed
 
 
 @dataclass(frozen=True)
 class StartSettings:
     """Default settings of random starts.
 
-    Attributes
-    ----------
-    stages : int
-        Number of stages with which random starts reach the solution set often enough.
-    width : float
-        Guesses are uniform in [-width, width].
-    iterations : int
-        Largest number of steps of the solver.
-    promising : float
-        Sum of squares at which the solver runs a second time.
+    `stages` is a number of stages with which random starts reach the solution set often enough;
+    guesses are uniform in [-width, width]; `iterations` bounds the steps of the solver, which runs
+    a second time from sums of squares below `promising`.
     """
 
     stages: int
@@ -107,7 +100,7 @@ def random_candidate(
         return Candidate(system, draw_guess(system.order, system.layout, width, random))
     x = random.uniform(-width, width, system.size)
     x[np.setdiff1d(np.arange(system.size), system.free)] = 0.0
-    x[held(system)] = random.uniform(*_HELD)
+    x[fixed_entries(system)] = random.uniform(*_FIXED)
     if system.structure is Structure.MIDDLE:
         _to_the_middle(x, system.stages)
     return Candidate(system, x)

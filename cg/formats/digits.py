@@ -27,16 +27,10 @@ _GUARD_DIGITS = 10
 
 @dataclass(frozen=True)
 class Numbers:
-    """Coefficients of a method with enough digits for the output.
+    """Coefficients of a method, in the order of its layout, correct to more than `digits` digits.
 
-    Attributes
-    ----------
-    method : Method
-        The method with its stored coefficients.
-    values : tuple of Fraction
-        Coefficients in the order of the method's layout, correct to more than `digits` digits.
-    digits : int or None
-        Number of significant digits to write; None for the stored ones.
+    `method` has the stored coefficients; `digits` is the number of significant digits to write,
+    None for the stored ones.
     """
 
     method: Method
@@ -59,19 +53,10 @@ class Numbers:
         return text
 
     def rounded(self, *, zeros: bool = False) -> Method:
-        """Return the method with its coefficients rounded to `digits` digits.
+        """Return the method with coefficients rounded to `digits` digits, except rational ones.
 
-        Rational coefficients stay exact.
-
-        Parameters
-        ----------
-        zeros : bool, optional
-            Keep trailing zeros of decimal numbers.
-
-        Raises
-        ------
-        ValueError
-            If the rounded coefficients don't define a method of the same kind.
+        With `zeros`, decimal numbers keep trailing zeros. ValueError if the rounded coefficients
+        don't define a method of the same kind.
         """
         method, digits = self.method, self.digits
         if digits is None:
@@ -110,22 +95,7 @@ def known_digits(method: Method) -> int | None:
 def numbers_of(method: Method, digits: int | None, certificate: Certificate | None) -> Numbers:
     """Return the coefficients of a method, from its certificate if the stored digits are too few.
 
-    Parameters
-    ----------
-    method : Method
-    digits : int or None
-        Significant digits; None for the stored ones.
-    certificate : Certificate or None
-        Certificate of the method; None for the one in the catalogue.
-
-    Raises
-    ------
-    TypeError
-        If an argument isn't of the type listed.
-    ValueError
-        If `digits` is out of range, or exceeds the known digits.
-    CertificationError
-        If the certificate isn't one for the method.
+    The arguments and errors are those of `cg.export`.
     """
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")

@@ -24,14 +24,10 @@ __all__ = ["Move", "Program", "identifier", "make_program"]
 
 @dataclass(frozen=True)
 class Move:
-    """A flow from the point in one slot to the one in another.
+    """A flow from the point in slot `origin` to the one in slot `target`, along weighted fields.
 
-    Attributes
-    ----------
-    origin, target : int
-        Slots; equal if the initial point of the flow isn't needed any more.
-    terms : tuple of (int, str)
-        Stages, counted from 0, and their weights as decimal numbers.
+    The slots are equal if the initial point of the flow isn't needed any more. `terms` are stages,
+    counted from 0, and their weights as decimal numbers.
     """
 
     origin: int

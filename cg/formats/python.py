@@ -3,57 +3,106 @@
 from __future__ import annotations
 
 from .program import Program
-from .text import comment, wrapped
+from .text import comment, fill, wrapped
 
 __all__ = ["to_jax", "to_python"]
 
-_ARGUMENTS = """    f : callable
+_MODULE = '''"""A step of a Runge-Kutta method on manifolds."""
+
+@head@
+
+import @module@ as @xp@
+
+@tables@
+
+def step(@call@):
+    """Return the point after a step of size h.
+
+    Parameters
+    ----------
+    f : callable
         ``f(t, y)`` returns the coefficients of the frame's fields, shape (m,).
     flow : callable
         ``flow(v, y)`` returns the time-1 flow through y of the field with coefficients v.
-{dexpinv}    t : float
+@argument@    t : float
         Time.
     y : array
         The point, as `flow` takes it.
     h : float
         Step size.
-"""
+    """
+    points, _ = _stages(@call@)
+    return points[RESULT]
+@output@
 
-_DEXPINV = """    dexpinv : callable
+def _stages(@call@):
+    points = [y] + [None] * (SLOTS - 1)
+@coordinates@    fields = []
+    done = 0
+    for c, count, slot in zip(C, BEFORE, STAGE_SLOTS):
+        _move(@moved@, h, done, count)
+        done = count
+@evaluate@
+    _move(@moved@, h, done, len(MOVES))
+    return points, fields
+
+
+def _move(@moved@, h, begin, end):
+    for origin, target, terms in MOVES[begin:end]:
+@move@
+
+
+def _combined(terms, fields, h):
+    total = None
+    for stage, weight in terms:
+        term = (h * weight) * fields[stage]
+        total = term if total is None else total + term
+    return total
+'''
+
+_PLAIN = {
+    "call": "f, flow, t, y, h",
+    "argument": "",
+    "coordinates": "",
+    "moved": "flow, points, fields",
+    "evaluate": "        fields.append(@xp@.asarray(f(t + c * h, points[slot])))",
+    "move": "        points[target] = flow(_combined(terms, fields, h), points[origin])",
+}
+
+_ALGEBRA = {
+    "call": "f, flow, dexpinv, t, y, h",
+    "argument": """    dexpinv : callable
         ``dexpinv(u, v)`` returns the derivative of the coordinates u of a point whose velocity
         has the coefficients v.
-"""
-
-_STEP = '''def step({call}):
-    """Return the point after a step of size h.
-
-    Parameters
-    ----------
-{arguments}    """
-    points, _ = _stages({call})
-    return points[RESULT]
-'''
+""",
+    "coordinates": "    coordinates = [None] * SLOTS\n",
+    "moved": "flow, points, coordinates, fields",
+    "evaluate": """        field = @xp@.asarray(f(t + c * h, points[slot]))
+        fields.append(field if slot == 0 else @xp@.asarray(dexpinv(coordinates[slot], field)))""",
+    "move": """        coordinates[target] = _combined(terms, fields, h)
+        points[target] = flow(coordinates[target], points[origin])""",
+}
 
 _PAIR = '''
 
-def step_pair({call}):
-    """Return the point after a step, and the second result, of order {lower}.
+def step_pair(@call@):
+    """Return the point after a step, and the second result, of order @lower@.
 
     The arguments are those of `step`.
     """
-    points, _ = _stages({call})
+    points, _ = _stages(@call@)
     return points[RESULT], points[SECOND]
 '''
 
 _ERROR = '''
 
-def step_error({call}):
+def step_error(@call@):
     """Return the point after a step, and the coefficients of its error.
 
-    The arguments are those of `step`. {shape}
+    The arguments are those of `step`. @shape@
     """
-    points, fields = _stages({call})
-    return points[RESULT], {xp}.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
+    points, fields = _stages(@call@)
+    return points[RESULT], @xp@.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
 '''
 
 _ERROR_REMARKS = {
@@ -62,85 +111,32 @@ _ERROR_REMARKS = {
     which the estimate is ``|e|**2 / sqrt(|e|**2 + 0.01 * |e_3|**2)``.""",
 }
 
-_STAGES = """
-
-def _stages({call}):
-    points = [y] + [None] * (SLOTS - 1)
-    fields = []
-    done = 0
-    for c, count, slot in zip(C, BEFORE, STAGE_SLOTS):
-        _move(flow, points, fields, h, done, count)
-        done = count
-        fields.append({xp}.asarray(f(t + c * h, points[slot])))
-    _move(flow, points, fields, h, done, len(MOVES))
-    return points, fields
-
-
-def _move(flow, points, fields, h, begin, end):
-    for origin, target, terms in MOVES[begin:end]:
-        points[target] = flow(_combined(terms, fields, h), points[origin])
-"""
-
-_STAGES_ON_ALGEBRA = """
-
-def _stages({call}):
-    points = [y] + [None] * (SLOTS - 1)
-    coordinates = [None] * SLOTS
-    fields = []
-    done = 0
-    for c, count, slot in zip(C, BEFORE, STAGE_SLOTS):
-        _move(flow, points, coordinates, fields, h, done, count)
-        done = count
-        field = {xp}.asarray(f(t + c * h, points[slot]))
-        fields.append(field if slot == 0 else {xp}.asarray(dexpinv(coordinates[slot], field)))
-    _move(flow, points, coordinates, fields, h, done, len(MOVES))
-    return points, fields
-
-
-def _move(flow, points, coordinates, fields, h, begin, end):
-    for origin, target, terms in MOVES[begin:end]:
-        coordinates[target] = _combined(terms, fields, h)
-        points[target] = flow(coordinates[target], points[origin])
-"""
-
-_COMBINED = """
-
-def _combined(terms, fields, h):
-    total = None
-    for stage, weight in terms:
-        term = (h * weight) * fields[stage]
-        total = term if total is None else total + term
-    return total
-"""
-
 
 def to_python(program: Program) -> str:
     """Return a module that needs NumPy only."""
-    return _module(program, "import numpy as np", "np")
+    return _module(program, "numpy", "np")
 
 
 def to_jax(program: Program) -> str:
     """Return a module whose functions are pure if their arguments `f` and `flow` are."""
-    return _module(program, "import jax.numpy as jnp", "jnp")
+    return _module(program, "jax.numpy", "jnp")
 
 
-def _module(program: Program, line: str, xp: str) -> str:
-    call = "f, flow, dexpinv, t, y, h" if program.on_algebra else "f, flow, t, y, h"
-    arguments = _ARGUMENTS.format(dexpinv=_DEXPINV if program.on_algebra else "")
-    values = {"call": call, "arguments": arguments, "xp": xp, "lower": program.lower_order}
-    # a docstring comes first, since Python looks for an encoding in comments of the first two lines
-    parts = ['"""A step of a Runge-Kutta method on manifolds."""', ""]
-    parts += [comment(program.heading, "#")]
-    parts += ["", line, "", _tables(program)]
-    parts += ["", _STEP.format(**values).rstrip("\n")]
-    if program.second is not None:
-        parts.append(_PAIR.format(**values).rstrip("\n"))
-    if program.errors:
-        shape = _ERROR_REMARKS[len(program.errors)]
-        parts.append(_ERROR.format(shape=shape, **values).rstrip("\n"))
-    stages = _STAGES_ON_ALGEBRA if program.on_algebra else _STAGES
-    parts += [stages.format(**values).rstrip("\n"), _COMBINED.rstrip("\n")]
-    return "\n".join(parts) + "\n"
+def _module(program: Program, module: str, xp: str) -> str:
+    output = _PAIR if program.second is not None else ""
+    output += _ERROR if program.errors else ""
+    # the docstring comes first, since Python looks for an encoding in comments of two lines
+    parts = {
+        "output": output,
+        **(_ALGEBRA if program.on_algebra else _PLAIN),
+        "shape": _ERROR_REMARKS.get(len(program.errors), ""),
+        "lower": program.lower_order,
+        "module": module,
+        "xp": xp,
+        "tables": _tables(program),
+        "head": comment(program.heading, "#"),
+    }
+    return fill(_MODULE, parts)
 
 
 def _tables(program: Program) -> str:

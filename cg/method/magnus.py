@@ -181,15 +181,8 @@ class MagnusMethod(Method):
         """
         return linear_residuals(self.abscissae, self._values, order)
 
-    def largest_residual(self, order: int | None = None) -> float:
-        """Return the largest residual through an order, by default that of the method."""
-        return float(max(map(abs, self.residuals(max(self.order, 1) if order is None else order))))
-
-    def principal_error(self, order: int | None = None) -> float:
-        """Return the Euclidean norm of the residuals of degree q + 1, q by default the order."""
-        degree = (self.order if order is None else order) + 1
-        residuals = self.residuals(degree)[2 ** (degree - 1) - 1 :]
-        return float(np.linalg.norm(np.array(residuals, dtype=np.float64)))
+    def _next_residuals(self) -> NDArray[np.float64]:
+        return np.array(self.residuals(self.order + 1)[2**self.order - 1 :], dtype=np.float64)
 
     def satisfies(self, order: int) -> bool:
         """Tell whether the conditions through an order hold, as far as stored places can tell."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
 from functools import cached_property, wraps
-from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 import numpy as np
@@ -20,9 +20,7 @@ from ..structure.points import MethodError, Point, PointTree
 from ..support.checks import check_flag, check_integer
 from ..support.parsing import visible
 from .coefficients import Coefficient
-
-if TYPE_CHECKING:
-    from ..proofs import Certificate
+from .outputs import Outputs
 
 __all__ = ["TOLERANCE_FACTOR", "Method", "cached"]
 
@@ -39,7 +37,7 @@ _MIN_UNIT = float(np.finfo(np.float64).tiny)
 _PROBE = 2.0**-20  # step of the difference quotient in `_tolerance_bound`
 
 
-class Method(ABC):
+class Method(Outputs, ABC):
     """A Runge–Kutta method on manifolds: a tree of points with exact coefficients.
 
     Methods are immutable. They keep all coefficients as they were given; numbers derived from them
@@ -58,6 +56,9 @@ class Method(ABC):
         The points of a step. Those of an implicit method depend on the unknown stages.
     coefficients : tuple of Coefficient
         All coefficients, packed as `layout` describes.
+    file : Path or None
+        The file that `load` read the method from; None for other methods. Its certificate may lie
+        beside it. It isn't compared or pickled.
 
     Examples
     --------
@@ -71,6 +72,7 @@ class Method(ABC):
     source: str
     nominal_order: int | None
     nominal_residual: Coefficient | None
+    file: Path | None = None
 
     if TYPE_CHECKING:  # fields in some subclasses, cached properties in others
 
@@ -91,66 +93,6 @@ class Method(ABC):
     @abstractmethod
     def embedded(self) -> Self | None:
         """The method of the second result of a pair; None without it."""
-
-    # the modules of these functions import this one
-
-    @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
-        """Read a method of this class from a file, in TOML or JSON.
-
-        Parameters
-        ----------
-        path : path
-
-        Returns
-        -------
-        Method
-            A `cg.Tableau` from ``cg.Tableau.load``, and so on; any kind from ``cg.Method.load``.
-
-        Raises
-        ------
-        TypeError
-            If `path` isn't one.
-        MethodError
-            If the file holds no method, or one of another kind.
-        OSError
-            If the file can't be read.
-        """
-        from ..catalogue.entries import load_kind
-
-        return load_kind(cls, path)
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the method to a file; see `cg.catalogue.save`."""
-        from ..catalogue.entries import save
-
-        save(self, path)
-
-    def export(
-        self, format: str, *, digits: int | None = None, certificate: Certificate | None = None
-    ) -> str:
-        """Write the method for another program, language or document; see `cg.export`."""
-        from ..formats.exporting import export
-
-        return export(self, format, digits=digits, certificate=certificate)
-
-    def digits(
-        self, digits: int, *, certificate: Certificate | None = None, embedded: bool = False
-    ) -> Any:
-        """Return proved coefficients to any number of digits; see `cg.proofs.digits.digits`."""
-        from ..proofs.digits import digits as proved_digits
-
-        return proved_digits(self, digits, certificate=certificate, embedded=embedded)
-
-    def _repr_html_(self) -> str:
-        from ..formats.notebooks import to_html
-
-        return to_html(self)
-
-    def _repr_latex_(self) -> str:
-        from ..formats.notebooks import to_formula
-
-        return to_formula(self)
 
     @classmethod
     @abstractmethod
@@ -383,37 +325,31 @@ class Method(ABC):
         """Order of the embedded method, computed like `exact_order`; None without."""
         return None if self.embedded is None else self.embedded.exact_order
 
+    def residuals(self, order: int) -> Sequence[Any]:
+        """Return the exact residuals ``Φ(t) - 1/γ(t)`` of all trees through an order."""
+        return conditions.exact_residuals_of(self.tree, order)
+
     def largest_residual(self, order: int | None = None) -> float:
-        """Return the largest ``|Φ(t) - 1/γ(t)|`` through an order, from exact arithmetic.
+        """Return the magnitude of the largest residual through an order.
 
         Parameters
         ----------
         order : int, optional
             By default the method's own order, or 1 if it has none.
         """
-        order = max(self.order, 1) if order is None else order
-        return float(max(map(abs, conditions.exact_residuals_of(self.tree, order))))
+        return float(max(map(abs, self.residuals(max(self.order, 1) if order is None else order))))
 
-    def principal_error(self, order: int | None = None) -> float:
-        """Return the Euclidean norm of the residuals of order q + 1 (all trees, q + 2 nodes).
+    @cached_property
+    def principal_error(self) -> float:
+        """Euclidean norm of the residuals of order q + 1, q the order: all trees, q + 2 nodes.
 
-        Parameters
-        ----------
-        order : int, optional
-            q, by default the method's own order.
-
-        Raises
-        ------
-        ValueError
-            If q + 1 is above ``conditions.MAX_ORDER``.
+        A ValueError if q is ``conditions.MAX_ORDER``.
         """
-        if order is None:
-            order = self.order
-        else:
-            order = check_integer("order", order, 0, conditions.MAX_ORDER - 1)
-        residuals = conditions.residuals_of(self.tree, order + 1)
-        lower = conditions.count(order) if order else 0
-        return float(np.linalg.norm(residuals[lower:]))
+        return float(np.linalg.norm(self._next_residuals()))
+
+    def _next_residuals(self) -> NDArray[np.float64]:
+        lower = conditions.count(self.order) if self.order else 0
+        return conditions.residuals_of(self.tree, self.order + 1)[lower:]
 
     def satisfies(self, order: int) -> bool:
         """Return whether the conditions through an order hold, up to the rounding of coefficients.

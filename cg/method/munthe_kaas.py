@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..structure.layout import Layout
 from ..structure.points import MethodError, PointTree, check_tree, tree_of_flat_rows
@@ -207,21 +208,9 @@ class MuntheKaas(Method):
             raise ValueError(f"embedded: {self!r} has no second result")
         return flat_residuals(a, (embedded and self.exact_embedded) or b, order)
 
-    def largest_residual(self, order: int | None = None) -> float:
-        """Return the largest ``|Φ(t) - 1/γ(t)|`` of rooted trees, by default through `order`."""
-        return float(max(map(abs, self.residuals(self.order if order is None else order))))
-
-    def principal_error(self, order: int | None = None) -> float:
-        """Return the Euclidean norm of the residuals of rooted trees of order q + 1.
-
-        Parameters
-        ----------
-        order : int, optional
-            q, by default the method's own order.
-        """
-        order = self.order if order is None else check_integer("order", order, 0)
-        lower = len(rooted_trees_through(order)) if order else 0
-        return float(np.linalg.norm([float(r) for r in self.residuals(order + 1)[lower:]]))
+    def _next_residuals(self) -> NDArray[np.float64]:
+        lower = len(rooted_trees_through(self.order)) if self.order else 0
+        return np.array(self.residuals(self.order + 1)[lower:], dtype=np.float64)
 
 
 def _read_third(third: Iterable[Any], tableau: Tableau) -> tuple[Coefficient, ...]:

@@ -30,16 +30,10 @@ _APART = 1e-13  # relative distance from which roots in double precision count a
 
 @dataclass(frozen=True)
 class StabilityLimits:
-    """Stability limits of a method on the real and the imaginary axis.
+    """Stability limits of a method; infinite if the interval is unbounded, NaN if not computed.
 
-    Attributes
-    ----------
-    real : float
-        The largest x such that ``|R(z)| ≤ 1`` for all z in [-x, 0].
-    imaginary : float
-        The largest y such that ``|R(iz)| ≤ 1`` for all z in [0, y].
-
-    A limit is infinite if the interval is unbounded, and NaN if it wasn't computed.
+    `real` is the largest x such that ``|R(z)| ≤ 1`` for all z in [-x, 0], `imaginary` the largest y
+    such that ``|R(iz)| ≤ 1`` for all z in [0, y].
     """
 
     real: float
@@ -134,10 +128,6 @@ def too_large(method: Method) -> str | None:
     The work is proportional to the fourth power of the stages and to the bits of a coefficient over
     the common denominator. At the bound it takes 2 to 15 seconds; 60 stages of rationals with six
     digits would take a minute.
-
-    Parameters
-    ----------
-    method : Method
     """
     _check(method)
     (a, b), s = method.exact, method.stages

@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..structure.layout import Layout, Rows, check_length, rows_of, unknowns
+from ..structure.layout import Layout, Rows, rows_of
 from ..structure.points import MethodError, PointTree, tree_of_rows
-from ..support.checks import check_integer
-from ..support.quads import DECIMAL_DIGITS, to_decimal
 from .coefficients import Coefficient, read_coefficient, read_sequence, read_texts
 from .method import ExactTableau, Method
 
@@ -125,49 +123,6 @@ class Tableau(Method):
         rows = layout.full_rows(coefficients)
         a, (b, *second) = rows[: layout.stages], rows[layout.stages :]
         return cls(a, b, b_embedded=second[0] if second else None, **fields)
-
-    @classmethod
-    def from_packed(
-        cls,
-        x: Sequence[Any],
-        stages: int,
-        rows: Rows = Rows.EXPLICIT,
-        *,
-        digits: int | None = None,
-        **names: Any,
-    ) -> Tableau:
-        """Return the tableau with packed entries, row by row with b last.
-
-        Parameters
-        ----------
-        x : sequence of numbers, length ``conditions.unknowns(stages, rows)``
-        stages : int
-        rows : Rows, optional
-        digits : int, optional
-            Round to this many significant decimals, at most 36. A binary128 number has 34
-            reliable ones. Without rounding, Fractions count as exact.
-        **names
-            Further keyword arguments of `Tableau`.
-
-        Raises
-        ------
-        TableauError
-            If x has the wrong length, or as for `Tableau`.
-        """
-        if digits is not None:
-            try:
-                digits = check_integer("digits", digits, 1, DECIMAL_DIGITS)
-            except ValueError as error:
-                raise TableauError(str(error)) from None
-            numbers = enumerate(read_sequence(x, "x", TableauError), 1)
-            x = [to_decimal(_read(entry, f"x_{k}").value, digits) for k, entry in numbers]
-        try:
-            entries = read_sequence(x, "x", TableauError)
-            check_length(entries, unknowns(stages, rows))  # before a layout of many stages is made
-            layout = Layout.tableau(stages, rows)
-        except ValueError as error:
-            raise TableauError(str(error)) from None
-        return cls.from_layout(layout, entries, **names)
 
     @property
     def _key(self) -> tuple[Any, ...]:

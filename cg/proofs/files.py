@@ -36,19 +36,27 @@ def certificate_names() -> list[str]:
 
 
 def certificate_of(method: Method) -> Certificate:
-    """Return the certificate of a method of the catalogue. It isn't proved again: see `check`.
+    """Return the certificate of a method of the catalogue, or the one beside the method's file.
+
+    It isn't proved again here: see `check`.
 
     Raises
     ------
     CertificationError
-        If it has none or another one's, or if the method isn't the one that the catalogue has by
-        its name.
+        If there is none, or it is another method's.
     """
     if not isinstance(method, Method):
         raise TypeError(f"method must be a Method, got {method!r}")
     name = method.name
     if name not in methods or methods[name] != method:
-        raise CertificationError(f"{name or 'the method'} isn't in the catalogue: see cg.certify")
+        beside = None if method.file is None else certificate_beside(method.file, method)
+        if beside is not None:
+            return beside
+        raise CertificationError(
+            f"{name or 'the method'} isn't in the catalogue"
+            f"{', and no certificate lies beside its file' * (method.file is not None)}: "
+            "see cg.certify"
+        )
     path = folder() / f"{name}.toml"
     if not path.is_file():
         raise CertificationError(f"{name} has no certificate")

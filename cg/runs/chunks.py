@@ -14,17 +14,7 @@ _OLD_WEIGHT = 0.7  # weight of the old mean after one more piece
 
 
 class Chunks:
-    """Indices in chunks of about equal duration.
-
-    Parameters
-    ----------
-    indices : iterable of int
-    total : int
-        Number of indices.
-    workers : int
-    single : bool
-        Whether all chunks have one piece.
-    """
+    """Indices, `total` in number, in chunks of about equal duration; of one piece if `single`."""
 
     def __init__(self, indices: Iterable[int], total: int, workers: int, single: bool) -> None:
         self._indices = iter(indices)

@@ -24,17 +24,7 @@ _NOUNS = {"search": "search", "construct": "construction"}
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a long run is carried out; none of it changes results.
-
-    Attributes
-    ----------
-    workers : int or None
-    executor : ExecutorLike
-    store : path or None
-    progress : callable or None
-        Called with the numbers of finished and of all pieces.
-    line : ProgressLine or None
-    """
+    """How a long run is carried out, which doesn't change results; `line` shows the progress."""
 
     workers: int | None
     executor: ExecutorLike

@@ -21,16 +21,8 @@ _REPORT = 30.0  # seconds between lines in a file
 class Score:
     """How good the result of a piece of work is, for the progress line.
 
-    Attributes
-    ----------
-    f : float
-        Sum of squared residuals.
-    solved : bool
-        Whether the piece led to a method.
-    size : tuple of float, optional
-        Compared before `f`: the result with the smallest size is the best.
-    note : str, optional
-        Text after f where the result is the best one.
+    The result with the smallest `size`, then with the smallest sum of squared residuals f, is the
+    best one; `note` is shown after its f. `solved` says whether the piece led to a method.
     """
 
     f: float

@@ -212,7 +212,7 @@ class Layout:
         ]
 
     @property
-    def held(self) -> list[int]:
+    def fixed(self) -> list[int]:
         """The unknowns that are fixed at zero: the second weight of the last stage of a pair.
 
         Otherwise both weights of this stage could be equal, and the error estimate would not

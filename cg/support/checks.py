@@ -17,6 +17,7 @@ __all__ = [
     "check_flag",
     "check_generator",
     "check_integer",
+    "check_interval",
     "check_real",
     "total_memory",
 ]
@@ -64,8 +65,8 @@ def check_real(name: str, value: Any, *, positive: bool = False, most: float = m
         except OverflowError:  # an int beyond all doubles
             number = math.inf
     if not (math.isfinite(number) and number >= 0.0 and (number > 0.0 or not positive)):
-        wanted = "finite positive number" if positive else "finite number, not negative"
-        raise ValueError(f"{name} must be a {wanted}, got {value!r}")
+        kind = "finite positive number" if positive else "finite number, not negative"
+        raise ValueError(f"{name} must be a {kind}, got {value!r}")
     if number > most:
         raise ValueError(f"{name} must be at most {most:g}, got {value!r}")
     return number
@@ -92,6 +93,16 @@ def check_integer(name: str, value: Any, least: int, most: int | None = None) ->
     if most is not None and checked > most:
         raise ValueError(f"{name} must be at most {most}, got {value}")
     return checked
+
+
+def check_interval(name: str, value: Any) -> tuple[float, float]:
+    """Return two numbers as floats; ValueError unless they are finite and increasing."""
+    numbers = np.asarray(value) if isinstance(value, tuple | list | np.ndarray) else np.empty(0)
+    if numbers.shape == (2,) and numbers.dtype.kind in "iuf" and np.isfinite(numbers).all():
+        lower, upper = map(float, numbers)
+        if lower < upper:
+            return lower, upper
+    raise ValueError(f"{name} must be two increasing finite numbers, got {value!r}")
 
 
 def total_memory() -> float:

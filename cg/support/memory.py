@@ -7,6 +7,8 @@ call follows from its arguments, and is compared here with the available memory.
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -15,71 +17,58 @@ from .forks import at_forks
 
 __all__ = ["reserved"]
 
-_SLACK = 1 << 20  # f2py's and the allocator's own
+_SLACK = 1 << 20  # memory of f2py and of the allocator
 
 _changed = threading.Condition()
-_promised = {"bytes": 0}  # to calls that are running
+_in_use = {"bytes": 0}  # by calls that are running
 
 
-def _forget_promises() -> None:
-    global _promised  # noqa: PLW0603
-    _promised = {"bytes": 0}
+def _forget_calls() -> None:
+    global _in_use  # noqa: PLW0603
+    _in_use = {"bytes": 0}
 
 
-at_forks(_changed, _forget_promises)
+at_forks(_changed, _forget_calls)
 
 
-class reserved:
-    """Run a compiled call only if the memory that it allocates can be had.
-
-    Calls in other threads that leave too little are waited for.
+@contextmanager
+def reserved(needed: int, what: str) -> Iterator[None]:
+    """Reserve memory for a compiled call; wait while calls in other threads leave too little.
 
     Parameters
     ----------
     needed : int
-        Bytes, no fewer than the call allocates at any one time.
+        Upper bound of the bytes that the call allocates at any one time.
     what : str
-        What is asked for, for the message.
+        What the call computes, for the message.
 
     Raises
     ------
     MemoryError
-        If there is less: of physical memory, or below the limits of the process.
+        If `needed` exceeds the physical memory or the limits of the process.
     """
-
-    def __init__(self, needed: int, what: str) -> None:
-        self._needed = needed
-        self._what = what
-
-    def __enter__(self) -> None:
-        needed = self._needed
-        self._promised = promised = _promised  # a child of a fork has another
+    in_use = _in_use  # a forked child replaces the global one
+    with _changed:
+        while not _available(needed + in_use["bytes"] + _SLACK):
+            if not in_use["bytes"]:
+                size = f"{needed / 2**30:.3g} GiB" if needed >> 30 else f"{needed / 2**20:.3g} MiB"
+                raise MemoryError(f"{what} needs {size} of memory, which is not available")
+            _changed.wait()
+        in_use["bytes"] += needed
+    try:
+        yield
+    finally:
         with _changed:
-            while not _available(needed + promised["bytes"] + _SLACK):
-                if not promised["bytes"]:
-                    raise MemoryError(
-                        f"{self._what} needs {_in_words(needed)} of memory, which isn't there"
-                    )
-                _changed.wait()
-            promised["bytes"] += needed
-
-    def __exit__(self, *_: object) -> None:
-        with _changed:
-            self._promised["bytes"] -= self._needed
+            in_use["bytes"] -= needed
             _changed.notify_all()
 
 
 def _available(needed: int) -> bool:
+    """Return whether a number of bytes can be allocated."""
     if needed > total_memory():
         return False
     try:
-        np.empty(needed, dtype=np.uint8)  # asks for addresses; untouched, it takes no memory
+        np.empty(needed, dtype=np.uint8)  # reserves addresses; untouched, it takes no memory
     except (MemoryError, ValueError):  # ValueError: beyond all addresses
         return False
     return True
-
-
-def _in_words(needed: int) -> str:
-    if needed >= 1 << 30:
-        return f"{needed / 2**30:.3g} GiB"
-    return f"{needed / 2**20:.3g} MiB"

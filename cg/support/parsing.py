@@ -8,9 +8,11 @@ import re
 import secrets
 import shutil
 import tomllib
+from collections.abc import Callable
 from contextlib import suppress
 from decimal import Decimal
 from fractions import Fraction
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -43,6 +45,13 @@ _UNFIT = re.compile(r'[/\\:*?"<>|\x00-\x1f\x7f]')
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
+def _escaped(text: str, escape: Callable[[str], str]) -> str:
+    """Return a text with each character that isn't printable replaced by ``escape(character)``."""
+    if text.isprintable():
+        return text
+    return "".join(letter if letter.isprintable() else escape(letter) for letter in text)
+
+
 def visible(text: str) -> str:
     r"""Return a text with all characters escaped that aren't printable, also line breaks.
 
@@ -51,14 +60,13 @@ def visible(text: str) -> str:
     >>> visible("line\nbreak, \x1b[2J"), visible("König 5")
     ('line\\nbreak, \\x1b[2J', 'König 5')
     """
-    if text.isprintable():
-        return text
-    return "".join(
-        letter
-        if letter.isprintable() or category(letter) == "Zs"  # spaces of other widths
-        else letter.encode("unicode_escape").decode("ascii")
-        for letter in text
-    )
+
+    def escape(letter: str) -> str:
+        if category(letter) == "Zs":  # spaces of other widths
+            return letter
+        return letter.encode("unicode_escape").decode("ascii")
+
+    return _escaped(text, escape)
 
 
 def visible_lines(text: str) -> str:
@@ -68,30 +76,13 @@ def visible_lines(text: str) -> str:
 
 def quoted(text: str) -> str:
     """Return a text as a TOML string of printable characters."""
-    if text.isprintable():
-        return json.dumps(text, ensure_ascii=False)
-    return "".join(
-        letter if letter.isprintable() else f"\\U{ord(letter):08x}"
-        for letter in json.dumps(text, ensure_ascii=False)
-    )
+    return _escaped(json.dumps(text, ensure_ascii=False), lambda x: f"\\U{ord(x):08x}")
 
 
 def to_json(data: Any, **options: Any) -> str:
-    """Return data as JSON of printable characters and line breaks.
-
-    Parameters
-    ----------
-    data : object
-    **options
-        Those of `json.dumps`.
-    """
+    """Return data as JSON of printable characters and line breaks; options as for `json.dumps`."""
     text = json.dumps(data, ensure_ascii=False, allow_nan=False, **options)
-    if text.isprintable():
-        return text
-    return "".join(
-        letter if letter.isprintable() or letter == "\n" else json.dumps(letter)[1:-1]
-        for letter in text
-    )
+    return _escaped(text, lambda x: x if x == "\n" else json.dumps(x)[1:-1])
 
 
 def read_fraction(value: Any) -> Fraction:
@@ -121,42 +112,26 @@ def read_fraction(value: Any) -> Fraction:
 
 
 def read_toml(text: str, error: type[Exception], **options: Any) -> dict[str, Any]:
-    """Return the table of a TOML text.
+    """Return the table of a TOML text; options as for `tomllib.loads`.
 
-    Parameters
-    ----------
-    text : str
-    error : type of exception
-        Raised if the text isn't TOML, is longer than `MAX_CHARACTERS`, is nested too deeply, or
-        has a number with too many digits.
-    **options
-        Those of `tomllib.loads`.
+    Raises
+    ------
+    error
+        If the text isn't TOML, is longer than `MAX_CHARACTERS`, is nested too deeply, or has a
+        number with too many digits.
     """
-    if len(text) > MAX_CHARACTERS:
-        raise error(f"a file must have at most {MAX_CHARACTERS} characters, got {len(text)}")
-    try:
-        table = tomllib.loads(text, **options)
-    except tomllib.TOMLDecodeError as problem:
-        raise error(f"not a TOML file: {problem}") from None
-    except RecursionError:
-        raise error("not a file of this kind: tables or arrays are nested too deeply") from None
-    except ValueError as problem:  # a number with too many digits
-        raise error(f"not a file of this kind: {problem}") from None
-    return _shallow(table, error)
+    return _read("TOML", partial(tomllib.loads, **options), text, error)
 
 
 def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
     """Return the object of a JSON text, with numbers that aren't integers as strings.
 
-    Parameters
-    ----------
-    text : str
-    error : type of exception
-        Raised if the text isn't a JSON object, is longer than `MAX_CHARACTERS`, is nested too
-        deeply, has a key twice, or has a number that isn't finite or has too many digits.
+    Raises
+    ------
+    error
+        As for `read_toml`; also if the text isn't an object, has a key twice, or a number isn't
+        finite.
     """
-    if len(text) > MAX_CHARACTERS:
-        raise error(f"a file must have at most {MAX_CHARACTERS} characters, got {len(text)}")
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         table = dict(pairs)
@@ -168,21 +143,31 @@ def read_json(text: str, error: type[Exception]) -> dict[str, Any]:
     def refuse(number: str) -> None:
         raise ValueError(f"{number} is no number")
 
+    options: dict[str, Any] = {"parse_constant": refuse, "object_pairs_hook": unique}
+    return _read("JSON", partial(json.loads, parse_float=str, **options), text, error)
+
+
+def _read(
+    language: str, parse: Callable[[str], Any], text: str, error: type[Exception]
+) -> dict[str, Any]:
+    if len(text) > MAX_CHARACTERS:
+        raise error(f"a file must have at most {MAX_CHARACTERS} characters, got {len(text)}")
     try:
-        table = json.loads(text, parse_float=str, parse_constant=refuse, object_pairs_hook=unique)
-    except json.JSONDecodeError as problem:
-        raise error(f"not a JSON file: {problem}") from None
+        table = parse(text)
+        if not isinstance(table, dict):
+            raise ValueError(f"a JSON object was expected, got {text[:40]!r}")
+        _check_depth(table)
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError) as problem:
+        raise error(f"not a {language} file: {problem}") from None
     except RecursionError:
-        raise error("not a file of this kind: objects or arrays are nested too deeply") from None
-    except ValueError as problem:
+        raise error("not a file of this kind: tables or arrays are nested too deeply") from None
+    except ValueError as problem:  # also a number with too many digits
         raise error(f"not a file of this kind: {problem}") from None
-    if not isinstance(table, dict):
-        raise error(f"not a file of this kind: a JSON object was expected, got {text[:40]!r}")
-    return _shallow(table, error)
+    return table
 
 
-def _shallow(table: dict[str, Any], error: type[Exception]) -> dict[str, Any]:
-    """Return a table; raise the error if it is nested too deeply to be printed."""
+def _check_depth(table: dict[str, Any]) -> None:
+    """Raise RecursionError if a table is nested too deeply to be printed."""
     level: list[Any] = [table]
     for _ in range(_MAX_DEPTH):
         level = [
@@ -192,8 +177,7 @@ def _shallow(table: dict[str, Any], error: type[Exception]) -> dict[str, Any]:
             for part in (whole.values() if isinstance(whole, dict) else whole)
         ]
     if level:
-        raise error("not a file of this kind: tables or arrays are nested too deeply")
-    return table
+        raise RecursionError
 
 
 def file_in(folder: str | PathLike[str], name: str, suffix: str = ".toml") -> Path:

@@ -76,7 +76,7 @@ def describe(method: Method) -> dict[str, Any]:
     abscissae = [sum(row, Fraction(0)) for row in method.exact[0]]
     tree = method.tree
     used = {m for end in (*tree.stage_points, tree.result) for m in tree.path(end)}
-    error = method.principal_error()
+    error = method.principal_error
     return {
         "name": method.name,
         "source": method.source,

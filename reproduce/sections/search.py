@@ -19,6 +19,7 @@ from cg.conditions import unknowns
 from cg.construction.search.random_search import RandomStart, SearchResult, search
 from cg.method.tableau import Tableau
 from cg.runs import Store
+from cg.structure.layout import Layout
 from cg.support.shared_numbers import Status
 
 from .. import fingerprint
@@ -222,7 +223,7 @@ def _in_unit_interval(method: Tableau) -> bool:
 
 
 def _best(plan: Plan, start: RandomStart) -> dict[str, Any]:
-    method = Tableau.from_packed(start.x, plan.stages, name=f"start {start.index}")
+    method = Tableau.from_layout(Layout.tableau(plan.stages), start.x, name=f"start {start.index}")
     return {
         "start": start.index,
         "f": start.quad.f if start.quad else start.double.f,

@@ -83,7 +83,7 @@ def test_residuals_vanish_through_the_order_and_not_beyond(name):
     through = conditions.count(order)
     assert max(map(abs, residuals[:through])) < Fraction(1, 10**32)
     assert max(map(abs, residuals[through:])) > Fraction(1, 10**6)  # of CG7b 7e-6 is left
-    assert method.principal_error() > 1e-5  # far above rounding, and the best method has 1e-4
+    assert method.principal_error > 1e-5  # far above rounding, and the best method has 1e-4
 
 
 @pytest.mark.parametrize("name", EXACT)
@@ -120,7 +120,7 @@ def test_the_pair():
     pair = methods["CG2(3)"]
     assert (pair.order, pair.embedded_order) == (3, 2)
     assert pair.exact_embedded == (Fraction(17, 54), Fraction(19, 54), Fraction(1, 3))
-    assert pair.embedded.principal_error() > 0.01
+    assert pair.embedded.principal_error > 0.01
     assert np.abs(pair.b - pair.b_embedded).min() > 0.05
     assert pair.exact == methods["CG3"].exact
     assert all(methods[name].embedded is None for name in KNOWN if name != "CG2(3)")
@@ -239,7 +239,7 @@ def test_recipes_reproduce_explicit_methods(tmp_path):
     found, kept = load(tmp_path / "CG3(2).toml"), methods["CG3(2)"]
     assert (found.order, found.embedded_order) == (3, 2)
     # optimisation stops within 1e-4 of the least sum of squares, so coefficients within its root
-    np.testing.assert_allclose(found.principal_error(), kept.principal_error(), rtol=1e-4)
+    np.testing.assert_allclose(found.principal_error, kept.principal_error, rtol=1e-4)
     np.testing.assert_allclose(found.a, kept.a, atol=1e-2)
 
 

@@ -209,9 +209,6 @@ def test_bits_are_an_integer(bits):
         replace(cg.certify("CF4"), bits=bits)
 
 
-def test_orders_of_principal_errors():
-    method = cg.methods["CF4"]
-    with pytest.raises(ValueError, match=r"order must be .* 8.*, got 9"):
-        method.principal_error(9)
+def test_residual_of_a_method_without_order():
     still = cg.Tableau([[], ["1/2"]], [0, 0])
     assert still.largest_residual() == 1.0

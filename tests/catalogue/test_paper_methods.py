@@ -121,7 +121,7 @@ class TestResiduals:
         residuals = conditions.residuals(method.a, method.b, 6)
         assert 8e-6 < np.abs(residuals).max() < 9e-6
         assert 1e-9 < residuals @ residuals < 1.1e-9  # the paper: about 1e-8
-        assert method.principal_error() > 1000 * np.abs(residuals).max()
+        assert method.principal_error > 1000 * np.abs(residuals).max()
 
 
 def test_cg4_is_its_closed_form():

@@ -66,6 +66,10 @@ def test_search_arguments(given):
         0.5, 70, 1e-12, 9
     ]  # fmt: skip
     assert (passed["workers"], passed["force"], passed["progress"]) == (1, True, False)
+    passed = given(
+        "search --order 4 --stages 5 --abscissae 0 1 --bound 2 --minimise principal_error"
+    )
+    assert [passed[k] for k in ("abscissae", "bound", "minimise")] == [(0, 1), 2, "principal_error"]
     passed = given("search --order 4 --stages 5 --flows 6 --embedded --first-same-as-last")
     assert (passed["flows"], passed["embedded"], passed["first_same_as_last"]) == (6, True, True)
 

@@ -18,7 +18,6 @@ from cg.construction import (
     Structure,
     optimise,
     pack_method,
-    principal_error,
     solved,
     to_method,
 )
@@ -59,7 +58,7 @@ class TestLayout:
         assert layout.packed(layout.cut(x)) == x
         assert layout.packed(layout.full_rows(x)) == x
         assert layout.size == conditions.unknowns(4, rows) + 4 * pair
-        assert layout.held == ([layout.size - 1] if pair else [])
+        assert layout.fixed == ([layout.size - 1] if pair else [])
         for stage in range(4):
             names = [layout.names[k] for k in layout.column(stage)]
             assert all(name.endswith((f",{stage + 1}", f"_{stage + 1}")) for name in names)
@@ -143,9 +142,9 @@ class TestSolvers:
         packed = pack_method(method)
         assert packed.system == system
         np.testing.assert_allclose(packed.x, found.x, rtol=0, atol=1e-12)
-        assert principal_error(packed) == pytest.approx(method.principal_error(), rel=1e-10)
+        assert packed.principal_error == pytest.approx(method.principal_error, rel=1e-10)
         better = optimise(packed, Goals(), max_iterations=5)
-        assert principal_error(better) < principal_error(packed)
+        assert better.principal_error < packed.principal_error
 
     def test_tableau_layout_methods_reject_points(self):
         for call in (

@@ -74,9 +74,9 @@ class TestRefine:
     @pytest.mark.parametrize(
         ("changes", "message"),
         [
-            ({"free": [-1]}, "free must hold indices from 0 to 5"),
-            ({"free": [0, 6]}, "free must hold indices from 0 to 5"),
-            ({"free": [0.5]}, "free must hold integers"),
+            ({"free": [-1]}, "free must be a sequence of integers from 0 to 5"),
+            ({"free": [0, 6]}, "free must be a sequence of integers from 0 to 5"),
+            ({"free": [0.5]}, "free must be a sequence of integers"),
             ({"order": MAX_ORDER + 1}, f"order must be at most {MAX_ORDER}"),
             ({"order": 0}, "order must be at least 1"),
             ({"stages": 4}, "must have"),
@@ -124,7 +124,6 @@ class TestPolish:
         found = polish(
             [Fraction(float(entry)) for entry in packed("CG5a")], ConditionSystem.tableau(5, 9)
         )
-        assert found.rank == 37
         assert found.largest_residual < Fraction(1, 10**44)
 
     def test_polish_preserves_linear_relations(self):

@@ -1,9 +1,11 @@
-"""None"""
+"""Random searches: reproducibility, methods, requirements, arguments."""
 
 import importlib
 import json
+import re
 from dataclasses import replace
 from fractions import Fraction
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -186,7 +188,7 @@ class TestThePapersWay:
         assert len(paper_way.methods) >= 1
         for method in paper_way.methods:
             assert (method.order, method.stages, method.explicit) == (4, 5, True)
-            assert method.principal_error() > 1e-3
+            assert method.principal_error > 1e-3
 
     def test_lmdif_phases_as_in_paper(self, paper_way):
         solved = [start for start in paper_way.starts if start.exact]
@@ -360,3 +362,84 @@ def test_rejects_true_as_integer(name):
 def test_rejects_counts_beyond_fortran_integers(name):
     with pytest.raises(ValueError, match=f"{name} must be at most 2147483647, got 1000000"):
         search(**GOOD | {name: 10**30})
+
+
+@pytest.fixture(scope="module")
+def order_three():
+    return search(**SMALL, starts=40)
+
+
+class TestRequirements:
+    @pytest.mark.parametrize("minimise", [None, "principal_error", "largest_coefficient"])
+    def test_methods_satisfy_the_bounds(self, order_three, minimise):
+        bounds = {"abscissae": (0, 1), "bound": 1.5}
+        found = search(**SMALL, starts=40, **bounds, minimise=minimise)
+        assert found.starts == order_three.starts
+        assert 0 < len(found.methods) < len(order_three.methods)
+        for method in found.methods:
+            assert method.order == 3
+            assert method.largest_residual() < 1e-33
+            assert method.c.min() >= 0.0
+            assert method.c.max() <= 1.0
+            assert largest(method) <= 1.5
+
+    @pytest.mark.parametrize("minimise", ["principal_error", "largest_coefficient"])
+    def test_minimised_methods(self, order_three, minimise):
+        objective = attrgetter(minimise) if minimise == "principal_error" else largest
+        found = search(**SMALL, starts=40, minimise=minimise).methods
+        values = list(map(objective, found))
+        assert values == pytest.approx(sorted(values), abs=1e-7)
+        before = {method.name: method for method in order_three.methods}
+        ratios = [objective(method) / objective(before[method.name]) for method in found]
+        assert len(ratios) == len(before)
+        assert max(ratios) < 1.05
+        assert min(ratios) < 0.8
+        assert found[0].source == before[found[0].name].source + ", then along the solution set"
+
+    def test_methods_within_the_bounds_stay_as_they_are(self, order_three):
+        found = search(**SMALL, starts=40, bound=largest(order_three.methods[3]) + 1e-3).methods
+        assert set(order_three.methods[:4]) <= set(found)
+
+    def test_trees(self):
+        found = search(4, 4, 60, 1, flows=5, abscissae=(0, 1)).methods
+        assert found
+        assert all(method.c.min() >= 0 and method.c.max() <= 1 for method in found)
+
+    @pytest.mark.parametrize(
+        ("wish", "message"),
+        [
+            (
+                {"abscissae": (1, 0)},
+                r"abscissae must be two increasing finite numbers, got \(1, 0\)",
+            ),
+            ({"abscissae": 1.0}, "abscissae must be two increasing finite numbers, got 1.0"),
+            ({"abscissae": (0, np.inf)}, "abscissae must be two increasing"),
+            ({"abscissae": "01"}, "abscissae must be two increasing"),
+            ({"bound": 0}, "bound must be a finite positive number, got 0"),
+            ({"minimise": "flows"}, "minimise must be one of principal_error, largest_coefficient"),
+            ({"order": MAX_ORDER, "minimise": "principal_error"}, "order must be below"),
+        ],
+    )
+    def test_bad_requirements(self, wish, message):
+        with pytest.raises(ValueError, match=message):
+            search(**(GOOD | {"force": True} | wish))
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({}, r"CG3-5-\d+"),
+        ({"rows": "diagonal"}, r"DICG3-5-\d+"),
+        ({"rows": "full"}, r"ICG3-5-\d+"),
+        ({"flows": 4}, r"CF3-5-\d+"),
+        ({"flows": 4, "embedded": True}, r"CF3\(2\)-5-\d+"),
+    ],
+)
+def test_names_of_methods(options, name):
+    found = search(**SMALL, starts=12, **options).methods
+    assert found
+    assert all(re.fullmatch(name, method.name) for method in found)
+
+
+def largest(method):
+    return max(abs(float(coefficient.value)) for coefficient in method.coefficients)

@@ -20,7 +20,7 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
 LAYER = {folder: level for level, folders in enumerate(LAYERS) for folder in folders}
 
 
-IN_CALLS = ROOT / "cg" / "method" / "method.py"  # imports later folders when they are called
+IN_CALLS = ROOT / "cg" / "method" / "outputs.py"  # imports later folders when they are called
 
 
 def imported_folders(path):

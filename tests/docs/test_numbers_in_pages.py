@@ -105,11 +105,11 @@ def impossible():
 
 
 def catalogue():
-    best = min(tableaux(6), key=lambda method: method.principal_error())
+    best = min(tableaux(6), key=lambda method: method.principal_error)
     small = cg.methods["CG6f"]
     yield (
-        f"| `CG6f`, `{best.name}` | principal error {small.principal_error():.3g} with "
-        f"{small.stages} stages, {best.principal_error():.3g} with {best.stages} |"
+        f"| `CG6f`, `{best.name}` | principal error {small.principal_error:.3g} with "
+        f"{small.stages} stages, {best.principal_error:.3g} with {best.stages} |"
     )
 
 

@@ -142,4 +142,7 @@ def test_code_of_runs_page(capsys, monkeypatch, tmp_path):
     exact = sum(start.exact for start in found.starts)
     assert exact > 10
     best = min(start.quad.f for start in found.starts if start.quad)
-    assert told[1] == f"search 4 200 {exact} {best}"
+    method = names["method"]
+    assert told[1] == f"{method.name} {method.principal_error}"
+    assert method.c.max() <= 1.0
+    assert told[2] == f"search 4 200 {exact} {best}"

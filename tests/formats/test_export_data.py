@@ -1,6 +1,7 @@
 """Exports as data and LaTeX, digits, Julia's syntax, rejected arguments."""
 
 import json
+import pickle
 import re
 import shutil
 import subprocess
@@ -83,6 +84,29 @@ class TestDigits:
             method.export("json", certificate="proof")
         with pytest.raises(cg.CertificationError):
             cg.methods["CG5d"].export("json", digits=50, certificate=certificate)
+
+    def test_certificate_beside_the_file(self, tmp_path):
+        stored = cg.methods["CG3(2)"]
+        method = cg.Tableau(stored.entries, stored.weights, name="mine")
+        certificate = cg.certify(method)
+        file = tmp_path / "mine.toml"
+        method.save(file)
+        loaded = cg.Method.load(file)
+        assert (loaded.file, method.file) == (file, None)
+        with pytest.raises(cg.CertificationError, match="no certificate lies beside its file"):
+            loaded.digits(50)
+        certificate.save(tmp_path / "mine.certificate.toml")
+        digits = method.digits(50, certificate=certificate)
+        assert loaded.digits(50) == digits
+        assert loaded == method
+        table = json.loads(cg.export(str(file), "json", digits=50))
+        assert table["b"] == digits[1]
+        assert pickle.loads(pickle.dumps(loaded)).file is None
+        other = tmp_path / "other.toml"
+        cg.methods["CG5d"].with_coefficients(cg.methods["CG5d"].coefficients, name="x").save(other)
+        certificate.save(tmp_path / "other.certificate.toml")
+        with pytest.raises(cg.CertificationError):
+            cg.Method.load(other).digits(50)
 
     def test_rejects_more_than_known(self):
         with pytest.raises(ValueError, match=r"at most \d+, which are stored, since CG6a has no c"):

@@ -227,6 +227,9 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
             "flows": None,
             "embedded": False,
             "first_same_as_last": False,
+            "abscissae": (0.0, 1.0),
+            "bound": 2.0,
+            "minimise": "principal_error",
         },
         (OSError,),
     ),
@@ -308,9 +311,6 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
             "nominal_residual": "1e-3",
         },
     ),
-    "Tableau.from_packed": Call(
-        cg.Tableau.from_packed, {"x": ["1/2", 0, 1], "stages": 2, "rows": "explicit", "digits": 9}
-    ),
     "CommutatorFree": Call(
         cg.CommutatorFree,
         {
@@ -330,7 +330,6 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     "Solution.sol": Call(SOLVED.sol, {"t": [0.25, 0.5]}),
     "digits": Call(CG3.digits, {"digits": 20, "embedded": False, "certificate": None}),
     "Method.largest_residual": Call(CG3.largest_residual, {"order": 3}),
-    "Method.principal_error": Call(CG3.principal_error, {"order": 3}),
     "Method.satisfies": Call(CG3.satisfies, {"order": 3}),
     "Method.description": Call(CG3.description, {"complete": False}),
     "MuntheKaas.residuals": Call(
@@ -404,10 +403,6 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     "catalogue.resolve_method": Call(catalogue.resolve_method, {"method": "CG3"}),
     "diagnosis.draw_tree": Call(diagnosis.draw_tree, {"tree": TREE}),
     "diagnosis.draw_points": Call(diagnosis.draw_points, {"method": CG3, "digits": 4}),
-    "construction.compose": Call(
-        construction.compose, {"methods": [CG3, CG3], "gammas": ["1/2", "1/2"], "name": "x"}
-    ),
-    "construction.triple_jump": Call(construction.triple_jump, {"order": 2, "digits": 9}),
     "construction.pack_method": Call(construction.pack_method, {"method": CG3, "order": 3}),
     "construction.correct": Call(
         construction.correct,
@@ -422,7 +417,13 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     ),
     "construction.Goals": Call(
         construction.Goals,
-        {"principal_error": 1.0, "coefficients": 0.0, "abscissae": 0.0, "bound": 1.5},
+        {
+            "principal_error": 1.0,
+            "coefficients": 0.0,
+            "abscissae": 0.0,
+            "interval": (0.0, 1.0),
+            "bound": 1.5,
+        },
     ),
     "construction.walk": Call(
         construction.walk,

@@ -76,7 +76,7 @@ class TestMethods:
         )
         assert method.exact == HEUN.exact
         assert method.exact_embedded == (1, 0)
-        assert method.principal_error() == pytest.approx(np.sqrt(2.0) / 6.0)
+        assert method.principal_error == pytest.approx(np.sqrt(2.0) / 6.0)
         assert method.largest_residual() == 0
         assert method.largest_residual(3) == pytest.approx(1 / 6)
         assert repr(method) == "<MuntheKaas Heun: order 2(1), 2 evaluations, 2 flows>"

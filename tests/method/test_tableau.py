@@ -15,7 +15,6 @@ from cg import conditions
 from cg.conditions import Rows
 from cg.method.coefficients import Coefficient
 from cg.method.tableau import Tableau, TableauError
-from cg.structure.layout import Layout
 
 pytestmark = pytest.mark.no_core
 
@@ -159,11 +158,14 @@ class TestOrder:
     def test_principal_error(self):
         euler = decimal_euler(1)
         # of [[]] and [[]]: Φ = 0 and 1/2, so that only the first differs from 1/2
-        assert euler.principal_error() == pytest.approx(0.5)
-        assert decimal_euler("1/2").principal_error() == pytest.approx(0.5)
-        assert MIDPOINT.principal_error(1) == pytest.approx(0, abs=1e-16)
-        with pytest.raises(ValueError, match="at most"):
-            euler.principal_error(conditions.MAX_ORDER)
+        assert euler.principal_error == pytest.approx(0.5)
+        assert decimal_euler("1/2").principal_error == pytest.approx(0.5)
+        exact = MIDPOINT.residuals(3)[conditions.count(2) :]
+        assert MIDPOINT.principal_error == pytest.approx(float(sum(r * r for r in exact)) ** 0.5)
+        last = conditions.MAX_ORDER
+        highest = Tableau([[]], [1], nominal_order=last, nominal_residual=1)
+        with pytest.raises(ValueError, match=f"order must be at most {last}, .* got {last + 1}"):
+            _ = highest.principal_error
 
     def test_largest_residual(self):
         assert MIDPOINT.largest_residual() == 0
@@ -305,29 +307,3 @@ class TestBadInput:
 
     def test_tableau_error_is_a_value_error(self):
         assert issubclass(TableauError, ValueError)
-
-
-class TestPacked:
-    @given(tableaux(rationals))
-    def test_round_trip(self, tableau):
-        method = Tableau(*tableau)
-        lengths = Layout.tableau(method.stages, method.rows).lengths
-        rows = zip([*method.exact[0], method.exact[1]], lengths, strict=True)
-        x = [entry for row, length in rows for entry in row[:length]]
-        assert Tableau.from_packed(x, method.stages, method.rows) == method
-
-    def test_digits(self):
-        third = Tableau.from_packed([Fraction(1, 3), 0.5, "1/2"], 2, digits=10, name="third")
-        assert third.exact == (((0, 0), (Fraction(3333333333, 10**10), 0)), (Fraction(1, 2),) * 2)
-        assert third.name == "third"
-        assert third.entries[1][0].text == "0.3333333333"
-
-    def test_bad_input(self):
-        with pytest.raises(TableauError, match="x must have 3 entries, got 2"):
-            Tableau.from_packed([1, 2], 2)
-        with pytest.raises(TableauError, match="digits must be at most 36, got 37"):
-            Tableau.from_packed([1], 1, digits=37)
-        with pytest.raises(TableauError, match="x_1: expected a finite"):
-            Tableau.from_packed([np.nan], 1, digits=3)
-        with pytest.raises(TableauError, match="stages must be at least 1, got 0"):
-            Tableau.from_packed([], 0)

@@ -15,6 +15,7 @@ from cg.conditions import Rows
 from cg.construction.solvers.minimum_norm import fit_conditions
 from cg.construction.solvers.refine import refine
 from cg.construction.solvers.system import ConditionSystem
+from cg.method.packed import make_method
 from cg.method.tableau import Tableau
 from cg.proofs import (
     Certificate,
@@ -30,6 +31,7 @@ from cg.proofs.files import certificate_names, folder
 from cg.proofs.krawczyk import krawczyk
 from cg.proofs.statement import Packed, box, free_of, system_of
 from cg.proofs.zero import zero_of
+from cg.structure.layout import Layout
 from cg.support.balls import working_precision as precision
 
 pytestmark = pytest.mark.no_core
@@ -51,7 +53,7 @@ def perturbed(method, row, column, change):
     a = [list(entries) for entries in a]
     a[row][column] += Fraction(change)
     values = [v for r, entries in enumerate(a) for v in entries[:r]] + list(b)
-    return Tableau.from_packed(values, method.stages, digits=36, name=method.name)
+    return make_method(Layout.tableau(method.stages), values, digits=36, name=method.name)
 
 
 class TestProofs:

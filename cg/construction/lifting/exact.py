@@ -29,16 +29,10 @@ _GAP = 1e-10
 
 @dataclass(frozen=True)
 class Exact:
-    """Weights of a splitting whose sums are exact.
+    """Weights of a splitting whose sums are exact: unknowns with 36 digits, exact remainders.
 
-    Attributes
-    ----------
-    weights : tuple of str and Fraction
-        The unknowns with 36 digits; remainders are exact.
-    largest_residual : float
-        Largest residual of the conditions, before the unknowns were rounded.
-    rank : int
-        Numerical rank of the derivatives.
+    `largest_residual` is that before the unknowns were rounded, `rank` the numerical rank of the
+    derivatives.
     """
 
     weights: tuple[str | Fraction, ...]
@@ -47,18 +41,7 @@ class Exact:
 
 
 def refined(splitting: Splitting, x: NDArray[np.float64]) -> Exact:
-    """Refine weights until the conditions hold to more digits than are written.
-
-    Parameters
-    ----------
-    splitting : Splitting
-    x : ndarray, shape (size,)
-        Weights close to a solution.
-
-    Returns
-    -------
-    Exact
-    """
+    """Refine weights x, shape (size,), to more digits than are written."""
     # the pseudo-inverse is in orthonormal directions, the unknowns are entries themselves
     along, rank = pseudo_inverse(splitting.jacobian(x), _GAP)
     inverse = splitting.directions[splitting.free] @ along

@@ -14,8 +14,7 @@ from ...method.tableau import Tableau
 from ...support.checks import MAX_STAGES, check_flag, check_integer
 from ...support.parallel import raise_if_stopped
 from .exact import refined
-from .improvement import improved
-from .merging import reduced
+from .reduction import improved, merged_flows
 from .solver import Fit, fit
 from .splitting import FlatRows, Splitting, chains_layout, random_layout
 
@@ -183,7 +182,7 @@ def lift(
     rows = FlatRows(*tableau.exact, tableau.exact_embedded)
     lengths = _check_chains(rows, order, flows, chains)
     if flows is not None:
-        flows = check_integer("flows", flows, len(rows.own) + 1, MAX_STAGES)
+        flows = check_integer("flows", flows, len(rows.moved_stages) + 1, MAX_STAGES)
     tries, hits = check_integer("tries", tries, 1), check_integer("hits", hits, 1)
     if check_flag("improve", improve) and order >= MAX_ORDER:
         raise ValueError(
@@ -272,7 +271,7 @@ class _Settings:
     def finish(self, index: int, splitting: Splitting, end: Fit) -> _Solution:
         """Merge flows of a solution and reduce its principal error, if the settings say so."""
         if self.reduce:
-            splitting, end = reduced(splitting, end, self.max_iterations)
+            splitting, end = merged_flows(splitting, end, self.max_iterations)
         flows = len(splitting.layout.parents)
         key = float(flows), float(np.max(np.abs(end.x)))
         if self.improve:
@@ -312,7 +311,7 @@ def _check_chains(
 ) -> list[int]:
     """Return the numbers of flows in the chains."""
     if chains is None:
-        return [*(min(_STAGE_CHAINS[order], k) for k in rows.own), _CHAINS[order]]
+        return [*(min(_STAGE_CHAINS[order], k) for k in rows.moved_stages), _CHAINS[order]]
     if flows is not None:
         raise ValueError("flows and chains exclude each other")
     if isinstance(chains, str | bytes) or not isinstance(chains, Sequence | np.ndarray):
@@ -320,9 +319,9 @@ def _check_chains(
     if isinstance(chains, np.ndarray) and chains.ndim != 1:
         raise ValueError(f"chains must be a sequence of integers, got shape {chains.shape}")
     lengths = list(chains)
-    if len(lengths) != len(rows.own) + 1:
+    if len(lengths) != len(rows.moved_stages) + 1:
         raise ValueError(
-            f"chains must have {len(rows.own) + 1} lengths, of stages and the result, "
+            f"chains must have {len(rows.moved_stages) + 1} lengths, of stages and the result, "
             f"got {len(lengths)}"
         )
     return [check_integer("a length in chains", length, 1, MAX_STAGES) for length in lengths]

@@ -40,17 +40,7 @@ _LEFT_BEHIND = 4.0  # ratio of the sums over all and selected conditions for a n
 
 @dataclass(frozen=True)
 class Fit:
-    """The result of a fit.
-
-    Attributes
-    ----------
-    x : ndarray, shape (size,)
-        Weights that add up to the rows.
-    f : float
-        Sum of the squared, scaled residuals.
-    iterations : int
-        Number of steps tried.
-    """
+    """Weights that add up to the rows, shape (size,), and the sum f of squared residuals."""
 
     x: Vector
     f: float
@@ -65,20 +55,9 @@ class Fit:
 def fit(
     splitting: Splitting, x: Vector, *, max_iterations: int, patience: int | None = None
 ) -> Fit:
-    """Solve the conditions from a start.
+    """Solve the conditions from weights x that add up to the rows, shape (size,).
 
-    Parameters
-    ----------
-    splitting : Splitting
-    x : ndarray, shape (size,)
-        Weights that add up to the rows.
-    max_iterations : int
-    patience : int, optional
-        Stop when this number of steps hasn't halved the sum.
-
-    Returns
-    -------
-    Fit
+    With `patience`, stop when this number of steps hasn't halved the sum.
     """
     directions = splitting.directions
     residual = splitting.residual(x)

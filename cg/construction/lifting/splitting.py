@@ -39,17 +39,7 @@ Remainders = dict[int, tuple[dict[int, Fraction], Fraction]]
 
 @dataclass(frozen=True)
 class FlatRows:
-    """The rows of a flat tableau.
-
-    Attributes
-    ----------
-    stages : tuple of rows of Fraction
-        Rows of ``a``, all of length s.
-    result : tuple of Fraction
-        Weights ``b``.
-    embedded : tuple of Fraction or None
-        Second weights of a pair.
-    """
+    """Rows of a flat tableau: those of ``a``, of length s, ``b``, and second weights or None."""
 
     stages: tuple[tuple[Fraction, ...], ...]
     result: tuple[Fraction, ...]
@@ -66,7 +56,7 @@ class FlatRows:
         return self.count > 1 and self.stages[-1] == self.result
 
     @property
-    def own(self) -> list[int]:
+    def moved_stages(self) -> list[int]:
         """Stages with points of their own: all except the first, and one at the result."""
         return list(range(1, self.count - self.at_result))
 
@@ -82,15 +72,8 @@ class FlatRows:
     ) -> Layout:
         """Return the layout with these points, and one for the second result of a pair.
 
-        Parameters
-        ----------
-        parents : sequence of int
-            The parent of each point.
-        at : sequence of int
-            The points of the stages in `own`.
-        result : int
-        uses : sequence of sets of int
-            The stages that each point has weights on.
+        `parents` are those of the points, `at` the points of the stages in `moved_stages`, `uses`
+        the stages that each point has weights on.
         """
         parents, weights = list(parents), [tuple(sorted(used)) for used in uses]
         stage_points = (START, *at, *([result] if self.at_result else []))
@@ -106,25 +89,23 @@ class FlatRows:
 def chains_layout(rows: FlatRows, lengths: Sequence[int], *, zeros: bool = True) -> Layout:
     """Return the layout in which each stage and the result have chains of their own.
 
-    Parameters
-    ----------
-    rows : FlatRows
-    lengths : sequence of int
-        Flows to each stage in `FlatRows.own`, and to the result.
-    zeros : bool, optional
-        Whether rows have no weights where the tableau has zeros. Otherwise they have weights
-        that add up to zero, in chains of more than one flow.
+    `lengths` are the numbers of flows to each stage in `FlatRows.moved_stages`, and to the result.
+    Without `zeros`, chains of more than one flow also have weights where the tableau has zeros,
+    which add up to zero.
     """
     parents: list[int] = []
     uses: list[set[int]] = []
     ends: list[int] = []
-    targets = [*((k, rows.stages[k]) for k in rows.own), (1 + len(rows.own), rows.result)]
+    targets = [
+        *((k, rows.stages[k]) for k in rows.moved_stages),
+        (1 + len(rows.moved_stages), rows.result),
+    ]
     for (before, row), length in zip(targets, lengths, strict=True):
         last = START
         for _ in range(length):
             parents.append(last)
-            kept = zeros or length == 1
-            uses.append({k for k in range(before) if row[k] or not kept})
+            free_zeros = length > 1 and not zeros
+            uses.append({k for k in range(before) if row[k] or free_zeros})
             last = len(parents) - 1
         ends.append(last)
     return rows.layout(parents, ends[:-1], ends[-1], uses)
@@ -137,10 +118,10 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
     a stage or the result. A flow has weights on the stages that a row further on contains. Trees
     whose weights can't add up to the rows are rejected.
     """
-    own = rows.own
-    targets = [*(rows.stages[k] for k in own), rows.result]
+    stages = rows.moved_stages
+    targets = [*(rows.stages[k] for k in stages), rows.result]
     while True:
-        places = np.sort(generator.choice(flows - 1, len(own), replace=False)).tolist()
+        places = np.sort(generator.choice(flows - 1, len(stages), replace=False)).tolist()
         ends = [*places, flows - 1]
         parents = []
         for m in range(flows):
@@ -162,7 +143,7 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
         uses = []
         for m in range(flows):
             leading = [row for row, path in zip(targets, paths, strict=True) if m in path]
-            known = [k for k in range(rows.count) if k == 0 or (k in own and places[k - 1] < m)]
+            known = [k for k in range(rows.count) if k == 0 or (k in stages and places[k - 1] < m)]
             uses.append({k for k in known if any(row[k] for row in leading)})
         if not all(uses):
             continue
@@ -174,10 +155,7 @@ def random_layout(rows: FlatRows, flows: int, generator: np.random.Generator) ->
 def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Fraction]]:
     """Return the sets of weights that lie on one path and multiply one stage, and their sums.
 
-    Raises
-    ------
-    ArithmeticError
-        If the sums contradict each other.
+    ArithmeticError if the sums contradict each other.
     """
     sums: dict[frozenset[int], Fraction] = {}
     for end, row in rows.ends(layout):
@@ -192,26 +170,12 @@ def path_sums(rows: FlatRows, layout: Layout) -> list[tuple[frozenset[int], Frac
 
 
 def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Remainders:
-    """Solve sums of unknowns for the last unknown of each.
+    """Solve sums of unknowns, pairs of indices and a value, for the last unknown of each.
 
-    The reduced echelon form of the equations, with columns in reverse order, expresses each
-    pivot by unknowns with smaller indices that are no pivots themselves.
-
-    Parameters
-    ----------
-    sums : iterable of (indices, value)
-    size : int
-        Number of unknowns.
-
-    Returns
-    -------
-    dict
-        ``{k: (factors, value)}`` with ``x_k = value - Σ_j factors[j] x_j``.
-
-    Raises
-    ------
-    ArithmeticError
-        If the sums contradict each other.
+    The reduced echelon form of the equations, with columns in reverse order, expresses each pivot
+    by unknowns with smaller indices that are no pivots themselves. Returns ``{k: (factors,
+    value)}`` with ``x_k = value - Σ_j factors[j] x_j``; ArithmeticError if the sums contradict each
+    other.
     """
     rows = []
     for indices, value in sums:
@@ -237,16 +201,8 @@ def solve_sums(sums: Iterable[tuple[Iterable[int], Fraction]], size: int) -> Rem
 class Splitting:
     """The order conditions on a flat tableau that is split into flows.
 
-    Parameters
-    ----------
-    rows : FlatRows
-    layout : Layout
-    order : int
-        Order of the result.
-    embedded_order : int
-        Order of the second result; 0 without.
-    stage_orders : tuple of int, optional
-        Order of each stage at its abscissa, as assumed.
+    `embedded_order` is that of the second result, 0 without; `stage_orders` are the assumed orders
+    of the stages at their abscissae.
     """
 
     rows: FlatRows

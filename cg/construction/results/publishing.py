@@ -15,7 +15,7 @@ from ...support.checks import check_integer
 from ...support.parallel import single_threads
 from ...support.parsing import file_in
 from ..candidate import to_method
-from ..optimise import Goals, optimise, principal_error
+from ..optimise import Goals, optimise
 from .solutions import Solution, solutions
 
 __all__ = ["Publication", "publish"]
@@ -131,7 +131,7 @@ def publish(
         files.append(proof)
     return Publication(
         method=method,
-        principal_error=principal_error(candidate),
+        principal_error=candidate.principal_error,
         initial_principal_error=chosen.principal_error,
         certificate=certificate,
         reason=reason,

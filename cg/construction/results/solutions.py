@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
 from ...runs import Record, StoredRun
 from ...structure.layout import Layout, Rows
@@ -16,7 +17,6 @@ from ...support import quads
 from ...support.checks import check_integer
 from ...support.parallel import single_threads
 from ..candidate import Candidate
-from ..optimise import principal_error
 from ..search.shapes import layout_from_json
 from ..solvers.singular import decompose, retract
 from ..solvers.system import ConditionSystem, Structure
@@ -35,14 +35,7 @@ OBJECTIVES = ("principal-error", "largest-coefficient", "flows", "residual", "se
 
 @dataclass(frozen=True)
 class Solution:
-    """A solved start of a store.
-
-    Attributes
-    ----------
-    record : Record
-    candidate : Candidate
-        Coefficients in double, and the conditions that they solve.
-    """
+    """A solved start of a store: its record, its coefficients in double and their conditions."""
 
     record: Record
     candidate: Candidate
@@ -50,21 +43,10 @@ class Solution:
     @cached_property
     def principal_error(self) -> float:
         """Norm of the residuals of the next order."""
-        return principal_error(self.candidate)
+        return self.candidate.principal_error
 
     def objective(self, name: str) -> float:
-        """Return the value of an objective, small for a good solution.
-
-        Parameters
-        ----------
-        name : str
-            One of `OBJECTIVES`.
-
-        Raises
-        ------
-        ValueError
-            If `name` isn't one of them.
-        """
+        """Return the value of one of `OBJECTIVES`, small for a good solution."""
         match name:
             case "principal-error":
                 return self.principal_error
@@ -135,37 +117,22 @@ def best(run: StoredRun, objective: str = "principal-error", count: int = 10) ->
 
 @single_threads()
 def families(distinct: list[Solution]) -> list[list[Solution]]:
-    """Group solutions that a walk along the solution set connects.
+    """Group solutions that a walk along the solution set connects, the largest family first.
 
-    A walk goes from each solution towards its nearest neighbours, in steps within the tangent
-    space of the set that are corrected back to the set. Solutions that a walk connects lie on
-    one component of the set. A walk that fails proves nothing, since a detour may exist: the
-    number of families is an upper bound of the number of components.
-
-    Parameters
-    ----------
-    distinct : list of Solution
-
-    Returns
-    -------
-    list of list of Solution
-        Largest family first.
+    A walk goes from each solution towards its nearest neighbours, in steps within the tangent space
+    of the set that are corrected back to the set. Solutions that a walk connects lie on one
+    component of the set. A walk that fails proves nothing, since a detour may exist: the number of
+    families is an upper bound of the number of components.
     """
-    groups = list(range(len(distinct)))
-
-    def root(place: int) -> int:
-        while groups[place] != place:
-            place = groups[place]
-        return place
-
+    groups = DisjointSet(range(len(distinct)))
     for place, solution in enumerate(distinct):
         for k in _nearest(distinct, place):
-            if root(k) != root(place) and connected(solution.candidate, distinct[k].candidate):
-                groups[root(k)] = root(place)
-    grouped: dict[int, list[Solution]] = {}
-    for place, solution in enumerate(distinct):
-        grouped.setdefault(root(place), []).append(solution)
-    return sorted(grouped.values(), key=len, reverse=True)
+            joined = groups.connected(k, place)
+            if not joined and connected(solution.candidate, distinct[k].candidate):
+                groups.merge(k, place)
+    members = sorted(sorted(subset) for subset in groups.subsets())
+    grouped = ([distinct[k] for k in group] for group in members)
+    return sorted(grouped, key=len, reverse=True)
 
 
 def _nearest(distinct: list[Solution], place: int) -> list[int]:

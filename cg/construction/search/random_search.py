@@ -20,9 +20,10 @@ from ...runs import ExecutorLike, Failure, LongRun, ProgressLine, Record, RunOpt
 from ...support import quads
 from ...support.checks import MAX_COUNT, check_integer
 from .records import Phase, RandomStart
+from .requirements import Requirements
 from .result import SearchResult, StoredStarts
 from .settings import SearchArguments, SearchSettings
-from .start import EXACT, check_start, random_start, run_start, start_layout
+from .start import EXACT, random_start, read_start, run_start, start_layout
 
 __all__ = [
     "EXACT",
@@ -58,6 +59,9 @@ def search(
     flows: int | None = None,
     embedded: bool = False,
     first_same_as_last: bool = False,
+    abscissae: Sequence[float] | None = None,
+    bound: float | None = None,
+    minimise: str | None = None,
 ) -> SearchResult:
     """Search for methods of an order from random starts.
 
@@ -126,6 +130,14 @@ def search(
         of order q - 1. Its last weight is held as well. With `tree`, the tree decides.
     first_same_as_last : bool, optional
         With `flows`, whether the last stage is at the result, where the next step begins.
+    abscissae : (float, float), optional
+        Interval that all abscissae of the methods must lie in.
+    bound : float, optional
+        Bound on the magnitudes of the coefficients of the methods.
+    minimise : {"principal_error", "largest_coefficient"}, optional
+        Move each method along its solution set to reduce this, and sort the methods by it. With
+        `abscissae` or `bound`, methods beyond these are moved as well, and left out if that fails.
+        None of the three changes the starts, or what a store has.
 
     Returns
     -------
@@ -149,6 +161,13 @@ def search(
     2
     >>> search(order=4, stages=4, flows=5, starts=10, seed=1).methods[0].exponentials
     5
+
+    Methods with abscissae in [0, 1], the smallest principal error first:
+
+    >>> result = search(3, 3, 6, seed=1, abscissae=(0, 1), bound=1.5, minimise="principal_error")
+    >>> method = result.methods[0]
+    >>> method.name, method.order, bool(method.c.max() <= 1)
+    ('CG3-1-1', 3, True)
     """
     settings = SearchArguments(
         order=order,
@@ -168,11 +187,14 @@ def search(
     ).checked()
     quads.core("cg.search")
     starts = check_integer("starts", starts, 1, MAX_COUNT)
+    requirements = Requirements.checked(settings.order, abscissae, bound, minimise)
     options = RunOptions.checked(workers, executor, store, progress)
-    return _run(settings, starts, options)
+    return _run(settings, starts, options, requirements)
 
 
-def _run(settings: SearchSettings, starts: int, options: RunOptions) -> SearchResult:
+def _run(
+    settings: SearchSettings, starts: int, options: RunOptions, requirements: Requirements
+) -> SearchResult:
     """Run all starts that the store doesn't have; without a store, keep them in memory."""
     drawn = settings.flows is not None
 
@@ -186,7 +208,7 @@ def _run(settings: SearchSettings, starts: int, options: RunOptions) -> SearchRe
         settings=settings,
         work=partial(run_start, settings),
         to_record=to_record,
-        from_record=lambda record: check_start(settings, RandomStart.from_record(record)),
+        from_record=partial(read_start, settings),
         score=lambda start: Score(start.f, start.exact),
     )
     finished: list[RandomStart] = []
@@ -201,4 +223,4 @@ def _run(settings: SearchSettings, starts: int, options: RunOptions) -> SearchRe
     all_starts: Sequence[RandomStart] = tuple(sorted(finished, key=index))
     if stored is not None:
         all_starts = StoredStarts(stored.path, stored.number, starts)
-    return SearchResult(settings, all_starts, tuple(sorted(failures, key=index)))
+    return SearchResult(settings, all_starts, tuple(sorted(failures, key=index)), requirements)

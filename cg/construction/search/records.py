@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 
+import numpy as np
+
 from ...runs import Record
 from ...structure.layout import Layout
 from ...support import quads
@@ -115,7 +117,10 @@ class RandomStart:
                 x = tuple(map(quads.to_decimal, quads.decode(record.quads)))
             else:
                 # doubles: formatting them is faster than converting fractions
-                x = tuple(f"{entry:.35e}" for entry in quads.to_float(record.quads).tolist())
+                doubles = quads.to_float(record.quads)
+                if not np.isfinite(doubles).all():
+                    raise ValueError("a coefficient is not finite")
+                x = tuple(f"{entry:.35e}" for entry in doubles.tolist())
             return cls(
                 index=record.number,
                 double=_phase(record.f, record.status, record.evaluations),

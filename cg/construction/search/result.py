@@ -5,10 +5,12 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, overload
+
+import numpy as np
 
 from ...method.method import Method
 from ...method.packed import make_method
@@ -16,9 +18,11 @@ from ...runs import Failure, Store
 from ...structure.layout import Layout
 from ...support import quads
 from ...support.parallel import single_threads
+from ..candidate import Candidate, NotExactError, default_name, to_method
 from ..solvers.polish import polish_zeros
 from ..solvers.system import ConditionSystem
 from .records import RandomStart
+from .requirements import Requirements
 from .settings import SearchSettings
 from .start import start_layout
 
@@ -89,11 +93,14 @@ class SearchResult:
         A tuple; `StoredStarts`, which read from the file, for a search with a store.
     failures : tuple of Failure
         Starts whose worker died; `starts` doesn't have them.
+    requirements : Requirements
+        What `methods` must satisfy.
     """
 
     settings: SearchSettings
     starts: Sequence[RandomStart]
     failures: tuple[Failure, ...] = ()
+    requirements: Requirements = field(default_factory=Requirements)
 
     def __repr__(self) -> str:
         settings = self.settings
@@ -105,19 +112,23 @@ class SearchResult:
 
     @cached_property
     def methods(self) -> tuple[Method, ...]:
-        """The distinct exact methods, sorted by their largest coefficient.
+        """The distinct exact methods that satisfy the requirements.
 
-        Tableaux, or `cg.CommutatorFree` methods of trees. Coefficients have 36 digits, corrected
-        in rational arithmetic beyond the accuracy of real(16).
+        Tableaux, or `cg.CommutatorFree` methods of trees, sorted by what was minimised, by default
+        by their largest coefficient. Coefficients have 36 digits, corrected in rational arithmetic
+        beyond the accuracy of real(16).
         """
         methods: list[tuple[float, Method]] = []
         seen: set[tuple[Layout, tuple[float, ...]]] = set()
         for start in self._exact():
-            key = tuple(round(float(entry), 8) for entry in start.x)
             layout = start_layout(self.settings, start.index)
-            if (layout, key) not in seen:
-                seen.add((layout, key))
-                methods.append((max(map(abs, key)), self._method(start, layout)))
+            key = tuple(round(float(entry), 8) for entry in start.x)
+            if (layout, key) in seen:
+                continue
+            seen.add((layout, key))
+            improved = self._improved(start, layout)
+            if improved is not None:
+                methods.append(improved)
         return tuple(method for _, method in sorted(methods, key=operator.itemgetter(0)))
 
     @property
@@ -133,14 +144,25 @@ class SearchResult:
         return (start for start in self.starts if start.exact)
 
     @single_threads()
-    def _method(self, start: RandomStart, layout: Layout) -> Method:
-        settings = self.settings
-        size = f"{settings.stages} stages"
-        if layout.rows is None:
-            size += f", {len(layout.parents)} flows"
-        name = f"order {settings.order}, {size}, start {start.index}"
-        source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
-        # the last of the 36 digits are beyond the accuracy of real(16)
+    def _improved(self, start: RandomStart, layout: Layout) -> tuple[float, Method] | None:
+        """Return the method of an exact start, after the number by which methods are sorted."""
+        settings, requirements = self.settings, self.requirements
         system = ConditionSystem(settings.order, layout)
-        x = polish_zeros(list(map(Fraction, start.x)), system, system.free).x
-        return make_method(layout, list(map(quads.to_decimal, x)), name=name, source=source)
+        name = default_name(system, settings.seed, start.index)
+        source = f"search, {settings.algorithm}, seed {settings.seed}, start {start.index}"
+        candidate = Candidate(system, np.array(start.x, dtype=np.float64))
+        improved = requirements.improve(candidate)
+        if improved is None:
+            return None
+        if improved is candidate:
+            # the last of the 36 digits are beyond the accuracy of real(16)
+            x = polish_zeros(list(map(Fraction, start.x)), system, system.free).x
+            decimals = list(map(quads.to_decimal, x))
+            method: Method = make_method(layout, decimals, name=name, source=source)
+        else:
+            source += ", then along the solution set"
+            try:
+                method = to_method(improved, name=name, source=source)
+            except NotExactError:
+                return None
+        return requirements.key(improved), method

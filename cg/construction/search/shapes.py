@@ -20,7 +20,7 @@ __all__ = [
     "ShapeArguments",
     "draw_guess",
     "draw_layout",
-    "held_weights",
+    "fixed_weights",
     "layout_from_json",
     "layout_of",
     "merge_point",
@@ -40,13 +40,9 @@ References
 FLAT_CONDITIONS = (1, 2, 4, 8, 17, 37, 85, 200)
 """Numbers of order conditions of orders 1, 2, ... where flows commute: of unordered trees."""
 
-HELD_FIRST = (0.2, 0.8)
-"""Range of the first weight of a tree, held while solving."""
-
-HELD_ESTIMATE = (0.1, 0.2)
-"""Range of the last weight of an estimate, held while solving."""
-
-_HELD_FROM = 5  # lowest order for which the first weight is held
+_FIXED_FIRST = (0.2, 0.8)  # range of the first weight of a tree, fixed while solving
+_FIXED_LAST = (0.1, 0.2)  # range of the last weight of an estimate, fixed while solving
+_FIXED_FROM = 5  # lowest order for which the first weight is fixed
 _BACK = 0.3  # probability that a flow starts from a random earlier point, not the last one
 
 
@@ -117,27 +113,15 @@ def draw_layout(
 ) -> Layout:
     """Draw a random tree of points, in which every point leads to a stage or the result.
 
-    Parameters
-    ----------
-    stages : int
-    flows : int
-        At least `stages`: all stages except the first have points of their own, and the result
-        is one more.
-    random : numpy.random.Generator
-    embedded : bool, optional
-        Whether to add a flow from the result to the second result of a pair.
-    first_same_as_last : bool, optional
-        Whether the last stage is at the result, where the next step begins.
-
-    Returns
-    -------
-    Layout
-        Each flow has weights on all stages before it.
+    Each flow has weights on all stages before it. `flows` is at least `stages`: all stages except
+    the first have points of their own, and the result is one more. With `embedded`, a flow from the
+    result to the second result of a pair is added; with `first_same_as_last`, the last stage is at
+    the result.
     """
-    inner, own = flows - 1, stages - first_same_as_last
+    inner, ends = flows - 1, stages - first_same_as_last
     while True:
-        places = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, own - 2)])]
-        at = sorted(int(m) for m in places[: own - 1])
+        places = [0, *(1 + random.permutation(max(0, inner - 1))[: max(0, ends - 2)])]
+        at = sorted(int(m) for m in places[: ends - 1])
         back = random.random(flows) < _BACK
         parents = [int(random.integers(START, m)) if back[m] else m - 1 for m in range(flows)]
         if {*at, *parents, inner} >= set(range(flows)):
@@ -176,24 +160,17 @@ def select_points(
     parents: Sequence[int],
     weights: Sequence[dict[int, float]],
     stage_points: Sequence[int],
-    kept: Sequence[int],
+    points: Sequence[int],
 ) -> tuple[Layout, NDArray[np.float64]]:
     """Return the layout of some points of a tree, numbered anew, and their packed weights.
 
-    Parameters
-    ----------
-    layout : Layout
-        The tree, which has the results.
-    parents, weights : sequences
-        Of all points of the tree, after changes.
-    stage_points : sequence of int
-    kept : sequence of int
-        The points to keep, increasing.
+    `parents`, `weights` and `stage_points` are those of all points of the tree, after changes;
+    `points` are those to select, increasing. The results are those of `layout`.
     """
-    number = {START: START} | {m: k for k, m in enumerate(kept)}
-    rows = [dict(sorted(weights[m].items())) for m in kept]
+    number = {START: START} | {m: k for k, m in enumerate(points)}
+    rows = [dict(sorted(weights[m].items())) for m in points]
     smaller = Layout(
-        tuple(number[parents[m]] for m in kept),
+        tuple(number[parents[m]] for m in points),
         tuple(tuple(row) for row in rows),
         tuple(number[m] for m in stage_points),
         tuple(number[m] for m in layout.results),
@@ -204,21 +181,9 @@ def select_points(
 def merge_point(
     layout: Layout, x: Sequence[float], point: int
 ) -> tuple[Layout, NDArray[np.float64]]:
-    """Leave out a point that is neither a stage nor a result.
+    """Return the layout without a point that is neither a stage nor a result, and its weights.
 
-    Flows that start from it start from its parent instead, with its weights added to theirs.
-
-    Parameters
-    ----------
-    layout : Layout
-    x : sequence of float
-        Packed weights.
-    point : int
-
-    Returns
-    -------
-    layout : Layout
-    x : ndarray
+    Flows that start from the point start from its parent instead, with its weights added to theirs.
     """
     parents, weights = list(layout.parents), layout.point_weights(x)
     for m, parent in enumerate(layout.parents):
@@ -226,31 +191,33 @@ def merge_point(
             parents[m] = layout.parents[point]
             for stage, weight in weights[point].items():
                 weights[m][stage] = weights[m].get(stage, 0.0) + weight
-    kept = [m for m in range(len(parents)) if m != point]
-    return select_points(layout, parents, weights, layout.stage_points, kept)
+    points = [m for m in range(len(parents)) if m != point]
+    return select_points(layout, parents, weights, layout.stage_points, points)
 
 
-def held_weights(order: int, layout: Layout) -> list[int]:
+def fixed_weights(order: int, layout: Layout) -> list[int]:
     """Return the indices of the weights to hold fixed while solving from a random start.
 
     From order 5 on, there are degenerate limits where the first weight tends to zero. If the
     second result of a pair is one flow from the result, the conditions are homogeneous in the
-    weights of that flow, so that one of them is held to fix its length.
+    weights of that flow, so that one of them is fixed to determine its length. Tableaux have none.
     """
-    held = [0] if order >= _HELD_FROM else []
+    if layout.rows is not None:
+        return []
+    fixed = [0] if order >= _FIXED_FROM else []
     last = len(layout.parents) - 1
     if layout.pair and layout.results[1] == last and layout.parents[last] == layout.results[0]:
-        held.append(layout.size - 1)
-    return held
+        fixed.append(layout.size - 1)
+    return fixed
 
 
 def draw_guess(
     order: int, layout: Layout, width: float, random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return random weights of a tree, uniform in [-width, width] except for held ones."""
+    """Return random coefficients, uniform in [-width, width] except for fixed ones of trees."""
     guess = random.uniform(-width, width, layout.size)
-    for k in held_weights(order, layout):
-        guess[k] = random.uniform(*(HELD_ESTIMATE if k else HELD_FIRST))
+    for k in fixed_weights(order, layout):
+        guess[k] = random.uniform(*(_FIXED_LAST if k else _FIXED_FIRST))
     return guess
 
 

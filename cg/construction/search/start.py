@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...conditions import count, table_rows
 from ...conditions.compiled import fit_lmdif
+from ...runs import Record
 from ...structure.layout import Layout
 from ...support import quads
 from ...support.checks import MAX_COUNT
@@ -19,9 +20,9 @@ from ..solvers.singular import finish
 from ..solvers.system import ConditionSystem
 from .records import Phase, RandomStart
 from .settings import SearchSettings
-from .shapes import draw_guess, draw_layout, held_weights
+from .shapes import draw_guess, draw_layout, fixed_weights
 
-__all__ = ["EXACT", "check_start", "random_start", "run_start", "start_layout"]
+__all__ = ["EXACT", "random_start", "read_start", "run_start", "start_layout"]
 
 EXACT = 1e-31
 """A method is exact if no residual of its order conditions, computed in real(16), exceeds
@@ -37,14 +38,14 @@ def start_layout(settings: SearchSettings, index: int) -> Layout:
     If the settings have flows, it is drawn at random and depends on the seed and the index alone.
     """
     if settings.flows is not None:
-        return _drawn(settings, index)[0]
+        return _draw(settings, index)[0]
     return settings.tree or Layout.tableau(settings.stages, settings.rows)
 
 
-def _drawn(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.float64]]:
-    """Return the layout of a start with a tree of points, and its random weights."""
+def _draw(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.float64]]:
+    """Return the layout of a start and its random coefficients."""
     generator = _generator(settings.seed, index)
-    layout = settings.tree
+    layout = settings.tree or Layout.tableau(settings.stages, settings.rows)
     if settings.flows is not None:
         layout = draw_layout(
             settings.stages,
@@ -53,7 +54,6 @@ def _drawn(settings: SearchSettings, index: int) -> tuple[Layout, NDArray[np.flo
             embedded=settings.embedded,
             first_same_as_last=settings.first_same_as_last,
         )
-    assert layout is not None
     return layout, draw_guess(settings.order, layout, settings.width, generator)
 
 
@@ -62,43 +62,29 @@ def _generator(seed: int, index: int) -> np.random.Generator:
 
 
 def random_start(seed: int, index: int, size: int, width: float) -> NDArray[np.float64]:
-    """Return the random guess of one start, uniform in [-width, width].
+    """Return the random guess of a start of tableaux, uniform in [-width, width]; shape (size,).
 
-    Parameters
-    ----------
-    seed, index : int
-        Each `index` has a generator of its own, spawned from `seed`.
-    size : int
-        Number of unknowns.
-    width : float
-        Half the side of the cube of guesses.
-
-    Returns
-    -------
-    ndarray, shape (size,)
+    Each `index` has a generator of its own, spawned from `seed`.
     """
     return _generator(seed, index).uniform(-width, width, size)
 
 
-def check_start(settings: SearchSettings, start: RandomStart) -> RandomStart:
-    """Return a stored start after recomputing its residual.
+def read_start(settings: SearchSettings, record: Record) -> RandomStart:
+    """Return the start of a record after recomputing its residual.
 
     Raises
     ------
     ValueError
-        If its index is out of range, or its residual isn't that of its coefficients.
+        If a field is wrong, or the residual isn't that of its coefficients.
     """
+    start = RandomStart.from_record(record)
     where = f"not the record of a start: start {start.index}"
     if not 0 <= start.index <= MAX_COUNT:
         raise ValueError(f"{where}: the number is out of range")
     system = ConditionSystem(settings.order, start_layout(settings, start.index))
-    try:
-        bits = quads.encode(start.x)
-    except (ValueError, OverflowError) as error:
-        raise ValueError(f"{where}: {error}") from None
-    if len(bits) != system.size:
-        raise ValueError(f"{where} has {len(bits)} coefficients, not {system.size}")
-    largest, exact = _accuracy(system, bits)
+    if len(record.quads) != system.size:
+        raise ValueError(f"{where} has {len(record.quads)} coefficients, not {system.size}")
+    largest, exact = _accuracy(system, record.quads)
     if (largest, exact) != (start.largest_residual, start.exact):
         raise ValueError(
             f"{where} has largest residual {start.largest_residual!r}, exact: {start.exact}; its "
@@ -118,31 +104,13 @@ def _accuracy(system: ConditionSystem, bits: quads.Quads) -> tuple[float, bool]:
 
 @single_threads()
 def run_start(settings: SearchSettings, index: int) -> RandomStart:
-    """Run one start: guess, solve in double, refine in real(16).
-
-    Parameters
-    ----------
-    settings : SearchSettings
-        From `SearchResult.settings`.
-    index : int
-        Number of the start.
-
-    Returns
-    -------
-    RandomStart
-    """
-    if settings.flows is None and settings.tree is None:
-        layout = Layout.tableau(settings.stages, settings.rows)
-        guess = random_start(settings.seed, index, layout.size, settings.width)
-        held = []
-    else:
-        layout, guess = _drawn(settings, index)
-        held = held_weights(settings.order, layout)
+    """Run the start of a number: guess, solve in double, refine in real(16)."""
+    layout, guess = _draw(settings, index)
     system = ConditionSystem(settings.order, layout)
     if settings.algorithm == "lmdif":
         double, refined, bits = _run_lmdif(settings, layout, guess)
     else:
-        double, refined, bits = _run_minimum_norm(settings, system, guess, held)
+        double, refined, bits = _run_minimum_norm(settings, system, guess)
     if refined is None:
         # most starts end here, with doubles: formatting them is faster than converting fractions
         decimals = tuple(f"{entry:.35e}" for entry in quads.to_float(bits).tolist())
@@ -180,19 +148,11 @@ def _run_lmdif(
 
 
 def _run_minimum_norm(
-    settings: SearchSettings,
-    system: ConditionSystem,
-    guess: NDArray[np.float64],
-    held: list[int],
+    settings: SearchSettings, system: ConditionSystem, guess: NDArray[np.float64]
 ) -> tuple[Phase, Phase | None, quads.Quads]:
     """Solve in double with some unknowns held, then refine all of them."""
-    free = np.setdiff1d(system.free, held)
-    fit = fit_conditions(
-        guess,
-        system,
-        free=free,
-        max_iterations=max(1, settings.maxfev // 2),
-    )
+    free = system.free_without(fixed_weights(system.order, system.layout))
+    fit = fit_conditions(guess, system, free=free, max_iterations=max(1, settings.maxfev // 2))
     x, f = fit.x, fit.f
     if system.rows is None and _SOLVED < f <= _PROMISING:
         x, f = finish(system, x, free)
@@ -200,8 +160,7 @@ def _run_minimum_norm(
     if double.f > settings.refine_below:
         return double, None, bits
     refined = refine(bits, system)
-    count_all = count(settings.order)
-    bound = count_all * refined.largest_residual**2
+    bound = count(settings.order) * refined.largest_residual**2
     return double, Phase(bound, int(fit.status), refined.iterations + 1), refined.x
 
 

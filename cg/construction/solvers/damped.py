@@ -30,13 +30,10 @@ _MAX_BEND = 0.75  # largest ratio |a| / |v| at which the acceleration is trusted
 
 
 class DampedSteps:
-    """Damped steps from one point.
+    """Damped steps from one point with a Jacobian of shape (m, n).
 
-    Parameters
-    ----------
-    jacobian : ndarray, shape (m, n)
-    by_singular_values : bool
-        Compute steps from the singular value decomposition, not the normal equations.
+    With `by_singular_values`, steps come from the singular value decomposition, not the normal
+    equations.
     """
 
     def __init__(self, jacobian: Vector, by_singular_values: bool) -> None:
@@ -71,15 +68,9 @@ class DampedSteps:
         return np.asarray(linalg.cho_solve(self._cholesky, right, check_finite=False))
 
     def acceleration(self, v: Vector, residual: Vector, residual_ahead: Vector) -> Vector:
-        """Return the acceleration a of a step v.
+        """Return the acceleration a of a step v, shape (n,).
 
-        Parameters
-        ----------
-        v : ndarray, shape (n,)
-        residual : ndarray, shape (m,)
-            At the present point.
-        residual_ahead : ndarray, shape (m,)
-            After `PROBE` times the step.
+        `residual` is that of the present point, `residual_ahead` that after `PROBE` times the step.
         """
         slope = (residual_ahead - residual) / PROBE
         return self.step(2 / PROBE * (slope - self.jacobian @ v))

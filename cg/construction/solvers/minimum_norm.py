@@ -29,17 +29,9 @@ _BRIEF = 10**8  # multiplications in about 0.1 seconds
 
 @dataclass(frozen=True)
 class MinimumNormFit:
-    """The result of a fit.
+    """Packed weights x, shape (n,), with the sum f of squared residuals, and how they were reached.
 
-    Attributes
-    ----------
-    x : ndarray, shape (n,)
-        Packed weights.
-    f : float
-        Sum of squared residuals of the independent conditions.
-    iterations, evaluations : int
-        Numbers of steps tried and of evaluations of the residuals.
-    status : MinimumNormStatus
+    `iterations` and `evaluations` are the numbers of steps tried and of evaluations of residuals.
     """
 
     x: NDArray[np.float64]

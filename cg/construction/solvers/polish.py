@@ -7,56 +7,30 @@ unit in the last written digit of its results. Here residuals are exact.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...conditions import exact_residuals_of
-from .rational import refine_rational
+from .rational import RationalZero, refine_rational
 from .singular import pseudo_inverse
 from .system import ConditionSystem, Structure
 
-__all__ = ["Polished", "polish", "polish_zeros"]
+__all__ = ["polish", "polish_zeros"]
 
 _ROUNDING = Fraction(1, 10**33)  # largest weight that counts as zero after real(16)
 _BELOW = Fraction(1, 10**44)
 _GRID = 10**60  # corrections are multiples of 1/_GRID
-
-
-@dataclass(frozen=True)
-class Polished:
-    """The result of `polish`.
-
-    Attributes
-    ----------
-    x : tuple of Fraction, length n
-        Packed weights.
-    largest_residual : Fraction
-        Largest residual of the independent conditions, exact.
-    rank : int
-        Numerical rank of the Jacobian.
-    iterations : int
-        Number of corrections.
-    """
-
-    x: tuple[Fraction, ...]
-    largest_residual: Fraction
-    rank: int
-    iterations: int
+_RANK_TOLERANCE = 1e-10  # of the largest singular value; smaller ones count as zero
+_MAX_ITERATIONS = 20
 
 
 def polish(
-    x: Sequence[Fraction],
-    system: ConditionSystem,
-    *,
-    directions: ArrayLike | None = None,
-    rcond: float = 1e-10,
-    below: Fraction = _BELOW,
-    max_iterations: int = 20,
-) -> Polished:
-    """Correct packed weights until the exact residuals are small.
+    x: Sequence[Fraction], system: ConditionSystem, *, directions: ArrayLike | None = None
+) -> RationalZero:
+    """Correct packed weights until the exact residuals of the independent conditions are small.
 
     Parameters
     ----------
@@ -66,18 +40,8 @@ def polish(
         Only its order conditions are used, not its structure.
     directions : array_like, shape (n, k), optional
         Corrections are linear combinations of the columns. Columns of the identity select the
-        entries that may change; other columns preserve linear relations between entries. By
-        default all free entries of the system may change.
-    rcond : float, optional
-        Singular values below this fraction of the largest count as zero.
-    below : Fraction, optional
-        Stop when no residual exceeds this.
-    max_iterations : int, optional
-
-    Returns
-    -------
-    Polished
-        The point with the smallest residuals.
+        entries that may change; other columns preserve linear relations between entries. By default
+        all free entries of the system may change.
 
     Raises
     ------
@@ -92,7 +56,7 @@ def polish(
     span = _directions(
         np.eye(len(start))[:, system.free] if directions is None else directions, len(start)
     )
-    inverse, rank = pseudo_inverse(jac @ span, rcond)
+    inverse, _ = pseudo_inverse(jac @ span, _RANK_TOLERANCE)
 
     def moved(steps: Sequence[Fraction]) -> tuple[Fraction, ...]:
         """Return the point after steps along the directions."""
@@ -105,30 +69,20 @@ def polish(
         lambda steps: _residuals(moved(steps), system),
         [Fraction()] * span.shape[1],
         lambda residuals: inverse @ residuals,
-        below=below,
+        below=_BELOW,
         grid=_GRID,
-        max_iterations=max_iterations,
+        max_iterations=_MAX_ITERATIONS,
     )
-    return Polished(moved(end.x), end.largest_residual, rank, end.iterations)
+    return replace(end, x=moved(end.x))
 
 
 def polish_zeros(
     x: Sequence[Fraction], system: ConditionSystem, free: Sequence[int] | NDArray[np.intp]
-) -> Polished:
+) -> RationalZero:
     """Polish, and set weights to zero that are zero up to the rounding errors of real(16).
 
-    If the conditions can't be solved with these zeros, the weights keep their values.
-
-    Parameters
-    ----------
-    x, system
-        As `polish` takes them.
-    free : sequence of int
-        The entries that may change.
-
-    Returns
-    -------
-    Polished
+    If the conditions can't be solved with these zeros, the weights keep their values. Only the
+    entries `free` change.
     """
     unit = np.eye(system.size)
     polished = polish(x, system, directions=unit[:, free])

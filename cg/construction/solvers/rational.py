@@ -18,16 +18,7 @@ __all__ = ["RationalZero", "refine_rational"]
 
 @dataclass(frozen=True)
 class RationalZero:
-    """The best point of a refinement.
-
-    Attributes
-    ----------
-    x : tuple of Fraction
-    residuals : tuple of Fraction
-        Residuals at `x`.
-    iterations : int
-        Number of corrections that made the residuals smaller.
-    """
+    """The best point of a refinement, its residuals, and the number of useful corrections."""
 
     x: tuple[Fraction, ...]
     residuals: tuple[Fraction, ...]
@@ -48,7 +39,7 @@ def refine_rational(
     grid: int,
     max_iterations: int,
 ) -> RationalZero:
-    """Correct a point until its residuals are small or stop getting smaller.
+    """Correct a point until its residuals are at most `below` or stop getting smaller.
 
     Parameters
     ----------
@@ -57,10 +48,9 @@ def refine_rational(
     x : sequence of Fraction
         Close to a zero.
     correction : callable
-        Takes residuals in double, scaled to a maximum of 1, and returns what to subtract from
-        the point, in the same scale.
+        Takes residuals in double, scaled to a maximum of 1, and returns what to subtract from the
+        point, in the same scale.
     below : Fraction
-        Stop when no residual exceeds this.
     grid : int
         Corrections are rounded to multiples of ``1/grid``.
     max_iterations : int

@@ -20,21 +20,16 @@ from .system import ConditionSystem
 
 __all__ = ["Refined", "refine"]
 
+_RANK_TOLERANCE = 1e-10  # of the largest singular value; smaller ones count as zero
+_MAX_ITERATIONS = 40
+
 
 @dataclass(frozen=True)
 class Refined:
-    """The result of `refine`.
+    """Packed weights in binary128, shape (n, 16), and how they were reached.
 
-    Attributes
-    ----------
-    x : ndarray of int8, shape (n, 16)
-        Packed weights in binary128, see `cg.support.quads`.
-    largest_residual : float
-        Largest residual of all order conditions, computed in real(16).
-    rank : int
-        Numerical rank of the Jacobian.
-    iterations : int
-        Number of corrections.
+    `largest_residual` is that of all order conditions, computed in real(16); `rank` is the
+    numerical rank of the Jacobian, `iterations` the number of corrections.
     """
 
     x: quads.Quads
@@ -48,27 +43,17 @@ def refine(
     system: ConditionSystem,
     *,
     free: Sequence[int] | NDArray[np.intp] | None = None,
-    rcond: float = 1e-10,
-    max_iterations: int = 40,
 ) -> Refined:
     """Correct packed weights until the residuals stop getting smaller.
 
     Parameters
     ----------
     x : ndarray of int8, shape (n, 16)
-        From `cg.support.quads.encode` or `cg.support.quads.from_float`, close to a zero.
+        Binary128 numbers close to a zero; see `cg.support.quads`.
     system : ConditionSystem
         Corrections preserve the simplifying assumptions of its structure.
     free : sequence of int, optional
         Indices of the entries that may change; by default all free ones.
-    rcond : float, optional
-        Singular values below this fraction of the largest count as zero.
-    max_iterations : int, optional
-
-    Returns
-    -------
-    Refined
-        The point with the smallest residuals.
 
     Raises
     ------
@@ -87,10 +72,10 @@ def refine(
     jac = system.jacobian(start, independent=False)[:, moving]
     rank, inverse = 0, np.zeros(jac.T.shape)
     if moving.size and np.isfinite(jac).all():  # otherwise no correction is possible
-        inverse, rank = pseudo_inverse(jac, rcond)
+        inverse, rank = pseudo_inverse(jac, _RANK_TOLERANCE)
 
     best, best_size, iterations = x, np.inf, 0
-    for iterations in range(max_iterations + 1):  # noqa: B007
+    for iterations in range(_MAX_ITERATIONS + 1):  # noqa: B007
         raise_if_stopped()
         residual = system.residual_quad(x)
         largest = float(np.abs(residual).max())

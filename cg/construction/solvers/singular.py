@@ -25,6 +25,9 @@ Indices = NDArray[np.intp]
 _RANK_TOLERANCE = 1e-11  # of the largest singular value; rounding leaves 1e-15
 _FAR = 1e-4  # sum of squares above which Newton steps aren't tried
 
+_FTOL = 1e-27  # sum of squares to reach
+_RENEWALS = 4  # of the Jacobian in `retract`
+_MAX_ITERATIONS = 60
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-14, 1e-30, 1e-2  # relative
 _PATIENCE, _MIN_GAIN = 15, 0.05  # stop if so many steps together gain less than this fraction
 
@@ -33,12 +36,8 @@ _PATIENCE, _MIN_GAIN = 15, 0.05  # stop if so many steps together gain less than
 class Decomposition:
     """Pseudo-inverse and kernel of a Jacobian of shape (m, n).
 
-    Attributes
-    ----------
-    inverse : ndarray, shape (n, m)
-        Pseudo-inverse without singular values below 1e-11 of the largest.
-    kernel : ndarray, shape (n, n - rank)
-        Orthonormal basis of the numerical kernel.
+    `inverse`, shape (n, m), leaves out singular values below 1e-11 of the largest; `kernel`, shape
+    (n, n - rank), is an orthonormal basis of the numerical kernel.
     """
 
     inverse: Vector
@@ -53,11 +52,7 @@ class Decomposition:
 def pseudo_inverse(jac: Vector, rcond: float) -> tuple[Vector, int]:
     """Return the pseudo-inverse of a matrix and its numerical rank.
 
-    Parameters
-    ----------
-    jac : ndarray, shape (m, n)
-    rcond : float
-        Singular values below this fraction of the largest count as zero.
+    Singular values below `rcond` times the largest count as zero.
     """
     left, values, right = linalg.svd(jac, full_matrices=False)
     rank = int(np.sum(values > rcond * values.max(initial=0.0)))
@@ -82,37 +77,18 @@ def retract(
     x: Vector,
     free: Indices,
     near: Decomposition,
-    *,
-    ftol: float = 1e-27,
-    renewals: int = 4,
 ) -> Vector | None:
-    """Return to the solution set by Newton steps of least norm.
+    """Return to the solution set by Newton steps of least norm; None if f stays above 1e-27.
 
-    Parameters
-    ----------
-    system : ConditionSystem
-    x : ndarray, shape (n,)
-        Packed weights close to the set.
-    free : ndarray of int
-        Entries that may change.
-    near : Decomposition
-        Decomposition of the columns `free` of the Jacobian at a point close by. It is used until
-        steps gain little, which saves most of the work.
-    ftol : float, optional
-        Sum of squares to reach.
-    renewals : int, optional
-        Largest number of times that the Jacobian is recomputed.
-
-    Returns
-    -------
-    ndarray, shape (n,), or None
-        The point on the set; None if the sum of squares stays above `ftol`.
+    Only the entries `free` of the packed weights x, shape (n,), change. `near` is the decomposition
+    of these columns of the Jacobian at a point close by. It is used until steps gain little, which
+    saves most of the work.
     """
     residual = system.residual(x)
     f = float(residual @ residual)
-    for renewal in range(renewals + 1):
+    for renewal in range(_RENEWALS + 1):
         slow = False
-        while not slow and ftol * 1e-3 < f:
+        while not slow and f > _FTOL * 1e-3:
             if not f < _FAR:
                 return None
             trial = x.copy()
@@ -123,9 +99,9 @@ def retract(
                 break
             slow = trial_f > 0.03 * f
             x, residual, f = trial, trial_residual, trial_f
-        if f < ftol:
+        if f < _FTOL:
             return x
-        if renewal < renewals:
+        if renewal < _RENEWALS:
             jac = system.jacobian(x)[:, free]
             if not np.isfinite(jac).all():
                 return None
@@ -133,32 +109,11 @@ def retract(
     return None
 
 
-def finish(
-    system: ConditionSystem,
-    x: Vector,
-    free: Indices,
-    *,
-    ftol: float = 1e-27,
-    max_iterations: int = 60,
-) -> tuple[Vector, float]:
+def finish(system: ConditionSystem, x: Vector, free: Indices) -> tuple[Vector, float]:
     """Converge to a nearby zero by Levenberg–Marquardt steps with geodesic acceleration.
 
-    Parameters
-    ----------
-    system : ConditionSystem
-    x : ndarray, shape (n,)
-        Packed weights.
-    free : ndarray of int
-        Entries that may change.
-    ftol : float, optional
-        Sum of squares at which to stop.
-    max_iterations : int, optional
-
-    Returns
-    -------
-    x : ndarray, shape (n,)
-    f : float
-        Sum of squares at `x`.
+    Only the entries `free` of the packed weights x, shape (n,), change. Returns the last point and
+    its sum of squares.
     """
     residual = system.residual(x)
     f = float(residual @ residual)
@@ -170,8 +125,8 @@ def finish(
         moved[free] += step
         return moved
 
-    for _ in range(max_iterations):
-        if not ftol < f < np.inf or damping > _MAX_DAMPING:
+    for _ in range(_MAX_ITERATIONS):
+        if not _FTOL < f < np.inf or damping > _MAX_DAMPING:
             break
         if steps is None:
             steps = DampedSteps(system.jacobian(x)[:, free], by_singular_values=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from fractions import Fraction
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,7 +144,7 @@ class ConditionSystem:
     @cached_property
     def free(self) -> NDArray[np.intp]:
         """Indices of the entries that aren't fixed at zero."""
-        fixed = list(self.layout.held)
+        fixed = list(self.layout.fixed)
         weights = [self.layout.row(self.stages + r) for r in range(len(self.layout.results))]
         if self.structure >= Structure.STAGE_ORDER_TWO:
             fixed += [row[1] for row in weights]
@@ -163,24 +164,12 @@ class ConditionSystem:
         return sum(remaining[: self.order]) + second + assumptions
 
     def moving(self, free: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
-        """Return the indices of entries that may change, sorted; all free entries for None.
+        """Return the indices of entries that may change, sorted; all free entries for None."""
+        return self.free if free is None else check_indices("free", free, self.size)
 
-        Raises
-        ------
-        ValueError
-            If an index isn't an integer or is out of range.
-        """
-        if free is None:
-            return self.free
-        array = np.asarray(free)
-        if array.size == 0:
-            return np.empty(0, dtype=np.intp)
-        if array.dtype.kind not in "iu":
-            raise ValueError(f"free must hold integers, got {free!r}")
-        indices = np.unique(array).astype(np.intp)
-        if indices[0] < 0 or indices[-1] >= self.size:
-            raise ValueError(f"free must hold indices from 0 to {self.size - 1}, got {free!r}")
-        return indices
+    def free_without(self, frozen: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the indices of the free entries that aren't in `frozen`."""
+        return np.setdiff1d(self.free, check_indices("frozen", frozen, self.size))
 
     def conditions(self, independent: bool) -> tuple[NDArray[np.intc], NDArray[np.intc]]:
         """Return the trees and owners of the conditions, both of shape (m,).
@@ -218,3 +207,17 @@ class ConditionSystem:
         return quads.to_float(
             compiled_conditions.residuals_quad(self.order, self.layout, x, trees, owner)
         )
+
+
+def check_indices(name: str, indices: Any, size: int) -> NDArray[np.intp]:
+    """Return indices of entries, sorted; ValueError if one isn't an integer below `size`."""
+    try:
+        array = np.asarray(indices)
+    except ValueError:  # lists of several lengths
+        array = np.array(None)
+    integers = array.ndim == 1 and (array.dtype.kind in "iu" or not array.size)
+    if not (integers and ((array >= 0) & (array < size)).all()):
+        raise ValueError(
+            f"{name} must be a sequence of integers from 0 to {size - 1}, got {indices!r}"
+        )
+    return np.unique(array).astype(np.intp)

@@ -1,0 +1,105 @@
+"""Fewer flows of a splitting, by merging them, and a smaller principal error."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import linalg
+
+from ...support.parallel import raise_if_stopped
+from .solver import Fit, fit
+from .splitting import Splitting
+
+__all__ = ["improved", "merged_flows"]
+
+_FIRST_ITERATIONS = 60  # most successful merges need fewer
+_FIRST_PATIENCE = 12
+_FURTHER_PATIENCE = 60
+_FURTHER_SHARE = 4  # one of so many merges gets more iterations
+_MIN_FURTHER = 6
+
+_GAP = 1e-9  # singular values below this fraction of the largest count as zero
+_MAX_STEPS = 100
+_MIN_GAIN = 1e-3  # of the squared principal error, in one step
+_MAX_TRIALS = 14
+_CORRECTIONS = 40
+_GROWTH = 1.25  # bound on weights, relative to the largest entry of the tableau
+
+
+def merged_flows(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit]:
+    """Merge flows with the flows before them until no merge leads to a solution.
+
+    `max_iterations` is for merges that nearly led to a solution. Returns the last solution.
+    """
+    while True:
+        merged = _merged(splitting, end, max_iterations)
+        if merged is None:
+            return splitting, end
+        splitting, end = merged
+
+
+def _merged(splitting: Splitting, end: Fit, max_iterations: int) -> tuple[Splitting, Fit] | None:
+    """Return the first merge that leads to a solution; merges with small residuals come first."""
+    merges = []
+    for point in range(len(splitting.layout.parents)):
+        merge = splitting.merged(end.x, point)
+        if merge is not None:
+            violated = merge[0].residual(merge[1])
+            merges.append((float(violated @ violated), point, *merge))
+    left = []
+    for _, point, merged, start in sorted(merges, key=lambda entry: entry[:2]):
+        raise_if_stopped()
+        attempt = fit(
+            merged, start, max_iterations=min(_FIRST_ITERATIONS, max_iterations),
+            patience=_FIRST_PATIENCE,
+        )  # fmt: skip
+        if attempt.solved:
+            return merged, attempt
+        left.append((attempt.f, point, merged, attempt))
+    left.sort(key=lambda entry: entry[:2])
+    for _, _, merged, attempt in left[: max(_MIN_FURTHER, len(left) // _FURTHER_SHARE)]:
+        raise_if_stopped()
+        again = fit(merged, attempt.x, max_iterations=max_iterations, patience=_FURTHER_PATIENCE)
+        if again.solved:
+            return merged, again
+    return None
+
+
+def improved(splitting: Splitting, end: Fit) -> Fit:
+    """Reduce the principal error of a solution along the solution set until it hardly gets smaller.
+
+    Each step is a Levenberg–Marquardt step for the residuals of the next order within the tangent
+    space of the solution set; a fit then returns to the set. The largest weight doesn't grow beyond
+    the larger of its initial value and 1.25 times the largest entry of the tableau.
+    """
+    x = end.x
+    rows = [*splitting.rows.stages, splitting.rows.result]
+    largest = float(max(abs(entry) for row in rows for entry in row))
+    most = max(float(np.max(np.abs(x))), _GROWTH * largest)
+    residual = splitting.principal_residual(x)
+    error, damping = float(residual @ residual), 1e-3
+    for _ in range(_MAX_STEPS):
+        raise_if_stopped()
+        kernel = linalg.null_space(splitting.jacobian(x), rcond=_GAP)
+        moves = splitting.directions @ kernel  # they change no condition to first order
+        if moves.shape[1] == 0:
+            break
+        jacobian = splitting.principal_jacobian(x) @ moves
+        gram, slope = jacobian.T @ jacobian, jacobian.T @ residual
+        size = float(np.max(np.diag(gram)))
+        for _ in range(_MAX_TRIALS):
+            shifted = gram + damping * size * np.eye(len(gram))
+            step = moves @ linalg.solve(shifted, -slope, assume_a="pos")
+            trial = fit(splitting, x + step, max_iterations=_CORRECTIONS)
+            if trial.solved and np.max(np.abs(trial.x)) <= most:
+                residual = splitting.principal_residual(trial.x)
+                if residual @ residual < error:
+                    break
+            damping *= 4
+        else:
+            break
+        gain = 1 - float(residual @ residual) / error
+        end, x, error = trial, trial.x, float(residual @ residual)
+        damping /= 5
+        if gain < _MIN_GAIN:
+            break
+    return end
