@@ -127,6 +127,8 @@ subroutine loop_open(plan_address, record_address, address)
     problem%scheme => plan%scheme
     problem%common = record%common /= 0
     problem%free = record%free /= 0
+    problem%has_jacobian = record%jacobian > 0
+    problem%sparse = record%jacobian == 2
     call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
     problem%stops = stops
     problem%adaptive = .not. record%h > 0
@@ -259,8 +261,8 @@ subroutine loop_state(address, write, n, m, columns, members, reals, integers, p
   integer(c_intptr_t), intent(in) :: address
   logical, intent(in) :: write
   integer, intent(in) :: n, m, columns, members
-  real(wp), intent(inout) :: reals(6, members)
-  integer(c_int64_t), intent(inout) :: integers(9, members)
+  real(wp), intent(inout) :: reals(9, members)
+  integer(c_int64_t), intent(inout) :: integers(11, members)
   real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
   type(run_t), pointer :: run
   integer :: i

@@ -34,6 +34,8 @@ __all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one", "warn_off_manifo
 
 _REJECTIONS = 1000
 
+Function = Callable[..., Any] | CompiledFunction | LowLevelCallable[Any, Any]
+
 
 def solve_ivp(
     f: Coefficients | CompiledFunction | LowLevelCallable[Any, Any],
@@ -55,6 +57,7 @@ def solve_ivp(
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
+    jac: Function | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
@@ -118,6 +121,11 @@ def solve_ivp(
         ``f`` receives their address.
     stage_solver
         Iteration for the stages of an implicit method: ``"newton"`` or ``"fixed-point"``.
+    jac
+        Function, for ``"RadauIIA5"`` only: ``jac(t, y, *args)`` returns the derivatives of the
+        coefficients along the frame's fields, shape ``(dim, dim)``, as for
+        `cg.solve_variational`, or a sparse matrix of SciPy.  By default they are differences, which
+        take ``dim`` evaluations of ``f``.
     progress
         Called with the time covered so far and the length of ``t_span``, at most ten times a
         second and when the integration ends.
@@ -168,7 +176,7 @@ def solve_ivp(
         f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
         rtol=rtol, atol=atol, max_step=max_step, first_step=first_step, max_steps=max_steps,
         t_eval=t_eval, dense_output=dense_output, events=events, breakpoints=breakpoints,
-        stage_solver=stage_solver,
+        stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
     every = int(problem.t_eval is None)
     if h is not None:
@@ -187,6 +195,7 @@ def integrate(
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
+    jac: Function | None = None,
     save_every: int = 1,
     progress: Callable[[float, float], None] | None = None,
 ) -> Solution:
@@ -230,6 +239,8 @@ def integrate(
         Further arguments of ``f``; see `cg.solve_ivp`.
     stage_solver
         Iteration for the stages of an implicit method: ``"newton"`` or ``"fixed-point"``.
+    jac
+        As for `cg.solve_ivp`.
     save_every
         Store every so many steps, besides the initial and the final point.
     progress
@@ -279,7 +290,7 @@ def integrate(
         raise TypeError(f"h must be a real number, got {h!r}")
     problem = make_problem(
         f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
-        stage_solver=stage_solver,
+        stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
     every = min(check_integer("save_every", save_every, 1), 2**62)
     check_grid(problem.plan, h, grid_steps(problem), every, False)

@@ -29,7 +29,8 @@ from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs, StageOverflowError
 from cg.integration.step.callbacks import Callbacks
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ImplicitStages
+from cg.integration.step.collocation import Jacobian
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ConvergenceError, ImplicitStages
 from cg.integration.step.plan import Plan
 from cg.method.tableau import Tableau
 from cg.support.memory import reserved
@@ -126,6 +127,8 @@ class Run:
         Whether all members take the same steps.
     stage_solver
         Iteration for implicit stages.
+    jacobian
+        The Jacobian for Newton's method, None for differences.
     keep_last
         Whether the interpolant of the last step may be requested.
     lanes
@@ -140,6 +143,8 @@ class Run:
         Of each member a `Stop`, what a compiled function returned, and when it failed.
     counts
         Of each member, shape ``(members, 6)``; see `COUNTS`.
+    kept
+        Number of vectors of coefficients that a member keeps between steps.
     """
 
     address = 0  # of the run in compiled code
@@ -157,6 +162,7 @@ class Run:
         events: EventTable | None = None,
         common: bool = False,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
+        jacobian: Jacobian | None = None,
         keep_last: bool = False,
         lanes: int | None = None,
     ) -> None:
@@ -171,12 +177,16 @@ class Run:
         self._lanes = lanes = min(lanes, members)
         self._functions = 0 if events is None else len(events)
         plan.detect_coordinates(points[0])
-        self.callbacks = self._callbacks(events, stage_solver, lanes)
+        self.callbacks = self._callbacks(events, stage_solver, jacobian, lanes)
+        self.kept = plan.kept
+        sparse = jacobian is not None and jacobian.sparse
+        if plan.collocation:
+            self.kept += plan.method.stages - 1 + (0 if sparse else plan.frame.dim)
         in_entries = control.h is None and not plan.in_algebra
         function, data, stride = rhs.addresses()
         self.record = record = _Record(
             members=members, lanes=lanes, common=common, keep_last=keep_last,
-            t0=t0, segments=len(stops),
+            t0=t0, segments=len(stops), jacobian=0 if jacobian is None else 1 + sparse,
             context=id(self.callbacks), function=function, vectorized=rhs.vectorized, data=data,
             data_stride=stride, functions=self._functions,
             h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
@@ -204,7 +214,7 @@ class Run:
             self._share("event_table", np.stack(columns, axis=-1, dtype=np.int64))
         needed = 1 << 16 if lanes == 1 else 0
         within = output.dense or record.outputs or self._functions
-        rows = plan.method.stages + 2 * (plan.columns if within else 0)
+        rows = plan.method.stages + 2 * (plan.columns if within else 0) + 4 * (self.kept - plan.kept)
         record.free = bool(within or keep_last) and plan.is_free(points[0])
         needed += lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
         with reserved(needed, f"{members} trajectories of {plan.width} numbers"):
@@ -232,7 +242,13 @@ class Run:
             setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
         return array
 
-    def _callbacks(self, events: EventTable | None, stage_solver: str, lanes: int) -> Callbacks:
+    def _callbacks(
+        self,
+        events: EventTable | None,
+        stage_solver: str,
+        jacobian: Jacobian | None,
+        lanes: int,
+    ) -> Callbacks:
         plan, rhs = self.plan, self.rhs
         method = plan.method
         stages = None
@@ -241,6 +257,7 @@ class Run:
         return Callbacks(
             plan, stages, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.vectorized else None,
             None if events is None else events.value, None if events is None else events.jump,
+            None if jacobian is None else jacobian.of(rhs), lanes,
         )  # fmt: skip
 
     def _make_buffers(self, capacity: int) -> None:
@@ -356,6 +373,8 @@ class Run:
         self.rhs = rhs
         if self.callbacks.stages is not None:
             self.callbacks.stages.rhs = rhs.at_member
+        if self.callbacks.jacobian is not None:
+            self.callbacks.jacobian = self.callbacks.jacobian.of(rhs)
         if isinstance(rhs, PythonRhs) and rhs.vectorized:
             self.callbacks.fields = rhs.at_members
 
@@ -391,7 +410,9 @@ class Run:
             case Stop.JUMPS_WITHOUT_PROGRESS:
                 return no_progress(t)
             case Stop.STAGES_NOT_SOLVED:
-                return self.callbacks.last_error
+                return self.callbacks.last_error or ConvergenceError(
+                    "it diverges", 0, math.nan, t, self.record.step_size
+                )
             case Stop.SLOPE_NOT_FINITE:
                 point = self.plan.points(self.end[member], ())
                 return failure(stop, 0, t, self.rhs.at_member(member, t, point))

@@ -12,6 +12,7 @@ import numpy as np
 from cg.frames.arrays import Array, Points
 from cg.frames.base import MEMBERSHIP_TOLERANCE, Frame
 from cg.integration.step.blocks import block_constants, describe_blocks, is_compiled
+from cg.integration.step.collocation import is_collocation
 from cg.integration.step.interpolant import (
     extension_of,
     node_count,
@@ -45,6 +46,8 @@ class Plan:
         Number of doubles of a point.
     kept
         Number of vectors of coefficients stored for a step: its stages, or one register.
+    collocation
+        Whether compiled code solves the stages by Newton's method.
     series
         Order up to which the series of dexp⁻¹ is needed.
     exponent
@@ -67,6 +70,7 @@ class Plan:
         self._columns = 0
         self._free: bool | None = None
         self.series = series_order(method)
+        self.collocation = is_collocation(method)
         if self.compiled:
             blocks = describe_blocks(frame)
         else:
@@ -74,7 +78,8 @@ class Plan:
         paths = paths_of(method)
         self.kept = method.stages if paths.registers is None else 1
         self.address: int = core.plan_open(
-            blocks, block_constants(frame), paths.integers, *paths.doubles, not method.explicit
+            blocks, block_constants(frame), paths.integers, *paths.doubles,
+            not (method.explicit or self.collocation),
         )
         weakref.finalize(self, core.plan_close, self.address)
 
