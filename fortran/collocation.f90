@@ -13,7 +13,7 @@ module collocation_m
   use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
   implicit none
   private
-  public :: keep_step, request_collocation, store_collocation, store_column
+  public :: converges_fast, keep_step, request_collocation, store_collocation, store_column
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
   ! end it, and those below `noise` that no longer decrease, both relative to the point.
@@ -262,6 +262,13 @@ contains
     trajectory%phase = phase_next_stage
   end subroutine finish_jacobian
 
+  ! Whether the Jacobian of a step serves the next one
+  pure logical function converges_fast(trajectory)
+    type(trajectory_t), intent(in) :: trajectory
+
+    converges_fast = trajectory%newton%iteration <= 2 .or. trajectory%newton%rate <= fast_rate
+  end function converges_fast
+
   ! Keeps the polynomial of an accepted step for the next one, and its Jacobian if it served well.
   pure subroutine keep_step(trajectory)
     type(trajectory_t), intent(inout) :: trajectory
@@ -270,7 +277,7 @@ contains
       newton%last = x%f(:, 2:)
       newton%last_h = x%h
       newton%fresh = .false.
-      if (newton%iteration > 2 .and. newton%rate > fast_rate) newton%has_jacobian = .false.
+      newton%has_jacobian = converges_fast(x)
     end associate
   end subroutine keep_step
 

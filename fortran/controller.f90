@@ -60,9 +60,11 @@ contains
 
   ! The size of the step after one of a collocation method, accepted or rejected, from its error and
   ! that of the step before it.
-  pure real(wp) function predicted_size(taken, error, exponent, iterations, last_taken, last_error)
+  pure real(wp) function predicted_size(taken, error, exponent, iterations, keeps_factors, &
+                                        last_taken, last_error)
     real(wp), intent(in) :: taken, error, exponent
     integer, intent(in) :: iterations      ! of Newton's method
+    logical, intent(in) :: keeps_factors   ! whether those of this size can serve the next step
     real(wp), intent(in) :: last_taken     ! zero if there was no step before
     real(wp), intent(in) :: last_error
     real(wp) :: factor
@@ -78,7 +80,7 @@ contains
                / real(2 * max_iterations + iterations, wp)
       factor = min(largest_predicted, max(smallest_factor, factor))
     end if
-    if (error <= 1 .and. factor >= 1 .and. factor < worthwhile) factor = 1.0_wp
+    if (error <= 1 .and. factor < worthwhile .and. keeps_factors) factor = 1.0_wp
     predicted_size = taken * factor
   end function predicted_size
 

@@ -3,7 +3,7 @@
 module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv, remove_isotropy
-  use collocation_m, only: keep_step, request_collocation, store_collocation
+  use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
   use controller_m, only: accepted_size, predicted_size, rejected_size
   use error_norm_m, only: norm, point_difference, scales, tangent
   use frames_m, only: apply_flows, flow_along, restore
@@ -311,7 +311,8 @@ contains
       if (problem%adaptive) then
         ! trajectories with common steps must choose the same size
         next = predicted_size(abs(x%h), x%shared, problem%tolerances%exponent, &
-                              merge(1, newton%iteration, problem%common), abs(newton%last_h), &
+                              merge(1, newton%iteration, problem%common), &
+                              problem%common .or. converges_fast(x), abs(newton%last_h), &
                               x%last_error)
         if (.not. x%shared <= 1) then
           x%rejected = x%rejected + 1
