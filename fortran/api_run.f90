@@ -255,6 +255,7 @@ end subroutine loop_interpolate
 subroutine loop_state(address, write, n, m, columns, members, reals, integers, points, slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
   use kinds, only: wp
+  use collocation_m, only: refactor
   use run_m, only: run_at, run_t
   use trajectory_m, only: load_state, save_state
   implicit none
@@ -271,6 +272,7 @@ subroutine loop_state(address, write, n, m, columns, members, reals, integers, p
   do i = 1, members
     if (write) then
       call load_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
+      call refactor(run%problem, run%lanes(i))
     else
       call save_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
     end if

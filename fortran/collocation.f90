@@ -13,7 +13,7 @@ module collocation_m
   use shared_numbers, only: jacobian_operation, raised, stages_not_solved, step_too_long
   implicit none
   private
-  public :: converges_fast, keep_step, request_collocation, store_collocation, store_column
+  public :: converges_fast, keep_step, refactor, request_collocation, store_collocation, store_column
 
   ! With equal steps the iteration goes on to the level of rounding: corrections below `rounding`
   ! end it, and those below `noise` that no longer decrease, both relative to the point.
@@ -58,6 +58,18 @@ contains
                    phase_stage_received)
     end associate
   end subroutine request_collocation
+
+  ! Factors the matrices of a restored state again.
+  subroutine refactor(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    logical :: singular
+
+    if (.not. abs(trajectory%newton%factored_h) > 0) return
+    trajectory%newton%member = trajectory%member
+    call factor(problem%frame, problem%method%transformation, trajectory%newton%factored_h, &
+                trajectory%newton, singular)
+  end subroutine refactor
 
   ! Stores the coefficients at a stage. After the last one follows a correction of all.
   subroutine store_collocation(problem, trajectory)

@@ -318,7 +318,7 @@ contains
       x%y_old = points(:, 2)
       x%slope_old = slopes(:, 2)
       x%f = slopes(:, 3:2 + size(x%f, 2))
-      x%newton%factored_h = 0.0_wp
+      x%newton%factored_h = reals(9)
       if (allocated(x%newton%last)) then
         associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
           x%newton%last = slopes(:, n + 1:n + m)

@@ -463,6 +463,8 @@ def _restored(state: dict[str, Any]) -> Stepper:
     plan = plan_of(stepper.frame, stepper.method)
     rows = np.ascontiguousarray(points[:, 0])
     stepper._run = run = stepper._make_run(t, plan.points(rows, (members,)))
+    if run.callbacks.jacobian is not None:
+        run.callbacks.jacobian.kept.update((k, [matrix]) for k, matrix in matrices.items())
     stepper._core.loop_state(
         run.address, True, reals.T, integers.T, points.transpose(2, 1, 0), slopes.transpose(2, 1, 0)
     )
@@ -470,7 +472,5 @@ def _restored(state: dict[str, Any]) -> Stepper:
     run.reached[...] = t
     if stages is not None and run.callbacks.stages is not None:
         run.callbacks.stages.restore(stages)
-    if run.callbacks.jacobian is not None:
-        run.callbacks.jacobian.kept.update((k, [matrix]) for k, matrix in matrices.items())
     stepper._stops_are_set = False
     return stepper

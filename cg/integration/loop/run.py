@@ -25,13 +25,15 @@ from cg.integration.loop.messages import (
     too_small_a_step,
 )
 from cg.integration.loop.step_budget import StepBudget
+from cg.integration.loop.stiffness import is_stiff
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs, StageOverflowError
 from cg.integration.step.callbacks import Callbacks
 from cg.integration.step.collocation import Jacobian
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ConvergenceError, ImplicitStages
-from cg.integration.step.plan import Plan
+from cg.integration.step.plan import Plan, has_brackets
+from cg.method.magnus import MagnusMethod
 from cg.method.tableau import Tableau
 from cg.support.memory import reserved
 from cg.support.parallel import raise_if_stopped
@@ -214,7 +216,9 @@ class Run:
             self._share("event_table", np.stack(columns, axis=-1, dtype=np.int64))
         needed = 1 << 16 if lanes == 1 else 0
         within = output.dense or record.outputs or self._functions
-        rows = plan.method.stages + 2 * (plan.columns if within else 0) + 4 * (self.kept - plan.kept)
+        rows = (
+            plan.method.stages + 2 * (plan.columns if within else 0) + 4 * (self.kept - plan.kept)
+        )
         record.free = bool(within or keep_last) and plan.is_free(points[0])
         needed += lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
         with reserved(needed, f"{members} trajectories of {plan.width} numbers"):
@@ -406,7 +410,7 @@ class Run:
             case Stop.STEP_TOO_SMALL:
                 return self._explain_step_failure(member, t)
             case Stop.TOO_MANY_STEPS:
-                return too_many_steps(self.control.max_steps, t)
+                return too_many_steps(self.control.max_steps, t, self._is_stiff(member, t))
             case Stop.JUMPS_WITHOUT_PROGRESS:
                 return no_progress(t)
             case Stop.STAGES_NOT_SOLVED:
@@ -419,6 +423,15 @@ class Run:
             case Stop.STAGE_NOT_FINITE if self.callbacks.last_error is not None:
                 return StageOverflowError(str(self.callbacks.last_error))
         return failure(stop, int(self.flag[member]), t, name=self.rhs.name)
+
+    def _is_stiff(self, member: int, t: float) -> bool:
+        plan, h = self.plan, self.record.step_size
+        if self.members > 1:
+            h = (t - self.t0) / max(self.counts[member, COUNTS.index("steps")], 1)
+        if not has_brackets(plan.frame) or isinstance(plan.method, MagnusMethod):
+            return False
+        point = plan.points(self.end[member].copy(), ())
+        return is_stiff(plan.frame, plan.method, self.rhs, member, t, point, h)
 
     def _explain_step_failure(self, member: int, t: float) -> str:
         """Return the message for a step size that became too small."""

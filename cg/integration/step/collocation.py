@@ -137,7 +137,13 @@ class Jacobian:
 
 
 def jacobian_of(
-    jac: Any, f: Any, frame: Frame, method: Method, rhs: CompiledRhs | PythonRhs, t: float, y: Points
+    jac: Any,
+    f: Any,
+    frame: Frame,
+    method: Method,
+    rhs: CompiledRhs | PythonRhs,
+    t: float,
+    y: Points,
 ) -> Jacobian:
     """Return the Jacobian that ``jac`` evaluates, after calling it at the initial point."""
     from cg.integration.variational.field import VariationalField

@@ -78,7 +78,10 @@ class Plan:
         paths = paths_of(method)
         self.kept = method.stages if paths.registers is None else 1
         self.address: int = core.plan_open(
-            blocks, block_constants(frame), paths.integers, *paths.doubles,
+            blocks,
+            block_constants(frame),
+            paths.integers,
+            *paths.doubles,
             not (method.explicit or self.collocation),
         )
         weakref.finalize(self, core.plan_close, self.address)
