@@ -46,7 +46,7 @@ contains
             return
           end if
         end if
-        call predict(method%transformation, method%c(2:), x%h, newton)
+        call predict(problem%frame, method%series, method%transformation, method%c(2:), x%h, newton)
         newton%rate_factor = max(newton%rate_factor, epsilon(1.0_wp))**0.8_wp
         newton%iteration = 1
         x%stage = 2

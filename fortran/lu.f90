@@ -68,6 +68,8 @@ contains
 
     do k = 1, size(b)
       b([k, pivot(k)]) = b([pivot(k), k])
+    end do
+    do k = 1, size(b)
       b(k + 1:) = b(k + 1:) - b(k) * a(k + 1:, k)
     end do
     do k = size(b), 1, -1
@@ -85,6 +87,8 @@ contains
 
     do k = 1, size(b)
       b([k, pivot(k)]) = b([pivot(k), k])
+    end do
+    do k = 1, size(b)
       b(k + 1:) = b(k + 1:) - b(k) * a(k + 1:, k)
     end do
     do k = size(b), 1, -1

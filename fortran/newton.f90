@@ -10,6 +10,7 @@
 !   r = T^-1 (F - A^-1 z / h).
 module newton_m
   use kinds, only: wp
+  use algebra_m, only: dexpinv
   use frames_m, only: frame_t
   use lu_m, only: lu_factor, lu_solve
   use shared_numbers, only: factor_operation, solve_operation
@@ -165,19 +166,26 @@ contains
     call solve(frame, newton, v)
   end subroutine filtered
 
-  ! Predicts z from the polynomial of the last step, u(theta) - u(1) at theta = 1 + c h / last_h.
-  pure subroutine predict(transformation, c, h, newton)
+  ! Predicts z from the polynomial u of the last step, at theta = 1 + c h / last_h: to first order in
+  ! brackets, exp(z) exp(u(1)) = exp(u(theta)) for z = dexp^-1_(-u(1)) (u(theta) - u(1)).
+  subroutine predict(frame, series, transformation, c, h, newton)
+    type(frame_t), intent(in) :: frame
+    integer, intent(in) :: series            ! order up to which dexp^-1 is needed
     type(transformation_t), intent(in) :: transformation
     real(wp), intent(in) :: c(:), h                    ! c: (stages)
     type(newton_t), intent(inout) :: newton
-    real(wp) :: powers(stages)
+    real(wp) :: powers(stages), back(size(newton%z, 1))
+    logical :: exists
     integer :: d, i
 
     newton%z = 0.0_wp
     if (.not. abs(newton%last_h) > 0) return
+    back = -newton%last_h * matmul(newton%last, sum(transformation%integral, dim=1))
     do i = 1, stages
       powers = [((1 + c(i) * h / newton%last_h)**d - 1, d = 1, stages)]
       newton%z(:, i) = newton%last_h * matmul(newton%last, matmul(powers, transformation%integral))
+      call dexpinv(frame, series, back, newton%z(:, i), exists)
+      if (.not. exists) newton%z(:, i) = 0.0_wp
     end do
   end subroutine predict
 
