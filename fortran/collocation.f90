@@ -149,7 +149,8 @@ contains
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances)
       if (.not. problem%adaptive) then
         call sizes(frame, x%y(:, 0), x%u)
-        correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z)), tiny(1.0_wp))
+        correction_norm = maxval(abs(dz)) / max(maxval(x%u), maxval(abs(x%newton%z + dz)), &
+                                                tiny(1.0_wp))
         return
       end if
       call scales(frame, tolerances, x%y(:, 0), x%y(:, 0), x%work, x%scale)
@@ -169,6 +170,7 @@ contains
 
     associate (x => trajectory, newton => trajectory%newton)
       newton%rate_factor = 1.0_wp
+      x%flag = newton%iteration
       if (newton%fresh) then
         call reject_stage(problem, trajectory, stages_not_solved, x%t)
       else

@@ -415,7 +415,7 @@ class Run:
                 return no_progress(t)
             case Stop.STAGES_NOT_SOLVED:
                 return self.callbacks.last_error or ConvergenceError(
-                    "it diverges", 0, math.nan, t, self.record.step_size
+                    "it diverges", int(self.flag[member]), math.nan, t, self.record.step_size
                 )
             case Stop.SLOPE_NOT_FINITE:
                 point = self.plan.points(self.end[member], ())
