@@ -84,7 +84,8 @@ def solve_ivp(
         The default, ``"auto"``, is the fastest in the benchmarks of the pairs with reliable error
         estimates.  For ``rtol`` below 1e-4 it is ``"RKMK8(5,3)"`` on frames with brackets and
         ``"CF6(5)"`` on others; else ``"RKMK5(4)"`` on frames in Python with brackets and
-        ``"CF5(4)"`` on all others.  ``solution.method`` is the method used.
+        ``"CF5(4)"`` on all others.  ``"RadauIIA5"`` is for stiff equations, with Newton's method.
+        ``solution.method`` is the method used.
     h
         Size of fixed steps, positive; the last may be shorter.  No error is estimated.
     rtol, atol
@@ -100,6 +101,7 @@ def solve_ivp(
     dense_output
         Whether to return a continuous solution.  It is as accurate as the steps, as output at
         ``t_eval`` and events are; steps that have output in them take more evaluations of ``f``.
+        That of ``"RadauIIA5"`` has order three only.
     events
         A function ``event(t, y, *args)`` or a `cg.Event`, or a sequence of them, whose zeros are
         found along the continuous solution.  A zero at the initial point is no event.
