@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -124,40 +125,34 @@ def _there(problem: Problem, tolerance: float) -> Any:
 
 def _rows(problem: Problem, rounds: int) -> list[Row]:
     exact = _here(problem, 1e-12).y[-1]
-    costs: dict[str, list[Any]] = {"here": [], "there": []}
-    ways: dict[str, Callable[[], object]] = {"explicit": lambda: _here(problem, 1e-5, "auto")}
+    ways: dict[str, Callable[[], object]] = {"explicit": partial(_here, problem, 1e-5, "auto")}
+    for tolerance in TOLERANCES:
+        ways[f"here {tolerance}"] = partial(_here, problem, tolerance)
+        ways[f"there {tolerance}"] = partial(_there, problem, tolerance)
+    times = measure(ways, rounds=rounds, seconds=0.01)
+    costs: dict[str, list[tuple[float, ...]]] = {"here": [], "there": []}
     for tolerance in TOLERANCES:
         run, other = _here(problem, tolerance), _there(problem, tolerance)
         # SciPy doesn't count the evaluations of a Jacobian
         evaluations = other.nfev + other.njev * (len(problem.y0) + 1)
-        costs["here"].append((np.abs(run.y[-1] - exact).max(), run.nfev, run.nlu))
-        costs["there"].append((np.abs(other.y[:, -1] - exact).max(), evaluations, other.nlu))
-        ways[f"here {tolerance}"] = lambda tolerance=tolerance: _here(problem, tolerance)
-        ways[f"there {tolerance}"] = lambda tolerance=tolerance: _there(problem, tolerance)
-    times = measure(ways, rounds=rounds, seconds=0.01)
-    for name, table in costs.items():
-        for row, tolerance in zip(table, TOLERANCES, strict=True):
-            costs[name][TOLERANCES.index(tolerance)] = *row, 1e3 * times.median(f"{name} {tolerance}")
-    explicit = _here(problem, 1e-5, "auto")
+        counts = {
+            "here": (run.y[-1], run.nfev, run.nlu),
+            "there": (other.y[:, -1], evaluations, other.nlu),
+        }
+        for name, (y, *numbers) in counts.items():
+            seconds = times.median(f"{name} {tolerance}")
+            costs[name].append((float(np.abs(y - exact).max()), *numbers, 1e3 * seconds))
     rows = []
-    aims = 1.3, 1.3, 1.0
-    units = "evaluations", "factorisations", "ms"
+    units = {"evaluations": 1.3, "factorisations": 1.3, "ms": 1.0}
     for error in ERRORS:
-        for column, (unit, aim) in enumerate(zip(units, aims, strict=True), 1):
+        for column, (unit, bound) in enumerate(units.items(), 1):
             here, there = (_at_error(costs[name], column, error) for name in ("here", "there"))
-            rows.append(
-                Row(
-                    f"{problem.name}, error {error:.0e}", here, unit, "SciPy's Radau", there,
-                    here / there, aim=Aim(aim, above=False),
-                )  # fmt: skip
-            )
-    here = 1e3 * times.median(f"here {1e-5}")
-    there = 1e3 * times.median("explicit")
+            name, aim = f"{problem.name}, error {error:.0e}", Aim(bound, above=False)
+            rows.append(Row(name, here, unit, "SciPy's Radau", there, here / there, aim=aim))
+    here, there = (1e3 * times.median(name) for name in ("here 1e-05", "explicit"))
+    name = f"{problem.name}, tolerance 1e-5"
     rows.append(
-        Row(
-            f"{problem.name}, tolerance 1e-5", here, "ms", f"{explicit.method.name}", there,
-            here / there, aim=Aim(1.0, above=False),
-        )  # fmt: skip
+        Row(name, here, "ms", "the default", there, here / there, aim=Aim(1.0, above=False))
     )
     return rows
 

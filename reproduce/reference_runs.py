@@ -16,6 +16,7 @@ from cg.frames.arrays import Array
 from cg.frames.base import Frame
 from cg.integration.loop.step_budget import StepBudget
 from cg.integration.step.blocks import block_constants, describe_blocks
+from cg.integration.step.collocation import is_collocation
 from cg.integration.step.paths import paths_of
 from cg.method.method import Method
 from cg.problems.affine import AffineField
@@ -167,8 +168,8 @@ def _integrate(
     Between calls of compiled code Python handles interrupts.
     """
     tableau = resolve_method(method)
-    if not tableau.explicit:
-        raise ValueError(f"method must be explicit, got the implicit {method!r}")
+    if not (tableau.explicit or is_collocation(tableau)):
+        raise ValueError(f"method must run in compiled code, got the implicit {method!r}")
     try:
         if isinstance(h, bool | np.bool_):
             raise TypeError

@@ -98,8 +98,8 @@ def solve_ensemble(
     max_step, first_step, max_steps, stage_solver
         As for `cg.solve_ivp`, of each member.
     jac
-        As for `cg.solve_ivp`; if ``vectorized`` it takes and returns arrays of one member each, with
-        the axis of members first.
+        As for `cg.solve_ivp`; if ``vectorized`` it takes and returns arrays of one member each,
+        with the axis of members first.
     executor, workers
         Where members are integrated, and by how many workers: in this thread by default, by
         ``workers`` threads, or by any executor that `cg.search` takes.  On one machine they

@@ -84,7 +84,7 @@ class MethodPaths:
     registers: Registers | None = None
     series: int = 0
     errors: tuple[tuple[Fraction, ...], ...] = ()
-    transformation: tuple[float, ...] = ()
+    transformation: tuple[Fraction, ...] = ()
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -98,7 +98,7 @@ class MethodPaths:
         return flows
 
     @cached_property
-    def weights(self) -> tuple[Fraction | float, ...]:
+    def weights(self) -> tuple[Fraction, ...]:
         """The weights of all terms of all flows, then A, B, those of errors, others, and a zero.
 
         No array may be empty.
