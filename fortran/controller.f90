@@ -5,8 +5,8 @@ module controller_m
   use kinds, only: wp
   implicit none
   private
-  public :: rejected_size, accepted_size, first_guess, first_size, max_iterations, predicted_size, &
-            smallest_size, tried_size
+  public :: rejected_size, accepted_size, first_guess, first_size, max_iterations, &
+            min_last_predicted, predicted_size, smallest_size, tried_size
 
   real(wp), parameter :: safety = 0.9_wp
   real(wp), parameter :: smallest_factor = 0.2_wp
@@ -19,6 +19,7 @@ module controller_m
   ! Of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake of
   ! the factored matrices, and Newton's method has this many iterations.
   real(wp), parameter :: largest_predicted = 10.0_wp, worthwhile = 1.2_wp
+  real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
   integer, parameter :: max_iterations = 7
   ! Target of the error of the first step, in tolerances
   real(wp), parameter :: first_error = 0.01_wp

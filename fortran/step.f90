@@ -4,7 +4,7 @@ module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv, remove_isotropy
   use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
-  use controller_m, only: accepted_size, predicted_size, rejected_size
+  use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size
   use error_norm_m, only: norm, point_difference, scales, tangent
   use frames_m, only: apply_flows, flow_along, restore
   use method_m, only: method_t
@@ -278,58 +278,38 @@ contains
   subroutine accept_or_reject(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: predicted
 
-    associate (x => trajectory, exponent => problem%tolerances%exponent)
+    associate (x => trajectory, exponent => problem%tolerances%exponent, &
+               newton => trajectory%newton, collocation => problem%method%collocation)
       x%phase = phase_accepted
-      if (problem%method%collocation) then
-        call decide_collocation(problem, trajectory)
-        return
-      end if
-      if (.not. problem%adaptive) return
-      if (.not. x%shared <= 1) then
-        x%rejected = x%rejected + 1
-        x%after_rejection = .true.
-        x%step_size = rejected_size(abs(x%h), x%shared, exponent)
-        x%phase = phase_choose_step
-        return
-      end if
-      call accepted_size(abs(x%h), x%shared, exponent, x%after_rejection, x%last_error, x%step_size)
-      ! a step that was shortened to end with its segment doesn't shorten the next one
-      if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, &
-                                                                       x%unshortened_size)
-      x%after_rejection = .false.
-    end associate
-  end subroutine accept_or_reject
-
-  ! The same for a collocation method
-  subroutine decide_collocation(problem, trajectory)
-    type(problem_t), intent(in) :: problem
-    type(trajectory_t), intent(inout) :: trajectory
-    real(wp) :: next
-
-    associate (x => trajectory, newton => trajectory%newton)
       if (problem%adaptive) then
         ! trajectories with common steps must choose the same size
-        next = predicted_size(abs(x%h), x%shared, problem%tolerances%exponent, &
-                              merge(1, newton%iteration, problem%common), &
-                              problem%common .or. converges_fast(x), abs(newton%last_h), &
-                              x%last_error)
+        if (collocation) predicted = predicted_size( &
+          abs(x%h), x%shared, exponent, merge(1, newton%iteration, problem%common), &
+          problem%common .or. converges_fast(x), abs(newton%last_h), x%last_error)
         if (.not. x%shared <= 1) then
           x%rejected = x%rejected + 1
           x%after_rejection = .true.
-          x%step_size = next
+          x%step_size = rejected_size(abs(x%h), x%shared, exponent)
+          if (collocation) x%step_size = predicted
           x%phase = phase_choose_step
           return
         end if
-        x%step_size = next
-        if (x%after_rejection) x%step_size = min(next, abs(x%h))
+        if (collocation) then
+          x%step_size = merge(min(predicted, abs(x%h)), predicted, x%after_rejection)
+          x%last_error = max(x%shared, min_last_predicted)
+        else
+          call accepted_size(abs(x%h), x%shared, exponent, x%after_rejection, x%last_error, &
+                             x%step_size)
+        end if
+        ! a step that was shortened to end with its segment doesn't shorten the next one
         if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, &
                                                                          x%unshortened_size)
         x%after_rejection = .false.
-        x%last_error = max(x%shared, 1e-2_wp)
       end if
-      call keep_step(trajectory)
+      if (collocation) call keep_step(trajectory)
     end associate
-  end subroutine decide_collocation
+  end subroutine accept_or_reject
 
 end module step_m

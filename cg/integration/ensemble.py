@@ -25,7 +25,7 @@ from cg.integration.loop.progress import Progress
 from cg.integration.loop.run import COUNTS, Output
 from cg.integration.problem import Problem, make_problem, make_rhs
 from cg.integration.results import EnsembleSolution
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import plan_of
@@ -61,7 +61,7 @@ def solve_ensemble(
     first_step: float | None = None,
     max_steps: int | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
-    jac: Any = None,
+    jac: Function | None = None,
     executor: ExecutorLike = None,
     workers: int | None = None,
     out: Any = None,

@@ -22,7 +22,7 @@ from cg.integration.loop.run import COUNTS, Output, Run
 from cg.integration.problem import Problem, make_problem
 from cg.integration.results import Solution
 from cg.integration.rhs.events import EventTable
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import Plan
@@ -33,8 +33,6 @@ from cg.support.shared_numbers import Stop
 __all__ = ["grid_steps", "integrate", "solve_ivp", "solve_one", "warn_off_manifold"]
 
 _REJECTIONS = 1000
-
-Function = Callable[..., Any] | CompiledFunction | LowLevelCallable[Any, Any]
 
 
 def solve_ivp(

@@ -19,7 +19,7 @@ from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.run import Output, Run
 from cg.integration.problem import make_problem, make_rhs
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import plan_of
@@ -113,7 +113,7 @@ class Stepper:
         parameters: ArrayLike | None = None,
         breakpoints: ArrayLike | None = None,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
-        jac: Any = None,
+        jac: Function | None = None,
         vectorized: bool = False,
         common_steps: bool = False,
     ) -> None:
