@@ -26,6 +26,7 @@ NAMES = (
     "ensemble",
     "output",
     "variational",
+    "stiff",
     "estimates",
     "tableaux",
     "parts",

@@ -127,6 +127,8 @@ subroutine loop_open(plan_address, record_address, address)
     problem%scheme => plan%scheme
     problem%common = record%common /= 0
     problem%free = record%free /= 0
+    problem%has_jacobian = record%jacobian > 0
+    problem%sparse = record%jacobian == 2
     call c_f_pointer(transfer(record%stops, c_null_ptr), stops, [int(record%segments)])
     problem%stops = stops
     problem%adaptive = .not. record%h > 0
@@ -253,14 +255,15 @@ end subroutine loop_interpolate
 subroutine loop_state(address, write, n, m, columns, members, reals, integers, points, slopes)
   use, intrinsic :: iso_c_binding, only: c_int64_t, c_intptr_t
   use kinds, only: wp
+  use collocation_m, only: refactor
   use run_m, only: run_at, run_t
   use trajectory_m, only: load_state, save_state
   implicit none
   integer(c_intptr_t), intent(in) :: address
   logical, intent(in) :: write
   integer, intent(in) :: n, m, columns, members
-  real(wp), intent(inout) :: reals(6, members)
-  integer(c_int64_t), intent(inout) :: integers(9, members)
+  real(wp), intent(inout) :: reals(9, members)
+  integer(c_int64_t), intent(inout) :: integers(11, members)
   real(wp), intent(inout) :: points(n, 2, members), slopes(m, columns, members)
   type(run_t), pointer :: run
   integer :: i
@@ -269,6 +272,7 @@ subroutine loop_state(address, write, n, m, columns, members, reals, integers, p
   do i = 1, members
     if (write) then
       call load_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
+      call refactor(run%problem, run%lanes(i))
     else
       call save_state(run%lanes(i), reals(:, i), integers(:, i), points(:, :, i), slopes(:, :, i))
     end if

@@ -1,10 +1,12 @@
-! Step size control: the PI controller of Gustafsson, and the first step of Hairer, Norsett, Wanner,
-! "Solving Ordinary Differential Equations I", section II.4; for the controller see volume II, IV.2.
+! Step size control: the PI controller and the predictive one of Gustafsson, and the first step of
+! Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", section II.4; for the
+! controllers see volume II, IV.2 and IV.8.
 module controller_m
   use kinds, only: wp
   implicit none
   private
-  public :: rejected_size, accepted_size, first_guess, first_size, smallest_size, tried_size
+  public :: rejected_size, accepted_size, first_guess, first_size, max_iterations, &
+            min_last_predicted, predicted_size, smallest_size, tried_size
 
   real(wp), parameter :: safety = 0.9_wp
   real(wp), parameter :: smallest_factor = 0.2_wp
@@ -14,6 +16,11 @@ module controller_m
   real(wp), parameter :: last_power = 0.7_wp
   real(wp), parameter :: before_last_power = 0.4_wp
   real(wp), parameter :: min_last_error = 1e-4_wp
+  ! Of collocation methods: sizes that would grow by less than `worthwhile` stay, for the sake of
+  ! the factored matrices, and Newton's method has this many iterations.
+  real(wp), parameter :: largest_predicted = 10.0_wp, worthwhile = 1.2_wp
+  real(wp), parameter :: min_last_predicted = 1e-2_wp ! for the error before the last one
+  integer, parameter :: max_iterations = 7
   ! Target of the error of the first step, in tolerances
   real(wp), parameter :: first_error = 0.01_wp
   ! If a norm is below this many tolerances, the first guess is this fraction of the span.
@@ -51,6 +58,32 @@ contains
     next = taken * factor
     last_error = max(error, min_last_error)
   end subroutine accepted_size
+
+  ! The size of the step after one of a collocation method, accepted or rejected, from its error and
+  ! that of the step before it.
+  pure real(wp) function predicted_size(taken, error, exponent, iterations, keeps_factors, &
+                                        last_taken, last_error)
+    real(wp), intent(in) :: taken, error, exponent
+    integer, intent(in) :: iterations      ! of Newton's method
+    logical, intent(in) :: keeps_factors   ! whether those of this size can serve the next step
+    real(wp), intent(in) :: last_taken     ! zero if there was no step before
+    real(wp), intent(in) :: last_error
+    real(wp) :: factor
+
+    factor = largest_predicted
+    if (.not. error < huge(error)) then
+      factor = 0.5_wp
+    else if (error > 0) then
+      factor = error**(-exponent)
+      if (last_taken > 0) factor = factor * min(1.0_wp, taken / last_taken &
+                                                * (last_error / error)**exponent)
+      factor = factor * safety * real(2 * max_iterations + 1, wp) &
+               / real(2 * max_iterations + iterations, wp)
+      factor = min(largest_predicted, max(smallest_factor, factor))
+    end if
+    if (error <= 1 .and. factor < worthwhile .and. keeps_factors) factor = 1.0_wp
+    predicted_size = taken * factor
+  end function predicted_size
 
   ! The size to try, negative if it is below the resolution of time, unless it leads to the end.
   ! That may be due to a rejection; before one the smallest size is tried.

@@ -16,7 +16,8 @@ module loop_m
   use kinds, only: wp
   use output_m, only: has_room, output_t
   use record_m, only: examine_step, record_step
-  use step_m, only: store_stage, finish_step, accept_or_reject, request_stage
+  use collocation_m, only: store_column
+  use step_m, only: store_error, store_stage, finish_step, accept_or_reject, request_stage
   use step_size_m, only: begin_segment, choose_step, choose_first_size, guess_size, &
                          request_curvature
   use trajectory_m, only: phase_accepted, phase_request_end, phase_begin_segment, &
@@ -25,7 +26,8 @@ module loop_m
                           phase_end_received, phase_node_received, phase_stage_received, &
                           phase_start_received, problem_t, phase_record_step, request, &
                           phase_guess_shared, phase_size_shared, phase_next_node, &
-                          phase_next_stage, trajectory_t
+                          phase_next_stage, phase_column_received, phase_error_received, &
+                          trajectory_t
   use within_step_m, only: store_node, store_end, request_node
   use iso_fortran_env, only: int64
   use shared_numbers, only: buffer_full, finished, needs_field, needs_maximum, needs_minimum, &
@@ -81,6 +83,10 @@ contains
         call request_stage(problem, trajectory)
       case (phase_stage_received)
         call store_stage(problem, trajectory)
+      case (phase_column_received)
+        call store_column(problem, trajectory)
+      case (phase_error_received)
+        call store_error(problem, trajectory)
       case (phase_finish_step)
         call finish_step(problem, trajectory)
       case (phase_decide_step)

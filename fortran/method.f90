@@ -3,6 +3,7 @@
 module method_m
   use frames_m, only: flow_sequence_t
   use kinds, only: wp
+  use newton_m, only: transformation_t
   implicit none
   private
   public :: method_t, make_method
@@ -25,6 +26,8 @@ module method_m
     real(wp), allocatable :: a(:), b(:)      ! (stages)
     logical :: on_algebra = .false.
     logical :: implicit = .false.            ! whether Python solves the stage equations
+    logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
+    type(transformation_t) :: transformation ! of a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
     ! weights of the stages in error estimates that need no flow
     real(wp), allocatable :: error(:, :)     ! (stages, estimates)
@@ -34,9 +37,10 @@ contains
 
   ! Makes a method. All its integers come as one list, as cg/integration/step/paths.py writes them:
   ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
-  ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, and
-  ! that of its error estimates. The weights are followed by a and b of registers, by those of
-  ! errors, and always by one number more, since the caller's arrays can't be empty.
+  ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, that of
+  ! its error estimates, and 1 if it is a collocation method. The weights are followed by a and b of
+  ! registers, by those of errors, by the entries of transformation_t, and always by one number
+  ! more, since the caller's arrays can't be empty.
   subroutine make_method(list, weight, c, method)
     integer, intent(in) :: list(:)
     real(wp), intent(in) :: weight(:)        ! (terms + 1) or more
@@ -65,6 +69,18 @@ contains
       k = terms
       if (method%two_registers) k = k + 2 * stages
       method%error = reshape(weight(k + 1:k + stages * list(used + 6)), [stages, list(used + 6)])
+      k = k + size(method%error)
+      method%collocation = list(used + 7) == 1
+      if (method%collocation) then
+        associate (scheme => method%transformation)
+          scheme%inverse = reshape(weight(k + 1:k + 9), [3, 3])
+          scheme%t = reshape(weight(k + 10:k + 18), [3, 3])
+          scheme%t_inverse = reshape(weight(k + 19:k + 27), [3, 3])
+          scheme%integral = reshape(weight(k + 28:k + 36), [3, 3])
+          scheme%gamma = weight(k + 37)
+          scheme%mu = weight(k + 38:k + 39)
+        end associate
+      end if
     end associate
     method%c = c
 

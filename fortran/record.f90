@@ -7,8 +7,8 @@ module record_m
   use output_m, only: store_interpolant, store_step, output_t
   use step_events_m, only: crosses, record_events, locate_events
   use trajectory_m, only: phase_begin_segment, phase_choose_step, phase_ended, evaluate_events, &
-                          fail, phase_end_received, problem_t, phase_record_step, request, &
-                          trajectory_t
+                          fail, forget_step, phase_end_received, problem_t, phase_record_step, &
+                          request, trajectory_t
   use within_step_m, only: interpolate, point_at
   use iso_fortran_env, only: int64
   use shared_numbers, only: jumps_without_progress, paused, raised, terminal_event
@@ -158,6 +158,7 @@ contains
       x%slope_known = x%end_known .and. event == 0 .and. .not. (ends &
           .and. x%segment < size(problem%stops))
       if (x%slope_known) x%slope(:) = x%end_slope
+      if (event > 0 .or. (ends .and. x%segment < size(problem%stops))) call forget_step(trajectory)
       size_of = 0.0_wp
       if (event > 0) size_of = max(abs(x%event_before(event)), abs(x%event_after(event)))
       if (size(x%event_before) > 0) x%event_before(:) = x%event_after

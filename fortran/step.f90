@@ -3,19 +3,22 @@
 module step_m
   use kinds, only: wp
   use algebra_m, only: dexpinv, remove_isotropy
-  use controller_m, only: accepted_size, rejected_size
+  use collocation_m, only: converges_fast, keep_step, request_collocation, store_collocation
+  use controller_m, only: accepted_size, min_last_predicted, predicted_size, rejected_size
   use error_norm_m, only: norm, point_difference, scales, tangent
   use frames_m, only: apply_flows, flow_along, restore
   use method_m, only: method_t
+  use newton_m, only: filtered
   use trajectory_m, only: phase_accepted, phase_choose_step, copy, fail, phase_finish_step, &
                           finite, phase_decide_step, phase_stage_received, problem_t, &
-                          reject_stage, request, phase_next_stage, trajectory_t
+                          phase_error_received, reject_stage, request, phase_next_stage, &
+                          trajectory_t
   use iso_fortran_env, only: int64
   use shared_numbers, only: needs_maximum, raised, solution_not_finite, stages_not_solved, &
                             stages_operation, step_too_long
   implicit none
   private
-  public :: store_stage, finish_step, accept_or_reject, request_stage
+  public :: store_error, store_stage, finish_step, accept_or_reject, request_stage
 
 contains
 
@@ -28,6 +31,9 @@ contains
     associate (x => trajectory, method => problem%method)
       if (method%implicit) then
         call solve_stages(problem, trajectory)
+        return
+      else if (method%collocation) then
+        call request_collocation(problem, trajectory)
         return
       end if
       if (x%stage == 1) then
@@ -57,6 +63,10 @@ contains
     logical :: exists
 
     associate (x => trajectory, method => problem%method)
+      if (method%collocation) then
+        call store_collocation(problem, trajectory)
+        return
+      end if
       if (method%two_registers) then
         x%f(:, 1) = method%a(x%stage) * x%f(:, 1) + x%received
         call advance_register(problem, trajectory)
@@ -180,14 +190,53 @@ contains
       if (problem%adaptive) then
         x%error = huge(1.0_wp)
         if (finite(x%y(:, x%result))) call estimate_error(problem, trajectory)
-        if (.not. x%error < huge(1.0_wp)) x%error = huge(1.0_wp)
-        x%shared = x%error
-        if (problem%common) x%status = needs_maximum
+        if (method%collocation .and. x%error > 1 .and. x%error < huge(1.0_wp) &
+            .and. (x%after_rejection .or. .not. abs(x%newton%last_h) > 0)) then
+          call request_error(problem, trajectory)
+        else
+          call share_error(problem, trajectory)
+        end if
       else if (.not. finite(x%y(:, x%result))) then
         call fail(trajectory, solution_not_finite, x%t_end)
       end if
     end associate
   end subroutine finish_step
+
+  ! Requests the coefficients at the start displaced by the estimated error, with which the estimate
+  ! is damped once more: with one solution only, stiff components are far too large where they
+  ! aren't in equilibrium.
+  subroutine request_error(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: y(problem%frame%point_size)
+
+    y = trajectory%y(:, 0)
+    trajectory%u = -trajectory%u
+    call flow_along(problem%frame, trajectory%u, y)
+    trajectory%nexp = trajectory%nexp + 1
+    call request(problem, trajectory, trajectory%t, y, phase_error_received)
+  end subroutine request_error
+
+  ! Stores these coefficients and estimates the error again.
+  subroutine store_error(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    trajectory%f(:, 1) = trajectory%received
+    call estimate_error(problem, trajectory)
+    call share_error(problem, trajectory)
+  end subroutine store_error
+
+  ! Makes the error known to trajectories with common steps.
+  subroutine share_error(problem, trajectory)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+
+    if (.not. trajectory%error < huge(1.0_wp)) trajectory%error = huge(1.0_wp)
+    trajectory%shared = trajectory%error
+    trajectory%phase = phase_decide_step
+    if (problem%common) trajectory%status = needs_maximum
+  end subroutine share_error
 
   ! Estimates the error in tolerances: from the difference of two results, or from one or two
   ! weighted sums of stages, whose norms e1 and e2 are combined to e1^2 / sqrt(e1^2 + e2^2 / 100) as
@@ -214,6 +263,7 @@ contains
         do k = 2, size(x%f, 2)
           v = v + x%h * method%error(k, i) * x%f(:, k)
         end do
+        if (method%collocation) call filtered(frame, method%transformation, x%newton, v)
         call remove_isotropy(frame, x%y(:, x%result), v)
         call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
         errors(i) = norm(tolerances, x%work, x%scale)
@@ -228,22 +278,37 @@ contains
   subroutine accept_or_reject(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
+    real(wp) :: predicted
 
-    associate (x => trajectory, exponent => problem%tolerances%exponent)
+    associate (x => trajectory, exponent => problem%tolerances%exponent, &
+               newton => trajectory%newton, collocation => problem%method%collocation)
       x%phase = phase_accepted
-      if (.not. problem%adaptive) return
-      if (.not. x%shared <= 1) then
-        x%rejected = x%rejected + 1
-        x%after_rejection = .true.
-        x%step_size = rejected_size(abs(x%h), x%shared, exponent)
-        x%phase = phase_choose_step
-        return
+      if (problem%adaptive) then
+        ! trajectories with common steps must choose the same size
+        if (collocation) predicted = predicted_size( &
+          abs(x%h), x%shared, exponent, merge(1, newton%iteration, problem%common), &
+          problem%common .or. converges_fast(x), abs(newton%last_h), x%last_error)
+        if (.not. x%shared <= 1) then
+          x%rejected = x%rejected + 1
+          x%after_rejection = .true.
+          x%step_size = rejected_size(abs(x%h), x%shared, exponent)
+          if (collocation) x%step_size = predicted
+          x%phase = phase_choose_step
+          return
+        end if
+        if (collocation) then
+          x%step_size = merge(min(predicted, abs(x%h)), predicted, x%after_rejection)
+          x%last_error = max(x%shared, min_last_predicted)
+        else
+          call accepted_size(abs(x%h), x%shared, exponent, x%after_rejection, x%last_error, &
+                             x%step_size)
+        end if
+        ! a step that was shortened to end with its segment doesn't shorten the next one
+        if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, &
+                                                                         x%unshortened_size)
+        x%after_rejection = .false.
       end if
-      call accepted_size(abs(x%h), x%shared, exponent, x%after_rejection, x%last_error, x%step_size)
-      ! a step that was shortened to end with its segment doesn't shorten the next one
-      if (x%shortened .and. .not. x%after_rejection) x%step_size = max(x%step_size, &
-                                                                       x%unshortened_size)
-      x%after_rejection = .false.
+      if (collocation) call keep_step(trajectory)
     end associate
   end subroutine accept_or_reject
 

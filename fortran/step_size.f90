@@ -171,6 +171,7 @@ contains
         x%weighted_by = x%h
       end if
       x%stage = 1
+      x%newton%iteration = 0
       x%paths = 0
       x%path_of_u = 0
       x%end_known = .false.

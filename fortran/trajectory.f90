@@ -8,6 +8,7 @@ module trajectory_m
   use frames_m, only: flow_sequence_t, frame_t
   use interpolant_m, only: interpolant_t, reserve_interpolant, scheme_t
   use method_m, only: method_t
+  use newton_m, only: newton_t, reserve
   use time_grid_m, only: grid_t
   use vector_field_m, only: vector_field_t
   use iso_fortran_env, only: int64
@@ -16,12 +17,14 @@ module trajectory_m
   implicit none
   private
   public :: events_t, problem_t, trajectory_t, copy, evaluate_events, fail, finite, follow_grid, &
-            continue_run, load_state, reject_stage, request, check_coefficients, save_state, &
+            continue_run, forget_step, load_state, &
+            reject_stage, request, check_coefficients, save_state, &
             set_start, start, phase_begin_segment, phase_guess_size, phase_choose_step, &
             phase_next_stage, phase_finish_step, phase_decide_step, phase_accepted, &
             phase_request_end, phase_next_node, phase_record_step, phase_start_received, &
             phase_curvature_received, phase_stage_received, phase_end_received, &
-            phase_node_received, phase_guess_shared, phase_size_shared, phase_ended
+            phase_node_received, phase_guess_shared, phase_size_shared, phase_ended, &
+            phase_column_received, phase_error_received
 
   ! Functions whose zeros along the solution are events
   type, abstract :: events_t
@@ -72,6 +75,8 @@ module trajectory_m
     integer(int64) :: max_steps = huge(1_int64)        ! rejected ones included
     real(wp), allocatable :: stops(:)        ! ends of the segments
     real(wp) :: first_step = 0.0_wp          ! zero to choose it
+    logical :: has_jacobian = .false.        ! whether Python evaluates it
+    logical :: sparse = .false.              ! whether Python keeps it and factors it
   end type problem_t
 
   ! The phases of a trajectory. Each is named after what `resume` does next, or after the
@@ -82,7 +87,7 @@ module trajectory_m
                   phase_start_received, phase_next_stage, phase_stage_received, &
                   phase_finish_step, phase_decide_step, phase_accepted, phase_request_end, &
                   phase_end_received, phase_next_node, phase_node_received, phase_record_step, &
-                  phase_ended
+                  phase_column_received, phase_error_received, phase_ended
   end enum
 
   type :: trajectory_t
@@ -126,6 +131,7 @@ module trajectory_m
     real(wp), allocatable :: f(:, :)
     real(wp), allocatable :: end_slope(:)    ! (dimension) coefficients at the end
     logical :: end_known = .false.
+    type(newton_t) :: newton                 ! of a collocation method
     real(wp), allocatable :: u(:)            ! (dimension) coordinates of a stage in the algebra
     real(wp), allocatable :: v(:), scale(:), work(:)   ! (width) workspace for error norms
     real(wp) :: norms(3) = 0.0_wp            ! of point, slope and curvature, for the first size
@@ -169,6 +175,10 @@ contains
                 stat=memory)
       if (memory /= 0) return
       trajectory%flows = method%flows
+      if (method%collocation) then
+        call reserve(frame%dimension, problem%sparse, trajectory%newton, memory)
+      end if
+      if (memory /= 0) return
       n = 0
       if (problem%adaptive) n = width(frame, problem%tolerances)
       allocate (trajectory%v(n), trajectory%scale(n), trajectory%work(n), stat=memory)
@@ -207,9 +217,21 @@ contains
     trajectory%jumps_in_place = 0
     trajectory%jump_event = 0
     trajectory%weighted_by = 0.0_wp
+    call forget_step(trajectory)
     trajectory%event_before = 0.0_wp
     trajectory%event_count = 0
   end subroutine set_start
+
+  ! Forgets the polynomial and the Jacobian of the step before, where the right-hand side or the
+  ! solution may jump.
+  pure subroutine forget_step(trajectory)
+    type(trajectory_t), intent(inout) :: trajectory
+
+    trajectory%newton%has_jacobian = .false.
+    trajectory%newton%fresh = .false.
+    trajectory%newton%last_h = 0.0_wp
+    trajectory%newton%rate_factor = 1.0_wp
+  end subroutine forget_step
 
   ! Makes a trajectory continue a grid of equal steps.
   pure subroutine follow_grid(grid, done, trajectory)
@@ -235,21 +257,30 @@ contains
   ! Copies the state that a trajectory needs between steps to continue bit for bit.
   pure subroutine save_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(in) :: trajectory
-    real(wp), intent(out) :: reals(6)
-    integer(int64), intent(out) :: integers(9)
-    ! (point_size, 2), (dimension, 2 + columns of f)
+    real(wp), intent(out) :: reals(9)
+    integer(int64), intent(out) :: integers(11)
+    ! (point_size, 2), (dimension, 2 + columns of f, then last and jacobian of newton_t)
     real(wp), intent(out) :: points(:, :), slopes(:, :)
 
     associate (x => trajectory)
-      reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h]
+      reals = [x%t, x%step_size, x%last_error, x%t_old, x%h_old, x%h, x%newton%last_h, &
+               x%newton%rate_factor, x%newton%factored_h]
       integers = [merge(1_int64, 0_int64, x%slope_known), merge(1_int64, 0_int64, &
                                                                 x%after_rejection), &
-                  x%nfev, x%nexp, x%njev, x%nlu, x%steps, x%rejected, x%attempts]
+                  x%nfev, x%nexp, x%njev, x%nlu, x%steps, x%rejected, x%attempts, &
+                  merge(1_int64, 0_int64, x%newton%has_jacobian), &
+                  merge(1_int64, 0_int64, x%newton%fresh)]
       points(:, 1) = x%y(:, 0)
       slopes(:, 1) = x%slope
       points(:, 2) = x%y(:, 0)
       slopes(:, 2) = x%slope
-      slopes(:, 3:) = x%f
+      slopes(:, 3:2 + size(x%f, 2)) = x%f
+      if (allocated(x%newton%last)) then
+        associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
+          slopes(:, n + 1:n + m) = x%newton%last
+          slopes(:, n + m + 1:) = x%newton%jacobian
+        end associate
+      end if
       if (allocated(x%y_old)) points(:, 2) = x%y_old
       if (allocated(x%slope_old)) slopes(:, 2) = x%slope_old
     end associate
@@ -258,8 +289,8 @@ contains
   ! Restores what save_state has copied.
   pure subroutine load_state(trajectory, reals, integers, points, slopes)
     type(trajectory_t), intent(inout) :: trajectory
-    real(wp), intent(in) :: reals(6)
-    integer(int64), intent(in) :: integers(9)
+    real(wp), intent(in) :: reals(9)
+    integer(int64), intent(in) :: integers(11)
     real(wp), intent(in) :: points(:, :), slopes(:, :)
 
     associate (x => trajectory)
@@ -269,6 +300,8 @@ contains
       x%t_old = reals(4)
       x%h_old = reals(5)
       x%h = reals(6)
+      x%newton%last_h = reals(7)
+      x%newton%rate_factor = reals(8)
       x%slope_known = integers(1) == 1
       x%after_rejection = integers(2) == 1
       x%nfev = integers(3)
@@ -278,11 +311,20 @@ contains
       x%steps = integers(7)
       x%rejected = integers(8)
       x%attempts = integers(9)
+      x%newton%has_jacobian = integers(10) == 1
+      x%newton%fresh = integers(11) == 1
       x%y(:, 0) = points(:, 1)
       x%slope = slopes(:, 1)
       x%y_old = points(:, 2)
       x%slope_old = slopes(:, 2)
-      x%f = slopes(:, 3:)
+      x%f = slopes(:, 3:2 + size(x%f, 2))
+      x%newton%factored_h = reals(9)
+      if (allocated(x%newton%last)) then
+        associate (n => 2 + size(x%f, 2), m => size(x%newton%last, 2))
+          x%newton%last = slopes(:, n + 1:n + m)
+          x%newton%jacobian = slopes(:, n + m + 1:)
+        end associate
+      end if
       x%weighted_by = 0.0_wp
     end associate
     call continue_run(trajectory)
@@ -354,7 +396,7 @@ contains
     select case (trajectory%phase)
     case (phase_curvature_received)
       trajectory%received = huge(1.0_wp)               ! choose_first_size keeps the guess
-    case (phase_stage_received, phase_next_stage, phase_finish_step)
+    case (phase_stage_received, phase_next_stage, phase_finish_step, phase_error_received)
       trajectory%error = huge(1.0_wp)
       trajectory%shared = trajectory%error
       trajectory%status = finished

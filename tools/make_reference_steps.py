@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -137,26 +137,43 @@ def _implicit_step(method: Method) -> arb_mat:
                 y = y * exponential([(ball(STEP * weight) * x).mid() for x in fields[k]])
         return y
 
+    def stage(i: int) -> Vector:
+        return field(times[i], end(a[i]))
+
+    _iterate(method, fields, stage)
+    return end(b)
+
+
+def _iterate(method: Method, fields: list[Vector], stage: Callable[[int], Vector]) -> None:
+    """Solve the equations of the stages, ``stage(i) = fields[i]``, in place."""
     for _ in range(_MAX_ITERATIONS):
         before = [*fields]
-        for i, row in enumerate(a):
-            fields[i] = [x.mid() for x in field(times[i], end(row))]
+        for i in range(len(fields)):
+            fields[i] = [x.mid() for x in stage(i)]
         change = max(
             abs(x - y)
             for v, w in zip(before, fields, strict=True)
             for x, y in zip(v, w, strict=True)
         )
         if change < ball(_SOLVED):
-            return end(b)
+            return
     raise ArithmeticError(f"{method.name}: stages don't converge")
 
 
 def _coordinates_step(method: MuntheKaas) -> arb_mat:
     (a, b), times = method.exact, _times(method)
     slopes: list[Vector] = []
-    for t, row in zip(times, a, strict=True):
-        sigma = _combined(row, slopes)
-        slopes.append(dexpinv(sigma, field(t, exponential(sigma))))
+
+    def stage(i: int) -> Vector:
+        sigma = _combined(a[i], slopes)
+        return dexpinv(sigma, field(times[i], exponential(sigma)))
+
+    if method.explicit:
+        for i in range(len(times)):
+            slopes.append(stage(i))
+    else:
+        slopes += [field(t, _identity()) for t in times]
+        _iterate(method, slopes, stage)
     return exponential(_combined(b, slopes))
 
 

@@ -109,7 +109,7 @@ munthe_kaas = Catalogue(files(__name__) / "munthe_kaas")
 magnus = Catalogue(files(__name__) / "magnus")
 """Commutator-free Magnus methods, for linear equations, by name."""
 
-_STIFF = "of the pairs here DICG3(2) is for stiff equations"
+_STIFF = "RadauIIA5 is the one here for stiff equations"
 _IN_SCIPY = {
     "RK45": "SciPy has a method of that name; DP5(4) has its coefficients",
     "RK23": "SciPy has a method of that name; BS3(2) has its coefficients",

@@ -25,7 +25,7 @@ from cg.integration.loop.progress import Progress
 from cg.integration.loop.run import COUNTS, Output
 from cg.integration.problem import Problem, make_problem, make_rhs
 from cg.integration.results import EnsembleSolution
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import plan_of
@@ -61,6 +61,7 @@ def solve_ensemble(
     first_step: float | None = None,
     max_steps: int | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
+    jac: Function | None = None,
     executor: ExecutorLike = None,
     workers: int | None = None,
     out: Any = None,
@@ -96,6 +97,9 @@ def solve_ensemble(
         calls for.
     max_step, first_step, max_steps, stage_solver
         As for `cg.solve_ivp`, of each member.
+    jac
+        As for `cg.solve_ivp`; if ``vectorized`` it takes and returns arrays of one member each,
+        with the axis of members first.
     executor, workers
         Where members are integrated, and by how many workers: in this thread by default, by
         ``workers`` threads, or by any executor that `cg.search` takes.  On one machine they
@@ -137,7 +141,7 @@ def solve_ensemble(
         f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, many=True,
         vectorized=vectorized, common=common, h=h, rtol=rtol, atol=atol, max_step=max_step,
         first_step=first_step, max_steps=max_steps, t_eval=t_eval, dense_output=dense_output,
-        events=events, breakpoints=breakpoints, stage_solver=stage_solver,
+        events=events, breakpoints=breakpoints, stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
     return solve_members(problem, f, executor, workers, out, progress)
 

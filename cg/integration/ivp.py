@@ -23,7 +23,7 @@ from cg.integration.loop.run import COUNTS, Output, Run
 from cg.integration.problem import Problem, make_problem
 from cg.integration.results import Solution
 from cg.integration.rhs.events import EventTable
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import Plan
@@ -56,6 +56,7 @@ def solve_ivp(
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
+    jac: Function | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Solution:
     r"""Solve :math:`y' = \sum_i f_i(t, y) E_i(y)`, :math:`y(t_0) = y_0`, on a manifold.
@@ -82,7 +83,8 @@ def solve_ivp(
         The default, ``"auto"``, is the fastest in the benchmarks of the pairs with reliable error
         estimates.  For ``rtol`` below 1e-4 it is ``"RKMK8(5,3)"`` on frames with brackets and
         ``"CF6(5)"`` on others; else ``"RKMK5(4)"`` on frames in Python with brackets and
-        ``"CF5(4)"`` on all others.  ``solution.method`` is the method used.
+        ``"CF5(4)"`` on all others.  ``"RadauIIA5"`` is for stiff equations, with Newton's method.
+        ``solution.method`` is the method used.
     h
         Size of fixed steps, positive; the last may be shorter.  No error is estimated.
     rtol, atol
@@ -98,6 +100,7 @@ def solve_ivp(
     dense_output
         Whether to return a continuous solution.  It is as accurate as the steps, as output at
         ``t_eval`` and events are; steps that have output in them take more evaluations of ``f``.
+        That of ``"RadauIIA5"`` has order three only.
     events
         A function ``event(t, y, *args)`` or a `cg.Event`, or a sequence of them, whose zeros are
         found along the continuous solution.  A zero at the initial point is no event.
@@ -119,6 +122,11 @@ def solve_ivp(
         ``f`` receives their address.
     stage_solver
         Iteration for the stages of an implicit method: ``"newton"`` or ``"fixed-point"``.
+    jac
+        Function, for ``"RadauIIA5"`` only: ``jac(t, y, *args)`` returns the derivatives of the
+        coefficients along the frame's fields, shape ``(dim, dim)``, as for
+        `cg.solve_variational`, or a sparse matrix of SciPy.  By default they are differences, which
+        take ``dim`` evaluations of ``f``.
     progress
         Called with the time covered so far and the length of ``t_span``, at most ten times a
         second and when the integration ends.
@@ -169,7 +177,7 @@ def solve_ivp(
         f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
         rtol=rtol, atol=atol, max_step=max_step, first_step=first_step, max_steps=max_steps,
         t_eval=t_eval, dense_output=dense_output, events=events, breakpoints=breakpoints,
-        stage_solver=stage_solver,
+        stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
     every = int(problem.t_eval is None)
     if h is not None:
@@ -188,6 +196,7 @@ def integrate(
     args: Iterable[Any] | None = None,
     parameters: ArrayLike | None = None,
     stage_solver: str = DEFAULT_STAGE_SOLVER,
+    jac: Function | None = None,
     save_every: int = 1,
     progress: Callable[[float, float], None] | None = None,
 ) -> Solution:
@@ -231,6 +240,8 @@ def integrate(
         Further arguments of ``f``; see `cg.solve_ivp`.
     stage_solver
         Iteration for the stages of an implicit method: ``"newton"`` or ``"fixed-point"``.
+    jac
+        As for `cg.solve_ivp`.
     save_every
         Store every so many steps, besides the initial and the final point.
     progress
@@ -280,7 +291,7 @@ def integrate(
         raise TypeError(f"h must be a real number, got {h!r}")
     problem = make_problem(
         f, t_span, y0, frame=frame, method=method, args=args, parameters=parameters, h=h,
-        stage_solver=stage_solver,
+        stage_solver=stage_solver, jac=jac,
     )  # fmt: skip
     every = min(check_integer("save_every", save_every, 1), 2**62)
     check_grid(problem.plan, h, grid_steps(problem), every, False)

@@ -32,6 +32,7 @@ from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.integration.rhs.python import Coefficients, PythonRhs
+from cg.integration.step.collocation import Jacobian, jacobian_of
 from cg.integration.step.implicit import check_stage_solver
 from cg.integration.step.plan import Plan, has_brackets, plan_of
 from cg.method.magnus import MagnusMethod
@@ -75,6 +76,8 @@ class Problem:
         Iteration for implicit stages.
     common
         Whether all members take the same steps.
+    jacobian
+        The Jacobian for Newton's method, None for differences.
     """
 
     plan: Plan
@@ -89,6 +92,7 @@ class Problem:
     dense: bool = False
     stage_solver: str = "newton"
     common: bool = False
+    jacobian: Jacobian | None = None
 
     @property
     def t1(self) -> float:
@@ -115,6 +119,7 @@ class Problem:
         return Run(
             self.plan, self.rhs, self.points, self.t0, self.stops, self.control, output,
             events=table, common=self.common, stage_solver=self.stage_solver,
+            jacobian=self.jacobian,
         )  # fmt: skip
 
 
@@ -210,6 +215,7 @@ def make_problem(
     events: Any = None,
     breakpoints: Any = None,
     stage_solver: str = "newton",
+    jac: Any = None,
 ) -> Problem:
     """Check the arguments of `cg.solve_ivp` or, if ``many``, of `cg.solve_ensemble`."""
     if not isinstance(frame, Frame):
@@ -231,6 +237,9 @@ def make_problem(
     plan.detect_coordinates(points[0])
     rhs, extra = make_rhs(f, frame, args, numbers, vectorized, len(points))
     start, stop = check_span(t_span)
+    jacobian = None
+    if jac is not None:
+        jacobian = jacobian_of(jac, f, frame, chosen, rhs, start, points[0])
     stops = check_stops(breakpoints, start, stop)
     control = make_control(
         plan, h=h, rtol=rtol, atol=atol, max_step=max_step, first_step=first_step,
@@ -239,7 +248,7 @@ def make_problem(
     problem = Problem(
         plan, rhs, points, start, stops, control, events, extra,
         None if t_eval is None else check_t_eval(t_eval, start, stop),
-        check_flag("dense_output", dense_output), stage_solver, common,
+        check_flag("dense_output", dense_output), stage_solver, common, jacobian,
     )  # fmt: skip
     if events is not None:
         problem.event_table()

@@ -19,7 +19,7 @@ from cg.integration.default_method import AUTO
 from cg.integration.loop.dense import DenseOutput, EnsembleOutput
 from cg.integration.loop.run import Output, Run
 from cg.integration.problem import make_problem, make_rhs
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.step.plan import plan_of
@@ -39,7 +39,7 @@ class Stepper:
 
     Parameters
     ----------
-    f, frame, method, rtol, atol, h, max_step, first_step, args, breakpoints, stage_solver
+    f, frame, method, rtol, atol, h, max_step, first_step, args, breakpoints, stage_solver, jac
         As for `cg.solve_ivp`.
     t0
         Initial time.
@@ -113,6 +113,7 @@ class Stepper:
         parameters: ArrayLike | None = None,
         breakpoints: ArrayLike | None = None,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
+        jac: Function | None = None,
         vectorized: bool = False,
         common_steps: bool = False,
     ) -> None:
@@ -127,7 +128,7 @@ class Stepper:
         problem = make_problem(
             f, (start, start + self.direction), y0, frame=frame, method=method, args=args,
             parameters=parameters, many=many, vectorized=vectorized, common=common, h=h, rtol=rtol,
-            atol=atol, max_step=max_step, first_step=None, stage_solver=stage_solver,
+            atol=atol, max_step=max_step, first_step=None, stage_solver=stage_solver, jac=jac,
         )  # fmt: skip
         self.f = f
         self.frame = frame
@@ -136,6 +137,7 @@ class Stepper:
         self._many = many
         self._common = common
         self._stage_solver = stage_solver
+        self._jacobian = problem.jacobian
         self._control = problem.control
         self._first_step = None if first_step is None else check_step(first_step, "first_step")
         end = bound
@@ -154,7 +156,7 @@ class Stepper:
         run = Run(
             plan_of(self.frame, self.method), self._rhs, points, t, self._stops, control,
             Output(), common=self._common, stage_solver=self._stage_solver, keep_last=True,
-            lanes=len(points),
+            lanes=len(points), jacobian=self._jacobian,
         )  # fmt: skip
         self._core = run._core
         self._target = np.empty(1)
@@ -405,14 +407,14 @@ class Stepper:
     def _state(self) -> dict[str, Any]:
         run = self._run
         members, dim = run.members, self.frame.dim
-        reals, integers = np.empty((members, 6)), np.empty((members, 9), dtype=np.int64)
+        reals, integers = np.empty((members, 9)), np.empty((members, 11), dtype=np.int64)
         points = np.empty((members, 2, run.plan.width))
-        slopes = np.empty((members, 2 + run.plan.kept, dim))
+        slopes = np.empty((members, 2 + run.kept, dim))
         self._core.loop_state(
             run.address, False, reals.T, integers.T, points.transpose(2, 1, 0),
             slopes.transpose(2, 1, 0),
         )  # fmt: skip
-        stages = run.callbacks.stages
+        stages, jacobian = run.callbacks.stages, run.callbacks.jacobian
         state = {
             name: value
             for name, value in vars(self).items()
@@ -423,6 +425,8 @@ class Stepper:
         state["trajectories"] = reals, integers, points, slopes
         state["counts"] = run.counts.copy(), run.status.copy(), run.flag.copy()
         state["stages"] = None if stages is None else stages.state()
+        kept = {} if jacobian is None else jacobian.kept
+        state["matrices"] = {member: matrix for member, (matrix, *_) in kept.items()}
         return state
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -449,7 +453,7 @@ def _restored(state: dict[str, Any]) -> Stepper:
     numbers, vectorized = state.pop("parameters"), state.pop("vectorized")
     reals, integers, points, slopes = state.pop("trajectories")
     counts, status, flag = state.pop("counts")
-    stages = state.pop("stages")
+    stages, matrices = state.pop("stages"), state.pop("matrices")
     vars(stepper).update(state)
     members = len(reals)
     stepper._rhs, _ = make_rhs(
@@ -459,6 +463,8 @@ def _restored(state: dict[str, Any]) -> Stepper:
     plan = plan_of(stepper.frame, stepper.method)
     rows = np.ascontiguousarray(points[:, 0])
     stepper._run = run = stepper._make_run(t, plan.points(rows, (members,)))
+    if run.callbacks.jacobian is not None:
+        run.callbacks.jacobian.kept.update((k, [matrix]) for k, matrix in matrices.items())
     stepper._core.loop_state(
         run.address, True, reals.T, integers.T, points.transpose(2, 1, 0), slopes.transpose(2, 1, 0)
     )

@@ -22,10 +22,12 @@ from .tableau import Tableau
 
 __all__ = ["MuntheKaas"]
 
+_ROUNDING = Fraction(1, 10**14)
+
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class MuntheKaas(Method):
-    r"""A Runge–Kutta–Munthe-Kaas method: a classical explicit tableau on a Lie algebra.
+    r"""A Runge–Kutta–Munthe-Kaas method: a classical tableau on a Lie algebra.
 
     A step applies the tableau to the differential equation of the coordinates σ of the point,
     :math:`y = \exp(\sigma)\, y_0`, which is an equation in a vector space [1]_:
@@ -44,7 +46,9 @@ class MuntheKaas(Method):
     Parameters
     ----------
     tableau : Tableau
-        An explicit tableau; with second weights the method is a pair.
+        An explicit tableau; with second weights the method is a pair.  Or a stiffly accurate
+        collocation method of three implicit stages after one at the start, which only the second
+        weights use (``"RadauIIA5"``); its stages are solved by Newton's method.
     third : sequence of s numbers, optional
         Third weights of a pair, of lower order than the second. The estimate is then
         :math:`|e|^2 / \sqrt{|e|^2 + 0.01 |e_3|^2}` as in DOP853 [2]_, with the differences e and
@@ -62,7 +66,7 @@ class MuntheKaas(Method):
     Raises
     ------
     MethodError
-        If `tableau` isn't an explicit `Tableau`, its result depends on no stage, it has third
+        If `tableau` isn't such a `Tableau`, its result depends on no stage, it has third
         weights but no second ones, or third weights have a wrong length or equal other weights.
 
     References
@@ -96,8 +100,11 @@ class MuntheKaas(Method):
     ) -> None:
         if not isinstance(tableau, Tableau):
             raise MethodError(f"tableau must be a Tableau, got {tableau!r}")
-        if not tableau.explicit:
-            raise MethodError(f"tableau must be explicit, got {tableau!r}")
+        if not (tableau.explicit or _is_collocation(tableau)):
+            raise MethodError(
+                "tableau must be explicit, or a stiffly accurate collocation method of three "
+                f"implicit stages after one at the start, as RadauIIA5 is, got {tableau!r}"
+            )
         values = read_texts(
             tableau.name if name is None else name,
             tableau.source if source is None else source,
@@ -106,7 +113,8 @@ class MuntheKaas(Method):
         values["tableau"] = tableau
         values["third_weights"] = None if third is None else _read_third(third, tableau)
         self._set(values)
-        check_tree(self.tree)
+        if tableau.explicit:
+            check_tree(self.tree)
 
     @classmethod
     def from_layout(
@@ -123,6 +131,11 @@ class MuntheKaas(Method):
     def tree(self) -> PointTree:
         """The points of a step: a flow from the initial point to each stage and the result."""
         return tree_of_flat_rows(*self.tableau.exact)
+
+    @property
+    def explicit(self) -> bool:
+        """Whether each stage depends on earlier stages only."""
+        return self.tableau.explicit
 
     @property
     def layout(self) -> Layout:
@@ -146,9 +159,9 @@ class MuntheKaas(Method):
 
     @property
     def embedded(self) -> MuntheKaas | None:
-        """The method with the second weights in place of the first; None without them."""
+        """The explicit method with the second weights in place of the first; None without them."""
         second = self.tableau.embedded
-        if second is None:
+        if second is None or not self.explicit:
             return None
         return MuntheKaas(second, name=f"{self.name}, embedded" if self.name else "")
 
@@ -163,7 +176,7 @@ class MuntheKaas(Method):
     @cached_property
     def embedded_order(self) -> int | None:
         """Order of the second weights, computed like `exact_order`; None without."""
-        return flat_order(self.tableau, embedded=True) if self.embedded is not None else None
+        return None if self.exact_embedded is None else flat_order(self.tableau, embedded=True)
 
     @cached_property
     def third_order(self) -> int | None:
@@ -211,6 +224,25 @@ class MuntheKaas(Method):
     def _next_residuals(self) -> NDArray[np.float64]:
         lower = len(rooted_trees_through(self.order)) if self.order else 0
         return np.array(self.residuals(self.order + 1)[lower:], dtype=np.float64)
+
+
+def _is_collocation(tableau: Tableau) -> bool:
+    """Return whether compiled code can solve the stages of an implicit tableau.
+
+    Its inverse must have a real eigenvalue, and a pair of complex ones.
+    """
+    a, b = tableau.exact
+    if len(b) != 4 or any(a[0]) or any(row[0] for row in a) or a[-1] != b:
+        return False
+    c = [sum(row) for row in a[1:]]
+    powers = range(1, 4)
+    integrates = all(
+        abs(sum(x * node ** (k - 1) for x, node in zip(row[1:], c, strict=True)) - end**k / k)
+        < _ROUNDING
+        for k in powers
+        for row, end in zip(a[1:], c, strict=True)
+    )
+    return integrates and bool(np.linalg.eigvals(tableau.a[1:, 1:]).imag.any())
 
 
 def _read_third(third: Iterable[Any], tableau: Tableau) -> tuple[Coefficient, ...]:

@@ -87,6 +87,9 @@ class Operation(IntEnum):
     FIELDS = 10  # coefficients at points of several members
     EVENT = 11
     JUMP = 12
+    JACOBIAN = 13  # of the right-hand side, for Newton's method
+    FACTOR = 14  # the matrices of Newton's method, if they are sparse
+    SOLVE = 15  # a linear system with one of them
 
 
 class BlockOption(IntEnum):
@@ -194,6 +197,7 @@ RECORD = {
     "common": "integer",  # whether all members take the same steps
     "keep_last": "integer",  # whether the interpolant of the last step may be requested
     "free": "integer",  # whether small coefficients determine the end of their flow
+    "jacobian": "integer",  # of f: 0 by differences, 1 a matrix, 2 a sparse matrix
     "t0": "real",
     "segments": "integer",
     "stops": "address",  # ends of segments

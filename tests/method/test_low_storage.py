@@ -305,8 +305,8 @@ class TestSteps:
 
     def test_paths_have_the_registers(self):
         assert paths_of(methods["CF4b"]).registers == two_registers(methods["CF4b"])
-        assert paths_of(methods["CF4b"]).integers[-3] == 1
-        assert paths_of(methods["CF4"]).integers[-3] == 0
+        assert paths_of(methods["CF4b"]).integers[-4] == 1
+        assert paths_of(methods["CF4"]).integers[-4] == 0
 
     @pytest.mark.parametrize("problem", list(PROBLEMS))
     @pytest.mark.parametrize("name", NAMES)

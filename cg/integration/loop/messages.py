@@ -91,9 +91,12 @@ def no_progress(t: float) -> str:
     return f"jumps of events follow each other without progress at t = {t:.17g}"
 
 
-def too_many_steps(max_steps: int, t: float) -> str:
+def too_many_steps(max_steps: int, t: float, stiff: bool = False) -> str:
     """Return the message for ``max_steps`` steps that reached only ``t``."""
-    return f"max_steps = {max_steps} steps, rejected ones included, led only to t = {t:.17g}"
+    text = f"max_steps = {max_steps} steps, rejected ones included, led only to t = {t:.17g}"
+    if not stiff:
+        return text
+    return f'{text}; the equation is stiff there, for which method="RadauIIA5" takes larger steps'
 
 
 def failed_members(failures: dict[int, str], total: int) -> str:

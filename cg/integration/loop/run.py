@@ -25,12 +25,15 @@ from cg.integration.loop.messages import (
     too_small_a_step,
 )
 from cg.integration.loop.step_budget import StepBudget
+from cg.integration.loop.stiffness import is_stiff
 from cg.integration.rhs.compiled import CompiledRhs
 from cg.integration.rhs.events import EventTable
 from cg.integration.rhs.python import PythonRhs, StageOverflowError
 from cg.integration.step.callbacks import Callbacks
-from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ImplicitStages
-from cg.integration.step.plan import Plan
+from cg.integration.step.collocation import Jacobian
+from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER, ConvergenceError, ImplicitStages
+from cg.integration.step.plan import Plan, has_brackets
+from cg.method.magnus import MagnusMethod
 from cg.method.tableau import Tableau
 from cg.support.memory import reserved
 from cg.support.parallel import raise_if_stopped
@@ -126,6 +129,8 @@ class Run:
         Whether all members take the same steps.
     stage_solver
         Iteration for implicit stages.
+    jacobian
+        The Jacobian for Newton's method, None for differences.
     keep_last
         Whether the interpolant of the last step may be requested.
     lanes
@@ -140,6 +145,8 @@ class Run:
         Of each member a `Stop`, what a compiled function returned, and when it failed.
     counts
         Of each member, shape ``(members, 6)``; see `COUNTS`.
+    kept
+        Number of vectors of coefficients that a member keeps between steps.
     """
 
     address = 0  # of the run in compiled code
@@ -157,6 +164,7 @@ class Run:
         events: EventTable | None = None,
         common: bool = False,
         stage_solver: str = DEFAULT_STAGE_SOLVER,
+        jacobian: Jacobian | None = None,
         keep_last: bool = False,
         lanes: int | None = None,
     ) -> None:
@@ -171,12 +179,16 @@ class Run:
         self._lanes = lanes = min(lanes, members)
         self._functions = 0 if events is None else len(events)
         plan.detect_coordinates(points[0])
-        self.callbacks = self._callbacks(events, stage_solver, lanes)
+        self.callbacks = self._callbacks(events, stage_solver, jacobian, lanes)
+        self.kept = plan.kept
+        sparse = jacobian is not None and jacobian.sparse
+        if plan.collocation:
+            self.kept += plan.method.stages - 1 + (0 if sparse else plan.frame.dim)
         in_entries = control.h is None and not plan.in_algebra
         function, data, stride = rhs.addresses()
         self.record = record = _Record(
             members=members, lanes=lanes, common=common, keep_last=keep_last,
-            t0=t0, segments=len(stops),
+            t0=t0, segments=len(stops), jacobian=0 if jacobian is None else 1 + sparse,
             context=id(self.callbacks), function=function, vectorized=rhs.vectorized, data=data,
             data_stride=stride, functions=self._functions,
             h=control.h or 0.0, rtol=control.rtol, tolerances=control.atol.size,
@@ -204,7 +216,9 @@ class Run:
             self._share("event_table", np.stack(columns, axis=-1, dtype=np.int64))
         needed = 1 << 16 if lanes == 1 else 0
         within = output.dense or record.outputs or self._functions
-        rows = plan.method.stages + 2 * (plan.columns if within else 0)
+        rows = (
+            plan.method.stages + 2 * (plan.columns if within else 0) + 4 * (self.kept - plan.kept)
+        )
         record.free = bool(within or keep_last) and plan.is_free(points[0])
         needed += lanes * 8 * rows * (plan.width + 2 * plan.frame.dim)
         with reserved(needed, f"{members} trajectories of {plan.width} numbers"):
@@ -232,7 +246,13 @@ class Run:
             setattr(self.record, name, ctypes.addressof(ctypes.c_char.from_buffer(array)))
         return array
 
-    def _callbacks(self, events: EventTable | None, stage_solver: str, lanes: int) -> Callbacks:
+    def _callbacks(
+        self,
+        events: EventTable | None,
+        stage_solver: str,
+        jacobian: Jacobian | None,
+        lanes: int,
+    ) -> Callbacks:
         plan, rhs = self.plan, self.rhs
         method = plan.method
         stages = None
@@ -241,6 +261,7 @@ class Run:
         return Callbacks(
             plan, stages, rhs.at_members if isinstance(rhs, PythonRhs) and rhs.vectorized else None,
             None if events is None else events.value, None if events is None else events.jump,
+            None if jacobian is None else jacobian.of(rhs), lanes,
         )  # fmt: skip
 
     def _make_buffers(self, capacity: int) -> None:
@@ -356,6 +377,8 @@ class Run:
         self.rhs = rhs
         if self.callbacks.stages is not None:
             self.callbacks.stages.rhs = rhs.at_member
+        if self.callbacks.jacobian is not None:
+            self.callbacks.jacobian = self.callbacks.jacobian.of(rhs)
         if isinstance(rhs, PythonRhs) and rhs.vectorized:
             self.callbacks.fields = rhs.at_members
 
@@ -387,17 +410,28 @@ class Run:
             case Stop.STEP_TOO_SMALL:
                 return self._explain_step_failure(member, t)
             case Stop.TOO_MANY_STEPS:
-                return too_many_steps(self.control.max_steps, t)
+                return too_many_steps(self.control.max_steps, t, self._is_stiff(member, t))
             case Stop.JUMPS_WITHOUT_PROGRESS:
                 return no_progress(t)
             case Stop.STAGES_NOT_SOLVED:
-                return self.callbacks.last_error
+                return self.callbacks.last_error or ConvergenceError(
+                    "it diverges", int(self.flag[member]), math.nan, t, self.record.step_size
+                )
             case Stop.SLOPE_NOT_FINITE:
                 point = self.plan.points(self.end[member], ())
                 return failure(stop, 0, t, self.rhs.at_member(member, t, point))
             case Stop.STAGE_NOT_FINITE if self.callbacks.last_error is not None:
                 return StageOverflowError(str(self.callbacks.last_error))
         return failure(stop, int(self.flag[member]), t, name=self.rhs.name)
+
+    def _is_stiff(self, member: int, t: float) -> bool:
+        plan, h = self.plan, self.record.step_size
+        if self.members > 1:
+            h = (t - self.t0) / max(self.counts[member, COUNTS.index("steps")], 1)
+        if not has_brackets(plan.frame) or isinstance(plan.method, MagnusMethod):
+            return False
+        point = plan.points(self.end[member].copy(), ())
+        return is_stiff(plan.frame, plan.method, self.rhs, member, t, point, h)
 
     def _explain_step_failure(self, member: int, t: float) -> str:
         """Return the message for a step size that became too small."""

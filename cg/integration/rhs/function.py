@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import LowLevelCallable
 
 from cg.frames.arrays import real_array
 
-__all__ = ["CompiledFunction", "TimeFunction"]
+__all__ = ["CompiledFunction", "Function", "TimeFunction"]
 
 
 class CompiledFunction:
@@ -90,6 +91,10 @@ class CompiledFunction:
     def __repr__(self) -> str:
         data = "" if self.user_data is None else f", {self.user_data.tolist()}"
         return f"CompiledFunction({self.path!r}, {self.symbol!r}{data})"
+
+
+Function = Callable[..., Any] | CompiledFunction | LowLevelCallable[Any, Any]
+"""A function of the user, in Python or compiled."""
 
 
 class TimeFunction:

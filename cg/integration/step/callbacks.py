@@ -10,6 +10,7 @@ import numpy as np
 
 from cg.frames.arrays import Array, Points
 from cg.frames.base import FlowOverflowError
+from cg.integration.step.collocation import Jacobian
 from cg.integration.step.flows import (
     Dexpinv,
     Difference,
@@ -42,6 +43,10 @@ class Callbacks:
         Solves the stage equations of an implicit method, else None.
     fields
         ``fields(t, members, y)`` returns coefficients at points of several members.
+    jacobian
+        The Jacobian for Newton's method in compiled code, if it doesn't take differences.
+    lanes
+        How many members are integrated at the same time.
     event, jump
         ``event(event, member, t, y)`` returns a number, ``jump(event, member, t, y)`` a point.
 
@@ -58,6 +63,8 @@ class Callbacks:
         fields: FieldOfMembers | None = None,
         event: EventOfMember | None = None,
         jump: EventOfMember | None = None,
+        jacobian: Jacobian | None = None,
+        lanes: int = 1,
     ) -> None:
         self.plan = plan
         self.frame = plan.frame
@@ -65,6 +72,8 @@ class Callbacks:
         self.fields = fields
         self.event = event
         self.jump = jump
+        self.jacobian = jacobian
+        self.lanes = lanes
         self.last_error: Exception | None = None
 
     @cached_property
@@ -119,6 +128,20 @@ class Callbacks:
             return np.concatenate([np.zeros(size), self.stages.taken(), [1.0]])
         return np.concatenate([fields.ravel(), counts, [0.0]])
 
+    def _evaluate_jacobian(self, a: Array, y: Array) -> Array:
+        assert self.jacobian is not None
+        t, member = a[:2].tolist()
+        return self.jacobian.evaluate(int(member), t, self._point(y.copy()), a[2:], self.lanes)
+
+    def _factor(self, a: Array, _: Array) -> Array:
+        assert self.jacobian is not None
+        member, gamma, real, imaginary = a.tolist()
+        return self.jacobian.factor(int(member), (gamma, complex(real, imaginary)))
+
+    def _solve(self, a: Array, b: Array) -> Array:
+        assert self.jacobian is not None
+        return self.jacobian.solve(int(a[0]), b)
+
     def _evaluate(self, a: Array, y: Array) -> Array:
         assert self.fields is not None
         t, members = a.reshape(2, -1)
@@ -149,4 +172,7 @@ _HANDLERS: dict[int, Callable[[Callbacks, Array, Array], Any]] = {
     Operation.FIELDS: Callbacks._evaluate,
     Operation.EVENT: Callbacks._event,
     Operation.JUMP: Callbacks._jump,
+    Operation.JACOBIAN: Callbacks._evaluate_jacobian,
+    Operation.FACTOR: Callbacks._factor,
+    Operation.SOLVE: Callbacks._solve,
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -41,7 +42,7 @@ class ConvergenceError(RuntimeError):
     iterations
         Iterations that were made.
     residual
-        Largest residual of the stage equations, in the units of ``f``.
+        Largest residual of the stage equations, in the units of ``f``; NaN if it isn't known.
     t
         Time at which the step starts.
     h
@@ -63,9 +64,10 @@ class ConvergenceError(RuntimeError):
     """
 
     def __init__(self, reason: str, iterations: int, residual: float, t: float, h: float) -> None:
+        remainder = "" if math.isnan(residual) else f", with a residual of {residual:.3g},"
         super().__init__(
-            f"the implicit stages did not converge ({reason}): after {iterations} iterations the "
-            f"residual is {residual:.3g} in the step of h = {h:.6g} from t = {t:.17g}; "
+            f"the implicit stages did not converge ({reason}) after {iterations} iterations"
+            f"{remainder} in the step of h = {h:.6g} from t = {t:.17g}; "
             "a smaller step or another stage_solver may help"
         )
         self.iterations = iterations

@@ -13,13 +13,15 @@ whose first three terms are the cubic of Hermite.  One flow reaches a point.  Fu
 :math:`k_j = \operatorname{dexp}^{-1}_{u(\theta_j)} f(t_0 + \theta_j h, y(\theta_j))` are evaluated
 at nodes on an interpolant of lower order, until the order is reached (bootstrapping: W. H. Enright,
 K. R. Jackson, S. P. Nørsett, P. G. Thomsen, "Interpolants for Runge–Kutta formulas", ACM TOMS 12
-(1986)).  There are two kinds, both linear in the unknown :math:`B`:
+(1986)).  There are three kinds, linear in the unknown :math:`B`:
 
 - Those of a Munthe-Kaas method use its stages.  The conditions are those of rooted trees t,
   :math:`\sum_j b_j(\theta) \Phi_j(t) = \theta^{|t|} / \gamma(t)`, through the order of the method;
   of all solutions the one of least norm is taken.  Of the pairs with orders 5 and 8 this takes 2
   and 8 evaluations, and the largest coefficient of the error within a step is at most twice that
   at its end.
+- That of a collocation method is the collocation polynomial, of the order of its stages, since
+  further evaluations would not help where an equation is stiff.
 - Those of other methods use the ends alone: :math:`u(1)` is found by Newton's method.  Their
   conditions are those of quadrature, :math:`\sum_j b_j(\theta) \theta_j^{k-1} = \theta^k / k`.
 
@@ -72,6 +74,7 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
 from cg.frames.arrays import Array
+from cg.integration.step.collocation import collocation_polynomial
 from cg.integration.step.paths import paths_of
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
@@ -181,6 +184,10 @@ class Extension:
 @cached
 def extension_of(method: Method) -> Extension:
     """Return the interpolant in coordinates for steps of a method."""
+    if isinstance(method, MuntheKaas) and not method.explicit:
+        powers = collocation_polynomial(method.c[1:])
+        basis = _powers(len(powers)).T @ powers
+        return _extension(len(powers), [], [], np.pad(basis, ((0, 0), (1, 0))))
     if isinstance(method, MuntheKaas):
         return _with_stages(method.advancing)
     return _between_ends(node_count(method))

@@ -1,4 +1,4 @@
-"""Explicit methods as paths of flows between points."""
+"""Methods as paths of flows between points."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from cg.integration.step.collocation import transformation
 from cg.method.low_storage import Registers, two_registers
 from cg.method.magnus import MagnusMethod
 from cg.method.method import Method, cached
@@ -43,7 +44,7 @@ class Path:
 
 @dataclass(frozen=True)
 class MethodPaths:
-    """An explicit method as paths.
+    """A method as paths.
 
     Stored points are stages, results, and points from which several paths start.  Paths are in the
     order in which a step needs them and counted from 1; 0 is the start of the step.
@@ -70,6 +71,8 @@ class MethodPaths:
     errors
         Weights on the coefficients at stages of the combinations by which errors are estimated;
         none if results are compared.
+    transformation
+        Of a collocation method, the numbers of `transformation`.
     """
 
     paths: tuple[Path, ...]
@@ -81,6 +84,7 @@ class MethodPaths:
     registers: Registers | None = None
     series: int = 0
     errors: tuple[tuple[Fraction, ...], ...] = ()
+    transformation: tuple[Fraction, ...] = ()
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -95,7 +99,7 @@ class MethodPaths:
 
     @cached_property
     def weights(self) -> tuple[Fraction, ...]:
-        """The weights of all terms of all flows, then A, B, those of errors, and a zero.
+        """The weights of all terms of all flows, then A, B, those of errors, others, and a zero.
 
         No array may be empty.
         """
@@ -106,6 +110,7 @@ class MethodPaths:
             *a,
             *b,
             *chain(*self.errors),
+            *self.transformation,
             Fraction(0),
         )
 
@@ -123,7 +128,8 @@ class MethodPaths:
         The numbers of paths, flows, terms and stages; the origins of the paths; from 1, where
         the flows of each path begin, and where the terms of each flow begin; the stages of the
         terms; the paths to the stages and to both results; the final stage; 1 if the method has
-        two registers, 0 if not; the order of the series, and the number of error estimates.
+        two registers, 0 if not; the order of the series, the number of error estimates, and 1 for a
+        collocation method.
         """
         flows = [flow for path in self.paths for flow in path.flows]
         terms = [stage + 1 for flow in flows for stage, _ in flow]
@@ -133,6 +139,7 @@ class MethodPaths:
             *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
             *self.stages, self.result, self.embedded, self.final_stage,
             int(self.registers is not None), self.series, len(self.errors),
+            int(bool(self.transformation)),
         ]  # fmt: skip
         return np.array(numbers, dtype=np.intc)
 
@@ -143,6 +150,13 @@ def paths_of(method: Method) -> MethodPaths:
     if isinstance(method, Tableau) and not method.explicit:
         return _implicit_paths(method)
     series = 0
+    if isinstance(method, MuntheKaas) and not method.explicit:
+        flow = tuple((k, weight) for k, weight in enumerate(method.exact[1]) if weight)
+        c = tuple(sum(row, Fraction(0)) for row in method.exact[0])
+        return MethodPaths(
+            (Path(0, (flow,)),), (0,) * method.stages, 1, 0, 0, c, None, method.order,
+            method.error_weights, transformation(method),
+        )  # fmt: skip
     if isinstance(method, MuntheKaas):
         method = method.advancing
         series = max(method.order, 1)

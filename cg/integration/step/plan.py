@@ -13,6 +13,7 @@ from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.frames.manifold import MEMBERSHIP_TOLERANCE
 from cg.integration.step.blocks import block_constants, describe_blocks, is_compiled
+from cg.integration.step.collocation import is_collocation
 from cg.integration.step.interpolant import (
     extension_of,
     node_count,
@@ -46,6 +47,8 @@ class Plan:
         Number of doubles of a point.
     kept
         Number of vectors of coefficients stored for a step: its stages, or one register.
+    collocation
+        Whether compiled code solves the stages by Newton's method.
     series
         Order up to which the series of dexp⁻¹ is needed.
     exponent
@@ -68,6 +71,7 @@ class Plan:
         self._columns = 0
         self._free: bool | None = None
         self.series = series_order(method)
+        self.collocation = is_collocation(method)
         if self.compiled:
             blocks = describe_blocks(frame)
         else:
@@ -75,7 +79,11 @@ class Plan:
         paths = paths_of(method)
         self.kept = method.stages if paths.registers is None else 1
         self.address: int = core.plan_open(
-            blocks, block_constants(frame), paths.integers, *paths.doubles, not method.explicit
+            blocks,
+            block_constants(frame),
+            paths.integers,
+            *paths.doubles,
+            not (method.explicit or self.collocation),
         )
         weakref.finalize(self, core.plan_close, self.address)
 

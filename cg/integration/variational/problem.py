@@ -17,7 +17,7 @@ from cg.integration.variational.events import VariationalEvents
 from cg.integration.variational.field import VariationalField
 from cg.support.checks import check_flag
 
-__all__ = ["VariationalProblem", "add_derivatives", "check_covariance"]
+__all__ = ["VariationalProblem", "add_derivatives", "check_covariance", "check_function"]
 
 # tolerance relative to the largest entry or eigenvalue of a covariance
 _ROUNDING = 1e-9
@@ -73,8 +73,8 @@ def add_derivatives(
         raise ValueError(f"parameters must be given with df_dp = {df_dp!r}, got None")
     if numbers is not None:
         check_finite(numbers, "parameters")
-    _check_function(jac, "jac", rhs.vectorized)
-    _check_function(df_dp, "df_dp", rhs.vectorized)
+    check_function(jac, "jac", rhs.vectorized)
+    check_function(df_dp, "df_dp", rhs.vectorized)
     field = VariationalField(
         frame,
         f,
@@ -101,7 +101,7 @@ def add_derivatives(
     return VariationalProblem(**(same | changed), field=field, source=source)
 
 
-def _check_function(function: Any, name: str, vectorized: bool) -> None:
+def check_function(function: Any, name: str, vectorized: bool) -> None:
     """Raise TypeError or ValueError unless a function can be called, or is None."""
     compiled = compiled_rhs(function, name)
     if compiled is None and not (function is None or callable(function)):

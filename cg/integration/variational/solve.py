@@ -18,7 +18,7 @@ from cg.integration.ensemble import solve_members
 from cg.integration.ivp import grid_steps, solve_one
 from cg.integration.loop.progress import Progress
 from cg.integration.problem import make_problem
-from cg.integration.rhs.function import CompiledFunction
+from cg.integration.rhs.function import CompiledFunction, Function
 from cg.integration.rhs.python import Coefficients
 from cg.integration.step.implicit import DEFAULT_STAGE_SOLVER
 from cg.integration.variational.problem import VariationalProblem, add_derivatives, check_covariance
@@ -34,8 +34,6 @@ from cg.runs import ExecutorLike
 from cg.support.checks import check_flag
 
 __all__ = ["solve_variational", "solve_variational_ensemble"]
-
-Function = Callable[..., ArrayLike] | CompiledFunction | LowLevelCallable[Any, Any]
 
 
 def solve_variational(

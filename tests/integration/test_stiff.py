@@ -1,0 +1,368 @@
+"""The collocation method RadauIIA5, and the detection of stiff equations."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import cg
+from cg.analysis.convergence import final_errors, observed_order
+from cg.catalogue import munthe_kaas
+from cg.frames import SO3, Euclidean, FieldFrame, Product, Sphere, Stiefel, UnitQuaternion
+
+RADAU = munthe_kaas["RadauIIA5"]
+PLANE = Euclidean(2)
+START = [2.0, 0.0]
+MU = 100.0
+
+
+def van_der_pol(t, y):
+    return np.array([y[1], MU * (1.0 - y[0] ** 2) * y[1] - y[0]])
+
+
+def jacobian(t, y):
+    return np.array([[0.0, 1.0], [-2.0 * MU * y[0] * y[1] - 1.0, MU * (1.0 - y[0] ** 2)]])
+
+
+def sparse_jacobian(t, y):
+    return sparse.csr_array(jacobian(t, y))
+
+
+def solve(f=van_der_pol, t1=200.0, y0=START, frame=PLANE, **options):
+    options = {"method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6} | options
+    return cg.solve_ivp(f, (0, t1), y0, frame=frame, **options)
+
+
+def turn(t, y):
+    return [np.sin(t) + y[0, 1], 1.0 + y[1, 2] * t, 0.5 + np.cos(2.0 * t) * y[2, 0]]
+
+
+def body(t, y):
+    inertia, w = np.array([1.0, 2.0, 3.0]), y[4:]
+    torque = np.cross(inertia * w, w) + np.array([np.sin(t), y[0], 0.1])
+    return np.concatenate([w, torque / inertia])
+
+
+def drift(t, y):
+    return [y[1] + t, np.cos(t) * y[2], 1.0 + y[0]]
+
+
+def pendulum(t, y):
+    return [y[1], np.sin(t) - np.sin(y[0])]
+
+
+def frames_of(t, y):
+    return [y[0, 1], 1.0, t, y[2, 1], 0.3, np.sin(t)]
+
+
+ORDERS = {
+    "SO3 body": (SO3(), turn, np.eye(3)),
+    "SO3 space": (SO3("space"), turn, np.eye(3)),
+    "product": (Product(UnitQuaternion(), Euclidean(3)), body, [0, 0, 0, 1.0, 0.5, 1.0, 0.7]),
+    "sphere": (Sphere(2), drift, [0.0, 0.0, 1.0]),
+    "plane": (PLANE, pendulum, [1.0, 0.0]),
+    "in Python": (Stiefel(4, 2), frames_of, np.eye(4)[:, :2]),
+}
+
+
+class TestOrder:
+    @pytest.mark.parametrize("name", ORDERS)
+    def test_slopes(self, name):
+        frame, f, y0 = ORDERS[name]
+        options = {"frame": frame, "method": "RKMK8(5,3)", "rtol": 1e-13, "atol": 1e-13}
+        exact = cg.solve_ivp(f, (0, 1.6), y0, **options).y[-1]
+        h = np.array([0.1, 0.05, 0.025])
+        errors = final_errors(f, (0, 1.6), y0, exact, frame=frame, method=RADAU, h=h)
+        assert observed_order(h, errors, floor=1e-13).order == pytest.approx(5.0, abs=0.1)
+
+    def test_within_steps(self):
+        frame, f, y0 = ORDERS["SO3 body"]
+        t = np.linspace(0.03, 1.5, 40)
+        exact = cg.solve_ivp(f, (0, 1.6), y0, frame=frame, rtol=1e-13, atol=1e-13, t_eval=t).y
+        errors = []
+        for h in (0.1, 0.05):
+            run = cg.solve_ivp(f, (0, 1.6), y0, frame=frame, method=RADAU, h=h, t_eval=t)
+            errors.append(np.abs(run.y - exact).max())
+        assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
+
+    def test_stiff_order_where_the_solution_is_slow(self):
+        """Prothero and Robinson: of order 5 at small steps, of that of the stages at large ones."""
+        errors = []
+        for h in (0.1, 0.05):
+            run = cg.integrate(
+                lambda t, y: [-1e6 * (y[0] - np.cos(t)) - np.sin(t)], (0, 2), [1.0],
+                frame=Euclidean(1), method=RADAU, h=h,
+            )  # fmt: skip
+            errors.append(abs(run.y[-1, 0] - np.cos(2.0)))
+        assert max(errors) < 1e-11
+
+
+class TestLikeScipy:
+    @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
+    def test_counts_on_a_vector_space(self, tolerance):
+        calls = []
+
+        def counted(t, y):
+            calls.append(t)
+            return van_der_pol(t, y)
+
+        other = solve_ivp(counted, (0, 200), START, method="Radau", rtol=tolerance, atol=tolerance)
+        evaluations = len(calls)
+        run = solve(rtol=tolerance, atol=tolerance)
+        assert run.nfev <= 1.3 * evaluations
+        assert run.nlu <= 1.3 * other.nlu
+        assert run.njev <= 1.3 * other.njev
+        exact = solve(rtol=1e-11, atol=1e-11).y[-1]
+        here, there = (np.abs(y - exact).max() for y in (run.y[-1], other.y[:, -1]))
+        assert here <= 10 * there + 1e-10
+
+    def test_l_stability(self):
+        def fast(t, y):
+            return [-1e8 * (y[0] - np.cos(t))]
+
+        run = solve(fast, 10.0, [2.0], Euclidean(1))
+        other = solve_ivp(fast, (0, 10), [2.0], method="Radau", rtol=1e-6, atol=1e-6)
+        assert abs(run.y[-1, 0] - np.cos(10.0)) < 1e-6
+        assert run.steps <= 1.3 * len(other.t)
+
+    def test_stages_of_a_linear_equation_take_one_correction(self):
+        """With matrices of size 12 whose factors need pivots."""
+        rng = np.random.default_rng(3)
+        basis = rng.standard_normal((12, 12))
+        matrix = basis @ np.diag(-(10.0 ** np.linspace(0, 4, 12))) @ np.linalg.inv(basis)
+        y0 = rng.standard_normal(12)
+        run = solve(lambda t, y: matrix @ y, 1.0, y0, Euclidean(12), jac=lambda t, y: matrix)
+        np.testing.assert_allclose(run.y[-1], expm(matrix) @ y0, rtol=0, atol=1e-5)
+        assert run.njev == 1
+        assert run.nfev <= 7.5 * (run.steps + run.nrejected)
+
+
+class TestJacobian:
+    @pytest.mark.parametrize("jac", [jacobian, sparse_jacobian])
+    def test_given(self, jac):
+        run, other = solve(jac=jac), solve()
+        np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=1e-6)
+        assert run.nfev < other.nfev
+
+    @pytest.mark.parametrize("kind", [np.array, sparse.csc_array])
+    @pytest.mark.parametrize("frame", [SO3(), SO3("space"), Sphere(2)], ids=repr)
+    def test_brackets_are_added(self, frame, kind):
+        """With exact Jacobians Newton's method takes as many iterations as with differences."""
+        fast = 1e4 * np.array([[1.0, 0.2, 0.0], [-0.3, 2.0, 0.1], [0.0, 0.4, 3.0]])
+        y0 = np.eye(3) if frame.point_shape == (3, 3) else np.array([0.0, 0.6, 0.8])
+
+        def f(t, y):
+            first = y.reshape(-1, 3)[0]
+            return fast @ np.cross(first, [np.cos(t), np.sin(t), 0.0])
+
+        def jac(t, y):
+            h = 1e-6
+            ends = [[f(t, frame.flow(s * v, y)) for v in np.eye(3)] for s in (h, -h)]
+            return kind((np.array(ends[0]) - np.array(ends[1])).T / (2.0 * h))
+
+        run, other = solve(f, 2.0, y0, frame, jac=jac), solve(f, 2.0, y0, frame)
+        np.testing.assert_allclose(run.y[-1], other.y[-1], rtol=0, atol=1e-3)
+        assert run.nfev + 3 * run.njev == pytest.approx(other.nfev, rel=0.1)
+
+    @pytest.mark.parametrize(
+        ("jac", "error", "message"),
+        [
+            (3, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
+            (lambda t, y: [[1.0]], ValueError, r"jac must return .*\(2, 2\), got shape \(1, 1\)"),
+            (lambda t, y: sparse.eye_array(3), ValueError, r"jac must return .*\(2, 2\)"),
+            (lambda t, y: np.full((2, 2), np.nan), ValueError, "jac must return finite numbers"),
+            (
+                lambda t, y: jacobian(t, y) * (1.0 if t < 1 else np.nan),
+                ValueError,
+                "jac must return finite numbers",
+            ),
+            (
+                lambda t, y: sparse_jacobian(t, y) * (1.0 if t < 1 else np.inf),
+                ValueError,
+                "jac must return finite numbers",
+            ),
+            (lambda t, y: jacobian(t, y) / (0 if t > 1 else 1.0) // 0, ValueError, "finite"),
+        ],
+    )
+    @pytest.mark.filterwarnings("ignore::RuntimeWarning")
+    def test_bad_values(self, jac, error, message):
+        with pytest.raises(error, match=message):
+            solve(jac=jac)
+
+    @pytest.mark.parametrize("at", [0.0, 1.0])
+    def test_exceptions_pass_through(self, at):
+        def jac(t, y):
+            if t >= at:
+                raise KeyError("mine")
+            return jacobian(t, y)
+
+        with pytest.raises(KeyError, match="mine"):
+            solve(jac=jac)
+
+    def test_other_methods_take_none(self):
+        with pytest.raises(ValueError, match='jac must be None unless method is "RadauIIA5"'):
+            solve(method="auto", jac=jacobian)
+
+
+class TestLoop:
+    def test_output_within_steps_and_events(self):
+        crossing = cg.Event(lambda t, y: y[0])
+        times = np.linspace(1.0, 199.0, 50)
+        run = solve(events=crossing, t_eval=times, dense_output=True, rtol=1e-8, atol=1e-8)
+        exact = solve(t_eval=times, rtol=1e-11, atol=1e-11)
+        other = solve_ivp(
+            van_der_pol, (0, 200), START, method="Radau", rtol=1e-10, atol=1e-10,
+            events=lambda t, y: y[0],
+        )  # fmt: skip
+        assert np.abs(run.y[:, 0] - exact.y[:, 0]).max() < 1e-4
+        np.testing.assert_array_equal(run.sol(times), run.y)
+        np.testing.assert_allclose(run.t_events[0], other.t_events[0], rtol=1e-6)
+
+    def test_jumps_and_breakpoints(self):
+        def f(t, y):
+            return [-1e4 * (y[0] - (1.0 if t < 0.5 else 2.0))]
+
+        back = cg.Event(lambda t, y: t - 0.75, jump=lambda t, y: [5.0])
+        run = solve(
+            f, 1.0, [0.0], Euclidean(1), breakpoints=[0.5], events=back, t_eval=[0.4, 0.75, 1.0]
+        )
+        np.testing.assert_allclose(run.y[:, 0], [1.0, 5.0, 2.0], atol=1e-5)
+
+    def test_backward(self):
+        run = cg.solve_ivp(
+            lambda t, y: [1e4 * (y[0] - np.cos(t))], (3, 0), [0.0], frame=Euclidean(1),
+            method="RadauIIA5", rtol=1e-6, atol=1e-6,
+        )  # fmt: skip
+        assert abs(run.y[-1, 0] - 1.0) < 1e-6
+
+    @pytest.mark.parametrize("jac", [None, jacobian, sparse_jacobian])
+    @pytest.mark.parametrize("copied", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy])
+    def test_copies_of_steppers_continue_alike(self, jac, copied):
+        options = {"frame": PLANE, "method": "RadauIIA5", "rtol": 1e-5, "atol": 1e-7}
+        one = cg.Stepper(van_der_pol, 0.0, START, 200.0, jac=jac, **options)
+        for _ in range(15):
+            one.step()
+        other = copied(one)
+        for _ in range(30):
+            one.step()
+            other.step()
+        np.testing.assert_array_equal(one.y, other.y)
+        assert (one.nfev, one.njev, one.nlu) == (other.nfev, other.njev, other.nlu)
+        middle = 0.5 * (one.t_old + one.t)
+        np.testing.assert_array_equal(one.dense_output()(middle), other.dense_output()(middle))
+
+    def test_restart_forgets_the_last_step(self):
+        options = {"frame": PLANE, "method": "RadauIIA5", "rtol": 1e-6, "atol": 1e-6}
+        one = cg.Stepper(van_der_pol, 0.0, START, 50.0, **options)
+        for _ in range(9):
+            one.step()
+        one.restart(t=0.0, y=START)
+        other = cg.Stepper(van_der_pol, 0.0, START, 50.0, **options)
+        one.step()
+        other.step()
+        np.testing.assert_array_equal(one.y, other.y)
+
+    @pytest.mark.parametrize("sparsely", [False, True])
+    def test_ensembles(self, sparsely):
+        numbers = np.array([[1.0], [30.0], [100.0]])
+
+        def f(t, y, p):
+            return np.stack([y[:, 1], p[:, 0] * (1 - y[:, 0] ** 2) * y[:, 1] - y[:, 0]], -1)
+
+        def alone(t, y, p):
+            return f(t, y[None], p[None])[0]
+
+        def jac(t, y, p):
+            matrix = np.array([[0, 1], [-2 * p[0] * y[0] * y[1] - 1, p[0] * (1 - y[0] ** 2)]])
+            return sparse.csc_array(matrix) if sparsely else matrix
+
+        options = {
+            "frame": PLANE, "method": "RadauIIA5", "parameters": numbers, "rtol": 1e-7,
+            "atol": 1e-7,
+        }  # fmt: skip
+        each = [
+            cg.solve_ivp(alone, (0, 20), START, **(options | {"parameters": p})).y[-1]
+            for p in numbers
+        ]
+        run = cg.solve_ensemble(f, (0, 20), START, vectorized=True, **options)
+        np.testing.assert_array_equal(run.y[-1], each)
+        common = cg.solve_ensemble(f, (0, 20), START, vectorized=True, common_steps=True, **options)
+        np.testing.assert_allclose(common.y[-1], each, rtol=1e-5)
+        given = cg.solve_ensemble(alone, (0, 20), START, jac=jac, workers=2, **options)
+        np.testing.assert_allclose(given.y[-1], each, rtol=1e-5)
+
+    def test_derivatives(self):
+        options = {"frame": PLANE, "rtol": 1e-8, "atol": 1e-8}
+        run = cg.solve_variational(pendulum, (0, 3), START, method="RadauIIA5", **options)
+        other = cg.solve_variational(pendulum, (0, 3), START, **options)
+        np.testing.assert_allclose(run.transition[-1], other.transition[-1], atol=1e-6)
+
+    def test_steps_without_a_solution(self):
+        options = {"frame": Euclidean(1), "method": "RadauIIA5"}
+        with pytest.raises(cg.ConvergenceError, match="did not converge"):
+            cg.integrate(lambda t, y: 1.0 + y**2, (0, 4), [0.0], h=4.0, **options)
+        run = cg.solve_ivp(lambda t, y: 1.0 + y**2, (0, 4), [0.0], **options)
+        assert not run.success
+        assert run.t[-1] == pytest.approx(np.pi / 2, abs=1e-3)
+
+    def test_exceptions_of_f_in_stages(self):
+        def f(t, y):
+            if t > 1.0:
+                raise KeyError("mine")
+            return van_der_pol(t, y)
+
+        with pytest.raises(KeyError, match="mine"):
+            solve(f)
+
+    def test_frames_without_brackets_are_refused(self):
+        fields = [lambda y: y, lambda y: y[::-1]]
+        frame = FieldFrame(fields, lambda v, y: np.exp(v[0]) * y, point_shape=2)
+        with pytest.raises(ValueError, match="needs brackets"):
+            solve(pendulum, y0=[1.0, 2.0], frame=frame)
+
+
+class TestTableau:
+    def test_orders(self):
+        assert (RADAU.order, RADAU.embedded_order, RADAU.explicit) == (5, 3, False)
+        assert RADAU.embedded is None
+
+    def test_coefficients(self):
+        root = np.sqrt(6.0)
+        np.testing.assert_allclose(RADAU.c, [0, 0.4 - root / 10, 0.4 + root / 10, 1], atol=1e-15)
+        for k in (1, 2, 3):
+            moments = RADAU.a[1:, 1:] @ RADAU.c[1:] ** (k - 1)
+            np.testing.assert_allclose(moments, RADAU.c[1:] ** k / k, atol=1e-15)
+
+    def test_other_implicit_tableaux_are_refused(self):
+        gauss = cg.Tableau(
+            [["1/4", "-0.0386751345948128823"], ["0.538675134594812882", "1/4"]], ["1/2", "1/2"]
+        )
+        with pytest.raises(cg.MethodError, match="tableau must be explicit, or a stiffly accurate"):
+            cg.MuntheKaas(gauss)
+
+
+class TestDetection:
+    @pytest.mark.parametrize("method", ["auto", "RKMK5(4)", "BS3(2)"])
+    @pytest.mark.parametrize("rtol", [1e-3, 1e-8])
+    def test_stiff(self, method, rtol):
+        run = solve(method=method, rtol=rtol, max_steps=500, t1=2000.0)
+        assert not run.success
+        assert "stiff" in run.message
+        assert "RadauIIA5" in run.message
+
+    @pytest.mark.parametrize("rtol", [1e-3, 1e-8])
+    @pytest.mark.parametrize("f", [lambda t, y: [y[1], -1e4 * y[0]], pendulum])
+    def test_not_stiff(self, f, rtol):
+        run = solve(f, 1e4, method="auto", rtol=rtol, max_steps=50)
+        assert "max_steps = 50" in run.message
+        assert "stiff" not in run.message
+
+    def test_in_ensembles(self):
+        run = cg.solve_ensemble(
+            van_der_pol, (0, 2000), [START, [1.0, 0.0]], frame=PLANE, max_steps=500
+        )
+        assert "stiff" in run.message
