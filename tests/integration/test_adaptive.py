@@ -218,27 +218,6 @@ def test_motion_without_error_takes_ever_larger_steps():
     assert cg.solve_ivp(lambda t, y: np.zeros(3), (0, 5), np.eye(3), frame=SO3()).steps < 15
 
 
-def test_blow_up_ends_without_success_and_keeps_what_was_accepted():
-    solution = cg.solve_ivp(lambda t, y: y**2, (0, 2), [1.0], frame=Euclidean(1), dense_output=True)
-    assert not solution.success
-    assert solution.status == -1
-    assert "step size fell below" in solution.message
-    assert solution.t[-1] == pytest.approx(1.0, abs=1e-2)
-    assert len(solution.t) == solution.steps + 1 > 20
-    assert np.isfinite(solution.y).all()
-    early = solution.t < 0.9
-    np.testing.assert_allclose(solution.y[early, 0], 1 / (1 - solution.t[early]), rtol=0.05)
-    np.testing.assert_array_equal(solution.sol(solution.t), solution.y)
-
-
-def test_blow_up_with_t_eval_keeps_the_times_that_were_reached():
-    times = np.linspace(0, 2, 8)
-    solution = cg.solve_ivp(lambda t, y: y**2, (0, 2), [1.0], frame=Euclidean(1), t_eval=times)
-    np.testing.assert_array_equal(solution.t, times[:4])
-    assert solution.y.shape == (4, 1)
-    assert solution.status == -1
-
-
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered")
 def test_a_trial_step_that_overflows_is_rejected():
     # The second stage of the first step is not finite, and f isn't finite there.
@@ -405,3 +384,26 @@ def test_a_first_step_below_the_resolution_is_raised_to_it(frame, sign):
     shorter = cg.solve_ivp(lambda t, y: [1.0], span, y0, frame=frame, max_step=1e-13)
     assert (shorter.status, shorter.steps) == (-1, 0)  # it must not be longer
     assert "step size fell below" in shorter.message
+
+
+@pytest.mark.parametrize("in_c", [False, True])
+def test_blow_up_ends_without_success_and_keeps_what_was_accepted(in_c, function):
+    f = function("square") if in_c else lambda t, y: y**2
+    solution = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), dense_output=True)
+    assert (solution.status, solution.success) == (-1, False)
+    assert "step size fell below" in solution.message
+    assert solution.t[-1] == pytest.approx(1.0, abs=1e-2)
+    assert len(solution.t) == solution.steps + 1 > 20
+    assert np.isfinite(solution.y).all()
+    early = solution.t < 0.9
+    np.testing.assert_allclose(solution.y[early, 0], 1 / (1 - solution.t[early]), rtol=0.05)
+    np.testing.assert_array_equal(solution.sol(solution.t), solution.y)
+    times = np.linspace(0, 2, 8)
+    chosen = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), t_eval=times)
+    np.testing.assert_array_equal(chosen.t, times[:4])
+    assert (chosen.y.shape, chosen.status) == ((4, 1), -1)
+    for terminal, status in ((True, 1), (False, -1)):
+        event = cg.Event(lambda t, y: y[0] - 100.0, terminal=terminal)
+        found = cg.solve_ivp(f, (0, 2), [1.0], frame=Euclidean(1), events=event)
+        assert (found.status, len(found.t_events[0])) == (status, 1)
+        assert found.y_events[0] == pytest.approx(100.0)

@@ -6,8 +6,7 @@ from compiled_examples import PROBLEMS, frames_in_python
 
 import cg
 from cg.frames import SO3, SU, Euclidean, Product
-from cg.integration.loop import step_budget
-from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
+from cg.integration.rhs.compiled import compiled_rhs
 from cg.problems.affine import AffineField
 
 pytestmark = pytest.mark.sanitize
@@ -99,13 +98,6 @@ def test_motion_without_error(function):
         assert fast.t[-1] == span[1]
 
 
-def test_no_span_is_the_initial_point(function):
-    fast, slow = both(function("growth"), (2, 2), [1.0], Euclidean(1), dense_output=True)
-    assert_same_steps(fast, slow)
-    assert fast.nfev == 0
-    assert fast.sol(2.0) == 1.0
-
-
 @pytest.mark.parametrize("name", list(PROBLEMS))
 @pytest.mark.parametrize("span", [(0.0, 2.0), (2.0, 0.0)])
 def test_chosen_times(name, span, affine):
@@ -146,41 +138,6 @@ def test_dense_output(name, affine):
     np.testing.assert_array_equal(chosen.sol.ts, fast.t)
 
 
-def test_pauses_change_nothing(affine, monkeypatch):
-    problem = PROBLEMS["product"]
-    f, _keep = affine(problem)
-    y0 = problem.frame.random_point(np.random.default_rng(0), (2,))
-
-    def results():
-        options = {"frame": problem.frame, "rtol": 1e-4, "atol": 1e-4}
-        times = np.linspace(0, 2, 15)
-        return [
-            cg.solve_ivp(f, (0, 2), y0[0], **options),
-            cg.solve_ivp(f, (0, 2), y0[0], t_eval=times, dense_output=True, **options),
-            cg.solve_ivp(f, (0, 2), y0[1], t_eval=times, **options),
-            cg.integrate(
-                f, (0, 2), y0[0], frame=problem.frame, method="CG4a", h=0.03, save_every=4
-            ),
-        ]
-
-    free = results()
-    monkeypatch.setattr(step_budget, "_SECONDS", 0.0)
-    calls = []
-    start = step_budget.StepBudget.start
-
-    def counted(self):
-        calls.append(start(self))
-        return calls[-1]
-
-    monkeypatch.setattr(step_budget.StepBudget, "start", counted)
-    for one, other in zip(free, results(), strict=True):
-        np.testing.assert_array_equal(one.t, other.t)
-        np.testing.assert_array_equal(one.y, other.y)
-        assert (one.nfev, one.nexp) == (other.nfev, other.nexp)
-    assert set(calls) == {1}
-    assert len(calls) >= sum(one.steps + one.nrejected for one in free)
-
-
 def test_complex_points(affine):
     problem = PROBLEMS["SU2 space"]
     f, _keep = affine(problem)
@@ -195,71 +152,6 @@ def test_complex_points(affine):
     slow = cg.integrate(from_python(f, SU(2)), (0, 1), y0, frame=SU(2), method="CG4a", h=0.1)
     assert fixed.y.dtype == complex
     np.testing.assert_allclose(fixed.y, slow.y, rtol=0, atol=1e-14)
-
-
-def test_too_many_steps(function):
-    f = function("growth")
-    fast, slow = both(f, (0, 1), [1.0], Euclidean(1), max_step=0.01, max_steps=20)
-    assert_same_steps(fast, slow)
-    assert fast.message.startswith("Failure: max_steps = 20 steps, rejected ones included, led")
-    assert fast.steps == 20
-    chosen = {"frame": Euclidean(1), "rtol": 1e-8, "method": "CG4(3)"}
-    free = cg.solve_ivp(f, (0, 1), [1.0], **chosen)
-    most = free.steps + free.nrejected
-    for count, success in ((most, True), (most - 1, False)):
-        options = {**chosen, "max_steps": count}
-        assert cg.solve_ivp(f, (0, 1), [1.0], **options).success is success
-        together = cg.solve_ensemble(f, (0, 1), [[1.0], [0.0]], t_eval=[1.0], **options)
-        assert together.success is success
-        assert np.isnan(together.y[0, :, 0]).tolist() == [not success, False]
-    endless = cg.solve_ivp(f, (0, 1), [1.0], frame=Euclidean(1), max_step=1e-30, t_eval=[1.0])
-    assert "max_steps = 1000000 steps" in endless.message
-
-
-def test_blow_up_keeps_what_was_accepted(function):
-    fast, slow = both(function("square"), (0, 2), [1.0], Euclidean(1), dense_output=True)
-    assert fast.status == -1
-    assert "step size fell below" in fast.message
-    assert len(fast.t) == fast.steps + 1 > 20
-    assert fast.t[-1] == pytest.approx(1.0, abs=1e-2)
-    assert (fast.steps, fast.nfev) == (slow.steps, slow.nfev)
-    np.testing.assert_array_equal(fast.sol(fast.t), fast.y)
-    times = np.linspace(0, 2, 8)
-    found = cg.solve_ivp(function("square"), (0, 2), [1.0], frame=Euclidean(1), t_eval=times)
-    np.testing.assert_array_equal(found.t, times[:4])
-    assert found.y.shape == (4, 1)
-
-
-@pytest.mark.parametrize(
-    ("name", "y0", "error", "message"),
-    [
-        ("stops", [0.0], RuntimeError, r"f returned the error code 7 at t = 0\.[5-9]"),
-        ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.[5-9]"),
-        ("writes_nothing", [0.0], ValueError, r"f must return finite numbers, and all"),
-        ("square", [1e160], ValueError, "f must return finite numbers"),
-    ],
-)
-@pytest.mark.parametrize("options", [{}, {"t_eval": [0.25, 0.9]}, {"max_step": 0.01}])
-def test_failures_of_f(name, y0, error, message, options, function):
-    with pytest.raises(error, match=message):
-        cg.solve_ivp(function(name), (0, 1), y0, frame=Euclidean(1), **options)
-
-
-def test_a_right_hand_side_too_large_for_any_step(affine):
-    problem = AffineField(Euclidean(1), [0.0])
-    problem.constant[:] = 1e308
-    f, _keep = affine(problem)
-    with pytest.raises(OverflowError, match=r"f is too large to choose a step at t = 0.*1.e\+308"):
-        cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame)
-
-
-def test_a_trial_step_that_overflows_is_rejected(function):
-    found = cg.solve_ivp(
-        function("growth"), (0, 10), [1e300], frame=Euclidean(1), first_step=10.0, rtol=1e-8
-    )
-    assert found.success
-    assert found.nrejected > 0
-    assert found.y[-1, 0] == pytest.approx(np.exp(10) * 1e300, rel=1e-5)
 
 
 def test_points_between_where_the_step_has_no_logarithm(affine):
@@ -280,10 +172,3 @@ def test_products_of_one_frame_are_that_frame(affine):
     one = cg.solve_ivp(f, (0, 1), problem.y0, frame=SO3())
     other = cg.solve_ivp(f, (0, 1), problem.y0.ravel(), frame=Product(SO3()))
     np.testing.assert_array_equal(one.y.reshape(-1, 9), other.y)
-
-
-def test_the_loop_runs_in_compiled_code(affine, monkeypatch):
-    problem = PROBLEMS["SO3 body"]
-    f, _keep = affine(problem)
-    monkeypatch.setattr(CompiledRhs, "__call__", None)
-    assert cg.solve_ivp(f, (0, 1), problem.y0, frame=SO3(), t_eval=[0.3]).success

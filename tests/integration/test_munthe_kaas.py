@@ -303,10 +303,6 @@ class TestBadInput:
                     lambda t, y: np.ones(frame.dim), (0, 1), y0, frame=frame, method="RKMK4", h=0.1
                 )
 
-    def test_steps_of_no_pair(self):
-        with pytest.raises(ValueError, match="method must be a pair unless h"):
-            cg.solve_ivp(*generic_problem(), frame=SO3(), method="RKMK4")
-
     def test_overflow(self):
         frame = Euclidean(1)
         with np.errstate(over="ignore"):
@@ -323,19 +319,6 @@ class TestBadInput:
                 lambda t, y: y**2, (0, 9), [3.0], frame=frame, method="RKMK5(4)", max_steps=2000
             )
         assert not run.success
-
-    def test_an_error_of_f(self):
-        def f(t, y):
-            raise KeyError("mine")
-
-        for frame in (SO3(), SO(4)):
-            with pytest.raises(KeyError, match="mine"):
-                cg.solve_ivp(f, (0, 1), np.eye(frame.n), frame=frame, method="RKMK5(4)")
-
-
-def generic_problem():
-    f, y0 = generic(SO3())
-    return f, (0, 1), y0
 
 
 def test_a_frame_of_functions_with_a_bracket():
