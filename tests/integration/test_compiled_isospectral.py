@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from compiled_examples import frames_in_python
-from frame_examples import name
-from test_munthe_kaas import generic
+from frame_examples import generic, name
 
 import cg
 from cg.analysis.convergence import observed_order

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from bracket_examples import HEISENBERG_GROUP, WITH
-from frame_examples import HEISENBERG, MAX_SCALE, name
+from frame_examples import HEISENBERG, MAX_SCALE, generic, name
 from python_steps import Step
 
 import cg
@@ -28,19 +28,6 @@ from cg.integration.step.interpolant import extension_of
 from cg.integration.step.plan import error_exponent
 
 METHODS = dict(munthe_kaas)
-
-
-def generic(frame, seed=11):
-    rng = np.random.default_rng(seed)
-    y0 = frame.random_point(rng)
-    weights = rng.standard_normal((frame.dim, 2 * y0.size)) / np.sqrt(2 * y0.size)
-
-    def f(t, y):
-        flat = y.reshape(*y.shape[: y.ndim - y0.ndim], -1)
-        both = np.concatenate([flat.real, flat.imag], axis=-1)
-        return np.sin(both @ weights.T + np.arange(frame.dim) + np.asarray(t)[..., None])
-
-    return f, y0
 
 
 STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}

@@ -5,9 +5,9 @@ import ctypes
 import numpy as np
 import pytest
 from compiled_examples import PROBLEMS
-from frame_examples import name
+from frame_examples import generic, name
 from python_steps import Step, uncompiled
-from test_munthe_kaas import METHODS, generic
+from test_munthe_kaas import METHODS
 
 import cg
 from cg.analysis.convergence import observed_order

@@ -5,7 +5,8 @@ import pickle
 import numpy as np
 import pytest
 import scipy.integrate
-from test_munthe_kaas import METHODS, generic
+from frame_examples import generic
+from test_munthe_kaas import METHODS
 
 import cg
 from cg.catalogue import dumps, load, loads, resolve_method, save
