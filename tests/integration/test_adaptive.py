@@ -41,11 +41,6 @@ def rotations():
     return reference.y[:, :9].reshape(2, 3, 3)
 
 
-@pytest.fixture(scope="module")
-def rotation(rotations):
-    return rotations[0]
-
-
 # a tableau; a method of points; one whose last stage is the next first; errors by combinations of
 # stages, one and two
 KINDS = {"CG2(3)", "CF4(3)", "DP5(4)", "CF6(5)", "DOP853"}
@@ -172,12 +167,6 @@ def test_rejected_steps_are_counted_and_repeat_no_evaluation():
     # medians: how far the steps overshoot after the jump depends on rounding
     before, after = solution.t[1:] < 4.8, solution.t[1:] > 5.2
     assert np.median(sizes[after]) < 0.3 * np.median(sizes[before])
-
-
-def test_backward_returns_to_the_start(rotation):
-    solution = cg.solve_ivp(PROBLEM.f, (1, 0), rotation, frame=SO3(), rtol=1e-9, atol=1e-9)
-    assert (np.diff(solution.t) < 0).all()
-    assert SO3().distance(solution.y[-1], np.eye(3)) < 1e-7
 
 
 def test_backward_takes_the_steps_of_reversed_time():

@@ -9,7 +9,6 @@ import cg
 from cg.frames import SU, Euclidean
 from cg.integration.loop import step_budget
 from cg.integration.rhs.compiled import CompiledRhs
-from cg.integration.step.interpolant import extra_evaluations
 
 pytestmark = pytest.mark.sanitize
 
@@ -32,30 +31,6 @@ def marked(function, **attributes):
 
     vars(event).update(attributes)
     return event
-
-
-@pytest.mark.parametrize("name", list(PROBLEMS))
-@pytest.mark.parametrize("span", [(0.2, 2.0), (1.0, -1.5)])
-def test_fixed_steps(name, span, affine):
-    problem = PROBLEMS[name]
-    f, _keep = affine(problem)
-    times = np.linspace(*span, 41)
-    options = FIXED | {"t_eval": times, "dense_output": True}
-    fast, slow = both(f, span, problem.y0, problem.frame, **options)
-    np.testing.assert_array_equal(fast.t, times)
-    np.testing.assert_array_equal(fast.sol.ts, slow.sol.ts)
-    np.testing.assert_allclose(fast.y, slow.y, **CLOSE)
-    np.testing.assert_allclose(fast.y, fast.sol(times), **CLOSE)
-    assert (fast.steps, fast.nfev, fast.nrejected) == (slow.steps, slow.nfev, 0)
-    assert (fast.status, fast.message, fast.success) == (slow.status, slow.message, True)
-    assert problem.frame.membership_error(fast.y).max() < 1e-14
-    plain = cg.solve_ivp(f, span, problem.y0, frame=problem.frame, **FIXED)
-    dense = cg.solve_ivp(f, span, problem.y0, frame=problem.frame, **FIXED, dense_output=True)
-    np.testing.assert_array_equal(dense.t, plain.t)
-    np.testing.assert_array_equal(dense.y, plain.y)
-    np.testing.assert_array_equal(dense.sol(dense.t), dense.y)
-    extra = extra_evaluations(cg.methods["CG4a"])
-    assert dense.nfev == plain.nfev + 1 + extra * plain.steps
 
 
 @pytest.mark.parametrize("method", ["LieEuler", "CG4(3)", "CG6d"])

@@ -170,13 +170,14 @@ def test_the_last_flow_takes_away_the_leading_error(count):
     np.testing.assert_allclose(made, solution(s), rtol=0, atol=1e-11)
 
 
-def test_many_turns_in_one_step_do_not_lose_their_count():
+@pytest.mark.parametrize("method", ["CG3", "RKMK5(4)"])
+def test_many_turns_in_one_step_do_not_lose_their_count(method):
     solution = cg.solve_ivp(
         lambda t, y: [0.0, 0.0, 50.0],
         (0, 1),
         np.eye(3),
         frame=SO3(),
-        method="CG3",
+        method=method,
         h=1.0,
         dense_output=True,
     )

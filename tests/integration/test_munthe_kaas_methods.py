@@ -86,15 +86,6 @@ class TestMethods:
         assert method != HEUN
         assert method.embedded == cg.MuntheKaas(cg.Tableau([[], [1]], [1, 0]))
 
-    def test_the_weights_of_higher_order_make_the_steps(self):
-        swapped = cg.Tableau([[], [1]], [1, 0], b_embedded=["1/2", "1/2"])
-        f, y0 = generic(SO3())
-        options = {"frame": SO3(), "rtol": 1e-5, "atol": 1e-5}
-        runs = [
-            cg.solve_ivp(f, (0, 1), y0, method=cg.MuntheKaas(m), **options) for m in (HEUN, swapped)
-        ]
-        np.testing.assert_array_equal(runs[0].y, runs[1].y)
-
     @pytest.mark.parametrize(
         ("make", "message"),
         [
