@@ -188,17 +188,6 @@ def test_grid_steps_are_h_but_for_a_shorter_last(start, span, h):
     assert 0 < sizes[-1] <= h + 1e-13
 
 
-def test_f_gets_a_read_only_point_and_may_reuse_its_buffer():
-    buffer = np.empty(3)
-
-    def f(t, y):
-        assert not y.flags.writeable
-        buffer[:] = spin(t, y)
-        return buffer
-
-    np.testing.assert_array_equal(solve(f).y, solve().y)
-
-
 def test_tableau_and_name_are_the_same_method():
     np.testing.assert_array_equal(solve(method=methods["CG4a"]).y, solve(method="CG4a").y)
 

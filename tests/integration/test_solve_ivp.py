@@ -10,9 +10,8 @@ import pytest
 import scipy.integrate
 
 import cg
-from cg.frames import SO3, CoadjointOrbit, Euclidean
+from cg.frames import SL, SO3, SU, CoadjointOrbit, Euclidean
 from cg.integration import DenseOutput, Solution
-from cg.method.tableau import Tableau
 from cg.problems import StateDependentRotation
 
 pytestmark = pytest.mark.sanitize
@@ -168,29 +167,43 @@ def test_a_mask_that_hides_nothing_is_no_matter():
     np.testing.assert_array_equal(solution.y, solve().y)
 
 
-def test_warnings_name_the_line_of_the_call():
-    poor = Tableau([["0"], ["1/2", "0"]], ["1/2", "1/4"], name="poor")
-    with pytest.warns(UserWarning, match="poor has order 0") as caught:
-        cg.solve_ivp(PROBLEM.f, (0, 1), np.eye(3), frame=SO3(), method=poor, h=0.5)
-    assert caught[0].filename == __file__
-
-
 def test_rtol_below_rounding_is_raised_with_a_warning():
     with pytest.warns(UserWarning, match="rtol = 1e-20 is too small") as caught:
         solve(t_span=(0.0, 1e-3), rtol=1e-20, atol=1e-6)
     assert caught[0].filename == __file__
 
 
-@pytest.mark.parametrize("options", [{}, {"h": 0.1}])
-@pytest.mark.parametrize("kind", [OverflowError, ArithmeticError, KeyError, RuntimeError])
-def test_exceptions_of_f_pass_through(kind, options):
+@pytest.mark.parametrize("frame", [SO3(), SL(2), SU(2)], ids=repr)
+@pytest.mark.parametrize(
+    "options",
+    [
+        *({}, {"t_eval": [0.5]}, {"h": 0.1}, {"h": 0.1, "dense_output": True}),
+        *({"h": 0.1, "method": method} for method in ("CG3", "CF3", "RKMK4", "DICG3")),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize(
+    "kind", [OverflowError, ArithmeticError, KeyError, RuntimeError, StopIteration]
+)
+def test_exceptions_of_f_pass_through(kind, options, frame):
     def f(t, y):
         if t > 0.3:
             raise kind("at last")
-        return PROBLEM.f(t, y)
+        return [0.1, 0.2, 0.3]
 
     with pytest.raises(kind, match="at last"):
-        solve(f, **options)
+        solve(f, y0=np.eye(frame.size), frame=frame, **options)
+
+
+def test_f_may_not_change_the_point_nor_keep_its_buffer():
+    buffer = np.empty(3)
+
+    def f(t, y):
+        assert not y.flags.writeable
+        buffer[:] = PROBLEM.f(t, y)
+        return buffer
+
+    np.testing.assert_array_equal(solve(f, dense_output=True).y, solve(dense_output=True).y)
 
 
 def test_dense_output_is_told_by_its_kind():
