@@ -103,7 +103,7 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
          parameters=[0.5, 0.25], P0=np.diag([1.0, 2.0, 3.0]), control_derivatives=True,
          breakpoints=[0.5]),
     call(cg.solve_variational_ensemble, **TWO, parameters=[[0.5, 0.25], [1.0, 0.25]],
-         P0=np.diag([1.0, 2.0, 3.0]), method="CG4(3)"),
+         P0=np.diag([1.0, 2.0, 3.0]), method="CG4(3)", max_steps=100),
     call(cg.integrate, cg.ConvergenceError, **SHORT, method="CG3", h=0.25,
          stage_solver="fixed-point", args=(1.0,)),
     call(cg.solve_ensemble, OverflowError, **TWO, **OUTPUT, method="CF4", h=0.25,

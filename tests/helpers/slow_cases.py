@@ -1,4 +1,4 @@
-"""Combinations of parameters of which `make test` runs some, and `make test-all` all."""
+"""Cases of tests of which `make test` runs some, and `make test-all` all."""
 
 from collections.abc import Callable, Iterable
 from itertools import product
@@ -7,9 +7,16 @@ from typing import Any
 import pytest
 
 
+def slow(*cases: Any) -> list[Any]:
+    """Return cases, each a value or a tuple of values, marked as slow."""
+    tuples = [case if isinstance(case, tuple) else (case,) for case in cases]
+    return [pytest.param(*case, marks=pytest.mark.slow) for case in tuples]
+
+
 def cases(*values: Iterable[Any], quick: Callable[..., bool]) -> list[Any]:
-    """Return all combinations of parameters, those marked as slow for which ``quick`` is False."""
+    """Return all combinations of values, those marked as slow for which ``quick`` is False."""
+    combinations = list(product(*values))
     return [
-        case if quick(*case) else pytest.param(*case, marks=pytest.mark.slow)
-        for case in product(*values)
+        *(case for case in combinations if quick(*case)),
+        *slow(*(case for case in combinations if not quick(*case))),
     ]
