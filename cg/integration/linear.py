@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from numbers import Real
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -97,7 +98,8 @@ def solve_linear(
         f = TimeFunction(a)
     if isinstance(method, str):
         if method == AUTO:
-            method = _DEFAULTS[0 if h is not None or rtol is None or rtol >= _LOOSE else 1]
+            tight = h is None and isinstance(rtol, Real) and rtol < _LOOSE
+            method = _DEFAULTS[1 if tight else 0]
         method = magnus.get(method, method)
     try:
         return solve_ivp(

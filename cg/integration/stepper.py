@@ -128,7 +128,8 @@ class Stepper:
         problem = make_problem(
             f, (start, start + self.direction), y0, frame=frame, method=method, args=args,
             parameters=parameters, many=many, vectorized=vectorized, common=common, h=h, rtol=rtol,
-            atol=atol, max_step=max_step, first_step=None, stage_solver=stage_solver, jac=jac,
+            atol=atol, max_step=max_step, first_step=None if h is None else first_step,
+            stage_solver=stage_solver, jac=jac,
         )  # fmt: skip
         self.f = f
         self.frame = frame

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from compiled_examples import ORBITS
 
 import cg
 from cg.frames import GL, SE3, SO, SO3, SU, Euclidean, Product, Sphere, U, UnitQuaternion
@@ -36,17 +37,21 @@ WEIGHTS = 0.75 * np.array([0.5, -1.25, 0.0625])[:, None]
 
 
 @pytest.mark.parametrize("batch", [(), (5,), (2, 3)], ids=repr)
-@pytest.mark.parametrize("frame", FRAMES, ids=repr)
+@pytest.mark.parametrize("frame", [*FRAMES, *ORBITS], ids=repr)
 def test_compiled_flows_match_frames(frame, batch):
     rng = np.random.default_rng(5)
     points = frame.random_point(rng, batch)
     before = points.copy()
     fields = frame.random_vector(rng, (*batch, 3))
-    moved = flows_of(frame)(WEIGHTS * fields, points)
-    np.testing.assert_array_equal(points, before)
-    np.testing.assert_allclose(moved, _Flows(frame)(WEIGHTS * fields, points), rtol=0, atol=1e-14)
-    assert isinstance(flows_of(frame), _CompiledFlows)
-    assert frame.membership_error(moved).max() < 1e-15
+    flows = flows_of(frame)
+    assert isinstance(flows, _CompiledFlows)
+    expected = _Flows(frame)(WEIGHTS * fields, points)
+    size = max(1.0, np.abs(points).max())
+    for restore in (False, True):
+        moved = flows(WEIGHTS * fields, points, restore)
+        np.testing.assert_array_equal(points, before)
+        np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-14 * size)
+    assert frame.relative_error(moved).max() < (2e-15 if frame in ORBITS else 1e-15)
 
 
 CURVED = [SO3("space"), SO3(), UnitQuaternion(), Sphere(2), SU(2), SO(2), SO(4), SU(3), U(1)]

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from slow_cases import cases
 
 from cg.frames import GL, SL, SO, SU, Semidirect, Sp, Sphere, U
 from cg.integration.step.flows import difference_of
@@ -23,9 +24,15 @@ def shortest_length(angles):
     return np.sqrt(2.0 * (moved**2).sum())
 
 
-@pytest.mark.parametrize("n", [3, 12, 13, 25, 26, 27, 33, 40])
-@pytest.mark.parametrize("turns", [1, -1, 2, 5, -12])
-@pytest.mark.parametrize("convention", ["body", "space"])
+@pytest.mark.parametrize(
+    ("n", "turns", "convention"),
+    cases(
+        [3, 12, 13, 25, 26, 27, 33, 40],
+        [1, -1, 2, 5, -12],
+        ["body", "space"],
+        quick=lambda n, turns, convention: n < 13 or (n < 33 and turns == 1),
+    ),
+)
 def test_angles_of_special_unitary_matrices_add_up_to_zero(n, turns, convention):
     frame, rng = SU(n, convention), np.random.default_rng(211)
     angles = rng.normal(scale=0.02, size=n)

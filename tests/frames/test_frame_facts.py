@@ -24,7 +24,6 @@ from cg.frames import (
     Sphere,
     Stiefel,
     U,
-    UnitQuaternion,
 )
 from cg.frames.logarithms import real_log1p
 from cg.frames.u import gell_mann
@@ -69,6 +68,10 @@ def test_membership_by_known_distances():
     assert SU(3).membership_error(phase) == pytest.approx(2 * np.sin(0.15))
     assert U(3).membership_error(1.01 * phase) == pytest.approx(0.01)
     assert SO(4).membership_error(np.diag([1.0, 1.0, 1.0, -1.0])) == pytest.approx(2.0)
+    for factor, error in ((1.001, 1e-3), (-1.0, 2.0), (0.0, 1.0)):
+        assert SO3().membership_error(factor * np.eye(3)) == pytest.approx(error, rel=1e-10)
+    sheared = np.eye(3) + 1e-6 * np.eye(3, k=1)
+    assert SO3().membership_error(sheared) == pytest.approx(np.sqrt(0.5) * 1e-6, rel=1e-5)
     assert SL(2).membership_error(np.diag([1.0, 1.02])) == pytest.approx(0.01)
     assert Sp(2).membership_error(np.diag([1.0, 1.02])) == pytest.approx(0.01)
     assert Stiefel(3, 2).membership_error(1.01 * np.eye(3, 2)) == pytest.approx(0.01)
@@ -127,10 +130,6 @@ def test_isospectral_orbits_keep_the_spectrum_of_a_matrix():
     hermitian = IsospectralOrbit.through(symmetric + 1j * (matrix - matrix.T))
     assert hermitian.hermitian
     assert hermitian.dim == 15
-    with pytest.raises(ValueError, match="y0 must be symmetric, or Hermitian"):
-        IsospectralOrbit.through(matrix)
-    with pytest.raises(ValueError, match="y0 must be a finite square matrix"):
-        IsospectralOrbit.through(np.ones((2, 3)))
 
 
 def test_coadjoint_orbits_compute_their_casimirs():
@@ -212,59 +211,6 @@ def test_product_errors_and_distances():
     y = frame.join(SO3().flow([0.3, 0, 0], np.eye(3)), [0.0, 0.4])
     assert frame.distance(x, y) == pytest.approx(0.5)
     assert frame.membership_error(frame.join(2 * np.eye(3), [0.0, 0.4])) == pytest.approx(1.0)
-
-
-# e1 e2 = e1, e2 e3 = e2, e3 e1 = e3 breaks the Jacobi identity.
-NO_ALGEBRA = np.zeros((3, 3, 3))
-for i in range(3):
-    NO_ALGEBRA[i, (i + 1) % 3, i], NO_ALGEBRA[(i + 1) % 3, i, i] = 1.0, -1.0
-
-
-@pytest.mark.parametrize(
-    ("make", "error", "message"),
-    [
-        (lambda: SO3("left"), ValueError, "convention must be"),
-        (lambda: SO(1), ValueError, "n must be at least 2, got 1"),
-        (lambda: SO(3, "left"), ValueError, "convention must be"),
-        (lambda: SE3("left"), ValueError, "convention must be"),
-        (lambda: UnitQuaternion("left"), ValueError, "convention must be"),
-        (lambda: UnitQuaternion(scalar_first=1), ValueError, "scalar_first must be True or"),
-        (lambda: Sp(3), ValueError, "n must be even, got 3"),
-        (lambda: GL(0), ValueError, "n must be at least 1"),
-        (lambda: SU(1), ValueError, "n must be at least 2"),
-        (lambda: Sphere(0), ValueError, "n must be at least 1"),
-        (lambda: Stiefel(2, 3), ValueError, "k must be at most 2, got 3"),
-        (lambda: Semidirect(SO3), TypeError, "group must be a MatrixGroup"),
-        (lambda: Semidirect(SU(2)), ValueError, "group must be real"),
-        (lambda: Semidirect(SO3(), 0), ValueError, "copies must be at least 1"),
-        (lambda: IsospectralOrbit((1.0,)), ValueError, "spectrum must be at least two"),
-        (lambda: IsospectralOrbit((1.0, np.nan)), ValueError, "spectrum must be at least two"),
-        (lambda: IsospectralOrbit((1, 2), hermitian=2), ValueError, "hermitian must be True or"),
-        (lambda: CoadjointOrbit(SO3(), (1.0, 2.0)), ValueError, "point must be 3 finite"),
-        (lambda: CoadjointOrbit(np.eye(3), (1.0,)), ValueError, r"shape \(m, m, m\), got shape"),
-        (lambda: CoadjointOrbit(np.ones((2, 2, 2)), (1, 2)), ValueError, "antisymmetric"),
-        (lambda: CoadjointOrbit(NO_ALGEBRA, (1, 2, 3)), ValueError, "the Jacobi identity"),
-        (lambda: MatrixFrame(np.eye(2)), ValueError, r"matrices must have shape \(m, n, n\)"),
-        (lambda: MatrixFrame([[[np.inf]]]), ValueError, "matrices must be finite"),
-        (lambda: MatrixFrame([[["a"]]]), ValueError, "matrices must be an array of real"),
-        (lambda: MatrixFrame([[[1.0]]], 0), ValueError, "columns must be at least 1"),
-        (lambda: MatrixFrame([[[1.0]]], restore=1), TypeError, "restore must be a function or"),
-        (lambda: FieldFrame([], abs, point_shape=1), ValueError, "at least one function"),
-        (lambda: FieldFrame([1], abs, point_shape=1), TypeError, r"fields\[0\] must be a function"),
-        (lambda: FieldFrame([abs], 1, point_shape=1), TypeError, "flow must be a function"),
-        (lambda: FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
-        (lambda: FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
-        (lambda: FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
-        (lambda: Euclidean(0), ValueError, "n must be at least 1, got 0"),
-        (lambda: Euclidean(2.0), TypeError, "n must be an integer"),
-        (lambda: Euclidean(True), TypeError, "n must be an integer"),
-        (Product, ValueError, "at least one frame"),
-        (lambda: Product(SO3(), SO3), TypeError, r"factors\[1\] must be a Frame"),
-    ],
-)
-def test_constructors_reject_bad_arguments(make, error, message):
-    with pytest.raises(error, match=message):
-        make()
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from frame_examples import FRAMES, name
 
 from cg.frames import (
     GL,
+    SE3,
     SL,
     SO,
     SO3,
@@ -16,6 +17,7 @@ from cg.frames import (
     Euclidean,
     FieldFrame,
     IsospectralOrbit,
+    LinearAction,
     MatrixFrame,
     Product,
     Semidirect,
@@ -125,58 +127,93 @@ def field_frame(**changes):
     return FieldFrame(**given | changes)
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
-    [
-        ({"fields": None}, TypeError, "fields must be a sequence of functions, got None"),
-        ({"fields": abs}, TypeError, "fields must be a sequence of functions, got <built-in"),
-        ({"point_shape": None}, TypeError, "point_shape must be an integer, got None"),
-        ({"point_shape": 1.0}, TypeError, r"point_shape must be an integer, got 1\.0"),
-        ({"point_shape": np.nan}, TypeError, "point_shape must be an integer, got nan"),
-    ],
-)
-def test_field_frame_rejects_bad_arguments(changes, error, message):
-    with pytest.raises(error, match=message):
-        field_frame(**changes)
-
-
-def test_conventions_must_be_strings():
-    with pytest.raises(ValueError, match=r'convention must be "body" or "space", got array'):
-        UnitQuaternion(np.array(["body"]))
+# e1 e2 = e1, e2 e3 = e2, e3 e1 = e3 breaks the Jacobi identity.
+NO_ALGEBRA = np.zeros((3, 3, 3))
+for i in range(3):
+    NO_ALGEBRA[i, (i + 1) % 3, i], NO_ALGEBRA[(i + 1) % 3, i, i] = 1.0, -1.0
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "error", "message"),
     [
-        (lambda: MatrixFrame([[[True]]]), "matrices must be an array of real numbers"),
-        (lambda: MatrixFrame([[[np.nan]]]), r"matrices must be finite, got nan at \[0, 0, 0\]"),
+        (lambda: SO3("left"), ValueError, "convention must be"),
+        (lambda: SO(1), ValueError, "n must be at least 2, got 1"),
+        (lambda: SO(3, "left"), ValueError, "convention must be"),
+        (lambda: SE3("left"), ValueError, "convention must be"),
+        (lambda: UnitQuaternion("left"), ValueError, "convention must be"),
+        (lambda: UnitQuaternion(scalar_first=1), ValueError, "scalar_first must be True or"),
+        (lambda: Sp(3), ValueError, "n must be even, got 3"),
+        (lambda: GL(0), ValueError, "n must be at least 1"),
+        (lambda: SU(1), ValueError, "n must be at least 2"),
+        (lambda: Sphere(0), ValueError, "n must be at least 1"),
+        (lambda: Stiefel(2, 3), ValueError, "k must be at most 2, got 3"),
+        (lambda: Semidirect(SO3), TypeError, "group must be a MatrixGroup"),
+        (lambda: Semidirect(SU(2)), ValueError, "group must be real"),
+        (lambda: Semidirect(SO3(), 0), ValueError, "copies must be at least 1"),
+        (lambda: IsospectralOrbit((1.0,)), ValueError, "spectrum must be at least two"),
+        (lambda: IsospectralOrbit((1.0, np.nan)), ValueError, "spectrum must be at least two"),
+        (lambda: IsospectralOrbit((1, 2), hermitian=2), ValueError, "hermitian must be True or"),
+        (lambda: CoadjointOrbit(SO3(), (1.0, 2.0)), ValueError, "point must be 3 finite"),
+        (lambda: CoadjointOrbit(np.eye(3), (1.0,)), ValueError, r"shape \(m, m, m\), got shape"),
+        (lambda: CoadjointOrbit(np.ones((2, 2, 2)), (1, 2)), ValueError, "antisymmetric"),
+        (lambda: CoadjointOrbit(NO_ALGEBRA, (1, 2, 3)), ValueError, "the Jacobi identity"),
+        (lambda: MatrixFrame(np.eye(2)), ValueError, r"matrices must have shape \(m, n, n\)"),
+        (lambda: MatrixFrame([[[np.inf]]]), ValueError, "matrices must be finite"),
+        (lambda: MatrixFrame([[["a"]]]), ValueError, "matrices must be an array of real"),
+        (lambda: MatrixFrame([[[1.0]]], 0), ValueError, "columns must be at least 1"),
+        (lambda: MatrixFrame([[[1.0]]], restore=1), TypeError, "restore must be a function or"),
+        (lambda: FieldFrame([], abs, point_shape=1), ValueError, "at least one function"),
+        (lambda: FieldFrame([1], abs, point_shape=1), TypeError, r"fields\[0\] must be a function"),
+        (lambda: FieldFrame([abs], 1, point_shape=1), TypeError, "flow must be a function"),
+        (lambda: FieldFrame([abs], abs, point_shape=0), ValueError, "point_shape must be"),
+        (lambda: FieldFrame([abs], abs, point_shape=1, dtype=int), ValueError, "dtype must be"),
+        (lambda: FieldFrame([abs], abs, point_shape=1, distance=1), TypeError, "distance must be"),
+        (lambda: Euclidean(0), ValueError, "n must be at least 1, got 0"),
+        (lambda: Euclidean(2.0), TypeError, "n must be an integer"),
+        (lambda: Euclidean(True), TypeError, "n must be an integer"),
+        (Product, ValueError, "at least one frame"),
+        (lambda: Product(SO3(), SO3), TypeError, r"factors\[1\] must be a Frame"),
+        (lambda: field_frame(fields=None), TypeError, "fields must be a sequence of functions"),
+        (lambda: field_frame(fields=abs), TypeError, "fields must be a sequence of functions"),
+        *(
+            (lambda n=n: field_frame(point_shape=n), TypeError, "point_shape must be an integer")
+            for n in (None, 1.0, np.nan)
+        ),
+        (lambda: UnitQuaternion(np.array(["body"])), ValueError, "convention must be .* got array"),
+        (lambda: MatrixFrame([[[True]]]), ValueError, "matrices must be an array of real numbers"),
+        (lambda: MatrixFrame([[[np.nan]]]), ValueError, r"matrices .* nan at \[0, 0, 0\]"),
         (
             lambda: CoadjointOrbit(np.full((3, 3, 3), np.inf), (1, 2, 3)),
+            ValueError,
             r"algebra must be finite, got inf at \[0, 0, 0\]",
         ),
-        (lambda: IsospectralOrbit(MASKED), "spectrum must be an array of real numbers"),
-        (lambda: CoadjointOrbit(SO3(), MASKED), "point must be an array of real numbers"),
-        (lambda: FreeRigidBody(inertia=MASKED), "inertia must be an array of real numbers"),
-        (
-            lambda: ForcedRigidBody(frequency=True),
-            "frequency must be an array of real numbers, got",
-        ),
+        (lambda: IsospectralOrbit(MASKED), ValueError, "spectrum must be an array of real"),
+        (lambda: CoadjointOrbit(SO3(), MASKED), ValueError, "point must be an array of real"),
+        (lambda: FreeRigidBody(inertia=MASKED), ValueError, "inertia must be an array of real"),
+        (lambda: ForcedRigidBody(frequency=True), ValueError, "frequency must be an array"),
         (
             lambda: Product(SO3(), SO3()).join(np.zeros((2, 3, 3)), np.zeros((3, 3, 3))),
+            ValueError,
             r"parts must have leading axes that broadcast, got \[\(2,\), \(3,\)\]",
         ),
+        *(
+            (lambda m=m: IsospectralOrbit.through(m), ValueError, "y0 must be symmetric, or Herm")
+            for m in ([[1.0, 2.0], [3.0, 4.0]], [[1.0, 1j], [1j, 1.0]], [[1e9, 1e3], [0, 1e9]])
+        ),
+        (lambda: IsospectralOrbit.through(np.ones((2, 3))), ValueError, "finite square matrix"),
+        (lambda: LinearAction([]), ValueError, "at least one matrix"),
+        (lambda: LinearAction([np.ones((2, 3))]), ValueError, r"generators\[0\] must be square"),
+        (lambda: LinearAction([np.eye(2), np.eye(3)]), ValueError, "one shape"),
+        (lambda: LinearAction([[[np.inf]]]), ValueError, r"generators\[0\] must be finite"),
+        (lambda: LinearAction(7), ValueError, "must be a sequence of matrices"),
+        (lambda: LinearAction([[["a"]]]), ValueError, r"generators\[0\] must be a matrix of numb"),
+        (lambda: AffineField(3, [1.0]), TypeError, r"frame must be a Frame such as SO3\(\), got 3"),
+        (lambda: AffineField(SO3(), np.eye(3), seed=True), TypeError, "seed must be an integer"),
     ],
 )
-def test_parameters(make, message):
-    with pytest.raises(ValueError, match=message):
+def test_constructors_reject_bad_arguments(make, error, message):
+    with pytest.raises(error, match=message):
         make()
-
-
-def test_affine_fields():
-    with pytest.raises(TypeError, match=r"frame must be a Frame such as SO3\(\), got 3"):
-        AffineField(3, [1.0])
-    with pytest.raises(TypeError, match="seed must be an integer, got True"):
-        AffineField(SO3(), np.eye(3), seed=True)
 
 
 @pytest.mark.parametrize("method", ["random_point", "random_vector"])
@@ -197,12 +234,6 @@ def test_random_points_and_vectors(frame, method):
     for size in (3, [3], np.int64(3), (np.int64(3),)):
         np.testing.assert_array_equal(draw(rng(0), size), wanted)
     assert len(draw(rng(0), 0)) == 0
-
-
-@pytest.mark.parametrize("frame", FRAMES, ids=name)
-def test_dimensions_of_groups(frame):
-    if isinstance(frame, MatrixGroup):
-        assert len(frame.basis) == frame.dim
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,18 @@ from unittest.mock import patch
 
 import numpy as np
 
-from cg.frames import SE3, SO, SO3, SU, Euclidean, Product, Sphere, UnitQuaternion
+from cg.frames import (
+    SE3,
+    SO,
+    SO3,
+    SU,
+    Euclidean,
+    IsospectralOrbit,
+    Power,
+    Product,
+    Sphere,
+    UnitQuaternion,
+)
 from cg.integration.step.plan import Plan
 from cg.problems.affine import AffineField
 
@@ -34,6 +45,17 @@ FRAMES = {
         np.concatenate([np.eye(4).ravel(), [0, 0, 1, 3, -2], UNIT, SU2_POINT, np.eye(3).ravel()]),
     ),
 }
+# symmetric matrices with given eigenvalues, and products of these
+ORBITS = [
+    IsospectralOrbit((0.0, 1.0)),
+    IsospectralOrbit((-1.0, 0.25, 1.5)),
+    IsospectralOrbit((1.0, 2.0, 4.0, 7.0)),
+    IsospectralOrbit((0.0, 0.0, 1.0, 1.0, 1.0)),
+    IsospectralOrbit((-2.0, 0.0, 1e-9, 2e-9, 1.0, 3.0)),
+    IsospectralOrbit(tuple(range(12))),
+    Power(IsospectralOrbit((-1.0, 0.5, 2.0, 2.5)), 3),
+    Product(IsospectralOrbit((0.0, 3.0)), IsospectralOrbit((-1.0, 0.25, 1.5))),
+]
 PROBLEMS = {name: AffineField(*entry, seed=3) for name, entry in FRAMES.items()}
 
 

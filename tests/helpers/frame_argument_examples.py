@@ -4,7 +4,7 @@ import contextlib
 import inspect
 
 import numpy as np
-from argument_examples import RNG, SO3, Call
+from argument_examples import RNG, SO3, Call, by_name, call
 from frame_examples import HEISENBERG
 
 from cg import frames, problems
@@ -73,57 +73,27 @@ def of_frame(name, frame):
             )
 
 
-FRAME_EXAMPLES: dict[str, Call] = {
-    "frames.GL": Call(frames.GL, {"n": 2, "convention": "space"}),
-    "frames.SL": Call(frames.SL, {"n": 2, "convention": "space"}),
-    "frames.SO": Call(frames.SO, {"n": 2, "convention": "space"}),
-    "frames.SU": Call(frames.SU, {"n": 2, "convention": "space"}),
-    "frames.U": Call(frames.U, {"n": 2, "convention": "space"}),
-    "frames.Sp": Call(frames.Sp, {"n": 2, "convention": "space"}),
-    "frames.SO3": Call(frames.SO3, {"convention": "space"}),
-    "frames.SE3": Call(frames.SE3, {"convention": "space"}),
-    "frames.UnitQuaternion": Call(
-        frames.UnitQuaternion, {"convention": "space", "scalar_first": True}
-    ),
-    "frames.Sphere": Call(frames.Sphere, {"n": 2}),
-    "frames.Euclidean": Call(frames.Euclidean, {"n": 2}),
-    "frames.Stiefel": Call(frames.Stiefel, {"n": 3, "k": 2}),
-    "frames.Grassmann": Call(frames.Grassmann, {"n": 3, "k": 2}),
-    "frames.Hyperbolic": Call(frames.Hyperbolic, {"n": 3}),
-    "frames.SPD": Call(frames.SPD, {"n": 2}),
-    "frames.IsospectralOrbit": Call(
-        frames.IsospectralOrbit, {"spectrum": (0.0, 1.0), "hermitian": False}
-    ),
-    "frames.IsospectralOrbit.through": Call(
-        frames.IsospectralOrbit.through, {"y0": [[1.0, 0.5], [0.5, 2.0]]}
-    ),
-    "frames.CoadjointOrbit": Call(
-        frames.CoadjointOrbit, {"algebra": SO3, "point": (0.6, 0.0, 0.8), "convention": "body"}
-    ),
-    "frames.Power": Call(frames.Power, {"factor": SO3, "n": 2}),
-    "frames.Product": Call(lambda factor: frames.Product(SO3, factor), {"factor": SO3}),
-    "frames.Product.split": Call(FRAMES["Product"].split, {"y": np.zeros(5)}),
-    "frames.Semidirect": Call(frames.Semidirect, {"group": SO3, "copies": 2}),
-    "frames.LinearAction": Call(
-        frames.LinearAction,
-        {"generators": [[[0.0, 1.0], [-1.0, 0.0]]], "membership_error": None},
-    ),
-    "frames.MatrixFrame": Call(
-        frames.MatrixFrame,
-        {"matrices": [[[0.0, 1.0], [0.0, 0.0]]], "columns": 2, "membership_error": None},
-    ),
-    "frames.FieldFrame": Call(
-        frames.FieldFrame,
-        {
-            "fields": [np.ones_like],
-            "flow": lambda v, y: y + v,
-            "point_shape": 2,
-            "dtype": float,
-            "distance": None,
-            "bracket": None,
-        },
-    ),
-}
+GROUPS = [frames.GL, frames.SL, frames.SO, frames.SU, frames.U, frames.Sp]
+FRAME_EXAMPLES = by_name(
+    [
+        *(call(group, n=2, convention="space") for group in GROUPS),
+        *(call(group, convention="space") for group in (frames.SO3, frames.SE3)),
+        call(frames.UnitQuaternion, convention="space", scalar_first=True),
+        *(call(space, n=2) for space in (frames.Sphere, frames.Euclidean, frames.SPD)),
+        *(call(space, n=3, k=2) for space in (frames.Stiefel, frames.Grassmann)),
+        call(frames.Hyperbolic, n=3),
+        call(frames.IsospectralOrbit, spectrum=(0.0, 1.0)),
+        call(frames.IsospectralOrbit.through, y0=[[1.0, 0.5], [0.5, 2.0]]),
+        call(frames.CoadjointOrbit, algebra=SO3, point=(0.6, 0.0, 0.8)),
+        call(frames.Power, factor=SO3, n=2),
+        call(lambda factor: frames.Product(SO3, factor), factor=SO3),
+        call(FRAMES["Product"].split, y=np.zeros(5)),
+        call(frames.Semidirect, group=SO3, copies=2),
+        call(frames.LinearAction, generators=[[[0.0, 1.0], [-1.0, 0.0]]]),
+        call(frames.MatrixFrame, matrices=[[[0.0, 1.0], [0.0, 0.0]]], columns=2),
+        call(frames.FieldFrame, fields=[np.ones_like], flow=lambda v, y: y + v, point_shape=2),
+    ]
+)
 
 
 def of_problem(problem):

@@ -168,3 +168,17 @@ OPEN = [
 def name(frame):
     text = repr(frame)
     return text if len(text) < 60 else f"{text[:57]}..."
+
+
+def generic(frame, seed=11):
+    """Return a smooth f that depends on time and every entry of the point, and a point."""
+    rng = np.random.default_rng(seed)
+    y0 = frame.random_point(rng)
+    weights = rng.standard_normal((frame.dim, 2 * y0.size)) / np.sqrt(2 * y0.size)
+
+    def f(t, y):
+        flat = y.reshape(*y.shape[: y.ndim - y0.ndim], -1)
+        both = np.concatenate([flat.real, flat.imag], axis=-1)
+        return np.sin(both @ weights.T + np.arange(frame.dim) + np.asarray(t)[..., None])
+
+    return f, y0

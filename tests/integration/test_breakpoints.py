@@ -104,21 +104,6 @@ def test_those_beyond_the_span_are_left_out():
     np.testing.assert_array_equal(found.y, plain.y)
 
 
-@pytest.mark.parametrize(
-    ("breakpoints", "message"),
-    [
-        ([[0.5]], "breakpoints must have one axis"),
-        ([0.7, 0.3], "breakpoints must be finite and strictly sorted in the direction of"),
-        ([0.3, 0.3], "breakpoints must be finite and strictly sorted"),
-        ([np.nan], "breakpoints must be finite"),
-        (["a"], "breakpoints must be an array of real numbers"),
-    ],
-)
-def test_bad_ones_are_refused(breakpoints, message):
-    with pytest.raises(ValueError, match=message):
-        cg.solve_ivp(stairs, (0, 1), [0.0], breakpoints=breakpoints, **LINE)
-
-
 def test_kinks_that_are_not_named_are_warned_of():
     """Recorded data, between whose times is a line."""
     times = np.linspace(0.0, 1.0, 1001)

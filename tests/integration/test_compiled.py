@@ -10,7 +10,6 @@ from compiled_examples import DOUBLES, FRAMES, PROBLEMS
 from scipy import LowLevelCallable
 
 import cg
-from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
 from cg.frames import GL, SO3, SU, Euclidean, Product, Sphere
 from cg.integration import integrate
@@ -96,18 +95,6 @@ def test_large_and_tiny_rotations(name, size, affine):
     np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=4e-15 * max(1.0, size))
     moved = np.abs(fast.y[-1] - fast.y[0]).max()
     assert moved > size / 8 if size < 1e-3 else moved > 0.1
-
-
-def test_backward_and_no_step_at_all(affine):
-    problem = PROBLEMS["SE3 body"]
-    f, _keep = affine(problem)
-    options = {"frame": problem.frame, "method": "CG4a", "h": 0.07}
-    slow = integrate(problem.f, (1, -0.5), problem.y0, **options)
-    fast = integrate(f, (1, -0.5), problem.y0, **options)
-    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
-    still = integrate(f, (1, 1), problem.y0, **options)
-    np.testing.assert_array_equal(still.y, problem.y0[None])
-    assert still.nfev == 0
 
 
 @pytest.mark.parametrize("every", [1, 2, 3, 5, 7, 100])
@@ -260,24 +247,11 @@ def test_ensembles_and_complex_points_from_python(function):
 
 
 @pytest.mark.parametrize(
-    ("name", "y0", "error", "message"),
-    [
-        ("stops", [0.0], RuntimeError, r"f returned the error code 7 at t = 0\.625"),
-        ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.625"),
-        ("writes_nothing", [0.0], ValueError, r"f must return finite numbers, and all"),
-        ("square", [1e160], ValueError, "f must return finite numbers"),
-    ],
-)
-def test_failures_of_f(name, y0, error, message, function):
-    with pytest.raises(error, match=message):
-        integrate(function(name), (0, 1), y0, frame=Euclidean(1), method="CG2", h=0.25)
-
-
-@pytest.mark.parametrize(
     ("method", "message"),
     [
         ("LieEuler", "the solution is no longer finite at t = 10000000000"),
         ("CG2", "a stage is no longer finite at t = 5000000000"),
+        ("RKMK4", "a stage is no longer finite at t = 5000000000"),
     ],
 )
 def test_solutions_that_overflow(method, message, function):
@@ -299,29 +273,6 @@ def test_on_frames_that_are_not_compiled_it_is_called_from_python(frame, y0, fun
     options = {"frame": frame, "method": "CG3", "h": 0.1, "parameters": [frame.dim]}
     still = integrate(function("rests_all"), (0, 1), y0, **options)
     np.testing.assert_allclose(still.y[-1], y0, rtol=0, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
-    [
-        ({"save_every": 0}, ValueError, "save_every must be at least 1, got 0"),
-        ({"save_every": 1.0}, TypeError, "save_every must be an integer"),
-        ({"y0": [1.0, 2.0]}, ValueError, "y0 must have shape"),
-        ({"y0": [np.nan]}, ValueError, "y0 must be finite"),
-        ({"h": -0.1}, ValueError, "h must be positive"),
-        ({"h": 1e-15}, ValueError, "h is too small for t_span: 1000000000000000 steps need"),
-        ({"frame": "R"}, TypeError, "frame must be a Frame"),
-    ],
-)
-def test_bad_arguments_are_refused(changes, error, message, function):
-    arguments = {"y0": [1.0], **OPTIONS, **changes}
-    with pytest.raises(error, match=message):
-        integrate(function("growth"), (0, 1), **arguments)
-
-
-def test_further_arguments_of_a_compiled_function_are_refused(function):
-    with pytest.raises(ValueError, match="args must be None for a compiled f"):
-        cg.solve_ivp(function("growth"), (0, 1), [1.0], frame=Euclidean(1), h=0.1, args=(1,))
 
 
 def requires_data(library):
@@ -388,40 +339,17 @@ def test_built_in_affine_fields_agree_with_python(name):
         assert fast.raw.shape[:2] == (17, problem.frame.point_shape[0])
 
 
-@pytest.mark.parametrize("name", ["quaternion space", "SE3 body", "sphere"])
 @pytest.mark.parametrize(
-    ("method", "steps"),
-    [("CG3", (64, 128, 256)), ("CG4a", (64, 128, 256)), ("CG5a", (64, 128, 256))],
+    ("name", "y0", "error", "message"),
+    [
+        ("stops", [0.0], RuntimeError, r"^f returned the error code 7 at t = 0\.[5-9]"),
+        ("turns_nan", [0.0], ValueError, r"f must return finite numbers.*at t = 0\.[5-9]"),
+        ("writes_nothing", [0.0], ValueError, "f must return finite numbers, and all"),
+        ("square", [1e160], ValueError, "f must return finite numbers"),
+    ],
 )
-def test_order_slopes_in_quadruple_precision(name, method, steps):
-    problem = PROBLEMS[name]
-    exact = exact_end(name)
-    errors = [
-        float(max(abs(x - y) for x, y in zip(found.exact(-1), exact, strict=True)))
-        for found in (
-            integrate_compiled(problem, method=method, h=f"1/{n}", steps=n, kind="real128")
-            for n in steps
-        )
-    ]
-    slope = observed_order(1 / np.array(steps), errors)
-    assert slope.order == pytest.approx(methods[method].order, abs=0.1)
-
-
-_ENDS = {}
-
-
-def exact_end(name):
-    if name not in _ENDS:
-        _ENDS[name] = PROBLEMS[name].reference([1], bits=160).values[0][:-1]
-    return _ENDS[name]
-
-
-def test_bad_affine_fields_are_refused():
-    with pytest.raises(ValueError, match="frame must have real points"):
-        AffineField(SU(2), np.eye(2))
-    with pytest.raises(ValueError, match="initial must be a point of SO3"):
-        AffineField(SO3(), 2 * np.eye(3))
-    with pytest.raises(TypeError, match="problem must be a HeavyTop or an AffineField"):
-        integrate_compiled(None, method="CG3", h=1, steps=1)
-    with pytest.raises(ValueError, match="frame must be one that is compiled"):
-        integrate_compiled(AffineField(GL(2), np.eye(2)), method="CG3", h=1, steps=1)
+@pytest.mark.parametrize("output", [{}, {"dense_output": True}, {"t_eval": [0.1, 0.9]}])
+@pytest.mark.parametrize("steps", [{"method": "CG2", "h": 0.25}, {}, {"max_step": 0.01}], ids=str)
+def test_failures_of_f(name, y0, error, message, output, steps, function):
+    with pytest.raises(error, match=message):
+        cg.solve_ivp(function(name), (0, 1), y0, frame=Euclidean(1), **steps, **output)

@@ -54,17 +54,6 @@ def test_exponentials(frame, size):
     np.testing.assert_allclose(found, exact(frame.algebra(v)), rtol=0, atol=4e-15 * (1 + size))
 
 
-@pytest.mark.parametrize("frame", [SO(4), SO(5), SO(7), SU(3), U(3)], ids=name)
-def test_several_flows_of_either_side(frame):
-    rng = np.random.default_rng(2)
-    for side in ("body", "space"):
-        group = type(frame)(frame.n, side)
-        v = rng.standard_normal((6, 3, frame.dim))
-        y = group.random_point(rng, 6)
-        found, expected = (flows(v, y) for flows in (flows_of(group), _Flows(group)))
-        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-14)
-
-
 def test_what_is_not_finite_stays_so():
     for frame in (SO(4), SO(7), SU(3), SU(4)):
         for value in (np.nan, np.inf):

@@ -2,23 +2,17 @@
 
 import numpy as np
 import pytest
-from compiled_examples import frames_in_python
-from frame_examples import name
+from compiled_examples import ORBITS, frames_in_python
+from frame_examples import generic
 from gallery import load
-from test_munthe_kaas import generic
 
 import cg
 from cg.analysis.convergence import observed_order
-from cg.catalogue import resolve_method
-from cg.frames import SO3, Euclidean, IsospectralOrbit, Power, Product
+from cg.frames import SO3, Euclidean, IsospectralOrbit, Product
 from cg.integration.step.blocks import block_constants, is_compiled
 from cg.integration.step.flows import (
-    _CompiledDexpinv,
-    _CompiledFlows,
     _Dexpinv,
     _Flows,
-    dexpinv_of,
-    difference_of,
     flows_of,
 )
 from cg.problems.affine import AffineField
@@ -26,17 +20,6 @@ from cg.reproduce.reference_runs import integrate_compiled
 from cg.support.shared_numbers import BlockKind
 
 pytestmark = pytest.mark.sanitize
-
-ORBITS = [
-    IsospectralOrbit((0.0, 1.0)),
-    IsospectralOrbit((-1.0, 0.25, 1.5)),
-    IsospectralOrbit((1.0, 2.0, 4.0, 7.0)),
-    IsospectralOrbit((0.0, 0.0, 1.0, 1.0, 1.0)),
-    IsospectralOrbit((-2.0, 0.0, 1e-9, 2e-9, 1.0, 3.0)),
-    IsospectralOrbit(tuple(range(12))),
-    Power(IsospectralOrbit((-1.0, 0.5, 2.0, 2.5)), 3),
-    Product(IsospectralOrbit((0.0, 3.0)), IsospectralOrbit((-1.0, 0.25, 1.5))),
-]
 
 
 def in_python(call):
@@ -55,20 +38,6 @@ def test_which_are_compiled():
     assert not is_compiled(IsospectralOrbit((1.0, 2.0), hermitian=True))
     assert not is_compiled(IsospectralOrbit(tuple(range(13))))
     assert not is_compiled(type("Child", (IsospectralOrbit,), {})((1.0, 2.0)))
-
-
-@pytest.mark.parametrize("lead", [(), (5,), (2, 3)], ids=repr)
-@pytest.mark.parametrize("frame", ORBITS, ids=name)
-def test_flows_are_those_of_the_frame(frame, lead):
-    rng = np.random.default_rng(1)
-    flows = flows_of(frame)
-    assert isinstance(flows, _CompiledFlows)
-    v, y = rng.standard_normal((*lead, 3, frame.dim)), frame.random_point(rng, lead)
-    expected = _Flows(frame)(v, y)
-    for restore in (False, True):
-        np.testing.assert_allclose(flows(v, y, restore), expected, rtol=1e-14, atol=1e-13)
-    assert frame.relative_error(flows(v, y)).max() < 2e-15
-    assert difference_of(frame)(y, y) is None
 
 
 @pytest.mark.parametrize("size", [1e-200, 1e-9, 0.5, 90.0, 1e6])
@@ -112,48 +81,6 @@ def test_what_is_not_finite_stays_so():
         assert not np.isfinite(still).all()
 
 
-@pytest.mark.parametrize("order", [1, 2, 5, 8, 12])
-@pytest.mark.parametrize("frame", ORBITS, ids=name)
-def test_derivatives_of_coordinates(frame, order):
-    u, v = np.random.default_rng(6).standard_normal((2, 3, frame.dim)) / 4
-    found = dexpinv_of(frame, order)
-    assert isinstance(found, _CompiledDexpinv)
-    expected = frame.dexpinv(u, v, order=order)
-    np.testing.assert_allclose(found(u, v), expected, rtol=1e-13, atol=1e-13)
-
-
-@pytest.mark.parametrize("frame", [ORBITS[1], ORBITS[2], ORBITS[6]], ids=name)
-@pytest.mark.parametrize("key", ["RKMK4", "RKMK5(4)", "RKMK8(5,3)", "CF4(3)", "CG4a", "DOP853"])
-def test_steps_are_those_of_the_loop_in_python(frame, key):
-    f, y0 = generic(frame)
-    method = resolve_method(key)
-    batch = np.stack([y0, frame.random_point(np.random.default_rng(7))])
-
-    def both():
-        yield cg.integrate(f, (0, 1), y0, frame=frame, method=key, h=0.125)
-        if method.embedded_order:
-            # the error of a tiny first step would not be far from rounding
-            tight = {"frame": frame, "method": key, "rtol": 1e-5, "atol": 1e-5, "first_step": 0.125}
-            yield cg.solve_ivp(f, (0, 1), y0, dense_output=True, **tight)
-            yield cg.solve_ensemble(
-                lambda t, y: np.stack([f(*at) for at in zip(t, y, strict=True)]), (0, 1), batch,
-                vectorized=True, common_steps=True, **tight,
-            )  # fmt: skip
-
-    fast = list(both())
-    slow = in_python(lambda: list(both()))
-    np.testing.assert_allclose(fast[0].y, slow[0].y, rtol=0, atol=1e-13)
-    assert frame.relative_error(fast[0].y).max() < 2e-15
-    for a, b in zip(fast[1:], slow[1:], strict=True):
-        for count in ("steps", "nfev", "nexp", "nrejected"):
-            np.testing.assert_array_equal(getattr(a, count), getattr(b, count))
-        np.testing.assert_allclose(a.t, b.t, rtol=1e-6)
-        np.testing.assert_allclose(a.y, b.y, rtol=0, atol=1e-6)
-    if method.embedded_order:
-        t = np.linspace(0, 1, 5)
-        np.testing.assert_allclose(fast[1].sol(t), slow[1].sol(t), rtol=0, atol=1e-9)
-
-
 def test_tolerances_of_entries():
     frame = ORBITS[2]
     f, y0 = generic(frame)
@@ -168,24 +95,6 @@ def test_tolerances_of_entries():
         assert (fast.steps, fast.nfev) == (slow.steps, slow.nfev)
         np.testing.assert_allclose(fast.t[1], slow.t[1], rtol=1e-9)  # chosen from the slopes
         np.testing.assert_allclose(fast.t, slow.t, rtol=1e-3)
-
-
-def test_a_function_in_c(affine):
-    frame = IsospectralOrbit((1.0, 2.0, 4.0))
-    problem = AffineField(frame, np.diag([2.0, 4.0, 1.0]), seed=3)
-    f, _keep = affine(problem)
-    options = {"frame": frame, "method": "RKMK8(5,3)", "rtol": 1e-8, "atol": 1e-8}
-    fast, slow = (cg.solve_ivp(g, (0.2, 1.0), problem.y0, **options) for g in (f, problem.f))
-    assert (fast.steps, fast.nfev) == (slow.steps, slow.nfev)
-    # the estimate of a tiny first step is not far from rounding
-    np.testing.assert_allclose(fast.t, slow.t, rtol=1e-6)
-    np.testing.assert_allclose(fast.y[-1], slow.y[-1], rtol=0, atol=1e-9)
-    points = frame.random_point(np.random.default_rng(9), 5)
-    fixed = {"frame": frame, "method": "CG4a", "h": 0.125}
-    whole = cg.solve_ensemble(f, (0, 1), points, **fixed, workers=2)
-    for i, point in enumerate(points):
-        alone = cg.integrate(f, (0, 1), point, **fixed)
-        np.testing.assert_array_equal(whole.y[-1, i], alone.y[-1])
 
 
 @pytest.fixture(scope="module")

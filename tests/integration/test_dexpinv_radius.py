@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from bracket_examples import CLOSED, CLOSED_FORMS, HEISENBERG_GROUP, vectors
 from compiled_examples import PROBLEMS
-from frame_examples import name
+from frame_examples import generic, name
 from python_steps import uncompiled
-from test_munthe_kaas import generic
 
 import cg
 from cg.frames import (

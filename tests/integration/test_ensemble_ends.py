@@ -221,6 +221,7 @@ def test_a_compiled_function_that_writes_into_its_point(function):
         {"method": "DICG6", "h": 0.01},
         {"method": "CF6a", "h": 0.01},  # whose flows go on from stages
         {"method": "CF5r", "h": 0.01},  # in two registers
+        {"method": "RKMK5(4)", "h": 0.01},
     ):
         found = cg.solve_ensemble(function("overwrites"), (0, 1), [[1.0], [1.0]], **LINE, **options)
         np.testing.assert_allclose(found.y[-1], np.full((2, 1), np.exp(-1.0)), rtol=1e-9)

@@ -212,25 +212,6 @@ def test_zarr_and_hdf5(library, tmp_path):
         np.testing.assert_array_equal(data[:], whole.y)
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "message"),
-    [
-        ({"executor": "fast"}, ValueError, "executor must be 'threads'"),
-        ({"workers": 0}, ValueError, "workers must be at least 1"),
-        (
-            {"executor": "processes", "f": lambda t, y: [0, 0, 0]},
-            TypeError,
-            "f, frame and all.*pickled",
-        ),
-        ({"rtol": -1.0}, ValueError, "rtol"),
-    ],
-)
-def test_arguments(change, error, message):
-    given = {"f": field, "y0": POINTS, "frame": FRAME, "executor": "threads", **change}
-    with pytest.raises(error, match=message):
-        cg.solve_ensemble(given.pop("f"), (0, 1), given.pop("y0"), **given)
-
-
 def test_methods_of_the_package_travel_by_name(monkeypatch):
     """So that what was found out about one isn't found out again for each chunk."""
     known, complete = [], ensemble.completed

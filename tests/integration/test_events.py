@@ -162,23 +162,6 @@ def test_events_cannot_change_the_point():
 
 
 @pytest.mark.parametrize(
-    ("attributes", "message"),
-    [
-        ({"terminal": 0.5}, r"events\[0\].terminal must be a bool or a whole number, not negative"),
-        ({"terminal": np.inf}, r"events\[0\].terminal must be"),
-        ({"terminal": np.nan}, r"events\[0\].terminal must be"),
-        ({"terminal": -1}, r"events\[0\].terminal must be"),
-        ({"terminal": "yes"}, r"events\[0\].terminal must be"),
-        ({"direction": "up"}, r"events\[0\].direction must be a number, got 'up'"),
-        ({"direction": np.nan}, r"events\[0\].direction must be a number"),
-    ],
-)
-def test_bad_attributes_are_refused(attributes, message):
-    with pytest.raises(ValueError, match=message):
-        solve(marked(**attributes))
-
-
-@pytest.mark.parametrize(
     ("terminal", "count"),
     [(0, 3), (0.0, 3), (None, 3), (1.0, 1), (2, 2), (np.float64(2.0), 2), (10**400, 3)],
 )

@@ -271,22 +271,6 @@ def test_a_jump_cannot_change_its_point_and_its_exceptions_pass_through():
         drop(events=cg.Event(height, jump=fail))
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "message"),
-    [
-        (lambda: cg.Event(3), TypeError, "function must be callable as event.t, y., got 3"),
-        (lambda: cg.Event(height, jump=3), TypeError, "event.jump must be callable as jump.t, y."),
-        (lambda: cg.Event(height, terminal=-1), ValueError, "event.terminal must be a bool or"),
-        (lambda: cg.Event(height, terminal=1.5), ValueError, "event.terminal must be a bool or"),
-        (lambda: cg.Event(height, direction="up"), ValueError, "event.direction must be a number"),
-        (lambda: cg.Event(height, direction=np.nan), ValueError, "event.direction must be a num"),
-    ],
-)
-def test_bad_events_are_refused_where_they_are_made(make, error, message):
-    with pytest.raises(error, match=message):
-        make()
-
-
 def test_functions_with_attributes_jump_as_events_do():
     def floor(t, y):
         return y[0] - 0.5

@@ -181,21 +181,6 @@ class TestLinearAction:
         np.testing.assert_allclose(found.y[-1], same.y[-1], rtol=0, atol=1e-9)
         assert abs(np.linalg.norm(found.y[-1]) - 1) < 1e-13
 
-    @pytest.mark.parametrize(
-        ("generators", "message"),
-        [
-            ([], "at least one matrix"),
-            ([np.ones((2, 3))], r"generators\[0\] must be square, got shape \(2, 3\)"),
-            ([np.eye(2), np.eye(3)], "one shape"),
-            ([np.full((2, 2), np.inf)], r"generators\[0\] must be finite"),
-            (7, "must be a sequence of matrices"),
-            ([[["a"]]], r"generators\[0\] must be a matrix of numbers"),
-        ],
-    )
-    def test_bad_generators_are_refused(self, generators, message):
-        with pytest.raises(ValueError, match=message):
-            LinearAction(generators)
-
     def test_a_flow_beyond_double_precision_is_refused(self):
         with pytest.raises(cg.frames.FlowOverflowError):
             LinearAction([np.eye(2)]).flow([1e12], [1.0, 0.0])

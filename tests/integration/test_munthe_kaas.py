@@ -1,12 +1,10 @@
 """Methods of Munthe-Kaas: what they are, their orders on all frames, their estimates and output."""
 
-import pickle
-
 import numpy as np
 import pytest
 import scipy.integrate
-from bracket_examples import HEISENBERG_GROUP, WITH
-from frame_examples import HEISENBERG, MAX_SCALE, name
+from bracket_examples import WITH
+from frame_examples import HEISENBERG, MAX_SCALE, generic, name
 from python_steps import Step
 
 import cg
@@ -28,19 +26,6 @@ from cg.integration.step.interpolant import extension_of
 from cg.integration.step.plan import error_exponent
 
 METHODS = dict(munthe_kaas)
-
-
-def generic(frame, seed=11):
-    rng = np.random.default_rng(seed)
-    y0 = frame.random_point(rng)
-    weights = rng.standard_normal((frame.dim, 2 * y0.size)) / np.sqrt(2 * y0.size)
-
-    def f(t, y):
-        flat = y.reshape(*y.shape[: y.ndim - y0.ndim], -1)
-        both = np.concatenate([flat.real, flat.imag], axis=-1)
-        return np.sin(both @ weights.T + np.arange(frame.dim) + np.asarray(t)[..., None])
-
-    return f, y0
 
 
 STEPS = {"RKMK3(2)": (2, 8), "RKMK4": (1, 4), "RKMK5(4)": (1, 4)}
@@ -179,16 +164,6 @@ def test_turns_about_the_point_of_a_sphere_are_no_error():
     assert steps[1] < 2.5 * steps[0]
 
 
-def test_a_constant_field_is_solved_exactly():
-    v = np.array([0.0, 0.0, 50.0])
-    run = cg.solve_ivp(
-        lambda t, y: v, (0, 1), np.eye(3), frame=SO3(), method="RKMK5(4)", h=1.0, dense_output=True
-    )
-    t = np.linspace(0, 1, 40)
-    exact = SO3().flow(np.multiply.outer(t, v), np.eye(3))
-    np.testing.assert_allclose(run.sol(t), exact, rtol=0, atol=1e-13)
-
-
 ALL = [SO3(), Product(UnitQuaternion(), Euclidean(2)), SO(4), CoadjointOrbit(SE3(), range(6))]
 
 
@@ -209,77 +184,6 @@ class TestOutput:
         ends = np.maximum(np.maximum(errors[:, 0], errors[:, -1]), 1e-13)
         worst = (errors[:, 1:-1].max(axis=1) / ends).max()
         assert worst < 3.0
-
-    @pytest.mark.parametrize("frame", ALL, ids=name)
-    def test_t_eval_and_dense_output_agree(self, frame):
-        f, y0 = generic(frame)
-        t = np.linspace(0, 2, 9)
-        options = {"frame": frame, "method": "RKMK5(4)", "rtol": 1e-6, "atol": 1e-6}
-        dense = cg.solve_ivp(f, (0, 2), y0, dense_output=True, **options)
-        some = cg.solve_ivp(f, (0, 2), y0, t_eval=t, **options)
-        np.testing.assert_allclose(some.y, dense.sol(t), rtol=0, atol=1e-13)
-        np.testing.assert_array_equal(dense.sol(dense.t), dense.y)
-        again = pickle.loads(pickle.dumps(dense.sol))
-        np.testing.assert_array_equal(again(t), dense.sol(t))
-        assert frame.membership_error(some.y).max() < 1e-12
-
-    @pytest.mark.parametrize("key", ["RKMK5(4)", "RKMK8(5,3)"])
-    def test_events(self, key):
-        run = cg.solve_ivp(
-            lambda t, y: [0.0, 0.0, t],
-            (0, 10),
-            np.eye(3),
-            frame=SO3(),
-            method=key,
-            rtol=1e-9,
-            atol=1e-9,
-            max_step=0.5,
-            events=_turned,
-        )
-        np.testing.assert_allclose(run.t_events[0], [np.sqrt(4 * np.pi)], rtol=0, atol=1e-8)
-        assert run.status == 1
-
-    def test_backward(self):
-        f, y0 = generic(SO3())
-        there = cg.solve_ivp(f, (0, 1), y0, frame=SO3(), method="RKMK5(4)", rtol=1e-10, atol=1e-10)
-        back = cg.solve_ivp(
-            f, (1, 0), there.y[-1], frame=SO3(), method="RKMK5(4)", rtol=1e-10, atol=1e-10
-        )
-        np.testing.assert_allclose(back.y[-1], y0, rtol=0, atol=1e-8)
-
-
-def _turned(t, y):
-    return y[1, 0]
-
-
-_turned.terminal, _turned.direction = True, 1
-
-
-@pytest.mark.parametrize("frame", [SO3(), SE3(), SO(4), Sphere(2)], ids=name)
-def test_members_of_ensembles(frame):
-    f, _ = generic(frame)
-    points = frame.random_point(np.random.default_rng(0), 4)
-    fixed = {"frame": frame, "method": "RKMK5(4)", "h": 0.125}
-    times = np.arange(9) / 8
-    whole = cg.solve_ensemble(f, (0, 1), points, t_eval=times, vectorized=True, **fixed)
-    own = cg.solve_ensemble(f, (0, 1), points, t_eval=times, **fixed)
-    for i, point in enumerate(points):
-        alone = cg.integrate(f, (0, 1), point, **fixed)
-        np.testing.assert_allclose(whole.y[:, i], alone.y, rtol=0, atol=1e-13)
-        np.testing.assert_array_equal(own.y[:, i], alone.y)
-    for key in ("RKMK5(4)", "RKMK8(5,3)"):
-        options = {"frame": frame, "method": key, "rtol": 1e-6, "atol": 1e-6, "dense_output": True}
-        together = cg.solve_ensemble(
-            f, (0, 1), points, vectorized=True, common_steps=True, **options
-        )
-        assert together.success
-        alone = [cg.solve_ivp(f, (0, 1), point, **options) for point in points]
-        steps = [run.steps for run in alone]
-        assert (together.steps == together.steps[0]).all()
-        assert max(steps) <= together.steps[0] <= 2 * max(steps)
-        own = cg.solve_ensemble(f, (0, 1), points, **options)
-        np.testing.assert_array_equal(own.steps, steps)
-        np.testing.assert_array_equal(own.y[-1], [run.y[-1] for run in alone])
 
 
 class TestBadInput:
@@ -302,50 +206,6 @@ class TestBadInput:
                 call(
                     lambda t, y: np.ones(frame.dim), (0, 1), y0, frame=frame, method="RKMK4", h=0.1
                 )
-
-    def test_steps_of_no_pair(self):
-        with pytest.raises(ValueError, match="method must be a pair unless h"):
-            cg.solve_ivp(*generic_problem(), frame=SO3(), method="RKMK4")
-
-    def test_overflow(self):
-        frame = Euclidean(1)
-        with np.errstate(over="ignore"):
-            with pytest.raises(OverflowError, match="no longer finite"):
-                cg.integrate(
-                    lambda t, y: 10.0 * np.minimum(y, 1e307),
-                    (0, 900),
-                    [3.0],
-                    frame=frame,
-                    method="RKMK4",
-                    h=0.5,
-                )
-            run = cg.solve_ivp(
-                lambda t, y: y**2, (0, 9), [3.0], frame=frame, method="RKMK5(4)", max_steps=2000
-            )
-        assert not run.success
-
-    def test_an_error_of_f(self):
-        def f(t, y):
-            raise KeyError("mine")
-
-        for frame in (SO3(), SO(4)):
-            with pytest.raises(KeyError, match="mine"):
-                cg.solve_ivp(f, (0, 1), np.eye(frame.n), frame=frame, method="RKMK5(4)")
-
-
-def generic_problem():
-    f, y0 = generic(SO3())
-    return f, (0, 1), y0
-
-
-def test_a_frame_of_functions_with_a_bracket():
-    f, y0 = generic(HEISENBERG_GROUP)
-    run = cg.solve_ivp(
-        f, (0, 1), y0, frame=HEISENBERG_GROUP, method="RKMK5(4)", rtol=1e-8, atol=1e-8
-    )
-    exact = cg.integrate(f, (0, 1), y0, frame=HEISENBERG_GROUP, method="CF5a", h=0.01).y[-1]
-    assert run.success
-    np.testing.assert_allclose(run.y[-1], exact, rtol=0, atol=1e-7)
 
 
 def test_third_weights_make_the_estimate_smaller():

@@ -5,7 +5,8 @@ import pickle
 import numpy as np
 import pytest
 import scipy.integrate
-from test_munthe_kaas import METHODS, generic
+from frame_examples import generic
+from test_munthe_kaas import METHODS
 
 import cg
 from cg.catalogue import dumps, load, loads, resolve_method, save
@@ -84,15 +85,6 @@ class TestMethods:
         assert method != cg.MuntheKaas(EULER)
         assert method != HEUN
         assert method.embedded == cg.MuntheKaas(cg.Tableau([[], [1]], [1, 0]))
-
-    def test_the_weights_of_higher_order_make_the_steps(self):
-        swapped = cg.Tableau([[], [1]], [1, 0], b_embedded=["1/2", "1/2"])
-        f, y0 = generic(SO3())
-        options = {"frame": SO3(), "rtol": 1e-5, "atol": 1e-5}
-        runs = [
-            cg.solve_ivp(f, (0, 1), y0, method=cg.MuntheKaas(m), **options) for m in (HEUN, swapped)
-        ]
-        np.testing.assert_array_equal(runs[0].y, runs[1].y)
 
     @pytest.mark.parametrize(
         ("make", "message"),

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from extended_steps import ExtendedProblem, left_flow, right_flow, similarity_flow
 from reversed_flows import reverse_flows
+from slow_cases import cases
 
 from cg.analysis.convergence import observed_order
 from cg.catalogue import methods
@@ -149,7 +150,13 @@ CASES = {
 }
 ALL = list(CASES)
 NOT_COMPILED = ALL[:3]  # where test_order_slopes.py measures no explicit method
-MEASURED = [*product(NOT_COMPILED, EXPLICIT), *product(ALL, IMPLICIT)]
+KINDS = {"CG4a", "CG2(3), embedded", "CF5(4)", "DOP853", "CG7b"}
+# all methods on SU(2), some on the frames of a user
+MEASURED = [
+    *cases(NOT_COMPILED, EXPLICIT, quick=lambda case, name: case == "SU2" or name in KINDS),
+    *cases(ALL, IMPLICIT, quick=lambda case, name: case in ("SU2", "SE3") or "4" in name),
+]
+BEYOND_DOUBLE = [each for each in MEASURED if WEIGHTS[getattr(each, "values", each)[1]][1] > DOUBLE]
 
 
 @cache
@@ -165,9 +172,7 @@ def test_slope_is_the_order(case, name):
     assert slope.order == pytest.approx(order, abs=0.15)
 
 
-@pytest.mark.parametrize(
-    ("case", "name"), [(case, name) for case, name in MEASURED if WEIGHTS[name][1] > DOUBLE]
-)
+@pytest.mark.parametrize(("case", "name"), BEYOND_DOUBLE)
 def test_integrate_takes_the_steps_whose_order_is_measured(case, name):
     problem, tableau = case_of(case), WEIGHTS[name][0]
     end, extended = problem.end(tableau, 3), problem.extended.end(tableau, 3)

@@ -110,13 +110,6 @@ class TestProgress:
         with pytest.raises(KeyboardInterrupt):
             cg.integrate(turn, (0, 3), np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=stop)
 
-    def test_what_is_refused(self):
-        for call in (cg.integrate, cg.solve_ivp):
-            with pytest.raises(TypeError, match="progress must be callable, got 3"):
-                call(turn, (0, 1), np.eye(3), frame=FRAME, method="CG3", h=0.1, progress=3)
-        with pytest.raises(TypeError, match="progress must be callable, got 3"):
-            cg.solve_ensemble(turn, (0, 1), np.eye(3)[None], frame=FRAME, progress=3)
-
 
 def test_results_know_their_frame():
     fixed = cg.integrate(turn, (0, 1), np.eye(3), frame=FRAME, method="CG3", h=0.5)

@@ -43,23 +43,36 @@ def test_integers_are_numbers():
         np.testing.assert_array_equal(run(lambda t, y, value=value: value), expected)
 
 
+@pytest.mark.parametrize("way", ["equal steps", "chosen steps", "members"])
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        ([1.0] * 5, r"array of shape \(6,\), got shape \(5,\)"),
+        ([1.0] * 5, r"array of shape \(6,\), got shape \(5,\) at t = 0.5"),
         ((1.0,) * 7, r"array of shape \(6,\), got shape \(7,\)"),
+        ([[1.0]] * 6, r"array of shape \(6,\), got shape \(6, 1\)"),
+        (1.0, r"got shape \(\)"),
+        (None, "got None at t = 0.5"),
+        ([1.0] * 5 + [float("nan")], r"finite numbers, got \[.*nan.*\] at t = 0.5"),
+        ((1.0,) * 5 + (np.inf,), "finite numbers"),
         ([True] * 6, "6 real numbers"),
         ([1.0] * 5 + ["1"], "6 real numbers"),
         ([1.0] * 5 + [1j], "6 real numbers"),
-        ([1.0] * 5 + [float("nan")], "finite numbers"),
-        ((1.0,) * 5 + (np.inf,), "finite numbers"),
-        ([[1.0]] * 6, r"array of shape \(6,\), got shape \(6, 1\)"),
-        (None, "got None"),
+        (np.array([1j] * 6), "6 real numbers"),
+        ([1.0] * 5 + [[2.0]], "6 real numbers"),
+        ("rotation", "6 real numbers, got 'rotation'"),
     ],
 )
-def test_other_results_are_refused(value, message):
+def test_other_results_are_rejected(value, message, way):
+    def f(t, y):
+        return np.zeros(6) if t < 0.5 else value
+
+    options = {"frame": FRAME} if way == "chosen steps" else OPTIONS
+    call, y0 = (cg.solve_ensemble, [Y0, Y0]) if way == "members" else (cg.solve_ivp, Y0)
+    message = message.replace("at t = 0.5", r"at t = 0\.[5-9]")
     with pytest.raises(ValueError, match=f"f must return .*{message}"):
-        run(lambda t, y: value)
+        call(f, (0.0, 1.0), y0, **options)
+    with pytest.raises(ValueError, match="f must return"):
+        cg.solve_ensemble(lambda t, y: value, (0, 1), [Y0, Y0], vectorized=True, **options)
 
 
 def test_an_ensemble_needs_the_shape_of_its_coefficients():

@@ -6,7 +6,6 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from compiled_examples import PROBLEMS
 
 import cg
 from cg.frames import GL, SO3, SU, Euclidean, Stiefel
@@ -203,67 +202,6 @@ def test_further_arguments_come_before_parameters():
     np.testing.assert_allclose(found.y[-1], [[3.0], [8.0]], rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "message"),
-    [
-        ({"parameters": np.ones((3, 2))}, ValueError, r"parameters must have shape \(4, k\), got"),
-        ({"parameters": np.ones((4, 0))}, ValueError, r"parameters must have shape \(4, k\), got"),
-        ({"parameters": "many"}, ValueError, "parameters must be an array of real numbers"),
-        ({"y0": np.ones((2, 2, 1))}, ValueError, r"y0 must have one axis before shape \(1,\), got"),
-        ({"y0": np.ones((0, 1))}, ValueError, "y0 must hold at least one point"),
-        ({"vectorized": 1}, TypeError, "vectorized must be"),
-        ({"common_steps": "yes"}, TypeError, "common_steps must be"),
-        ({"common_steps": True, "workers": 2}, ValueError, "executor and workers must be None"),
-        ({"t_eval": [2.0]}, ValueError, "t_eval must lie within t_span"),
-        ({"rtol": -1.0}, ValueError, "rtol must be finite and not negative"),
-        ({"h": 0.1, "rtol": 1e-3}, ValueError, "rtol must not be given together with h"),
-        ({"events": 3}, TypeError, "events must be a function or a sequence"),
-        ({"progress": 3}, TypeError, "progress must be callable"),
-        ({"f": None}, TypeError, "f must be callable"),
-        ({"frame": "R"}, TypeError, "frame must be a Frame"),
-        (
-            {"common_steps": True, "events": cg.Event(lambda t, y, p: t, jump=lambda t, y, p: y)},
-            ValueError,
-            "events must have no jumps with common_steps",
-        ),
-    ],
-)
-def test_bad_arguments_are_refused(change, error, message):
-    def never(t, y, row):
-        raise AssertionError
-
-    given = {"f": never, "y0": np.ones((4, 1)), "parameters": RATES[:, None], **LINE, **change}
-    with pytest.raises(error, match=message):
-        cg.solve_ensemble(given.pop("f"), (0, 1), given.pop("y0"), **given)
-
-
-def test_many_points_are_for_ensembles(function):
-    for call, more in ((cg.solve_ivp, {}), (cg.integrate, {"method": "CG3", "h": 0.5})):
-        with pytest.raises(ValueError, match=r"cg\.solve_ensemble integrates many points"):
-            call(lambda t, y: -y, (0, 1), [[1.0], [2.0]], **more, **LINE)
-    with pytest.raises(ValueError, match="vectorized must be False for a compiled f"):
-        cg.solve_ensemble(function("growth"), (0, 1), [[1.0]], vectorized=True, **LINE)
-
-
-def test_parameters_are_for_functions_without_data(affine):
-    f, _keep = affine(PROBLEMS["SO3 body"])
-    with pytest.raises(ValueError, match="parameters must be None for a compiled f that has user"):
-        cg.solve_ensemble(f, (0, 1), np.eye(3), frame=SO3(), parameters=[[1.0]])
-
-
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (lambda t, y: y[0], r"f must return an array of shape \(\d, 1\).*got shape \(1,\)"),
-        (lambda t, y: None, r"f must return an array of shape \(\d, 1\).*got None"),
-        (lambda t, y: np.full(y.shape, np.nan), "f must return finite numbers"),
-    ],
-)
-def test_what_a_vectorized_function_must_return(value, message):
-    with pytest.raises(ValueError, match=message):
-        cg.solve_ensemble(value, (0, 1), [[1.0], [2.0]], vectorized=True, **LINE)
-
-
 def test_indices_and_copies():
     y0 = SO3().random_point(np.random.default_rng(1), 3)
     found = cg.solve_ensemble(
@@ -289,15 +227,6 @@ def test_indices_and_copies():
     assert again.messages == found.messages
     assert not again.y.flags.writeable
     assert not again.t.flags.writeable
-
-
-def test_no_span_at_all(function):
-    for f, options in ((function("growth"), {}), (lambda t, y: y, {"vectorized": True})):
-        still = cg.solve_ensemble(f, (1, 1), [[1.0], [3.0]], dense_output=True, **LINE, **options)
-        assert still.t.tolist() == [1.0]
-        np.testing.assert_array_equal(still.y[0], [[1.0], [3.0]])
-        np.testing.assert_array_equal(still.sol(1.0), [[1.0], [3.0]])
-        assert (still.nfev.tolist(), still.success) == ([0, 0], True)
 
 
 @pytest.mark.parametrize("size", [1, 3, 1000])

@@ -229,26 +229,6 @@ def test_members_with_common_steps_take_them_together():
     np.testing.assert_allclose(stepper.y, whole.y[-1], atol=1e-13, rtol=0)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"t0": "0"}, "t0 must be a real number"),
-        ({"t0": np.inf}, "t0 must be a finite number"),
-        ({"t_bound": np.nan}, "t_bound must be"),
-        ({"y0": 2 * np.eye(3)}, "y0 must be a point"),
-        ({"frame": None}, "frame must be a Frame"),
-        ({"vectorized": True}, "must be False for a single point"),
-        ({"args": 1.0}, "args must be a tuple"),
-        ({"first_step": -1.0}, "first_step must be positive"),
-    ],
-)
-def test_bad_arguments_are_named(changes, message):
-    arguments = {"t0": 0.0, "y0": np.eye(3), "t_bound": 1.0, "frame": SO3(), **changes}
-    positional = [arguments.pop(name) for name in ("t0", "y0", "t_bound")]
-    with pytest.raises((TypeError, ValueError), match=message):
-        cg.Stepper(turning, *positional, **arguments)
-
-
 @pytest.mark.parametrize("fixed", [True, False])
 def test_a_breakpoint_that_is_advanced_to_is_seen_from_before(fixed):
     seen = []

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from frame_examples import FRAMES, HEISENBERG, name
+from frame_examples import FRAMES, name
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -302,30 +302,6 @@ class TestBadInput:
 
         given = {"f": never, "t_span": (0, 1), "y0": np.eye(3), "frame": SO3()} | options
         return cg.solve_variational(**given)
-
-    @pytest.mark.parametrize(
-        ("options", "error", "message"),
-        [
-            ({"jac": 3}, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
-            ({"df_dp": 3, "parameters": [1.0]}, TypeError, "df_dp must be callable .* got 3"),
-            ({"df_dp": print}, ValueError, "parameters must be given with df_dp = .* got None"),
-            ({"parameters": [[1.0]]}, ValueError, r"parameters must have shape \(k,\)"),
-            ({"P0": np.eye(2)}, ValueError, r"P0 must have shape \(3, 3\), got \(2, 2\)"),
-            ({"P0": np.full((3, 3), np.nan)}, ValueError, "P0 must be finite, got nan"),
-            ({"P0": np.triu(np.ones((3, 3)))}, ValueError, "P0 must be symmetric"),
-            ({"P0": -np.eye(3)}, ValueError, "P0 must be positive semidefinite, .* eigenvalue -1"),
-            ({"P0": "x"}, ValueError, "P0 must be an array of real numbers, got 'x'"),
-            ({"control_derivatives": 1}, TypeError, "control_derivatives must be True or False"),
-            ({"y0": np.ones((3, 3))}, ValueError, "y0 must be a point of SO3"),
-            ({"frame": HEISENBERG, "y0": np.zeros(3)}, ValueError, "frame must know the bracket"),
-            ({"rtol": -1}, ValueError, "rtol must be finite"),
-            ({"atol": np.ones(12)}, ValueError, r"atol must be a number or have shape \(3,\)"),
-        ],
-        ids=lambda value: ", ".join(value) if isinstance(value, dict) else "",
-    )
-    def test_of_one_point(self, options, error, message):
-        with pytest.raises(error, match=message):
-            self.call(**options)
 
     @pytest.mark.parametrize("name", ["jac", "df_dp"])
     @pytest.mark.parametrize(

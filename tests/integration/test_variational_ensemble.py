@@ -163,19 +163,3 @@ def test_one_point_and_many_parameters():
     )
     alone = wave.derivatives()
     np.testing.assert_array_equal(found.sensitivity[-1, 0], alone.sensitivity[-1])
-
-
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({"P0": np.zeros((3, 2, 2))}, ValueError, r"P0 must have shape \(2, 2\) or \(4, 2, 2\)"),
-        ({"vectorized": 1}, TypeError, "vectorized must be True or False"),
-        ({"jac": 1}, TypeError, "jac must be callable"),
-        ({"executor": "processes", "f": lambda t, y, p: y}, TypeError, "f, frame and all other"),
-    ],
-    ids=lambda value: ", ".join(value) if isinstance(value, dict) else "",
-)
-def test_bad_input(options, error, message):
-    given = {"f": swing, "t_span": (0, 1), "y0": Y0, "parameters": P, **GIVEN, **options}
-    with pytest.raises(error, match=message):
-        cg.solve_variational_ensemble(**given)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from jax_setup import jax
+from slow_cases import slow
 
 import cg
 from cg.frames import (
@@ -38,37 +39,17 @@ def squeeze(xp):
     )
 
 
-SLOW = pytest.mark.slow
-FRAMES = [
-    UnitQuaternion(),
-    pytest.param(UnitQuaternion("space", scalar_first=True), marks=SLOW),
-    pytest.param(SO3("space"), marks=SLOW),
-    pytest.param(SO3(), marks=SLOW),
-    SE3(),
-    pytest.param(SE3("space"), marks=SLOW),
-    pytest.param(Semidirect(SO3(), 2), marks=SLOW),
-    pytest.param(SO(2), marks=SLOW),
-    pytest.param(SO(4), marks=SLOW),
-    SU(2),
-    pytest.param(SU(3), marks=SLOW),
-    pytest.param(SU(2, "body"), marks=SLOW),
-    pytest.param(U(2), marks=SLOW),
-    pytest.param(GL(2), marks=SLOW),
-    Sphere(2),
-    pytest.param(Sphere(1), marks=SLOW),
-    pytest.param(Sphere(3), marks=SLOW),
-    Stiefel(3, 2),
-    pytest.param(Stiefel(4, 2), marks=SLOW),
-    Euclidean(3),
-    Product(SU(2), Euclidean(2)),
-    pytest.param(Power(Sphere(2), 3), marks=SLOW),
-    squeeze(jnp),
-    pytest.param(MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]]), marks=SLOW),
+QUICK = [UnitQuaternion(), Euclidean(3)]
+FRAMES = [SE3(), SU(2), Sphere(2), Stiefel(3, 2), Product(SU(2), Euclidean(2)), squeeze(jnp)]
+OTHERS = [
+    *(UnitQuaternion("space", scalar_first=True), SO3("space"), SO3(), SE3("space"), SO(2), SO(4)),
+    *(Semidirect(SO3(), 2), SU(3), SU(2, "body"), U(2), GL(2), Sphere(1), Sphere(3)),
+    *(Stiefel(4, 2), Power(Sphere(2), 3), MatrixFrame([[[0.0, -0.5], [2.0, 0.0]]])),
 ]
 EPS = np.finfo(float).eps
 
 
-@pytest.fixture(params=FRAMES, ids=repr)
+@pytest.fixture(params=[*QUICK, *FRAMES, *slow(*OTHERS)], ids=repr)
 def frame(request):
     return request.param
 
@@ -130,7 +111,7 @@ class TestValues:
 class TestSeriesOfDexpinv:
     """Its values beyond the radius of convergence are those of NumPy: NaN, except if it stops."""
 
-    @pytest.mark.parametrize("frame", [SU(3), pytest.param(SO(4), marks=SLOW)], ids=repr)
+    @pytest.mark.parametrize("frame", [SU(3), *slow(SO(4))], ids=repr)
     def test_values(self, frame):
         rng = np.random.default_rng(11)
         v = rng.standard_normal((6, frame.dim))
@@ -155,15 +136,7 @@ class TestSeriesOfDexpinv:
         assert np.isfinite(slope(8.0 * v)).all()
 
 
-# Kinds of closed forms; the others take longer to compile.
-QUICK = (UnitQuaternion, Euclidean)
-MOST = [
-    entry if hasattr(entry, "values") or type(entry) in QUICK else pytest.param(entry, marks=SLOW)
-    for entry in FRAMES
-]
-
-
-@pytest.mark.parametrize("frame", MOST, ids=repr, indirect=True)
+@pytest.mark.parametrize("frame", [*QUICK, *slow(*FRAMES, *OTHERS)], ids=repr, indirect=True)
 class TestDerivatives:
     def test_at_coefficients_zero(self, frame, example):
         """The flow of v and then of -v is nothing, and so are all of its derivatives."""
@@ -224,7 +197,7 @@ class TestSmoothFunctions:
             total += factor * Fraction(q) ** (j - derivative)
         return float(total)
 
-    @pytest.mark.parametrize("k", range(5))
+    @pytest.mark.parametrize("k", [0, 3, *slow(1, 2, 4)])
     def test_stumpff(self, k):
         functions = [lambda q: stumpff(k, q)]
         for _ in range(3):

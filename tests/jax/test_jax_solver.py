@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from jax_setup import diffrax, jax
+from slow_cases import slow
 
 import cg
 from cg.catalogue import munthe_kaas
@@ -28,7 +29,6 @@ from cg.frames import (
 )
 
 jnp = jax.numpy
-SLOW = pytest.mark.slow
 METHODS = {**cg.methods, **munthe_kaas}
 EXPLICIT = [name for name, method in METHODS.items() if method.explicit]
 ATTITUDE_AND_VELOCITY = Product(UnitQuaternion(), Euclidean(3))
@@ -98,21 +98,14 @@ class TestSteps:
     @pytest.mark.parametrize(
         "frame",
         [
-            SO3("space"),
-            SE3(),
-            SU(3),
-            Sphere(2),
-            Stiefel(3, 2),
-            Product(SU(2), Euclidean(2)),
-            Power(Sphere(2), 2),
-            pytest.param(Semidirect(SO3(), 2), marks=SLOW),
-            pytest.param(SO(4), marks=SLOW),
-            pytest.param(SO(2), marks=SLOW),
-            pytest.param(U(2), marks=SLOW),
+            *(SE3(), Sphere(2), Stiefel(3, 2), Product(SU(2), Euclidean(2))),
+            *slow(
+                SO3("space"), SU(3), Power(Sphere(2), 2), Semidirect(SO3(), 2), SO(4), SO(2), U(2)
+            ),
         ],
         ids=repr,
     )
-    @pytest.mark.parametrize("name", ["CF4(3)", pytest.param("RKMK5(4)", marks=SLOW)])
+    @pytest.mark.parametrize("name", ["CF4(3)", *slow("RKMK5(4)")])
     def test_all_frames_between_steps_too(self, frame, name):
         ours, f = term(frame)
         ts = np.linspace(0.0, 0.5, 7)
@@ -134,10 +127,9 @@ class TestSteps:
         ("name", "frame"),
         [
             ("CF3", Sphere(2)),
-            pytest.param("CG4", SO3(), marks=SLOW),
+            *slow(("CG4", SO3())),
             ("CF5(4)", UnitQuaternion()),
-            pytest.param("CF6a", SE3(), marks=SLOW),
-            pytest.param("RKMK8(5,3)", SU(2), marks=SLOW),
+            *slow(("CF6a", SE3()), ("RKMK8(5,3)", SU(2))),
         ],
     )
     def test_orders(self, name, frame):
@@ -170,10 +162,9 @@ class TestErrors:
         ("name", "rtol"),
         [
             ("RKMK8(5,3)", 1e-9),
-            pytest.param("RKMK8(5,3)", 1e-4, marks=SLOW),
+            *slow(("RKMK8(5,3)", 1e-4)),
             ("CF5(4)", 1e-4),
-            pytest.param("CF5(4)", 1e-9, marks=SLOW),
-            pytest.param("CG4(3)", 1e-6, marks=SLOW),
+            *slow(("CF5(4)", 1e-9), ("CG4(3)", 1e-6)),
         ],
     )
     def test_steps_are_those_of_solve_ivp(self, name, rtol):
@@ -190,11 +181,13 @@ class TestErrors:
         ("frame", "name"),
         [
             (Stiefel(3, 2), "CF4(3)"),
-            pytest.param(Stiefel(3, 2), "RKMK8(5,3)", marks=SLOW),
-            pytest.param(Sphere(2), "RKMK8(5,3)", marks=SLOW),
-            pytest.param(SE3(), "CF6(5)", marks=SLOW),
-            pytest.param(SU(2), "CF5(4)", marks=SLOW),
-            pytest.param(Product(SU(2), Euclidean(2)), "CG4(3)", marks=SLOW),
+            *slow(
+                (Stiefel(3, 2), "RKMK8(5,3)"),
+                (Sphere(2), "RKMK8(5,3)"),
+                (SE3(), "CF6(5)"),
+                (SU(2), "CF5(4)"),
+                (Product(SU(2), Euclidean(2)), "CG4(3)"),
+            ),
         ],
     )
     def test_on_frames(self, frame, name):
@@ -247,11 +240,13 @@ class TestOutput:
     @pytest.mark.parametrize(
         ("name", "frame"),
         [
-            pytest.param("CF5(4)", UnitQuaternion(), marks=SLOW),
-            pytest.param("CF5(4)", Sphere(2), marks=SLOW),
-            pytest.param("RKMK8(5,3)", SE3(), marks=SLOW),
-            pytest.param("CF7(6)", SU(2), marks=SLOW),
-            pytest.param("CF6(5)", Stiefel(3, 2), marks=SLOW),
+            *slow(
+                ("CF5(4)", UnitQuaternion()),
+                ("CF5(4)", Sphere(2)),
+                ("RKMK8(5,3)", SE3()),
+                ("CF7(6)", SU(2)),
+                ("CF6(5)", Stiefel(3, 2)),
+            ),
         ],
     )
     def test_output_is_that_of_solve_ivp(self, name, frame):
@@ -377,8 +372,7 @@ class TestTransforms:
         ("frame", "name"),
         [
             (UnitQuaternion(), "CF4(3)"),
-            pytest.param(UnitQuaternion(), "RKMK5(4)", marks=SLOW),
-            pytest.param(Sphere(2), "CF4(3)", marks=SLOW),
+            *slow((UnitQuaternion(), "RKMK5(4)"), (Sphere(2), "CF4(3)")),
         ],
     )
     def test_times_of_events(self, frame, name):
@@ -458,13 +452,15 @@ class TestTransforms:
         "frame",
         [
             Sphere(2),
-            pytest.param(UnitQuaternion(), marks=SLOW),
-            pytest.param(SO3(), marks=SLOW),
-            pytest.param(SE3(), marks=SLOW),
-            pytest.param(SU(3), marks=SLOW),
-            pytest.param(Stiefel(3, 2), marks=SLOW),
-            pytest.param(Power(Sphere(2), 2), marks=SLOW),
-            pytest.param(Product(SU(2), Euclidean(2)), marks=SLOW),
+            *slow(
+                UnitQuaternion(),
+                SO3(),
+                SE3(),
+                SU(3),
+                Stiefel(3, 2),
+                Power(Sphere(2), 2),
+                Product(SU(2), Euclidean(2)),
+            ),
         ],
         ids=repr,
     )

@@ -4,7 +4,7 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -48,48 +48,6 @@ def test_number_of_equations(structure: Structure, order: int) -> None:
     assert system.equations == kept + int(structure) * 18
 
 
-COMPLEX: dict[str, Callable[[Any, Any], Any]] = {
-    "residuals": lambda a, b: conditions.residuals(a, b, 2),
-    "weights": lambda a, b: conditions.weights(a, b, 2),
-    "jacobian": lambda a, b: conditions.jacobian(a, b, 2),
-    "pack": conditions.pack,
-}
-
-
-@pytest.mark.parametrize("name", COMPLEX)
-def test_rejects_complex_numbers(name: str) -> None:
-    a, b = np.array([[0.0, 0.0], [0.5, 0.0]]), np.array([0.0, 1.0])
-    call = COMPLEX[name]
-    call(a, b)
-    for factor in (1j, 1 + 0j):
-        with pytest.raises(ValueError, match=r"^a must be an array of real numbers"):
-            call(a * factor, b)
-        with pytest.raises(ValueError, match=r"^b must be an array of real numbers"):
-            call(a, (b * factor).tolist())
-    with pytest.raises(ValueError, match=r"^b must be an array of real numbers"):
-        call(a, np.array([0, 1j], dtype=object))
-    with pytest.raises(ValueError, match=r"^a must be an array of real numbers"):
-        call(a.astype(str), b)
-
-
-def _stops(t: float, y: Any) -> Any:
-    raise StopIteration("from f")
-
-
-@pytest.mark.parametrize("frame", [cg.frames.SO3(), cg.frames.SL(2), cg.frames.SU(2)])
-@pytest.mark.parametrize(
-    "options",
-    [{"h": 0.1}, {"rtol": 1e-3}, {"h": 0.1, "dense_output": True}, {"rtol": 1e-3, "t_eval": [0.5]}],
-)
-def test_stop_iteration_of_f_is_raised(frame: Any, options: dict[str, Any]) -> None:
-    y0 = np.eye(frame.size)
-    with pytest.raises(StopIteration, match="from f"):
-        cg.solve_ivp(_stops, (0, 1), y0, frame=frame, **options)
-    for method in ("CG3", "CF3", "DICG3"):
-        with pytest.raises(StopIteration, match="from f"):
-            cg.integrate(_stops, (0, 1), y0, frame=frame, method=method, h=0.1)
-
-
 def test_stop_iteration_in_a_generator() -> None:
     def generator() -> Iterator[float]:
         raise StopIteration("inside")
@@ -111,9 +69,7 @@ def test_count_classical() -> None:
     trees = [1, 1, 2, 4, 9, 20, 48, 115, 286, 719]
     for order in range(1, 11):
         assert conditions.count_classical(order) == sum(trees[:order])
-    assert conditions.count_classical(2000) > conditions.count_classical(1999) * 2
-    with pytest.raises(ValueError, match="order must be at most 2000"):
-        conditions.count_classical(2001)
+    assert conditions.count_classical(2000) > 2**2000
 
 
 def test_deep_trees() -> None:

@@ -8,8 +8,9 @@ from scipy.integrate import solve_ivp
 
 from cg.analysis.convergence import final_errors, observed_order
 from cg.catalogue import methods
+from cg.frames import SE3
 from cg.integration import integrate
-from cg.problems import ForcedRigidBody, FreeRigidBody
+from cg.problems import AffineField, ForcedRigidBody, FreeRigidBody
 
 PROBLEMS = {"rigid body": FreeRigidBody(), "forced body": ForcedRigidBody()}
 
@@ -93,3 +94,11 @@ def test_f_accepts_batches():
 def test_problems_reject_bad_parameters(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_affine_field_on_a_batch():
+    problem = AffineField(SE3(), np.eye(4))
+    points = problem.frame.random_point(np.random.default_rng(1), (2, 3))
+    found = problem.f(0.5, points)
+    assert found.shape == (2, 3, 6)
+    np.testing.assert_allclose(found[1, 2], problem.f(0.5, points[1, 2]), rtol=0, atol=1e-15)

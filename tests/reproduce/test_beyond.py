@@ -8,11 +8,11 @@ import pytest
 from test_reproduce import check_page, read
 
 from cg.catalogue import methods, munthe_kaas
-from cg.reproduce.main import main
 from cg.conditions import count
 from cg.method.commutator_free import CommutatorFree
 from cg.proofs.files import certificate_names
 from cg.reproduce.context import Context, Settings
+from cg.reproduce.main import main
 from cg.reproduce.sections import beyond_catalogue, beyond_order
 from cg.reproduce.style import LINES, lines
 

@@ -9,12 +9,12 @@ import pytest
 from tests_of_pages import power_of_ten, words_of
 
 from cg.catalogue import methods
-from cg.reproduce.main import main
 from cg.reproduce import items
 from cg.reproduce import run as run_module
 from cg.reproduce.blocks import Table, number
 from cg.reproduce.coefficients import fixed, labels, method_data
 from cg.reproduce.context import Context, Settings
+from cg.reproduce.main import main
 from cg.reproduce.quad_orders import order_data
 from cg.reproduce.report import page
 from cg.reproduce.sections import search as search_section

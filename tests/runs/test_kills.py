@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from reproduce.main import main
 
 import cg
+from reproduce.main import main
 
 pytestmark = [
     pytest.mark.slow,

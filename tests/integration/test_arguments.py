@@ -1,0 +1,383 @@
+"""Arguments of the functions that integrate: what is rejected before any work, what is accepted."""
+
+import inspect
+import warnings
+from collections import UserDict
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from frame_examples import HEISENBERG
+from scipy.spatial.transform import Rotation
+
+import cg
+from cg.frames import GL, SO3, SU, Euclidean, Product, UnitQuaternion
+from cg.method.tableau import Tableau
+from cg.problems import AffineField
+from cg.reproduce.reference_runs import integrate_affine
+
+pytestmark = pytest.mark.sanitize
+
+HUGE = 10**400
+QUATERNION = [0.0, 0.0, 0.0, 1.0]
+ATTITUDE = Product(UnitQuaternion(), Euclidean(3))
+MIDPOINT = Tableau([["1/2"]], ["1"])
+NO_SPANS = [
+    *((False, True), (0.0, True), np.array([False, True]), (np.False_, 1.0), {0.0, 1.0}),
+    *(frozenset([0.0, 1.0]), {0.0: 1.0, 1.0: 2.0}, UserDict({0.0: 1.0, 1.0: 2.0}), "01", b"01"),
+    *((0.0, 1j), np.ma.masked_array([0.0, 1.0], mask=[0, 1]), [[0.0], [1.0]], 1.0, None),
+    *((0.0, 1.0, 2.0), ("a", "b"), ("0", "1"), (0, HUGE)),
+]
+
+
+def never(*arguments):
+    raise AssertionError("a function was called although an argument is bad")
+
+
+def turn(t, y, *parameters):
+    return [0.1, 0.2, 0.3]
+
+
+def solve(f=never, t_span=(0.0, 1.0), y0=None, **options):
+    options = {"frame": SO3()} | options
+    return cg.solve_ivp(f, t_span, np.eye(3) if y0 is None else y0, **options)
+
+
+ONE = {"f": never, "a": never, "t_span": (0.0, 1.0), "y0": np.eye(3), "frame": SO3(), "t0": 0.0}
+MANY = ONE | {"y0": np.stack([np.eye(3)] * 4)}
+CALLS = [
+    (cg.solve_ivp, ONE),
+    (cg.integrate, ONE | {"method": "CG3", "h": 0.1}),
+    (cg.solve_linear, ONE),
+    (cg.solve_variational, ONE),
+    (cg.Stepper, ONE | {"t_bound": 1.0}),
+    (cg.solve_ensemble, MANY),
+    (cg.solve_variational_ensemble, MANY),
+]
+FIXED = {"h": 0.1, "method": "CG3"}
+
+
+def check_rejected(calls, changes, error, message):
+    """Check that all functions that have the arguments raise the error, without calling f."""
+    count = 0
+    for function, valid in calls:
+        names = inspect.signature(function).parameters
+        if changes.keys() <= names.keys():
+            count += 1
+            given = {name: value for name, value in valid.items() if name in names}
+            with pytest.raises(error, match=message):
+                function(**given | changes)
+    assert count
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"f": 3}, TypeError, r"f must be callable as f\(t, y\), got 3"),
+        ({"f": None}, TypeError, "f must be callable"),
+        ({"a": 3}, TypeError, "a must be callable as a"),
+        ({"frame": "SO3"}, TypeError, "frame must be a Frame"),
+        ({"frame": SO3}, TypeError, "frame must be a Frame"),
+        ({"frame": None}, TypeError, "frame must be a Frame"),
+        ({"method": "CG99"}, ValueError, "got 'CG99'.* CG3"),
+        ({"method": 3}, TypeError, "method must be a name or a Method, got 3"),
+        ({"f": never, "method": "RK45"}, ValueError, r"'RK45'; .*DP5\(4\) has its"),
+        ({"f": never, "method": "RK23"}, ValueError, r"'RK23'; .*BS3\(2\) has its"),
+        ({"f": never, "method": "LSODA"}, ValueError, "got 'LSODA'; .*DICG"),
+        ({"f": never, "method": "DOP835"}, ValueError, "'DOP835'; similar names are DOP853"),
+        ({"f": never, "method": "rkmk5"}, ValueError, r"similar names are .*RKMK5\(4\)"),
+        ({"rtol": 1e-3, "method": "CG4a"}, ValueError, "method must be a pair unless h .*'CG4a'"),
+        ({"rtol": 1e-3, "method": "RKMK4"}, ValueError, "method must be a pair unless h"),
+        ({"method": MIDPOINT, "h": 0.1, "stage_solver": "hope"}, ValueError, "stage_solver must"),
+        ({"stage_solver": ["newton"]}, ValueError, r"stage_solver must be .*, got \['newton'\]"),
+        *(({"t_span": span}, ValueError, "t_span must be two numbers") for span in NO_SPANS),
+        ({"t_span": (0.0, np.inf)}, ValueError, "t_span must be finite"),
+        ({"t_span": (np.nan, 0.0)}, ValueError, "t_span must be finite"),
+        ({"t_span": (-1.7e308, 1.7e308)}, ValueError, "t_span must have a finite length"),
+        ({"t0": "0"}, TypeError, "t0 must be a real number"),
+        ({"t0": np.inf}, ValueError, "t0 must be a finite number"),
+        ({"t_bound": np.nan}, ValueError, "t_bound must be"),
+        ({"rtol": -1e-3}, ValueError, "rtol must be finite and not negative, got -0.001"),
+        ({"rtol": np.nan}, ValueError, "rtol must be finite"),
+        ({"rtol": HUGE}, ValueError, "rtol must be"),
+        ({"rtol": "low"}, TypeError, "rtol must be a real number"),
+        ({"atol": -1.0}, ValueError, "atol must be finite and not negative"),
+        ({"atol": [1e-6, 1e-6]}, ValueError, r"atol must be a number or have shape \(3,\)"),
+        ({"atol": "low"}, ValueError, "atol must be an array of real numbers"),
+        ({"atol": HUGE}, ValueError, "atol must be"),
+        *(
+            ({"h": value}, ValueError, "h must be positive and finite, got")
+            for value in (0.0, -0.1, np.nan, np.inf, np.float32("inf"), HUGE)
+        ),
+        ({"h": np.longdouble("1e4000")}, ValueError, "h must be positive and finite, got"),
+        ({"h": Fraction(1, HUGE)}, ValueError, "h must be positive and finite, got"),
+        ({"h": "0.1"}, TypeError, "h must be a real number, got '0.1'"),
+        ({"h": 0.1j}, TypeError, "h must be a real number"),
+        ({"t_span": (0, 1), "h": 1e-300}, ValueError, "h is too small"),
+        ({"t_span": (1e15, 1e15 + 1), "h": 1e-5}, ValueError, "h is too small"),
+        ({"h": 1e-9, "t_eval": [0.5], "dense_output": True}, ValueError, ".* need .* got 1e-09"),
+        ({**FIXED, "rtol": 1e-3}, ValueError, "rtol must not be given together with h"),
+        ({**FIXED, "atol": 1e-3}, ValueError, "atol must not be given together with h"),
+        ({**FIXED, "first_step": 0.1}, ValueError, "first_step must not be given together"),
+        ({**FIXED, "max_step": 0.05}, ValueError, "h must not be larger than max_step = 0.05"),
+        ({**FIXED, "max_steps": 3}, ValueError, "max_steps must not be given together with h"),
+        ({"max_step": 0.0}, ValueError, "max_step must be positive, got 0.0"),
+        ({"max_step": np.nan}, ValueError, "max_step must be positive"),
+        ({"max_step": "small"}, TypeError, "max_step must be a real number"),
+        ({"max_steps": 0}, ValueError, "max_steps must be at least 1, got 0"),
+        ({"max_steps": 1e3}, TypeError, "max_steps must be an integer, got 1000.0"),
+        ({"max_steps": True}, TypeError, "max_steps must be an integer, got True"),
+        ({"save_every": 0}, ValueError, "save_every must be at least 1, got 0"),
+        ({"save_every": 1.0}, TypeError, "save_every must be an integer"),
+        ({"first_step": 0.0}, ValueError, "first_step must be positive"),
+        ({"first_step": -0.1}, ValueError, "first_step must be positive"),
+        ({"first_step": HUGE}, ValueError, "first_step must be"),
+        ({"first_step": 2.0, "t_span": (0, 1)}, ValueError, "first_step must not exceed the leng"),
+        ({"t_eval": [0.1, 2.0]}, ValueError, "t_eval must lie within t_span, 0 to 1"),
+        ({"t_eval": [-0.1]}, ValueError, "t_eval must lie within t_span"),
+        ({"t_eval": [np.nan]}, ValueError, "t_eval must lie within t_span"),
+        ({"t_eval": [0.5, 0.4]}, ValueError, "t_eval must be strictly sorted"),
+        ({"t_eval": [0.5, 0.5]}, ValueError, "t_eval must be strictly sorted"),
+        ({"t_span": (1.0, 0.0), "t_eval": [0.4, 0.5]}, ValueError, "in the direction of integr"),
+        ({"t_eval": [[0.5]]}, ValueError, "t_eval must have one axis"),
+        ({"dense_output": "no"}, TypeError, "dense_output must be True or False, got 'no'"),
+        ({"dense_output": np.nan}, TypeError, "dense_output must be True or False, got nan"),
+        ({"args": 3}, TypeError, r"args must be a tuple .*\(x,\) for one, got 3"),
+        *(
+            ({"args": value}, TypeError, "args must be a tuple .*, got")
+            for value in ("ab", b"ab", {1, 2}, {"a": 1}, 1.0)
+        ),
+        ({"events": 3}, TypeError, "events must be a function or a sequence"),
+        ({"events": [3]}, TypeError, r"events\[0\] must be callable"),
+        ({"breakpoints": [[0.5]]}, ValueError, "breakpoints must have one axis"),
+        ({"breakpoints": [0.7, 0.3]}, ValueError, "breakpoints must be finite and strictly sort"),
+        ({"breakpoints": [0.3, 0.3]}, ValueError, "breakpoints must be finite and strictly sort"),
+        ({"breakpoints": [np.nan]}, ValueError, "breakpoints must be finite"),
+        ({"breakpoints": ["a"]}, ValueError, "breakpoints must be an array of real numbers"),
+        ({"progress": 3}, TypeError, "progress must be callable, got 3"),
+        ({"jac": 3}, TypeError, r"jac must be callable as jac\(t, y\), got 3"),
+        ({"df_dp": print}, ValueError, "parameters must be given with df_dp = .* got None"),
+        ({"P0": np.full((3, 3), np.nan)}, ValueError, "P0 must be finite, got nan"),
+        ({"P0": np.triu(np.ones((3, 3)))}, ValueError, "P0 must be symmetric"),
+        ({"P0": -np.eye(3)}, ValueError, "P0 must be positive semidefinite, .* eigenvalue -1"),
+        ({"P0": "x"}, ValueError, "P0 must be an array of real numbers, got 'x'"),
+        ({"control_derivatives": 1}, TypeError, "control_derivatives must be True or False"),
+    ],
+)  # fmt: skip
+def test_bad_arguments_are_rejected_before_any_work(changes, error, message):
+    check_rejected(CALLS, changes, error, message)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"y0": np.eye(2)}, ValueError, r"y0 must have shape \(3, 3\), got \(2, 2\)"),
+        ({"y0": np.full((3, 3), np.nan)}, ValueError, "y0 must be finite"),
+        ({"y0": 1.01 * np.eye(3)}, ValueError, "distance from the manifold is 0.01"),
+        ({"y0": np.diag([1, 1, 1.001])}, ValueError, "y0 must be a point of SO3.* is 0.001, more"),
+        ({"y0": np.diag([1.0, 1.0, -1.0])}, ValueError, "distance from the manifold is 2"),
+        ({"y0": "north"}, ValueError, "y0 must be an array of real numbers"),
+        ({"y0": 1j * np.eye(3)}, ValueError, "y0 must be an array of real numbers"),
+        ({"y0": [[1.0], [2.0, 3.0]]}, ValueError, "y0 must be an array of real numbers"),
+        ({"y0": [[HUGE, 0, 0], *np.eye(3)[1:]]}, ValueError, "y0 must be"),
+        ({"y0": np.ma.masked_equal(np.eye(3), 1)}, ValueError, "y0 must be .* got masked_array"),
+        ({"h": 1e-9, "dense_output": False}, ValueError, "too small for t_span: 1000000000 steps"),
+        ({"vectorized": True}, ValueError, "must be False for a single point"),
+        ({"parameters": [[1.0]], "P0": None}, ValueError, r"parameters must have shape \(k,\)"),
+        ({"df_dp": 3, "parameters": [1.0]}, TypeError, "df_dp must be callable .* got 3"),
+        ({"P0": np.eye(2)}, ValueError, r"P0 must have shape \(3, 3\), got \(2, 2\)"),
+        ({"atol": np.ones(12), "P0": None}, ValueError, r"atol must be .* have shape \(3,\)"),
+        (
+            {"frame": HEISENBERG, "y0": np.zeros(3), "jac": None},
+            ValueError,
+            "frame must know the bracket",
+        ),
+    ],
+)
+def test_bad_arguments_of_one_point_are_rejected(changes, error, message):
+    check_rejected(CALLS[:5], changes, error, message)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"y0": np.ones((2, 2, 3, 3))}, ValueError, r"y0 must have one axis before shape \(3, 3\)"),
+        ({"y0": np.ones((0, 3, 3))}, ValueError, "y0 must hold at least one point"),
+        ({"y0": [np.eye(3), 1.1 * np.eye(3)]}, ValueError, r"y0\[1\] must be a point of .* 0.1"),
+        ({"y0": [np.eye(3), np.inf * np.ones((3, 3))]}, ValueError, r"y0\[1\] must be finite"),
+        ({"parameters": np.ones((3, 2))}, ValueError, r"parameters must have shape \(4, k\), got"),
+        ({"parameters": np.ones((4, 0))}, ValueError, r"parameters must have shape \(4, k\), got"),
+        ({"parameters": "many"}, ValueError, "parameters must be an array of real numbers"),
+        ({"vectorized": 1}, TypeError, "vectorized must be True or False"),
+        ({"common_steps": "yes"}, TypeError, "common_steps must be"),
+        ({"common_steps": True, "workers": 2}, ValueError, "executor and workers must be None"),
+        (
+            {"common_steps": True, "events": cg.Event(never, jump=never)},
+            ValueError,
+            "events must have no jumps with common_steps",
+        ),
+        ({"executor": "fast"}, ValueError, "executor must be 'threads'"),
+        ({"workers": 0}, ValueError, "workers must be at least 1"),
+        (
+            {"executor": "processes", "f": lambda t, y: [0, 0, 0]},
+            TypeError,
+            "f, frame and all.*pickled",
+        ),
+        ({"P0": np.zeros((3, 2, 2))}, ValueError, r"P0 must have shape \(3, 3\) or \(4, 3, 3\)"),
+    ],
+)
+def test_bad_arguments_of_ensembles_are_rejected(changes, error, message):
+    check_rejected(CALLS[5:], changes, error, message)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error"),
+    [
+        *(("terminal", value, ValueError) for value in (0.5, np.inf, np.nan, -1, "yes")),
+        *(("direction", value, ValueError) for value in ("up", np.nan)),
+        ("jump", 3, TypeError),
+    ],
+)
+def test_bad_attributes_of_events_are_rejected(name, value, error):
+    with pytest.raises(error, match=rf"^event\.{name} must be"):
+        cg.Event(never, **{name: value})
+
+    def event(t, y):
+        return 1.0
+
+    setattr(event, name, value)
+    with pytest.raises(error, match=rf"^events\[0\]\.{name} must be"):
+        solve(events=event)
+
+
+def test_bad_function_of_an_event_is_rejected():
+    with pytest.raises(TypeError, match=r"function must be callable as event.t, y., got 3"):
+        cg.Event(3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"y0": [1.0, 2.0]}, "y0 must have shape"),
+        ({"y0": [np.nan]}, "y0 must be finite"),
+        ({"h": -0.1}, "h must be positive"),
+        ({"h": 1e-15}, "h is too small for t_span: 1000000000000000 steps need"),
+        ({"args": (1,)}, "args must be None for a compiled f"),
+        ({"vectorized": True, "y0": [[1.0]]}, "vectorized must be False for a compiled f"),
+    ],
+)
+def test_bad_arguments_with_a_compiled_function_are_rejected(changes, message, function):
+    valid = {"y0": [1.0], "frame": Euclidean(1), "method": "CG3", "h": 0.5, "t_span": (0, 1)}
+    call = cg.solve_ensemble if "vectorized" in changes else cg.solve_ivp
+    with pytest.raises(ValueError, match=message):
+        call(function("growth"), **valid | changes)
+
+
+def test_parameters_are_for_compiled_functions_without_data(affine):
+    f, _data = affine(AffineField(SO3(), np.eye(3)))
+    with pytest.raises(ValueError, match="parameters must be None for a compiled f that has user"):
+        cg.solve_ensemble(f, (0, 1), np.eye(3), frame=SO3(), parameters=[[1.0]])
+
+
+def test_points_of_ensembles_are_rejected_by_functions_for_one():
+    for call, options in ((cg.solve_ivp, {}), (cg.integrate, FIXED)):
+        with pytest.raises(ValueError, match=r"y0 must .*cg\.solve_ensemble integrates many"):
+            call(never, (0, 1), np.stack([np.eye(3)] * 2), frame=SO3(), **options)
+
+
+@pytest.mark.parametrize(
+    "t_span", [[0, 1], np.array([0, 1]), (Fraction(0), Fraction(1)), np.float32([0, 1]), range(2)]
+)
+def test_spans_of_all_kinds_of_numbers(t_span):
+    assert solve(turn, t_span, h=0.5).t.tolist() == [0.0, 0.5, 1.0]
+
+
+def test_numbers_of_other_types():
+    equal = solve(turn, h=0.25)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for h in (np.float32(0.25), Fraction(1, 4)):
+            np.testing.assert_array_equal(solve(turn, h=h, max_step=h).y, equal.y)
+        assert len(solve(turn, h=1).t) == 2
+        assert solve(turn, max_steps=np.int64(500), dense_output=np.True_).sol is not None
+        options = {"frame": SO3(), "method": "CG2", "h": 0.25, "save_every": np.int64(2)}
+        stored = cg.integrate(turn, (0, 1), np.eye(3), **options)
+        assert stored.t.tolist() == [0.0, 0.5, 1.0]
+
+
+def test_a_first_step_may_be_as_long_as_the_span():
+    for span in ((0.0, 1.0), (-1.0, 1.0), (2.0, -1.0)):
+        length = abs(span[1] - span[0])
+        solution = solve(lambda t, y: [1e-3, 0.0, 0.0], span, first_step=length)
+        assert solution.steps == 1
+        with pytest.raises(ValueError, match="first_step must not exceed the length of t_span"):
+            solve(t_span=span, first_step=np.nextafter(length, 9.0))
+
+
+@pytest.mark.parametrize(
+    ("frame", "y0"),
+    [
+        (ATTITUDE, (QUATERNION, [0.0] * 3)),
+        (ATTITUDE, [np.array(QUATERNION), np.zeros(3)]),
+        (ATTITUDE, (Rotation.identity(), [1.0, 0.0, 0.0])),
+        (Product(Euclidean(3), Euclidean(3)), (np.zeros(3), np.zeros(3))),
+        (Product(SO3(), Euclidean(1)), (np.eye(3), np.zeros(1))),
+    ],
+)
+def test_parts_of_a_product_must_be_joined(frame, y0):
+    with pytest.raises(ValueError, match=r"y0 .*frame\.join") as caught:
+        solve(frame=frame, y0=y0, h=0.1)
+    assert len(str(caught.value)) < 200
+    points = frame.join(*y0)
+    assert solve(lambda t, y: np.zeros(frame.dim), y0=points, frame=frame, h=0.5).success
+
+
+@pytest.mark.parametrize("batch", [(), (2,)])
+@pytest.mark.parametrize("frame", [UnitQuaternion(), ATTITUDE], ids=repr)
+def test_the_derivative_of_the_point_is_recognised(frame, batch):
+    start = np.broadcast_to(frame.random_point(np.random.default_rng(1)), (*batch, frame.dim + 1))
+
+    def solve(f):
+        if batch:
+            cg.solve_ensemble(f, (0, 1), start, frame=frame, vectorized=True)
+        else:
+            cg.solve_ivp(f, (0, 1), start, frame=frame)
+
+    with pytest.raises(ValueError, match="coefficients of the frame's fields, not the deriv"):
+        solve(lambda t, y: np.zeros_like(y))
+    with pytest.raises(ValueError, match=rf"got shape \({'2, ' if batch else ''}2,?\) at t = 0$"):
+        solve(lambda t, y: np.zeros((*batch, 2)))
+
+
+AFFINE = AffineField(Euclidean(1), [1.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"h": True}, ValueError, "h must be a finite number, got True"),
+        ({"h": np.True_}, ValueError, "h must be a finite number, got np.True_"),
+        ({"steps": 10**12}, ValueError, "steps = 1000000000000 need .* GiB of memory"),
+        ({"steps": 10**30}, ValueError, "steps = 10{30} need .* GiB of memory, and there are"),
+        ({"steps": True}, TypeError, "steps must be an integer, got True"),
+        ({"problem": None}, TypeError, "problem must be an AffineField"),
+        (
+            {"problem": AffineField(GL(2), np.eye(2))},
+            ValueError,
+            "frame must be one that is compiled",
+        ),
+    ],
+)
+@pytest.mark.parametrize("kind", ["real64", "real128"])
+def test_bad_arguments_of_affine_runs_are_rejected(changes, error, message, kind):
+    valid = {"problem": AFFINE, "method": "CG2", "h": 0.5, "steps": 3, "kind": kind}
+    with pytest.raises(error, match=message):
+        integrate_affine(**valid | changes)
+
+
+def test_bad_affine_fields_are_rejected():
+    with pytest.raises(ValueError, match="frame must have real points"):
+        AffineField(SU(2), np.eye(2))
+    with pytest.raises(ValueError, match="initial must be a point of SO3"):
+        AffineField(SO3(), 2 * np.eye(3))
+    assert len(integrate_affine(AFFINE, method="CG2", h=0.5, steps=np.int64(3)).t) == 4
