@@ -18,7 +18,7 @@ from .cases import Case, cases
 from .compiled import field
 from .record import Aim, Result, Row
 from .solvers import Run, solvers
-from .work_curves import Curve, run_point
+from .work_curves import run_curves
 
 __all__ = ["diffrax_solvers", "tumbling"]
 
@@ -127,8 +127,7 @@ def diffrax_solvers(case: Case) -> Solvers:
 
 
 def _rows(case: Case, solve: Solvers, aims: Mapping[float, float], rounds: int) -> list[Row]:
-    runs = [run_point(case, solve, 10.0**-k, rounds) for k in range(3, 14)]
-    curves = {name: Curve.of(name, "rival", 0, [points[name] for points in runs]) for name in solve}
+    curves = run_curves(case, solve, [10.0**-k for k in range(3, 14)], rounds)
     own = curves.pop(_OWN)
     rows = []
     for error, aim in aims.items():

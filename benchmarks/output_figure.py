@@ -10,9 +10,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from .rival_figure import RC, save_figure
+from .rival_figure import RC, dress, save_figure
 
 __all__ = ["OutputError", "draw"]
 
@@ -72,13 +71,7 @@ def draw(errors: list[OutputError], folder: Path) -> None:
                     style["markerfacecolor"] = "white"
                 panel.plot([x.at for x in of_method], [x.between for x in of_method], linewidth=0,
                            label=method, **style)  # fmt: skip
-            panel.set_xscale("log")
-            panel.set_yscale("log")
-            for axis in (panel.xaxis, panel.yaxis):
-                axis.set_major_locator(LogLocator(base=10.0, numticks=8))
-                axis.set_minor_formatter(NullFormatter())
-            panel.set_title(problem, loc="left", fontsize=10)
-            panel.set_xlabel("largest error at steps")
+            dress(panel, problem, "largest error at steps")
         panels[0].set_ylabel("largest error between steps")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=8.5)

@@ -17,7 +17,7 @@ from PIL import Image
 
 from .work_curves import QUANTITIES, Curve
 
-__all__ = ["RC", "draw", "save_figure"]
+__all__ = ["RC", "draw", "dress", "save_figure"]
 
 # Colours that stay apart for colour-blind readers (M. Okabe and K. Ito, 2008)
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
@@ -74,13 +74,13 @@ def draw(curves: list[Curve], title: str, name: str, folder: Path) -> None:
                 work = [scale * QUANTITIES[quantity](p) for p in curve.points]
                 if all(work):
                     axes.plot(work, [p.error for p in curve.points], **styles[curve.name])
-            _dress(axes, f"{title}: error against {quantity}", unit, "largest error at the end")
+            dress(axes, f"{title}: error against {quantity}", unit, "largest error at the end")
         for curve in curves:
             points = curve.points
             panels[3].plot(
                 [p.error for p in points], [p.drift for p in points], **styles[curve.name]
             )
-        _dress(panels[3], "drift off the manifold", "largest error at the end", "largest drift")
+        dress(panels[3], "drift off the manifold", "largest error at the end", "largest drift")
         panels[3].invert_xaxis()
         handles = [
             Line2D([], [], label=f"{curve.name} ({_KINDS[curve.kind]})", **styles[curve.name])
@@ -127,7 +127,8 @@ def _faint() -> dict[str, Any]:
     return {"color": "#bdbdbd", "linewidth": 0.6, "zorder": 1}
 
 
-def _dress(axes: Axes, title: str, x: str, y: str) -> None:
+def dress(axes: Axes, title: str, x: str, y: str = "") -> None:
+    """Make both axes logarithmic and write the title and the labels."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):

@@ -14,8 +14,8 @@ from cg.support.markdown import table
 
 from .cases import Case, cases, top_in_c
 from .record import Result
-from .solvers import Solver, solvers
-from .work_curves import QUANTITIES, Curve, Point, run_point
+from .solvers import solvers
+from .work_curves import QUANTITIES, Curve, run_curves
 
 _PAIRS = {"DP5(4)": "RKMK5(4)", "DOP853": "RKMK8(5,3)"}
 _CASES = ("heavy_top", "fast_torque", "gradient_flow", "toda")
@@ -79,20 +79,10 @@ def _motion() -> Case:
 
 def _curves(case: Case, rounds: int, quick: bool) -> dict[str, Curve]:
     """Return error against work of all four methods, which run in turns."""
-    chosen: dict[str, Solver] = {
-        solver.name: solver
-        for solver in solvers(case, quick)
-        if solver.name in {*_PAIRS, *_PAIRS.values()}
-    }
-    points: dict[str, list[Point]] = {name: [] for name in chosen}
-    for setting in next(iter(chosen.values())).settings:
-        by_solver = run_point(case, {name: s.solve for name, s in chosen.items()}, setting, rounds)
-        for name, point in by_solver.items():
-            points[name].append(point)
-    return {
-        name: Curve.of(name, solver.kind, solver.order, points[name])
-        for name, solver in chosen.items()
-    }
+    names = {*_PAIRS, *_PAIRS.values()}
+    chosen = [solver for solver in solvers(case, quick) if solver.name in names]
+    solve = {solver.name: solver.solve for solver in chosen}
+    return run_curves(case, solve, chosen[0].settings, rounds)
 
 
 def _line(

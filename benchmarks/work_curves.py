@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
@@ -13,7 +13,7 @@ import numpy as np
 from .cases import Case
 from .solvers import Kind, Run
 
-__all__ = ["QUANTITIES", "Curve", "Point", "run_point"]
+__all__ = ["QUANTITIES", "Curve", "Point", "run_curves", "run_point"]
 
 # Larger errors are those of steps that are too long; rounding dominates smaller ones.
 _WORST = 0.1
@@ -119,3 +119,11 @@ def run_point(
             runs[name] = one(setting)
             seconds[name].append(time.process_time() - begin)
     return {name: Point.of(case, run, median(seconds[name])) for name, run in runs.items()}
+
+
+def run_curves(
+    case: Case, solve: Mapping[str, Callable[[float], Run]], settings: Iterable[float], rounds: int
+) -> dict[str, Curve]:
+    """Return error against work of several solvers, which run in turns with each setting."""
+    points = [run_point(case, solve, setting, rounds) for setting in settings]
+    return {name: Curve.of(name, "rival", 0, [by[name] for by in points]) for name in solve}

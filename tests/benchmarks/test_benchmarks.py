@@ -173,7 +173,7 @@ def test_solvers_solve_the_tumbling_body(tmp_path):
 
 
 def test_bodies_compare_with_the_fastest_competitor(monkeypatch):
-    from benchmarks import bodies
+    from benchmarks import bodies, work_curves
     from benchmarks.work_curves import Point
 
     seconds = {bodies._OWN: 1.0, "coarse": 0.1, "slow": 4.0, "fast": 3.0}
@@ -184,7 +184,7 @@ def test_bodies_compare_with_the_fastest_competitor(monkeypatch):
             for name, s in seconds.items()
         }
 
-    monkeypatch.setattr(bodies, "run_point", run_point)
+    monkeypatch.setattr(work_curves, "run_point", run_point)
     (case,) = _cases("two_levels")
     solve = dict.fromkeys(seconds)
     (row,) = bodies._rows(case, solve, {1e-8: 1.5}, 1)

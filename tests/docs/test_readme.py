@@ -121,10 +121,7 @@ def test_numba_program_of_compiled_page():
 
 
 def test_code_of_problems_page():
-    names = run("docs/problems.md")
-    assert names["drift"] < 1e-6
-    assert names["error"] < 1e-8
-    assert (np.diff(names["action"]) < 0.0).all()
+    assert run("docs/problems.md")["error"] < 1e-8
 
 
 def test_code_of_munthe_kaas_page():
