@@ -45,13 +45,7 @@ class NotExactError(RuntimeError):
 
 @dataclass(frozen=True)
 class Candidate:
-    """Packed coefficients on, or close to, the solution set of a system.
-
-    Attributes
-    ----------
-    system : ConditionSystem
-    x : ndarray, shape (system.size,)
-    """
+    """Packed coefficients x, shape (system.size,), on or close to the solution set of a system."""
 
     system: ConditionSystem
     x: NDArray[np.float64]

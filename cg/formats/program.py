@@ -37,51 +37,21 @@ class Move:
 
 @dataclass(frozen=True)
 class Program:
-    """The moves and evaluations of a step.
+    """The moves and evaluations of a step; slots and stages are counted from 0."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the method as an identifier in lower case.
-    title : str
-        One-line summary of the method.
-    source : str
-        Reference of the method.
-    slots : int
-        Number of slots.
-    moves : tuple of Move
-    before : tuple of int
-        Number of moves before each stage is evaluated; the others follow the last stage.
-    stage_slots : tuple of int
-        Slot at which each stage is evaluated.
-    c : tuple of str
-        Abscissae.
-    result : int
-        Slot of the result; for a pair, of the result of higher order.
-    second : int or None
-        Slot of the other result, for a pair whose error is the distance of the results.
-    errors : tuple of tuples of str
-        Weights of the stages in each error estimate, for a pair with an error in the algebra.
-    lower_order : int or None
-        Order of the less accurate result of a pair.
-    on_algebra : bool
-        Whether dexp⁻¹ turns the coefficients at stages into derivatives of coordinates, as in
-        methods of Munthe-Kaas.
-    """
-
-    name: str
-    title: str
+    name: str  # an identifier in lower case
+    title: str  # one-line summary of the method
     source: str
-    slots: int
+    slots: int  # number of slots
     moves: tuple[Move, ...]
-    before: tuple[int, ...]
-    stage_slots: tuple[int, ...]
-    c: tuple[str, ...]
-    result: int
-    second: int | None
-    errors: tuple[tuple[str, ...], ...]
-    lower_order: int | None
-    on_algebra: bool
+    before: tuple[int, ...]  # number of moves before each stage; the others follow the last stage
+    stage_slots: tuple[int, ...]  # slot at which each stage is evaluated
+    c: tuple[str, ...]  # abscissae
+    result: int  # slot of the result; for a pair, of the result of higher order
+    second: int | None  # slot of the other result, if the error is the distance of the results
+    errors: tuple[tuple[str, ...], ...]  # weights of the stages in errors in the algebra
+    lower_order: int | None  # of the less accurate result of a pair
+    on_algebra: bool  # whether dexp⁻¹ makes derivatives of coordinates of the fields at stages
 
     @property
     def stages(self) -> int:

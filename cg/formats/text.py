@@ -37,17 +37,16 @@ def real(number: str) -> str:
     return number if "." in number or "e" in number else f"{number}.0"
 
 
-def wrapped(entries: Iterable[str], indent: str, separator: str = ", ", end: str = "") -> str:
+def wrapped(entries: Iterable[str], indent: str, end: str = "") -> str:
     """Return the entries of a list over lines of limited length, each but the last with `end`."""
     lines: list[str] = []
     line: list[str] = []
     length = 0
     for entry in entries:
         if line and length + len(entry) > _WIDTH:
-            lines.append(separator.join(line))
+            lines.append(", ".join(line))
             line, length = [], 0
         line.append(entry)
-        length += len(entry) + len(separator)
-    lines.append(separator.join(line))
-    between = separator.rstrip() + end + "\n"
-    return between.join(indent + text for text in lines)
+        length += len(entry) + 2
+    lines.append(", ".join(line))
+    return f",{end}\n".join(indent + text for text in lines)

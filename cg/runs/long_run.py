@@ -62,31 +62,14 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class LongRun(Generic[Result]):
-    """Pieces of work numbered from 0, each a function of the settings and its number.
+    """Pieces of work numbered from 0, each a function of the settings and its number."""
 
-    Attributes
-    ----------
-    kind : {"search", "construct"}
-    pieces : str
-        What the pieces are called in the progress line.
-    settings : dataclass
-        All that determines the results, as plain data.
-    work : callable
-        Runs the piece of a number; must be picklable for executors other than threads.
-    to_record : callable
-        Takes a result and the seconds it took; returns its record in the store.
-    from_record : callable
-        Returns the result of a record after checking it; raises ValueError if it is wrong.
-    score : callable
-        Returns the `Score` of a result.
-    """
-
-    kind: str
-    pieces: str
-    settings: Any
-    work: Callable[[int], Result]
-    to_record: Callable[[Result, float], Record]
-    from_record: Callable[[Record], Result]
+    kind: str  # "search" or "construct"
+    pieces: str  # what the pieces are called in the progress line
+    settings: Any  # a dataclass of plain data that determines the results
+    work: Callable[[int], Result]  # picklable for executors other than threads
+    to_record: Callable[[Result, float], Record]  # takes the seconds that the piece took
+    from_record: Callable[[Record], Result]  # raises ValueError for a wrong record
     score: Callable[[Result], Score]
 
     @contextmanager

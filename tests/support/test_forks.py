@@ -71,8 +71,8 @@ def used():
         assert ctx.prec == 99
     assert ctx.prec == 53
     with memory.reserved(1000, "what"):
-        assert memory._promised == {"bytes": 1000}
-    assert memory._promised == {"bytes": 0}
+        assert memory._in_use == {"bytes": 1000}
+    assert memory._in_use == {"bytes": 0}
     search_again()
 
 begun, ended = threading.Semaphore(0), threading.Event()
@@ -84,11 +84,11 @@ for thread in threads:
 for _ in threads:
     assert begun.acquire(timeout=60)
 in_child(used)
-assert (blas(), ctx.prec, memory._promised["bytes"]) == ({1}, 999, 9999)
+assert (blas(), ctx.prec, memory._in_use["bytes"]) == ({1}, 999, 9999)
 ended.set()
 for thread in threads:
     thread.join()
-assert (blas(), ctx.prec, memory._promised["bytes"]) == ({2}, 53, 0)
+assert (blas(), ctx.prec, memory._in_use["bytes"]) == ({2}, 53, 0)
 """
 
 OWN = """
@@ -107,7 +107,7 @@ def whole():
             assert not status
     assert ctx.prec == 53
     assert blas() == {2}
-    assert memory._promised == {"bytes": 0}
+    assert memory._in_use == {"bytes": 0}
     search_again()
     if not pid:
         os._exit(0)

@@ -23,23 +23,11 @@ __all__ = ["Publication", "publish"]
 
 @dataclass(frozen=True)
 class Publication:
-    """A method made of a solution, and its files.
+    """A method made of a solution, and its files: that of the method, and that of a certificate.
 
-    Attributes
-    ----------
-    method : Method
-        Exact in binary128.
-    principal_error : float
-        Principal error of the method.
-    initial_principal_error : float
-        Principal error of the solution before optimisation.
-    certificate : Certificate or None
-        None if the order isn't proved. The certificate isn't `complete` if some conditions are
-        only shown to be small.
-    reason : str
-        Why there is no complete certificate; empty if there is one.
-    files : tuple of Path
-        The file of the method, and that of the certificate if there is one.
+    `initial_principal_error` is that of the solution before optimisation. `certificate` is None if
+    the order isn't proved, and isn't `complete` if some conditions are only shown to be small;
+    `reason` says why there is no complete certificate.
     """
 
     method: Method

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...method.commutator_free import plain_index
 from ...structure.layout import Layout
 from ...structure.points import START, MethodError, Point, PointTree, check_tree
 from ...support.checks import MAX_STAGES, check_flag, check_integer
@@ -83,7 +84,7 @@ def _layout_of_places(tree: Any) -> Layout:
     if not 2 <= len(tree) <= 4:
         raise TypeError(f"tree must be {expected}, got {len(tree)} entries")
     parents, stage_points = _indices("parents", tree[0]), _indices("stage_points", tree[1])
-    results = tuple(_plain(end) for end in tree[2:]) or (len(parents) - 1,)
+    results = tuple(plain_index(end) for end in tree[2:]) or (len(parents) - 1,)
     # checked with weights on the first stage only: other weights need valid stage points
     points = tuple(Point(parent, {0: 1} if stage_points else {}) for parent in parents)  # type: ignore[dict-item]
     check_tree(PointTree(points, stage_points, *results))
@@ -96,11 +97,7 @@ def _layout_of_places(tree: Any) -> Layout:
 def _indices(label: str, values: Any) -> tuple[Any, ...]:
     if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray):
         raise TypeError(f"{label} of tree must be a sequence of integers, got {values!r}")
-    return tuple(map(_plain, values))
-
-
-def _plain(value: Any) -> Any:
-    return int(value) if isinstance(value, np.integer) else value
+    return tuple(map(plain_index, values))
 
 
 def draw_layout(
