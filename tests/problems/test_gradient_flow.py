@@ -53,20 +53,3 @@ def test_gradient_flow_reference_to_thirty_digits():
         problem.f, (0, 0.125), problem.y0, frame=problem.frame, method="CF6c", h=1 / 512
     ).y[-1]
     np.testing.assert_allclose(end, y, rtol=0, atol=2e-14)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"sides": (2,)}, "sides must be two or more positive integers"),
-        ({"sides": 3}, "sides must be two or more positive integers"),
-        ({"sides": (2, 0)}, r"sides\[1\] must be at least 1"),
-        ({"roughness": np.nan}, "roughness must be a finite number"),
-        ({"seed": -1}, "seed must be at least 0"),
-    ],
-)
-def test_rejects_bad_lattices(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        GradientFlow(**arguments)
-    with pytest.raises(ValueError, match="y must have shape"):
-        LATTICE.action(np.eye(3))

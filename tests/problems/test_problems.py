@@ -19,11 +19,13 @@ from cg.problems import (
     FreeRigidBody,
     GradientFlow,
     GyroAttitude,
+    HeavyTop,
     ReactionWheels,
     Spacecraft,
     TodaFlow,
     TwoLevelSystem,
 )
+from cg.reproduce.reference_runs import integrate_heavy_top
 
 CONING = ConingMotion()
 
@@ -274,39 +276,75 @@ def test_f_accepts_batches(name):
         np.testing.assert_allclose(together[index], alone, rtol=1e-13, atol=1e-13)
 
 
+def run(**changes):
+    valid = {"problem": HeavyTop(), "method": "CG3", "h": 0.1, "steps": 10}
+    return integrate_heavy_top(**valid | changes)
+
+
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "error", "message"),
     [
-        (lambda: FreeRigidBody((1, 1, 3)), "inertia must be positive, none larger than"),
-        (lambda: FreeRigidBody((1, 1, -1)), "inertia must be positive"),
-        (lambda: FreeRigidBody((1, 1)), "inertia must be 3 finite numbers"),
-        (lambda: FreeRigidBody(momentum=(0, 0, 0)), "momentum must not vanish"),
-        (lambda: FreeRigidBody(momentum=(0, 0, np.nan)), "momentum must be 3 finite numbers"),
-        (lambda: FreeRigidBody().exact_momentum(np.inf), "t must be finite"),
-        (lambda: Spacecraft(attitude=(0, 0, 0, 0)), "attitude must not vanish"),
-        (lambda: Spacecraft(orbit_rate=[1, 2]), "orbit_rate must be a finite number"),
-        (lambda: TodaFlow([[1, 2], [3, 4]]), "initial must be a finite symmetric matrix"),
-        (lambda: TodaFlow([[np.nan]]), "initial must be a finite symmetric matrix"),
-        (lambda: TwoLevelSystem(drive=np.inf), "drive must be a finite number"),
-        (lambda: ConingMotion(angle=np.nan), "angle must be a finite number"),
-        (lambda: CONING.sampled([0, 1, 2]), "times must be at least four finite numbers"),
-        (lambda: CONING.sampled([0, 1, 1, 2]), "times must increase"),
+        (
+            lambda: FreeRigidBody((1, 1, 3)),
+            ValueError,
+            "inertia must be positive, none larger than",
+        ),
+        (lambda: FreeRigidBody((1, 1, -1)), ValueError, "inertia must be positive"),
+        (lambda: FreeRigidBody((1, 1)), ValueError, "inertia must be 3 finite numbers"),
+        (lambda: FreeRigidBody(momentum=(0, 0, 0)), ValueError, "momentum must not vanish"),
+        (lambda: FreeRigidBody(momentum=(0, 0, np.nan)), ValueError, "momentum must be 3 finite"),
+        (lambda: FreeRigidBody().exact_momentum(np.inf), ValueError, "t must be finite"),
+        (lambda: Spacecraft(attitude=(0, 0, 0, 0)), ValueError, "attitude must not vanish"),
+        (lambda: Spacecraft(orbit_rate=[1, 2]), ValueError, "orbit_rate must be a finite number"),
+        (lambda: TodaFlow([[1, 2], [3, 4]]), ValueError, "initial must be a finite symmetric"),
+        (lambda: TodaFlow([[np.nan]]), ValueError, "initial must be a finite symmetric matrix"),
+        (lambda: TwoLevelSystem(drive=np.inf), ValueError, "drive must be a finite number"),
+        (lambda: ConingMotion(angle=np.nan), ValueError, "angle must be a finite number"),
+        (lambda: CONING.sampled([0, 1, 2]), ValueError, "times must be at least four finite"),
+        (lambda: CONING.sampled([0, 1, 1, 2]), ValueError, "times must increase"),
         (
             lambda: GyroAttitude([0, 1, 2, 3], np.zeros((3, 3))),
+            ValueError,
             r"rates must have shape \(4, 3\), got \(3, 3\)",
         ),
         (
             lambda: GyroAttitude([0, 1, 2, 3], [[0, 0, 0], [0, 0, np.nan], *np.zeros((2, 3))]),
+            ValueError,
             r"rates must be finite, got nan at \[1, 2\]",
         ),
         (
             lambda: GyroAttitude([0, 1, 2, 3], np.zeros((4, 3)), [1, 1, 0, 0]),
+            ValueError,
             "initial must be a point of UnitQuaternion",
         ),
+        (lambda: GradientFlow((2,)), ValueError, "sides must be two or more positive integers"),
+        (lambda: GradientFlow(3), ValueError, "sides must be two or more positive integers"),
+        (lambda: GradientFlow((2, 0)), ValueError, r"sides\[1\] must be at least 1"),
+        (lambda: GradientFlow(roughness=np.nan), ValueError, "roughness must be a finite number"),
+        (lambda: GradientFlow(seed=-1), ValueError, "seed must be at least 0"),
+        (lambda: LATTICE.action(np.eye(3)), ValueError, "y must have shape"),
+        (lambda: HeavyTop("speed"), ValueError, "reading must be"),
+        (lambda: HeavyTop("momentum", "third"), ValueError, "phi_over_pi must be rational"),
+        (lambda: HeavyTop("momentum", np.nan), ValueError, "phi_over_pi must be rational"),
+        *(
+            (lambda t=t: HeavyTop().reference([t]), ValueError, "times must be finite numbers")
+            for t in ("noon", np.nan, np.inf, None)
+        ),
+        (lambda: run(problem=FreeRigidBody()), TypeError, "problem must be a HeavyTop"),
+        (lambda: run(method="CG0"), ValueError, "method must be one of"),
+        (lambda: run(h=0), ValueError, "h must be positive, got 0"),
+        (lambda: run(h=-0.1), ValueError, "h must be positive"),
+        *(
+            (lambda h=h: run(h=h), ValueError, "h must be a finite number")
+            for h in (np.nan, "1/0", None)
+        ),
+        (lambda: run(steps=0), ValueError, "steps must be at least 1, got 0"),
+        (lambda: run(steps=2.0), TypeError, "steps must be an integer"),
+        (lambda: run(kind="real16"), ValueError, 'kind must be "real64" or "real128"'),
     ],
 )
-def test_problems_reject_bad_parameters(make, message):
-    with pytest.raises(ValueError, match=message):
+def test_bad_arguments_are_rejected(make, error, message):
+    with pytest.raises(error, match=message):
         make()
 
 
