@@ -7,6 +7,7 @@ import pytest
 from frame_examples import HEISENBERG, generic
 from reversed_flows import reverse_flows
 from scipy.integrate import solve_ivp
+from slow_cases import slow
 
 from cg.catalogue import methods
 from cg.frames import (
@@ -106,7 +107,7 @@ def test_flows_in_reverse_order_are_seen(frame, name, monkeypatch):
 
 @pytest.mark.parametrize(
     ("frame", "name"),
-    [("SU2", name) for name in ("CG4a", "CG6d", "DICG4", "DICG6")] + [("functions", "CG4a")],
+    [("SU2", "CG4a"), ("SU2", "DICG4"), *slow(("SU2", "CG6d"), ("SU2", "DICG6"))],
 )
 def test_each_coefficient_counts(frame, name):
     method = EXACT[name]
