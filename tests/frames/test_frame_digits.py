@@ -6,6 +6,7 @@ The references are computed by flint in 120 digits and more.
 import numpy as np
 import pytest
 from flint import acb, acb_mat, arb_mat, ctx
+from frame_examples import COMPACT_GROUPS, SMALL_EXPONENTS
 
 import cg
 from cg.frames import (
@@ -19,6 +20,7 @@ from cg.frames import (
     FlowOverflowError,
     IsospectralOrbit,
     MatrixFrame,
+    MatrixGroup,
     Product,
     Semidirect,
     Sp,
@@ -30,31 +32,8 @@ from cg.frames import (
 
 pytestmark = pytest.mark.no_core
 
-UNITARY = [
-    SO(2),
-    SO3(),
-    SO(4),
-    SO(5, "space"),
-    SO(6),
-    U(1),
-    U(2, "body"),
-    U(3),
-    SU(2),
-    SU(3),
-    SU(4, "body"),
-]
-OTHERS = [
-    GL(1),
-    GL(2),
-    GL(3, "body"),
-    SL(2),
-    SL(3, "body"),
-    Sp(2),
-    Sp(4, "body"),
-    SE3(),
-    Semidirect(SL(2)),
-    Semidirect(SO(4), 2),
-]
+UNITARY = [SO3(), SO(6), *COMPACT_GROUPS]
+OTHERS = [*(frame for frame in SMALL_EXPONENTS if isinstance(frame, MatrixGroup)), SE3()]
 GROUPS = UNITARY + OTHERS
 EPSILON = np.finfo(float).eps
 SMALL = [1e-300, 1e-160, 1e-20, 1e-16, 1e-12, 1e-9, 1e-6, 1e-3, 0.03]

@@ -44,22 +44,6 @@ def test_the_numbers_of_fortran_and_c_are_made_of_the_enumerations():
     assert f"RAISED_IN_PYTHON = {FieldFlag.RAISED_IN_PYTHON.value} " in c_header()
 
 
-@pytest.mark.parametrize("name", list(PROBLEMS))
-@pytest.mark.parametrize("method", ["CG4a", "CG5a"])
-def test_compiled_equals_python(name, method, affine):
-    problem = PROBLEMS[name]
-    f, _keep = affine(problem)
-    options = {"frame": problem.frame, "method": method, "h": 0.07}
-    slow = integrate(problem.f, (0.2, 1.0), problem.y0, **options)
-    fast = integrate(f, (0.2, 1.0), problem.y0, **options)
-    np.testing.assert_allclose(fast.y, slow.y, rtol=0, atol=2e-14)
-    np.testing.assert_array_equal(fast.t, slow.t)
-    assert (fast.nfev, fast.nexp, fast.h) == (slow.nfev, slow.nexp, slow.h)
-    assert fast.method is slow.method
-    assert fast.y.shape == slow.y.shape
-    assert problem.frame.membership_error(fast.y).max() < 2e-15
-
-
 @pytest.mark.parametrize("method", EXPLICIT)
 def test_every_explicit_method_runs(method, affine):
     problem = PROBLEMS["product"]
@@ -199,34 +183,6 @@ def test_workers_run_at_the_same_time(function):
     f, data = meeting(function, 2)
     alone = cg.solve_ensemble(f, (0, 1), np.zeros((2, 1)), workers=1, **OPTIONS)
     assert alone.messages[0] == "f returned the error code 3 at t = 0"
-
-
-def test_solve_ivp_takes_the_compiled_way(affine):
-    problem = PROBLEMS["product"]
-    f, _keep = affine(problem)
-    options = {"frame": problem.frame, "method": "CG4a", "h": 0.07}
-    found = cg.solve_ivp(f, (0, 1), problem.y0, **options)
-    wanted = integrate(f, (0, 1), problem.y0, **options)
-    np.testing.assert_array_equal(found.y, wanted.y)
-    assert (found.nfev, found.nexp) == (wanted.nfev, wanted.nexp)
-    assert found.success
-    assert found.steps == len(found.t) - 1
-
-
-def test_solve_ivp_calls_it_from_python_for_the_rest(affine):
-    problem = PROBLEMS["product"]
-    f, _keep = affine(problem)
-    for changes in (
-        {"method": "CG4(3)", "rtol": 1e-6},
-        {"method": "CG4a", "h": 0.1, "t_eval": [0.25, 0.5]},
-        {"method": "CG4a", "h": 0.1, "dense_output": True},
-        {"method": "ImplicitMidpoint", "h": 0.25},
-    ):
-        found = cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **changes)
-        wanted = cg.solve_ivp(problem.f, (0, 1), problem.y0, frame=problem.frame, **changes)
-        # An error estimate is a small difference, so the steps agree to fewer digits.
-        np.testing.assert_allclose(found.t, wanted.t, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(found.y, wanted.y, rtol=0, atol=1e-9)
 
 
 def test_ensembles_and_complex_points_from_python(function):

@@ -7,7 +7,6 @@ from test_compiled_adaptive import both
 
 import cg
 from cg.frames import SU, Euclidean
-from cg.integration.loop import step_budget
 from cg.integration.rhs.compiled import CompiledRhs
 
 pytestmark = pytest.mark.sanitize
@@ -31,16 +30,6 @@ def marked(function, **attributes):
 
     vars(event).update(attributes)
     return event
-
-
-@pytest.mark.parametrize("method", ["LieEuler", "CG4(3)", "CG6d"])
-def test_every_kind_of_method(method, affine):
-    problem = PROBLEMS["product"]
-    f, _keep = affine(problem)
-    options = {"method": method, "h": 0.3, "t_eval": [0.1, 0.3, 0.31, 1.0]}
-    fast, slow = both(f, (0, 1), problem.y0, problem.frame, **options)
-    np.testing.assert_allclose(fast.y, slow.y, **CLOSE)
-    assert fast.nfev == slow.nfev
 
 
 @pytest.mark.parametrize("name", [*PROBLEMS, "SU2"])
@@ -138,28 +127,3 @@ def test_the_loop_runs_in_compiled_code(affine, monkeypatch):
     fixed = (FIXED | {"t_eval": [0.3]}, FIXED | {"events": first_entry})
     for options in (*fixed, {"t_eval": [0.3]}, {"events": time}):
         assert cg.solve_ivp(f, (0, 1), problem.y0, frame=problem.frame, **options).success
-
-
-def test_pauses_change_nothing(affine, monkeypatch):
-    problem = PROBLEMS["product"]
-    f, _keep = affine(problem)
-
-    def results():
-        events = marked(first_entry, terminal=2)
-        extra = {"t_eval": np.linspace(0, 2, 15), "dense_output": True}
-        return [
-            cg.solve_ivp(f, (0, 2), problem.y0, frame=problem.frame, **options)
-            for options in (
-                FIXED | extra,
-                extra,
-                FIXED | extra | {"events": events},
-                {"events": events},
-            )
-        ]
-
-    free = results()
-    monkeypatch.setattr(step_budget, "_SECONDS", 0.0)
-    for one, other in zip(free, results(), strict=True):
-        np.testing.assert_array_equal(one.t, other.t)
-        np.testing.assert_array_equal(one.y, other.y)
-        np.testing.assert_array_equal(one.steps, other.steps)

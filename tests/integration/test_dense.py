@@ -186,22 +186,6 @@ def test_many_turns_in_one_step_do_not_lose_their_count(method):
     np.testing.assert_allclose(solution.sol(t), exact, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("frame", [SO3(), Sphere(2), Stiefel(3, 1)], ids=repr)
-@pytest.mark.parametrize("method", ["CG4a", "CG5a"])
-def test_global_order_between_steps_is_that_of_the_steps(frame, method):
-    f, y0 = generic(frame)
-    t = np.linspace(0, 2, 15)
-    truth = cg.solve_ivp(f, (0, 2), y0, frame=frame, method="CG6g", h=2 / 120, t_eval=t).y
-    sizes = 2.0 / np.array([8, 16, 32])
-    errors = [
-        frame.distance(
-            cg.solve_ivp(f, (0, 2), y0, frame=frame, method=method, h=h, t_eval=t).y, truth
-        ).max()
-        for h in sizes
-    ]
-    assert observed_order(sizes, errors).order > cg.methods[method].order - 0.3
-
-
 @pytest.mark.parametrize("method", ["CG2(3)", "CG4a", "CG5a", "CG6g"])
 def test_what_it_costs(method):
     f, y0 = generic(SO3())

@@ -240,18 +240,6 @@ def test_equations_without_solution_are_reported(kind):
         )
 
 
-def test_exceptions_and_nan_of_f_pass_through():
-    options = {"frame": SO3(), "method": MIDPOINT, "h": 0.1}
-    with pytest.raises(ValueError, match="f must return finite numbers"):
-        cg.integrate(lambda t, y: [np.nan, 0, 0], (0, 1), np.eye(3), **options)
-
-    def f(t, y):
-        raise OverflowError("mine")
-
-    with pytest.raises(OverflowError, match="mine"):
-        cg.integrate(f, (0, 1), np.eye(3), **options)
-
-
 def test_implicit_pairs_choose_their_steps():
     """Stages that can't be found make a smaller step, not an error."""
     pair = Tableau(TRAPEZOIDAL.entries, ["1/2", "1/2"], b_embedded=["1", "0"])

@@ -9,11 +9,10 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from cg.catalogue import methods
-from cg.frames import SO3, Euclidean, Product, Stiefel
+from cg.frames import SO3, Euclidean, Stiefel
 from cg.integration import Solution, integrate
 from cg.integration.step.paths import paths_of
 from cg.method.tableau import Tableau
-from cg.problems import StateDependentRotation
 
 pytestmark = pytest.mark.sanitize
 
@@ -186,39 +185,6 @@ def test_grid_steps_are_h_but_for_a_shorter_last(start, span, h):
     assert (t[0], t[-1]) == (start, start + span)
     np.testing.assert_allclose(sizes[:-1], h, rtol=0, atol=1e-13)
     assert 0 < sizes[-1] <= h + 1e-13
-
-
-def test_tableau_and_name_are_the_same_method():
-    np.testing.assert_array_equal(solve(method=methods["CG4a"]).y, solve(method="CG4a").y)
-
-
-@pytest.mark.parametrize("convention", ["body", "space"])
-def test_rotations_stay_on_the_group_for_ten_thousand_steps(convention):
-    problem = StateDependentRotation(convention)
-    solution = integrate(
-        lambda t, y: problem.f(0.0, y),
-        (0.0, 100.0),
-        problem.y0,
-        frame=problem.frame,
-        method="CG3",
-        h=0.01,
-    )
-    assert len(solution.t) == 10_001
-    assert problem.frame.membership_error(solution.y).max() < 1e-14
-
-
-def test_product_moves_its_factors_independently():
-    frame = Product(SO3(), Euclidean(2))
-
-    def f(t, y):
-        rotation, _ = frame.split(y)
-        return np.concatenate([spin(t, rotation), [t, 1.0]])
-
-    y0 = frame.join(np.eye(3), [1.0, 2.0])
-    solution = integrate(f, (0.0, 1.0), y0, frame=frame, method="CG4a", h=0.1)
-    rotations, positions = frame.split(solution.y)
-    np.testing.assert_allclose(rotations, solve(method="CG4a").y, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(positions[-1], [1.5, 3.0], rtol=0, atol=1e-14)
 
 
 def test_blow_up_is_reported():

@@ -43,7 +43,7 @@ def test_integers_are_numbers():
         np.testing.assert_array_equal(run(lambda t, y, value=value: value), expected)
 
 
-@pytest.mark.parametrize("way", ["equal steps", "chosen steps", "members"])
+@pytest.mark.parametrize("way", ["equal steps", "chosen steps", "implicit", "members"])
 @pytest.mark.parametrize(
     ("value", "message"),
     [
@@ -67,6 +67,8 @@ def test_other_results_are_rejected(value, message, way):
         return np.zeros(6) if t < 0.5 else value
 
     options = {"frame": FRAME} if way == "chosen steps" else OPTIONS
+    if way == "implicit":
+        options = OPTIONS | {"method": "ImplicitMidpoint", "h": 0.25}
     call, y0 = (cg.solve_ensemble, [Y0, Y0]) if way == "members" else (cg.solve_ivp, Y0)
     message = message.replace("at t = 0.5", r"at t = 0\.[5-9]")
     with pytest.raises(ValueError, match=f"f must return .*{message}"):

@@ -308,18 +308,3 @@ def test_checking_points_takes_little_memory():
     finally:
         tracemalloc.stop()
     assert points.nbytes <= peak < 1.6 * points.nbytes
-
-
-@pytest.mark.parametrize("vectorized", [False, True])
-def test_common_steps_are_those_of_the_member_that_needs_most(vectorized):
-    def f(t, y, rate):
-        return rate * np.stack([np.cos(5.0 * t), np.sin(7.0 * t), 0.0 * t], axis=-1)
-
-    options = {"frame": SO3(), "rtol": 1e-6, "atol": 1e-6, "method": "CF5(4)", "first_step": 0.05}
-    alone = cg.solve_ivp(lambda t, y: f(t, y, 3.0), (0, 2), np.eye(3), **options)
-    both = cg.solve_ensemble(
-        f, (0, 2), np.stack([np.eye(3)] * 2), parameters=[[0.0], [3.0]], common_steps=True,
-        vectorized=vectorized, **options,
-    )  # fmt: skip
-    assert both.steps.tolist() == [alone.steps] * 2
-    np.testing.assert_allclose(both.y[-1, 1], alone.y[-1], rtol=0, atol=1e-12)

@@ -160,25 +160,6 @@ def test_taylor_series_of_known_solutions():
         assert error < 1e-40
 
 
-@pytest.mark.parametrize("times", [["noon"], [np.nan], [np.inf], [None]])
-def test_reference_rejects_bad_times(times):
-    with pytest.raises(ValueError, match="times must be finite numbers"):
-        HeavyTop().reference(times)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("speed",), "reading must be"),
-        (("momentum", "third"), "phi_over_pi must be rational"),
-        (("momentum", float("nan")), "phi_over_pi must be rational"),
-    ],
-)
-def test_heavy_top_rejects_bad_arguments(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        HeavyTop(*arguments)
-
-
 @pytest.mark.parametrize("name", [name for name in methods if methods[name].explicit])
 def test_compiled_stepper_agrees_with_python(top, name):
     slow = integrate(top.f, (0, 1), top.y0, frame=top.frame, method=name, h=1 / 16)
@@ -255,25 +236,3 @@ def test_order_five_far_below_the_rounding_of_doubles():
     assert slope.order == pytest.approx(5.0, abs=0.1)
     assert slope.spread < 0.1
     assert errors[-1] < 5e-18
-
-
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
-    [
-        ({"problem": StateDependentRotation()}, TypeError, "problem must be a HeavyTop"),
-        ({"method": "CG0"}, ValueError, "method must be the name of a method"),
-        ({"h": 0}, ValueError, "h must be positive, got 0"),
-        ({"h": -0.1}, ValueError, "h must be positive"),
-        ({"h": np.nan}, ValueError, "h must be a finite number"),
-        ({"h": "1/0"}, ValueError, "h must be a finite number"),
-        ({"h": None}, ValueError, "h must be a finite number"),
-        ({"steps": 0}, ValueError, "steps must be at least 1, got 0"),
-        ({"steps": 2.0}, TypeError, "steps must be an integer"),
-        ({"kind": "real16"}, ValueError, 'kind must be "real64" or "real128"'),
-    ],
-)
-def test_compiled_stepper_rejects_bad_arguments(changes, error, message):
-    with pytest.raises(error, match=message):
-        integrate_compiled(
-            **{"problem": HeavyTop(), "method": "CG3", "h": 0.1, "steps": 10, **changes}
-        )

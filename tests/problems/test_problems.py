@@ -10,7 +10,8 @@ from cg.analysis.convergence import final_errors, observed_order
 from cg.catalogue import methods
 from cg.frames import SE3
 from cg.integration import integrate
-from cg.problems import AffineField, ForcedRigidBody, FreeRigidBody
+from cg.problems import AffineField, ForcedRigidBody, FreeRigidBody, HeavyTop
+from cg.reproduce.reference_runs import integrate_compiled
 
 PROBLEMS = {"rigid body": FreeRigidBody(), "forced body": ForcedRigidBody()}
 
@@ -79,20 +80,47 @@ def test_f_accepts_batches():
         np.testing.assert_allclose(together[index], alone, rtol=1e-13, atol=1e-13)
 
 
+def run(**changes):
+    valid = {"problem": HeavyTop(), "method": "CG3", "h": 0.1, "steps": 10}
+    return integrate_compiled(**valid | changes)
+
+
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "error", "message"),
     [
-        (lambda: FreeRigidBody((1, 1, 3)), "inertia must be positive, none larger than"),
-        (lambda: FreeRigidBody((1, 1, -1)), "inertia must be positive"),
-        (lambda: FreeRigidBody((1, 1)), "inertia must be 3 finite numbers"),
-        (lambda: FreeRigidBody(momentum=(0, 0, 0)), "momentum must not vanish"),
-        (lambda: FreeRigidBody(momentum=(0, 0, np.nan)), "momentum must be 3 finite numbers"),
-        (lambda: ForcedRigidBody(frequency=[1, 2]), "frequency must be a finite number"),
-        (lambda: ForcedRigidBody(velocity=(0, np.inf, 0)), "velocity must be 3 finite numbers"),
+        (
+            lambda: FreeRigidBody((1, 1, 3)),
+            ValueError,
+            "inertia must be positive, none larger than",
+        ),
+        (lambda: FreeRigidBody((1, 1, -1)), ValueError, "inertia must be positive"),
+        (lambda: FreeRigidBody((1, 1)), ValueError, "inertia must be 3 finite numbers"),
+        (lambda: FreeRigidBody(momentum=(0, 0, 0)), ValueError, "momentum must not vanish"),
+        (lambda: FreeRigidBody(momentum=(0, 0, np.nan)), ValueError, "momentum must be 3 finite"),
+        (lambda: HeavyTop("speed"), ValueError, "reading must be"),
+        (lambda: HeavyTop("momentum", "third"), ValueError, "phi_over_pi must be rational"),
+        (lambda: HeavyTop("momentum", np.nan), ValueError, "phi_over_pi must be rational"),
+        *(
+            (lambda t=t: HeavyTop().reference([t]), ValueError, "times must be finite numbers")
+            for t in ("noon", np.nan, np.inf, None)
+        ),
+        (lambda: run(problem=FreeRigidBody()), TypeError, "problem must be a HeavyTop"),
+        (lambda: ForcedRigidBody(frequency=[1, 2]), ValueError, "frequency must be a finite"),
+        (lambda: ForcedRigidBody(velocity=(0, np.inf, 0)), ValueError, "velocity must be 3 finite"),
+        (lambda: run(method="CG0"), ValueError, "method must be the name of a method"),
+        (lambda: run(h=0), ValueError, "h must be positive, got 0"),
+        (lambda: run(h=-0.1), ValueError, "h must be positive"),
+        *(
+            (lambda h=h: run(h=h), ValueError, "h must be a finite number")
+            for h in (np.nan, "1/0", None)
+        ),
+        (lambda: run(steps=0), ValueError, "steps must be at least 1, got 0"),
+        (lambda: run(steps=2.0), TypeError, "steps must be an integer"),
+        (lambda: run(kind="real16"), ValueError, 'kind must be "real64" or "real128"'),
     ],
 )
-def test_problems_reject_bad_parameters(make, message):
-    with pytest.raises(ValueError, match=message):
+def test_bad_arguments_are_rejected(make, error, message):
+    with pytest.raises(error, match=message):
         make()
 
 

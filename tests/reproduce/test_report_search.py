@@ -100,12 +100,18 @@ def stores(folder):
     return list(folder.glob("*.db"))
 
 
-def test_interrupted_search_continues(tmp_path):
+def test_interrupted_search_shows_its_result_and_continues(tmp_path):
+    shown = []
+    stopped = context(tmp_path, progress=stop_after(20), publish=shown.append)
     with pytest.raises(KeyboardInterrupt):
-        section.compute(SMALL, context(tmp_path, progress=stop_after(20)))
+        section.compute(SMALL, stopped)
     (path,) = stores(tmp_path)
     kept = recorded(path)
     assert 20 <= len(kept) < 60
+    (part,) = shown
+    finished = part["partial"]["starts"]
+    assert 15 <= finished == len(part["f_double"]) <= 25
+    assert part["partial"]["of"] == 60
     seen = []
     resumed = section.compute(SMALL, context(tmp_path, progress=lambda *now: seen.append(now)))
     assert len(seen) == 60 - len(kept)
@@ -113,6 +119,8 @@ def test_interrupted_search_continues(tmp_path):
     fresh.mkdir()
     assert resumed == section.compute(SMALL, context(fresh))
     assert resumed["distinct"] > 3
+    assert resumed["partial"] is None
+    assert part["f_double"] == resumed["f_double"][:finished]
 
 
 def test_search_with_other_settings_has_its_own_store(tmp_path):
@@ -153,19 +161,6 @@ def test_search_without_exact_method_reports_it(tmp_path):
     titles = [block.caption for block in blocks if isinstance(block, Table)]
     assert titles[-1].startswith("Not exact")
     assert json.dumps(data, allow_nan=False)
-
-
-def test_interrupted_search_shows_partial_result(tmp_path):
-    shown = []
-    with pytest.raises(KeyboardInterrupt):
-        section.compute(SMALL, context(tmp_path, progress=stop_after(20), publish=shown.append))
-    (data,) = shown
-    finished = data["partial"]["starts"]
-    assert 15 <= finished == len(data["f_double"]) <= 25
-    assert data["partial"]["of"] == 60
-    whole = section.compute(SMALL, context(tmp_path))
-    assert whole["partial"] is None
-    assert data["f_double"] == whole["f_double"][:finished]
 
 
 def test_interrupt_before_the_first_start_shows_nothing(tmp_path, monkeypatch):
