@@ -211,7 +211,7 @@ HALVES = Tableau([["1/2"]], ["1"])
         ({"frame": "SO3"}, TypeError, "frame must be a Frame"),
         ({"method": "RK45"}, ValueError, r"method must be one of .*got 'RK45'; .*DP5\(4\) has its"),
         ({"method": "RK23"}, ValueError, r"got 'RK23'; .*BS3\(2\) has its"),
-        ({"method": "LSODA"}, ValueError, "got 'LSODA'; .*DICG"),
+        ({"method": "LSODA"}, ValueError, "got 'LSODA'; .*RadauIIA5"),
         ({"method": "DOP835"}, ValueError, "got 'DOP835'; similar names are DOP853"),
         ({"method": "rkmk5"}, ValueError, r"got 'rkmk5'; similar names are .*RKMK5\(4\)"),
         ({"method": "CG4a"}, ValueError, "method must be a pair unless h .*'CG4a'"),
