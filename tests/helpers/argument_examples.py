@@ -106,6 +106,19 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
         },
         (cg.ConvergenceError,),
     ),
+    "solve_ivp, stiff": Call(
+        cg.solve_ivp,
+        {
+            "f": turning,
+            "t_span": (0.0, 0.5),
+            "y0": np.eye(3),
+            "frame": SO3,
+            "method": "RadauIIA5",
+            "rtol": 1e-3,
+            "jac": lambda t, y, *numbers: np.zeros((3, 3)),
+        },
+        (cg.ConvergenceError,),
+    ),
     "solve_variational": Call(
         cg.solve_variational,
         {
