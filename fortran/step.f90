@@ -283,6 +283,7 @@ contains
     associate (x => trajectory, exponent => problem%tolerances%exponent, &
                newton => trajectory%newton, collocation => problem%method%collocation)
       x%phase = phase_accepted
+      predicted = 0.0_wp
       if (problem%adaptive) then
         ! trajectories with common steps must choose the same size
         if (collocation) predicted = predicted_size( &

@@ -99,6 +99,8 @@ FUNCTION_EXAMPLES: dict[str, Call] = by_name([
          breakpoints=[0.5], max_steps=100, parameters=[1.0, 2.0], progress=lambda t, end: None),
     call(cg.solve_ivp, cg.ConvergenceError, **SHORT, method="ImplicitMidpoint", h=0.25,
          stage_solver="fixed-point"),
+    call(cg.solve_ivp, cg.ConvergenceError, **SHORT, method="RadauIIA5", rtol=1e-3,
+         jac=lambda t, y, *numbers: np.zeros((3, 3))),
     call(cg.solve_variational, OverflowError, **LONG, **CONTROL, **OUTPUT, jac=jac, df_dp=df_dp,
          parameters=[0.5, 0.25], P0=np.diag([1.0, 2.0, 3.0]), control_derivatives=True,
          breakpoints=[0.5]),

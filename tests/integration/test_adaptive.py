@@ -292,7 +292,7 @@ def test_the_largest_and_the_smallest_change_of_the_size():
 
         cg.solve_ivp(recorded, (0, 10), [1.0], **(still | {"first_step": 8.0, "max_steps": 2}))
         stages = 8.0 * np.array(PAIRS["CG2(3)"].c[1:])
-        np.testing.assert_allclose(seen[1:], [*stages, *(factor * stages)], rtol=1e-15)
+        np.testing.assert_allclose(seen[1:5], [*stages, *(factor * stages)], rtol=1e-15)
 
 
 def test_errors_are_those_of_scipy_angles_or_distances():

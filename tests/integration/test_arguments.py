@@ -83,7 +83,7 @@ def check_rejected(calls, changes, error, message):
         ({"method": 3}, TypeError, "method must be a name or a Method, got 3"),
         ({"f": never, "method": "RK45"}, ValueError, r"'RK45'; .*DP5\(4\) has its"),
         ({"f": never, "method": "RK23"}, ValueError, r"'RK23'; .*BS3\(2\) has its"),
-        ({"f": never, "method": "LSODA"}, ValueError, "got 'LSODA'; .*DICG"),
+        ({"f": never, "method": "LSODA"}, ValueError, "got 'LSODA'; .*RadauIIA5"),
         ({"f": never, "method": "DOP835"}, ValueError, "'DOP835'; similar names are DOP853"),
         ({"f": never, "method": "rkmk5"}, ValueError, r"similar names are .*RKMK5\(4\)"),
         ({"rtol": 1e-3, "method": "CG4a"}, ValueError, "method must be a pair unless h .*'CG4a'"),

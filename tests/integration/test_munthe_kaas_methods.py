@@ -26,6 +26,7 @@ class TestMethods:
             "RKMK4": (4, None, None),
             "RKMK5(4)": (5, 4, None),
             "RKMK8(5,3)": (8, 5, 3),
+            "RadauIIA5": (5, 3, None),
         }
 
     def test_flows(self):
@@ -35,6 +36,7 @@ class TestMethods:
             "RKMK4": (4, 4, 4),
             "RKMK5(4)": (7, 6, 6),
             "RKMK8(5,3)": (12, 12, 12),
+            "RadauIIA5": (4, 3, 3),
         }
 
     @pytest.mark.parametrize("key", METHODS)
