@@ -72,9 +72,10 @@ def loads(text: str) -> Method:
     )
     points = not _KEYS_OF_POINTS.isdisjoint(entry)
     if entry.get("kind") == _MAGNUS:
-        check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded"}, "the entry")
+        check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded", "b_third"}, "the entry")
         entry.pop("kind")
-        return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), **entry)
+        third = entry.pop("b_third", None)
+        return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), third=third, **entry)
     if "kind" in entry:
         return _read_munthe_kaas(entry)
     if points:
@@ -214,7 +215,7 @@ def dumps(method: Method) -> str:
         raise TypeError(
             f"method must be a Tableau, CommutatorFree, MuntheKaas or MagnusMethod, got {method!r}"
         )
-    if isinstance(method, CommutatorFree | MuntheKaas) and method.third_weights is not None:
+    if isinstance(method, CommutatorFree | MuntheKaas | MagnusMethod) and method.third_weights is not None:
         lines.append(f"b_third = {_array(method.third_weights)}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]

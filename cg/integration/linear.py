@@ -20,7 +20,7 @@ from cg.method.method import Method
 __all__ = ["solve_linear"]
 
 _LOOSE = 1e-6
-_DEFAULTS = ("CFM6(4)", "CFM8(6)")
+_DEFAULTS = ("CFM6(4)", "CFM8(4)")
 
 
 def solve_linear(
@@ -60,7 +60,7 @@ def solve_linear(
         As for `cg.solve_ivp`.
     method : str or Method, optional
         A name in ``cg.catalogue.magnus``, or a `cg.MagnusMethod`. By default ``"CFM6(4)"``, and
-        ``"CFM8(6)"`` below a relative tolerance of 1e-6. With any other method the call is
+        ``"CFM8(4)"`` below a relative tolerance of 1e-6. With any other method the call is
         `cg.solve_ivp`.
     h, rtol, atol, t_eval, dense_output, events, breakpoints, max_step, first_step, max_steps
         As for `cg.solve_ivp`. Steps are chosen by the difference from a second product of flows,

@@ -48,6 +48,10 @@ class MagnusMethod(Method):
         The weights of each flow, in the order in which flows are followed.
     embedded : rows of K numbers, optional
         The flows of a second result, of lower order, from the initial point.
+    third : sequence of K numbers, optional
+        The weights of one flow from the initial point to a third result. If the error of the second
+        result is :math:`e_2` and that of the third :math:`e_3`, the estimate of the error is
+        :math:`e_2 (e_2 / \sqrt{e_2^2 + e_3^2})^n`, with n such that it has the order of the method.
     name, source : str, optional
         Name and origin of the method.
 
@@ -55,7 +59,7 @@ class MagnusMethod(Method):
     ------
     MethodError
         If there is no node, no flow, a row has another length than there are nodes, or an entry
-        is no finite number.
+        is no finite number; if there are third weights, but no second result.
 
     References
     ----------
@@ -74,6 +78,7 @@ class MagnusMethod(Method):
     nodes: tuple[Coefficient, ...]
     weights: tuple[tuple[Coefficient, ...], ...]
     embedded_weights: tuple[tuple[Coefficient, ...], ...] | None
+    third_weights: tuple[Coefficient, ...] | None
 
     def __init__(
         self,
@@ -81,6 +86,7 @@ class MagnusMethod(Method):
         weights: Iterable[Iterable[Any]],
         embedded: Iterable[Iterable[Any]] | None = None,
         *,
+        third: Iterable[Any] | None = None,
         name: str = "",
         source: str = "",
     ) -> None:
@@ -91,6 +97,9 @@ class MagnusMethod(Method):
         values["embedded_weights"] = None
         if embedded is not None:
             values["embedded_weights"] = _rows(embedded, "embedded", count)
+        elif third is not None:
+            raise MethodError("third must be None unless there is a second result")
+        values["third_weights"] = None if third is None else _row(third, "third", count)
         self._set(values)
 
     @classmethod
@@ -118,7 +127,7 @@ class MagnusMethod(Method):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        return self.nodes, self.weights, self.embedded_weights
+        return self.nodes, self.weights, self.embedded_weights, self.third_weights
 
     @cached_property
     def tree(self) -> PointTree:
@@ -152,6 +161,18 @@ class MagnusMethod(Method):
             return None
         name = f"{self.name}, embedded" if self.name else ""
         return MagnusMethod(self.nodes, self.embedded_weights, name=name, source=self.source)
+
+    @cached_property
+    def third_order(self) -> int | None:
+        """The order of the third result; None without it."""
+        if self.third_weights is None:
+            return None
+        return MagnusMethod(self.nodes, [self.third_weights]).order
+
+    @cached_property
+    def pair_exponentials(self) -> int:
+        """Number of flows of a step with its error estimate."""
+        return super().pair_exponentials + (self.third_weights is not None)
 
     @cached_property
     def abscissae(self) -> tuple[Fraction, ...]:
