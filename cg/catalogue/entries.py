@@ -215,7 +215,7 @@ def dumps(method: Method) -> str:
         raise TypeError(
             f"method must be a Tableau, CommutatorFree, MuntheKaas or MagnusMethod, got {method!r}"
         )
-    if isinstance(method, CommutatorFree | MuntheKaas | MagnusMethod) and method.third_weights is not None:
+    if not isinstance(method, Tableau) and method.third_weights is not None:
         lines.append(f"b_third = {_array(method.third_weights)}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]

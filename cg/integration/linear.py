@@ -9,7 +9,6 @@ from typing import Any
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.catalogue import magnus
 from cg.frames.base import Frame
 from cg.integration.default_method import AUTO
 from cg.integration.ivp import solve_ivp
@@ -19,8 +18,7 @@ from cg.method.method import Method
 
 __all__ = ["solve_linear"]
 
-_LOOSE = 1e-6
-_DEFAULTS = ("CFM6(4)", "CFM8(4)")
+_DEFAULT = "CFM8(4)"
 
 
 def solve_linear(
@@ -59,11 +57,10 @@ def solve_linear(
     t_span, y0, frame
         As for `cg.solve_ivp`.
     method : str or Method, optional
-        A name in ``cg.catalogue.magnus``, or a `cg.MagnusMethod`. By default ``"CFM6(4)"``, and
-        ``"CFM8(4)"`` below a relative tolerance of 1e-6. With any other method the call is
-        `cg.solve_ivp`.
+        A name in ``cg.catalogue.magnus``, or a `cg.MagnusMethod`; ``"CFM8(4)"`` by default. With
+        any other method the call is `cg.solve_ivp`.
     h, rtol, atol, t_eval, dense_output, events, breakpoints, max_step, first_step, max_steps
-        As for `cg.solve_ivp`. Steps are chosen by the difference from a second product of flows,
+        As for `cg.solve_ivp`. Steps are chosen by the differences from two results of lower order,
         or are all of size ``h``.
     args, parameters, progress
         As for `cg.solve_ivp`.
@@ -95,10 +92,8 @@ def solve_linear(
         if not callable(a):
             raise TypeError(f"a must be callable as a(t), got {a!r}")
         f = TimeFunction(a)
-    if isinstance(method, str):
-        if method == AUTO:
-            method = _DEFAULTS[0 if h is not None or rtol is None or rtol >= _LOOSE else 1]
-        method = magnus.get(method, method)
+    if isinstance(method, str) and method == AUTO:
+        method = _DEFAULT
     try:
         return solve_ivp(
             f, t_span, y0, frame=frame, method=method, h=h, rtol=rtol, atol=atol, t_eval=t_eval,

@@ -123,7 +123,8 @@ class MagnusMethod(Method):
 
     def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
         """Return the method with other weights at the same nodes."""
-        return super().with_coefficients(coefficients, **({"nodes": self.nodes} | fields))
+        same = {"nodes": self.nodes, "third": self.third_weights}
+        return super().with_coefficients(coefficients, **(same | fields))
 
     @property
     def _key(self) -> tuple[Any, ...]:
