@@ -13,6 +13,7 @@ from cg.frames.base import Frame
 from cg.integration.default_method import AUTO
 from cg.integration.ivp import solve_ivp
 from cg.integration.results import Solution
+from cg.integration.rhs.compiled import compiled_rhs
 from cg.integration.rhs.function import CompiledFunction, TimeFunction
 from cg.method.method import Method
 
@@ -53,7 +54,7 @@ def solve_linear(
     ----------
     a : callable
         ``a(t)`` returns the coefficients, shape ``(frame.dim,)``. Compiled functions are those of
-        `cg.solve_ivp`; they get a point, too, and must not read it.
+        `cg.solve_ivp`; one that reads the point it gets is refused.
     t_span, y0, frame
         As for `cg.solve_ivp`.
     method : str or Method, optional
@@ -87,8 +88,8 @@ def solve_linear(
     >>> run.success, abs(run.y[-1][1, 0]).round(8)
     (True, np.float64(0.70710678))
     """
-    f: Any = a
-    if not isinstance(a, CompiledFunction | LowLevelCallable):
+    f: Any = compiled_rhs(a, "a")
+    if f is None:
         if not callable(a):
             raise TypeError(f"a must be callable as a(t), got {a!r}")
         f = TimeFunction(a)
