@@ -32,6 +32,7 @@ NAMES = (
     "workers",
     "search",
     "order_six",
+    "linear",
     "kernels",
     "growth",
 )

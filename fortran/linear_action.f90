@@ -93,7 +93,7 @@ contains
         if (action%skew) then
           call apply_chebyshev(action, x, max(norm * chebyshev_norm / parts, epsilon(norm)), y)
         else
-          call apply_taylor(action, x, y)
+          call apply_taylor(action, x, norm * taylor_norm / parts, y)
         end if
       end do
     end do
@@ -194,25 +194,26 @@ contains
     end do
   end subroutine bessel_functions
 
-  ! Applies exp(X) of any X of moderate norm.
-  subroutine apply_taylor(action, x, y)
+  ! Applies exp(X) of any X whose norm is at most `norm`. Of the series, terms of norm above
+  ! epsilon exp(-norm) / 4 are used, since |exp(X) y| is at least exp(-norm) |y|.
+  subroutine apply_taylor(action, x, norm, y)
     type(linear_action_t), intent(in) :: action
     real(wp), contiguous, intent(in) :: x(:)
+    real(wp), intent(in) :: norm             ! at most `taylor_norm`
     real(wp), intent(inout) :: y(action%point_size)
-    real(wp), allocatable :: term(:), next(:)
-    real(wp) :: last, now
+    real(wp) :: term(size(y)), next(size(y)), bound, negligible
     integer :: k
 
-    allocate (next(size(y)))
+    negligible = epsilon(norm) * exp(-norm) / 4
+    bound = norm
     term = y
-    last = huge(last)
-    do k = 1, max_terms
+    k = 0
+    do while (bound > negligible)
+      k = k + 1
       call multiply(action, x, term, next)
       term = next / k
       y = y + term
-      now = maxval(abs(term))
-      if (.not. now + last > epsilon(now) / 2 * maxval(abs(y))) exit
-      last = now
+      bound = bound * norm / (k + 1)
     end do
   end subroutine apply_taylor
 
