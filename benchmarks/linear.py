@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable
+from itertools import product
 from pathlib import Path
 
 import cg
@@ -34,8 +35,8 @@ def method_text(rounds: int) -> str:
     return (
         "Four equations `y' = A(t) y` with `a(t)` in Python, for tolerances from 1e-3 to 1e-13; "
         "work for a given error at the end is interpolated. Exponentials and evaluations are those "
-        "of the Magnus method that needs fewest, and of the best other pair of the catalogue of "
-        "order four or higher. Times are those of the default methods of `cg.solve_linear` and "
+        "of the Magnus method that needs fewest, and of the best pair of order four or higher with "
+        "flows of frozen fields, and of the best Munthe-Kaas pair where the frame has brackets. Times are those of the default methods of `cg.solve_linear` and "
         "`cg.solve_ivp` on the same frame, of QuTiP's `sesolve` or `mesolve` with "
         '`method="vern9"`, and of SciPy\'s DOP853 on the entries, with matrices in NumPy or SciPy; '
         f"medians of {rounds} rounds of all solvers in turn."
@@ -90,26 +91,20 @@ def _work_rows(problem: LinearCase, quick: bool) -> list[Row]:
         for name, method in magnus.items()
         if method.embedded_order is not None
     ]
-    others = [
-        _curve(problem, solver.name, solver.solve, settings)
-        for solver in pairs(case, tuple(settings))
-        if solver.order >= _MIN_ORDER and (solver.kind == "pair" or has_brackets(case.frame))
-    ]
+    others: dict[str, list[Curve]] = {"pair": [], "rkmk": []}
+    for solver in pairs(case, tuple(settings)):
+        if solver.order >= _MIN_ORDER and (solver.kind == "pair" or has_brackets(case.frame)):
+            others[solver.kind].append(_curve(problem, solver.name, solver.solve, settings))
     rows = []
-    for quantity, unit, aim in (
-        ("flows", "exponentials", 3.0),
-        ("evaluations", "evaluations", None),
-    ):
-        for error in _ERRORS:
+    for quantity, unit in (("flows", "exponentials"), ("evaluations", "evaluations")):
+        aim = Aim(3.0, above=True) if quantity == "flows" else None
+        for error, curves in product(_ERRORS, others.values()):
             here, name = _least(own, error, quantity)
-            there, other = _least(others, error, quantity)
-            rows.append(
-                Row(
-                    f"{case.title}, error {error:g}, `{name}`", here, unit, f"`{other}`", there,
-                    there / here, aim=None if aim is None else Aim(aim, above=True),
-                )
-            )  # fmt: skip
-    return [row for row in rows if not math.isnan(row.value)]
+            there, other = _least(curves, error, quantity)
+            what = f"{case.title}, error {error:g}, `{name}`"
+            if not math.isnan(here + there):
+                rows.append(Row(what, here, unit, f"`{other}`", there, there / here, aim=aim))
+    return rows
 
 
 def _least(curves: Iterable[Curve], error: float, quantity: str) -> tuple[float, str]:

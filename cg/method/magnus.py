@@ -51,7 +51,8 @@ class MagnusMethod(Method):
     third : sequence of K numbers, optional
         The weights of one flow from the initial point to a third result. If the error of the second
         result is :math:`e_2` and that of the third :math:`e_3`, the estimate of the error is
-        :math:`e_2 (e_2 / \sqrt{e_2^2 + e_3^2})^n`, with n such that it has the order of the method.
+        :math:`e_2 (e_2 / \sqrt{e_2^2 + n^2 e_3^2})^n`, with n such that it has the order of the
+        method.
     name, source : str, optional
         Name and origin of the method.
 

@@ -189,7 +189,7 @@ def paths_of(method: Method) -> MethodPaths:
 
 
 def error_power(method: Method) -> int:
-    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, e₂))ⁿ.
+    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ.
 
     With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)).  This n leads to
     the order of the error of the step, O(h^(p + 1)), or one below.
