@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from cg.integration.step.plan import has_brackets
 from .linear_cases import LinearCase, Solve, dop853, linear_cases, qutip_solver, with_qutip
 from .record import Aim, Result, Row
 from .solvers import Run, pairs
-from .work_curves import Curve, Point, run_point
+from .timing import measure
+from .work_curves import Curve, Point
 
 __all__ = ["method_text", "run"]
 
@@ -121,8 +123,13 @@ def _time_rows(problem: LinearCase, rounds: int, quick: bool) -> list[Row]:
     }  # fmt: skip
     if with_qutip() and problem.hamiltonians is not None:
         solve[_QUTIP] = qutip_solver(problem)
-    runs = [run_point(case, solve, setting, rounds) for setting in tolerances(quick)]
-    curves = {name: Curve.of(name, "rival", 0, [points[name] for points in runs]) for name in solve}
+    points: dict[str, list[Point]] = {name: [] for name in solve}
+    for setting in tolerances(quick):
+        calls = {name: partial(one, setting) for name, one in solve.items()}
+        times = measure(calls, rounds=rounds, seconds=0.02)
+        for name, call in calls.items():
+            points[name].append(Point.of(case, call(), times.median(name)))
+    curves = {name: Curve.of(name, "rival", 0, points[name]) for name in solve}
     own, rows = curves.pop(_OWN), []
     for name, curve in curves.items():
         aim = 2.0 if (case.title, name) in _TWICE else 1.0

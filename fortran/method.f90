@@ -28,6 +28,7 @@ module method_m
     logical :: implicit = .false.            ! whether Python solves the stage equations
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
     integer :: power = 1                     ! of the quotient of two error estimates
+    real(wp) :: factor = 1.0_wp              ! of the second one in the quotient
     ! weights of the stages in error estimates that need no flow
     real(wp), allocatable :: error(:, :)     ! (stages, estimates)
   end type method_t
@@ -37,8 +38,8 @@ contains
   ! Makes a method. All its integers come as one list, as cg/integration/step/paths.py writes them:
   ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
   ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, the
-  ! power, and the number of its error estimates by weights. The weights are followed by a and b of registers, by those of
-  ! errors, and always by one number more, since the caller's arrays can't be empty.
+  ! power, and the number of its error estimates by weights. The weights are followed by a and b of
+  ! registers, by those of errors, and by the factor.
   subroutine make_method(list, weight, c, method)
     integer, intent(in) :: list(:)
     real(wp), intent(in) :: weight(:)        ! (terms + 1) or more
@@ -69,6 +70,7 @@ contains
       k = terms
       if (method%two_registers) k = k + 2 * stages
       method%error = reshape(weight(k + 1:k + stages * list(used + 8)), [stages, list(used + 8)])
+      method%factor = weight(k + stages * list(used + 8) + 1)
     end associate
     method%c = c
 

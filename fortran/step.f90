@@ -190,9 +190,8 @@ contains
   end subroutine finish_step
 
   ! Estimates the error in tolerances: from differences of results, or from weighted sums of stages.
-  ! Two estimates with norms e1 and e2 are combined to e1 (e1 / hypot(e1, c e2))^power, which has the
-  ! order of the error of the step. As in DOP853, c is 1/10 for weighted sums. For results it is the
-  ! power: measured on linear equations, errors were then nearest to the tolerances.
+  ! Two estimates with norms e1 and e2 are combined to e1 (e1 / hypot(e1, factor e2))^power, which has
+  ! the order of the error of the step, as in DOP853, where the factor is 1/10 and the power 1.
   subroutine estimate_error(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -206,7 +205,7 @@ contains
       if (size(method%error, 2) == 0) then
         if (.not. finite(x%y(:, method%embedded))) return
         errors(1) = distance(problem, trajectory, method%embedded)
-        if (method%third > 0) errors(2) = method%power * distance(problem, trajectory, method%third)
+        if (method%third > 0) errors(2) = distance(problem, trajectory, method%third)
       end if
       x%path_of_u = 0
       do i = 1, size(method%error, 2)
@@ -217,10 +216,10 @@ contains
         call remove_isotropy(frame, x%y(:, x%result), v)
         call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
         errors(i) = norm(tolerances, x%work, x%scale)
-        if (i == 2) errors(i) = errors(i) / 10
       end do
       ratio = 1.0_wp
-      if (errors(1) > 0 .and. errors(2) <= huge(ratio)) ratio = errors(1) / hypot(errors(1), errors(2))
+      if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &
+        ratio = errors(1) / hypot(errors(1), method%factor * errors(2))
       x%error = errors(1) * ratio**method%power
     end associate
   end subroutine estimate_error

@@ -72,7 +72,7 @@ def loads(text: str) -> Method:
     )
     points = not _KEYS_OF_POINTS.isdisjoint(entry)
     if entry.get("kind") == _MAGNUS:
-        check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded", "b_third"}, "the entry")
+        check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded", "b_third", "third_factor"}, "the entry")
         entry.pop("kind")
         third = entry.pop("b_third", None)
         return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), third=third, **entry)
@@ -207,7 +207,9 @@ def dumps(method: Method) -> str:
         if method.embedded_result is not None:
             lines.append(f"embedded_result = {method.embedded_result}")
     elif isinstance(method, MagnusMethod):
-        lines += [f"kind = {quoted(_MAGNUS)}", f"nodes = {_array(method.nodes)}"]
+        factor = quoted(method.third_factor.text)
+        lines += [f"kind = {quoted(_MAGNUS)}", f"third_factor = {factor}"]
+        lines.append(f"nodes = {_array(method.nodes)}")
         for label, block in (("weights", method.weights), ("embedded", method.embedded_weights)):
             if block is not None:
                 lines += [f"{label} = [", *(f"  {_array(row)}," for row in block), "]"]

@@ -49,10 +49,12 @@ class MagnusMethod(Method):
     embedded : rows of K numbers, optional
         The flows of a second result, of lower order, from the initial point.
     third : sequence of K numbers, optional
-        The weights of one flow from the initial point to a third result. If the error of the second
-        result is :math:`e_2` and that of the third :math:`e_3`, the estimate of the error is
-        :math:`e_2 (e_2 / \sqrt{e_2^2 + n^2 e_3^2})^n`, with n such that it has the order of the
+        The weights of one flow from the initial point to a third result. If the second result is
+        :math:`e_2` from the first, and the third :math:`e_3`, the estimate of the error is
+        :math:`e_2 (e_2 / \sqrt{e_2^2 + c^2 e_3^2})^n`, with n such that it has the order of the
         method.
+    third_factor : number, optional
+        The factor c, positive. The smaller the method's own error, the larger it is.
     name, source : str, optional
         Name and origin of the method.
 
@@ -60,7 +62,8 @@ class MagnusMethod(Method):
     ------
     MethodError
         If there is no node, no flow, a row has another length than there are nodes, or an entry
-        is no finite number; if there are third weights, but no second result.
+        is no finite number; if there are third weights, but no second result; if ``third_factor``
+        isn't positive.
 
     References
     ----------
@@ -80,6 +83,7 @@ class MagnusMethod(Method):
     weights: tuple[tuple[Coefficient, ...], ...]
     embedded_weights: tuple[tuple[Coefficient, ...], ...] | None
     third_weights: tuple[Coefficient, ...] | None
+    third_factor: Coefficient
 
     def __init__(
         self,
@@ -88,6 +92,7 @@ class MagnusMethod(Method):
         embedded: Iterable[Iterable[Any]] | None = None,
         *,
         third: Iterable[Any] | None = None,
+        third_factor: Any = 1,
         name: str = "",
         source: str = "",
     ) -> None:
@@ -101,6 +106,9 @@ class MagnusMethod(Method):
         elif third is not None:
             raise MethodError("third must be None unless there is a second result")
         values["third_weights"] = None if third is None else _row(third, "third", count)
+        values["third_factor"] = factor = read_coefficient(third_factor, "third_factor")
+        if factor.value <= 0:
+            raise MethodError(f"third_factor must be positive, got {third_factor!r}")
         self._set(values)
 
     @classmethod
@@ -124,12 +132,13 @@ class MagnusMethod(Method):
 
     def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
         """Return the method with other weights at the same nodes."""
-        same = {"nodes": self.nodes, "third": self.third_weights}
+        same = {"nodes": self.nodes, "third": self.third_weights, "third_factor": self.third_factor}
         return super().with_coefficients(coefficients, **(same | fields))
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        return self.nodes, self.weights, self.embedded_weights, self.third_weights
+        third = self.third_weights, self.third_factor
+        return self.nodes, self.weights, self.embedded_weights, *third
 
     @cached_property
     def tree(self) -> PointTree:

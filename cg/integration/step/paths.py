@@ -74,6 +74,8 @@ class MethodPaths:
         none if results are compared.
     power
         The exponent of the quotient of two error estimates, see `error_power`.
+    factor
+        The factor of the second one in it.
     """
 
     paths: tuple[Path, ...]
@@ -87,6 +89,7 @@ class MethodPaths:
     errors: tuple[tuple[Fraction, ...], ...] = ()
     third: int = 0
     power: int = 1
+    factor: Fraction = Fraction(1, 10)  # of DOP853
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -101,10 +104,7 @@ class MethodPaths:
 
     @cached_property
     def weights(self) -> tuple[Fraction, ...]:
-        """The weights of all terms of all flows, then A, B, those of errors, and a zero.
-
-        No array may be empty.
-        """
+        """The weights of all terms of all flows, then A, B, those of errors, and the factor."""
         flows = [flow for path in self.paths for flow in path.flows]
         a, b = self.registers or ((), ())
         return (
@@ -112,7 +112,7 @@ class MethodPaths:
             *a,
             *b,
             *chain(*self.errors),
-            Fraction(0),
+            self.factor,
         )
 
     @cached_property
@@ -168,8 +168,9 @@ def paths_of(method: Method) -> MethodPaths:
         k for k, path in enumerate(stages, 1) if (free or path == result_path > 0) and c[k - 1] == 1
     ]
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
-    third = 0
+    third, factor = 0, MethodPaths.factor
     if isinstance(method, MagnusMethod) and method.third_weights is not None:
+        factor = method.third_factor.value
         flow = tuple((k, a.value) for k, a in enumerate(method.third_weights) if a.value != 0)
         builder.paths.append(Path(0, (flow,)))
         third = len(builder.paths)
@@ -185,6 +186,7 @@ def paths_of(method: Method) -> MethodPaths:
         errors,
         third,
         error_power(method),
+        factor,
     )
 
 
