@@ -68,7 +68,15 @@ FUNCTION_EXAMPLES: dict[str, Call] = {
     ),
     "MagnusMethod": Call(
         cg.MagnusMethod,
-        {"nodes": ["1/2"], "weights": [[1]], "embedded": None, "name": "x", "source": "y"},
+        {
+            "nodes": ["1/2"],
+            "weights": [[1]],
+            "embedded": None,
+            "third": None,
+            "third_factor": 1,
+            "name": "x",
+            "source": "y",
+        },
     ),
     "solve_ivp": Call(
         cg.solve_ivp,
