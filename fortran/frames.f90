@@ -3,7 +3,8 @@
 module frames_m
   use kinds, only: wp
   use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
-                            linear_action_block, quaternion_block, restore_operation, scalar_first, se3_block, &
+                            linear_action_block, quaternion_block, restore_operation, &
+                            scalar_first, se3_block, &
                             so3_block, so_block, space_axes, sphere_block, su2_block, su_block, &
                             u_block
   use isospectral_m, only: move_isospectral, restore_isospectral

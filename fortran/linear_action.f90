@@ -1,5 +1,5 @@
 ! Flows of linear vector fields y' = X y, X = sum_i v_i G_i with given sparse matrices G_i. The
-! exponential of X is applied by Chebyshev polynomials where all G_i are skew-Hermitian (H. Tal-Ezer,
+! exponential of X is applied by Chebyshev polynomials if all G_i are skew-Hermitian (H. Tal-Ezer,
 ! R. Kosloff, J. Chem. Phys. 81 (1984) 3967-3971), else by Taylor polynomials.
 !
 ! Entries of X are on one sparsity pattern, row by row. Those of X are real (of points with real

@@ -190,8 +190,8 @@ contains
   end subroutine finish_step
 
   ! Estimates the error in tolerances: from differences of results, or from weighted sums of stages.
-  ! Two estimates with norms e1 and e2 are combined to e1 (e1 / hypot(e1, factor e2))^power, which has
-  ! the order of the error of the step, as in DOP853, where the factor is 1/10 and the power 1.
+  ! Two estimates with norms e1 and e2 are combined to e1 (e1 / hypot(e1, factor e2))^power, which
+  ! has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1.
   subroutine estimate_error(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
