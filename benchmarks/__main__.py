@@ -33,6 +33,7 @@ NAMES = (
     "workers",
     "search",
     "order_six",
+    "linear",
     "kernels",
     "growth",
 )

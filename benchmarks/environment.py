@@ -10,7 +10,7 @@ from pathlib import Path
 
 __all__ = ["describe"]
 
-_PACKAGES = ("numpy", "scipy", "lielab", "jax", "diffrax")
+_PACKAGES = ("numpy", "scipy", "lielab", "jax", "diffrax", "qutip")
 
 
 def describe() -> dict[str, str]:

@@ -5,7 +5,8 @@ module error_norm_m
   use coordinates_m, only: difference, sizes
   use frames_m, only: frame_t
   use isospectral_m, only: isospectral_tangent
-  use shared_numbers, only: callback_block, tangent_operation
+  use linear_action_m, only: linear_tangent
+  use shared_numbers, only: callback_block, linear_action_block, tangent_operation
   implicit none
   private
   public :: tolerances_t, norm, point_difference, point_sizes, scales, tangent, width
@@ -45,7 +46,7 @@ contains
   end subroutine point_difference
 
   ! Computes the field with coefficients v as a difference. If entries are compared, all blocks are
-  ! isospectral or outside of compiled code.
+  ! isospectral, linear actions, or outside of compiled code.
   subroutine tangent(frame, tolerances, v, y, found)
     type(frame_t), intent(in) :: frame
     type(tolerances_t), intent(in) :: tolerances
@@ -61,12 +62,16 @@ contains
     do i = 1, size(frame%blocks)
       associate (k => frame%blocks(i)%vectors, m => frame%blocks(i)%dimension, &
                  p => frame%blocks(i)%points, n => frame%blocks(i)%point_size)
-        if (frame%blocks(i)%kind == callback_block) then
+        select case (frame%blocks(i)%kind)
+        case (callback_block)
           call frame%callback%apply(tangent_operation, v, y, found)
-        else
+        case (linear_action_block)
+          call linear_tangent(frame%blocks(i)%action, v(k + 1:k + m), y(p + 1:p + n), &
+                              found(p + 1:p + n))
+        case default
           call isospectral_tangent(frame%blocks(i)%n, v(k + 1:k + m), y(p + 1:p + n), &
                                    found(p + 1:p + n))
-        end if
+        end select
       end associate
     end do
   end subroutine tangent

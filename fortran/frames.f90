@@ -3,10 +3,12 @@
 module frames_m
   use kinds, only: wp
   use shared_numbers, only: callback_block, euclidean_block, flow_operation, isospectral_block, &
-                            quaternion_block, restore_operation, scalar_first, se3_block, &
+                            linear_action_block, quaternion_block, restore_operation, &
+                            scalar_first, se3_block, &
                             so3_block, so_block, space_axes, sphere_block, su2_block, su_block, &
                             u_block
   use isospectral_m, only: move_isospectral, restore_isospectral
+  use linear_action_m, only: linear_action_t, make_linear_action, move_linearly
   use orthogonal_m, only: move_orthogonal, to_orthogonal
   use unitary_m, only: move_unitary, restore_unitary
   implicit none
@@ -44,6 +46,7 @@ module frames_m
     integer :: points = 0       ! entries of the points of the blocks before
     integer :: dimension = 0    ! number of coefficients
     integer :: point_size = 0   ! number of entries of a point
+    type(linear_action_t) :: action
   end type block_t
 
   ! Time-1 flows one after the other; flow j is along the sum of weight(k) times the field stage(k),
@@ -57,7 +60,7 @@ module frames_m
   type :: frame_t
     integer :: dimension = 0
     integer :: point_size = 0
-    real(wp), allocatable :: constants(:)    ! of blocks that have some: eigenvalues, increasing
+    real(wp), allocatable :: constants(:)    ! of all blocks, one after the other
     type(block_t), allocatable :: blocks(:)
     class(callback_t), pointer :: callback => null()
     type(flow_sequence_t) :: single          ! one flow along one field with weight 1
@@ -73,7 +76,7 @@ contains
     integer, intent(in) :: description(:, :)  ! (3, blocks): a BlockKind, n, a sum of BlockOptions
     real(wp), intent(in) :: constants(:)      ! of all blocks, or more
     type(frame_t), intent(out) :: frame
-    integer :: i, used
+    integer :: i, length, used
 
     frame%constants = constants
     frame%single = flow_sequence_t(first=[1, 2], weight=[1.0_wp], stage=[1])
@@ -117,6 +120,11 @@ contains
           block%point_size = block%n**2
           block%constants = used
           used = used + block%n
+        case (linear_action_block)
+          call make_linear_action(constants(used + 1:), block%action, length)
+          block%dimension = block%action%generators
+          block%point_size = block%action%point_size
+          used = used + length
         case (callback_block)
           block%dimension = block%n
           block%point_size = options
@@ -160,7 +168,7 @@ contains
                          frame%dimension, f(v + 1, 1), y(p + 1))
         case (se3_block)
           call move_rigid_body(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
-        case (so_block, isospectral_block, su_block, u_block, callback_block)
+        case (so_block, isospectral_block, su_block, u_block, linear_action_block, callback_block)
           call move_matrix(frame, block, flows, begin, last, f(v + 1, 1), y(p + 1))
         case default
           call rotate(block, flows, begin, last, frame%dimension, f(v + 1, 1), y(p + 1))
@@ -215,6 +223,8 @@ contains
       call move_isospectral(block%n, v, y)
     case (su_block, u_block)
       call move_unitary(block%kind, block%n, block%space, v, y)
+    case (linear_action_block)
+      call move_linearly(block%action, v, y)
     case (callback_block)
       call frame%callback%apply(flow_operation, reshape(v, [size(v)]), (y), y)
     end select

@@ -20,6 +20,7 @@ module method_m
     ! results
     integer :: result = 0                    ! the path to it
     integer :: embedded = 0                  ! the path to the second one of a pair
+    integer :: third = 0                     ! the path to a third one, 0 if there is none
     integer :: final_stage = 0               ! the stage at the end of the step, 0 if there is none
     ! of a method of two registers, Z_i = a_i Z_(i-1) + f_i, y_i = exp(h b_i Z_i) y_(i-1)
     logical :: two_registers = .false.
@@ -29,6 +30,8 @@ module method_m
     logical :: collocation = .false.         ! on_algebra; all stages but the first are implicit
     type(transformation_t) :: transformation ! of a collocation method
     integer :: series = 0                    ! order up to which the series of dexp^-1 is needed
+    integer :: power = 1                     ! of the quotient of two error estimates
+    real(wp) :: factor = 1.0_wp              ! of the second one in the quotient
     ! weights of the stages in error estimates that need no flow
     real(wp), allocatable :: error(:, :)     ! (stages, estimates)
   end type method_t
@@ -37,10 +40,10 @@ contains
 
   ! Makes a method. All its integers come as one list, as cg/integration/step/paths.py writes them:
   ! the numbers of paths, flows, terms and stages, then the components of the type in their order, 1
-  ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, that of
-  ! its error estimates, and 1 if it is a collocation method. The weights are followed by a and b of
-  ! registers, by those of errors, by the entries of transformation_t, and always by one number
-  ! more, since the caller's arrays can't be empty.
+  ! if the method has two registers, a number that isn't zero if it is one on a Lie algebra, the
+  ! power, the number of its error estimates by weights, and 1 if it is a collocation method. The
+  ! weights are followed by a and b of registers, by those of errors, by the entries of
+  ! transformation_t, and by the factor.
   subroutine make_method(list, weight, c, method)
     integer, intent(in) :: list(:)
     real(wp), intent(in) :: weight(:)        ! (terms + 1) or more
@@ -58,19 +61,21 @@ contains
       method%flows%weight = weight(:terms)
       method%result = list(used + 1)
       method%embedded = list(used + 2)
-      method%final_stage = list(used + 3)
-      method%two_registers = list(used + 4) == 1
+      method%third = list(used + 3)
+      method%final_stage = list(used + 4)
+      method%two_registers = list(used + 5) == 1
       if (method%two_registers) then
         method%a = weight(terms + 1:terms + stages)
         method%b = weight(terms + stages + 1:terms + 2 * stages)
       end if
-      method%series = list(used + 5)
+      method%series = list(used + 6)
       method%on_algebra = method%series > 0
+      method%power = list(used + 7)
       k = terms
       if (method%two_registers) k = k + 2 * stages
-      method%error = reshape(weight(k + 1:k + stages * list(used + 6)), [stages, list(used + 6)])
+      method%error = reshape(weight(k + 1:k + stages * list(used + 8)), [stages, list(used + 8)])
       k = k + size(method%error)
-      method%collocation = list(used + 7) == 1
+      method%collocation = list(used + 9) == 1
       if (method%collocation) then
         associate (scheme => method%transformation)
           scheme%inverse = reshape(weight(k + 1:k + 9), [3, 3])
@@ -80,7 +85,9 @@ contains
           scheme%gamma = weight(k + 37)
           scheme%mu = weight(k + 38:k + 39)
         end associate
+        k = k + 39
       end if
+      method%factor = weight(k + 1)
     end associate
     method%c = c
 

@@ -183,7 +183,7 @@ contains
     associate (x => trajectory, method => problem%method)
       if (.not. method%two_registers) then
         last = method%result
-        if (problem%adaptive) last = max(last, method%embedded)
+        if (problem%adaptive) last = max(last, method%embedded, method%third)
         call follow_paths(problem, trajectory, last)
       end if
       x%phase = phase_decide_step
@@ -238,9 +238,9 @@ contains
     if (problem%common) trajectory%status = needs_maximum
   end subroutine share_error
 
-  ! Estimates the error in tolerances: from the difference of two results, or from one or two
-  ! weighted sums of stages, whose norms e1 and e2 are combined to e1^2 / sqrt(e1^2 + e2^2 / 100) as
-  ! in DOP853.
+  ! Estimates the error in tolerances: from differences of results, or from weighted sums of stages.
+  ! Two estimates with norms e1 and e2 are combined to e1 (e1 / hypot(e1, factor e2))^power, which
+  ! has the order of the error of the step. In DOP853 the factor is 1/10 and the power is 1.
   subroutine estimate_error(problem, trajectory)
     type(problem_t), intent(in) :: problem
     type(trajectory_t), intent(inout) :: trajectory
@@ -250,13 +250,12 @@ contains
     associate (x => trajectory, frame => problem%frame, tolerances => problem%tolerances, &
                method => problem%method, v => trajectory%u)
       call scales(frame, tolerances, x%y(:, 0), x%y(:, x%result), x%work, x%scale)
+      errors = 0.0_wp
       if (size(method%error, 2) == 0) then
         if (.not. finite(x%y(:, method%embedded))) return
-        call point_difference(frame, tolerances, x%y(:, method%embedded), x%y(:, x%result), x%v)
-        x%error = norm(tolerances, x%v, x%scale)
-        return
+        errors(1) = distance(problem, trajectory, method%embedded)
+        if (method%third > 0) errors(2) = distance(problem, trajectory, method%third)
       end if
-      errors = 0.0_wp
       x%path_of_u = 0
       do i = 1, size(method%error, 2)
         v = x%h * method%error(1, i) * x%f(:, 1)
@@ -268,11 +267,24 @@ contains
         call tangent(frame, tolerances, v, x%y(:, x%result), x%work)
         errors(i) = norm(tolerances, x%work, x%scale)
       end do
-      ratio = hypot(errors(1), errors(2) / 10)
-      if (ratio > 0) ratio = errors(1) / ratio
-      x%error = errors(1) * ratio
+      ratio = 1.0_wp
+      if (errors(1) > 0 .and. errors(2) <= huge(ratio)) &
+        ratio = errors(1) / hypot(errors(1), method%factor * errors(2))
+      x%error = errors(1) * ratio**method%power
     end associate
   end subroutine estimate_error
+
+  ! The norm of the difference of the result from another one
+  real(wp) function distance(problem, trajectory, path)
+    type(problem_t), intent(in) :: problem
+    type(trajectory_t), intent(inout) :: trajectory
+    integer, intent(in) :: path
+
+    associate (x => trajectory)
+      call point_difference(problem%frame, problem%tolerances, x%y(:, path), x%y(:, x%result), x%v)
+      distance = norm(problem%tolerances, x%v, x%scale)
+    end associate
+  end function distance
 
   ! Accepts a step, or rejects it and chooses a smaller size.
   subroutine accept_or_reject(problem, trajectory)

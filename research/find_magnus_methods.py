@@ -1,13 +1,17 @@
 """Search for the commutator-free Magnus methods of orders six and eight, and write their files.
 
-    python research/find_magnus_methods.py ORDER FLOWS [FOLDER] [--symmetric] [--seed N]
+    python research/find_magnus_methods.py ORDER FLOWS [FOLDER] [--symmetric] [--optimise]
 
-``6 4`` finds four flows for order six, ``8 8 --symmetric`` eight flows for order eight. A(t) is
-expanded in K = ORDER/2 Legendre polynomials on the step; Lobatto's formula with K + 1 nodes
-integrates all that the order needs. With x_ij the weight of polynomial j in exponential i, the
-order conditions are those of Lyndon words in K letters of degrees 1 to K (of odd degree, if the
-method is symmetric). scipy's least_squares solves them from random starts; Newton's method in
-multiple precision (mpmath) refines the solution with the smallest Σ|x_i1|.
+``6 4`` finds four flows for order six, ``8 8 --symmetric`` eight flows for order eight, ``6 6
+--symmetric --optimise --seed 5 --starts 4`` six flows for order six with a small error. A(t) is
+expanded in K = ORDER/2 Legendre polynomials on the step, with --optimise in one more; Lobatto's
+formula with K + 1 nodes integrates all that the order needs. With x_ij the weight of polynomial j
+in exponential i, the order conditions are those of Lyndon words in K letters of degrees 1 to K (of
+odd degree, if the method is symmetric). scipy's least_squares solves them from random starts, with
+--optimise near the integrals over equal parts of the step; it then moves along the set of solutions
+towards smaller coefficients of words of degree ORDER + 1. Newton's method in multiple precision
+(mpmath) refines the solution with the smallest Σ|x_i1|, with --optimise that with the smallest norm
+of these coefficients.
 """
 
 from __future__ import annotations
@@ -67,15 +71,21 @@ class Words:
                 first[k, i], second[k, i] = self.index[word[:k]], self.index[word[k:]]
         return first, second
 
+    @cached_property
+    def places(self) -> tuple[NDArray[np.intp], Array]:
+        """Letters of all words from 0, padded to one length by K, and 1 / length!."""
+        length = max(map(len, self.words))
+        rows = [[j - 1 for j in w] + [self.letters] * (length - len(w)) for w in self.words]
+        return np.array(rows).T, np.array([1 / factorial(len(w)) for w in self.words])
+
     def exponential(self, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the series of exp(Σ x_j A_j), shape (..., words)."""
-        columns = [
-            np.prod([x[..., j - 1] for j in word], axis=0) / factorial(len(word))
-            if word
-            else np.ones(x.shape[:-1])
-            for word in self.words
-        ]
-        return np.stack(columns, axis=-1)
+        places, factors = self.places
+        padded = np.concatenate([x, np.ones((*x.shape[:-1], 1))], axis=-1)
+        product = padded[..., places[0]]
+        for letters in places[1:]:
+            product = product * padded[..., letters]
+        return product * factors
 
     def multiply(
         self, a: NDArray[np.complex128], b: NDArray[np.complex128]
@@ -122,46 +132,77 @@ def expand(free: Array, flows: int, letters: int, symmetric: bool) -> Array:
     return np.concatenate([half, half[..., ::-1, :] * signs], axis=-2)
 
 
-def search(order: int, flows: int, symmetric: bool, starts: int, seed: int) -> Array | None:
-    """Return the free entries of the solution with the smallest Σ|x_i1|; None without any."""
-    letters = order // 2
-    algebra = Words(letters, order)
+def search(
+    order: int, flows: int, symmetric: bool, starts: int, seed: int, optimise: bool
+) -> Array | None:
+    """Return the free entries of the best solution; None without any."""
+    letters = order // 2 + optimise
+    algebra = Words(letters, order + optimise)
     exact = np.array(algebra.solution(), dtype=np.float64)
-    rows = [i for i in algebra.lyndon if not symmetric or sum(algebra.words[i]) % 2]
+    rows = conditions(algebra, order, symmetric)
+    beyond = [i for i, word in enumerate(algebra.words) if sum(word) > order]
     size = flows * letters // (2 if symmetric else 1)
 
-    def residuals(free: Array) -> Array:
+    def series(free: Array) -> Array:
         x = expand(free, flows, letters, symmetric)
         product = algebra.exponential(x[..., 0, :])
         for i in range(1, flows):
             product = algebra.multiply(algebra.exponential(x[..., i, :]), product)
-        return (product - exact)[..., rows]
+        return product - exact
 
-    def jacobian(free: Array) -> Array:
-        step = 1e-30
-        return (residuals(free + 1j * step * np.eye(size)).imag / step).T
+    def solve(free: Array, weight: float, most: int = 200) -> Array:
+        def residuals(free: Array) -> Array:
+            found = series(free)
+            return np.concatenate([found[..., rows], weight * found[..., beyond]], axis=-1)
+
+        def jacobian(free: Array) -> Array:
+            step = 1e-30
+            return (residuals(free + 1j * step * np.eye(size)).imag / step).T
+
+        return least_squares(
+            residuals, free, jac=jacobian, max_nfev=most, xtol=1e-15, ftol=1e-15, gtol=1e-15
+        ).x
 
     random, best = np.random.default_rng(seed), None
     for k in range(starts):
-        found = least_squares(
-            residuals, random.uniform(-0.6, 0.8, size), jac=jacobian, max_nfev=200,
-            xtol=1e-15, ftol=1e-15, gtol=1e-15,
-        )  # fmt: skip
-        if np.abs(found.fun).max() < 1e-11:
-            length = np.abs(expand(found.x, flows, letters, symmetric)[:, 0]).sum()
-            print(f"start {k}: sum of |x_i1| {length:.4f}", flush=True)
-            if best is None or length < best[0] - 1e-9:
-                best = length, found.x
+        if optimise:
+            scale = random.choice([0.05, 0.1, 0.2, 0.4])
+            free = integrals(flows, letters)[:size] + scale * random.normal(size=size)
+        else:
+            free = random.uniform(-0.6, 0.8, size)
+        for weight in (0.0, *((1e-1, 1e-2, 1e-3, 1e-4, 0.0) if optimise else ())):
+            free = solve(free, weight)
+        found = series(free)
+        if np.abs(found[rows]).max() < 1e-11:
+            length = np.abs(expand(free, flows, letters, symmetric)[:, 0]).sum()
+            error = float(np.linalg.norm(found[beyond])) if optimise else length
+            print(f"start {k}: sum of |x_i1| {length:.4f}, error {error:.4g}", flush=True)
+            if best is None or error < best[0] * (1 - 1e-9):
+                best = error, free
     return None if best is None else best[1]
 
 
-def refine(free: Array, order: int, flows: int, symmetric: bool) -> list[list[mpmath.mpf]]:
+def conditions(algebra: Words, order: int, symmetric: bool) -> list[int]:
+    """Return the places of the words whose conditions imply an order."""
+    degrees = {i: sum(algebra.words[i]) for i in algebra.lyndon}
+    return [i for i, n in degrees.items() if n <= order and (n % 2 or not symmetric)]
+
+
+def integrals(flows: int, letters: int) -> Array:
+    """Return the integrals of Legendre polynomials over equal parts of the step, one by one."""
+    ends = np.linspace(-1, 1, flows + 1)
+    values = [np.polynomial.Legendre.basis(j).integ()(ends) / 2 for j in range(letters)]
+    return np.diff(np.array(values), axis=1).T.reshape(-1)
+
+
+def refine(
+    free: Array, order: int, flows: int, symmetric: bool, letters: int
+) -> list[list[mpmath.mpf]]:
     """Return x to 60 digits by the Gauss–Newton method, with differences for the Jacobian."""
     mpmath.mp.dps = 80
-    letters = order // 2
     algebra = Words(letters, order)
     exact = [mpmath.mpf(c.numerator) / c.denominator for c in algebra.solution()]
-    rows = [i for i in algebra.lyndon if not symmetric or sum(algebra.words[i]) % 2]
+    rows = conditions(algebra, order, symmetric)
 
     def x_of(free: list[mpmath.mpf]) -> list[list[mpmath.mpf]]:
         x = [free[letters * i : letters * (i + 1)] for i in range(len(free) // letters)]
@@ -190,7 +231,9 @@ def refine(free: Array, order: int, flows: int, symmetric: bool) -> list[list[mp
         for j in range(len(point)):
             moved = [v + step * (i == j) for i, v in enumerate(point)]
             columns.append([(b - a) / step for a, b in zip(now, residuals(moved), strict=True)])
-        change = mpmath.lu_solve(mpmath.matrix(columns).T, mpmath.matrix([-v for v in now]))
+        jacobian = mpmath.matrix(columns).T  # the change of least norm
+        normal = mpmath.lu_solve(jacobian * jacobian.T, mpmath.matrix([-v for v in now]))
+        change = jacobian.T * normal
         point = [v + d for v, d in zip(point, change, strict=True)]
     print("largest residual", mpmath.nstr(max(map(abs, residuals(point))), 3))
     return x_of(point)
@@ -238,13 +281,17 @@ def main() -> None:
     parser.add_argument("flows", type=int)
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--symmetric", action="store_true")
+    parser.add_argument("--optimise", action="store_true")
     parser.add_argument("--starts", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    free = search(given.order, given.flows, given.symmetric, given.starts, given.seed)
+    free = search(
+        given.order, given.flows, given.symmetric, given.starts, given.seed, given.optimise
+    )
     if free is None:
         raise SystemExit("no start came to a solution")
-    x = refine(free, given.order, given.flows, given.symmetric)
+    letters = given.order // 2 + given.optimise
+    x = refine(free, given.order, given.flows, given.symmetric, letters)
     method = method_of(x, f"CFM{given.order}")
     print(method, method.principal_error)
     if given.folder is not None:

@@ -8,6 +8,8 @@ with all their digits; TOML numbers are read as strings as well. A method that s
 conditions only approximately has a table ``nominal`` with the intended ``order`` and an upper bound
 ``residual`` of its residuals. A tableau with ``kind = "Munthe-Kaas"`` is a Munthe-Kaas method and
 may have ``b_third``; the Munthe-Kaas methods of this package are in the folder ``munthe_kaas``.
+A file with ``kind = "Magnus"`` has ``nodes``, ``weights`` and, for pairs, ``embedded`` and
+``b_third``, as for `cg.MagnusMethod`; those of this package are in the folder ``magnus``.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from .entries import dumps, dumps_json, is_file, load, loads, read, save
 
 __all__ = [
     "Catalogue",
+    "catalogues",
     "dumps",
     "dumps_json",
     "is_file",
@@ -80,8 +83,9 @@ class Catalogue(Mapping[str, Method]):
         return self._loaded[name]
 
     def _hint(self, name: object) -> str:
-        if self is not munthe_kaas and name in munthe_kaas:
-            return f"; cg.catalogue.munthe_kaas has it; {_all(self)}"
+        for place, other in catalogues.items():
+            if name in other:
+                return f"; cg.catalogue.{place} has it; {_all(self)}"
         return f"{similar_names(name)}; {_all(self)}"
 
     def __contains__(self, name: object) -> bool:
@@ -109,6 +113,9 @@ munthe_kaas = Catalogue(files(__name__) / "munthe_kaas")
 magnus = Catalogue(files(__name__) / "magnus")
 """Commutator-free Magnus methods, for linear equations, by name."""
 
+catalogues = {"methods": methods, "munthe_kaas": munthe_kaas, "magnus": magnus}
+"""All catalogues, by their names in `cg.catalogue`; no two methods have the same name."""
+
 _STIFF = "RadauIIA5 is the one here for stiff equations"
 _IN_SCIPY = {
     "RK45": "SciPy has a method of that name; DP5(4) has its coefficients",
@@ -126,7 +133,7 @@ def similar_names(name: object) -> str:
         return ""
     if name in _IN_SCIPY:
         return f"; {_IN_SCIPY[name]}"
-    known = {given.upper(): given for given in (*methods, *munthe_kaas)}
+    known = {given.upper(): given for own in catalogues.values() for given in own}
     similar = [known[key] for key in get_close_matches(name.upper(), known, n=3, cutoff=0.5)]
     return f"; similar names are {', '.join(similar)}" if similar else ""
 
@@ -156,7 +163,7 @@ def resolve_method(method: str | PathLike[str] | Method) -> Method:
         return load(method)
     if not isinstance(method, str):
         raise TypeError(f"method must be a name or a Method, got {method!r}")
-    for catalogue in (methods, munthe_kaas):
+    for catalogue in catalogues.values():
         if method in catalogue:
             return catalogue[method]
     raise ValueError(

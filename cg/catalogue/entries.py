@@ -72,9 +72,10 @@ def loads(text: str) -> Method:
     )
     points = not _KEYS_OF_POINTS.isdisjoint(entry)
     if entry.get("kind") == _MAGNUS:
-        check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded"}, "the entry")
+        check_keys(entry, _REQUIRED_OF_MAGNUS, {"embedded", "b_third", "third_factor"}, "the entry")
         entry.pop("kind")
-        return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), **entry)
+        third = entry.pop("b_third", None)
+        return MagnusMethod(entry.pop("nodes"), entry.pop("weights"), third=third, **entry)
     if "kind" in entry:
         return _read_munthe_kaas(entry)
     if points:
@@ -209,7 +210,9 @@ def dumps(method: Method) -> str:
         if method.embedded_result is not None:
             lines.append(f"embedded_result = {method.embedded_result}")
     elif isinstance(method, MagnusMethod):
-        lines += [f"kind = {quoted(_MAGNUS)}", f"nodes = {_array(method.nodes)}"]
+        factor = quoted(method.third_factor.text)
+        lines += [f"kind = {quoted(_MAGNUS)}", f"third_factor = {factor}"]
+        lines.append(f"nodes = {_array(method.nodes)}")
         for label, block in (("weights", method.weights), ("embedded", method.embedded_weights)):
             if block is not None:
                 lines += [f"{label} = [", *(f"  {_array(row)}," for row in block), "]"]
@@ -217,7 +220,7 @@ def dumps(method: Method) -> str:
         raise TypeError(
             f"method must be a Tableau, CommutatorFree, MuntheKaas or MagnusMethod, got {method!r}"
         )
-    if isinstance(method, CommutatorFree | MuntheKaas) and method.third_weights is not None:
+    if not isinstance(method, Tableau) and method.third_weights is not None:
         lines.append(f"b_third = {_array(method.third_weights)}")
     if method.nominal_residual is not None:
         lines += ["", "[nominal]", f"order = {method.nominal_order}"]

@@ -11,11 +11,12 @@ from typing import Any
 
 from ..conditions import MAX_ORDER
 from ..method.commutator_free import CommutatorFree
+from ..method.magnus import MagnusMethod
 from ..method.method import Method
 from ..method.munthe_kaas import MuntheKaas
 from ..method.stability import stability_limits, too_large
 from ..support.parsing import write_file
-from . import methods, munthe_kaas
+from . import catalogues
 
 __all__ = ["MethodSummary", "compute_summary", "summary_of", "write_summaries"]
 
@@ -30,7 +31,8 @@ class MethodSummary:
     ----------
     name : str
     kind : str
-        ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"`` or ``"Munthe-Kaas"``.
+        ``"Crouch-Grossman"``, ``"implicit"``, ``"commutator-free"``, ``"Munthe-Kaas"`` or
+        ``"Magnus"``.
     order, embedded_order : int, int or None
         `Method.order`, and that of the second result of a pair.
     approximate : bool
@@ -65,9 +67,11 @@ class MethodSummary:
 
 def compute_summary(method: Method) -> MethodSummary:
     """Compute the summary of a method; for high orders it takes seconds."""
-    not_computed = too_large(method)
+    # a Magnus method solves the test equation exactly
+    magnus = isinstance(method, MagnusMethod)
+    not_computed = None if magnus else too_large(method)
     real = imaginary = principal = None
-    if not_computed is None:
+    if not_computed is None and not magnus:
         limits = stability_limits(method)
         real, imaginary = _finite(limits.real), _finite(limits.imaginary)
     if method.order < MAX_ORDER:
@@ -90,7 +94,7 @@ def compute_summary(method: Method) -> MethodSummary:
 
 def summary_of(method: Method) -> MethodSummary:
     """Return the summary of a method; that of a method in the catalogue is stored."""
-    for catalogue in (methods, munthe_kaas):
+    for catalogue in catalogues.values():
         if method.name in catalogue and catalogue[method.name] == method:
             return _stored().get(method.name) or compute_summary(method)
     return compute_summary(method)
@@ -98,7 +102,7 @@ def summary_of(method: Method) -> MethodSummary:
 
 def write_summaries(path: Any) -> None:
     """Write the summaries of all methods in the catalogue to a JSON file."""
-    entries = [compute_summary(m).as_dict() for c in (methods, munthe_kaas) for m in c.values()]
+    entries = [compute_summary(m).as_dict() for c in catalogues.values() for m in c.values()]
     lines = ",\n".join(json.dumps(entry, ensure_ascii=False) for entry in entries)
     write_file(path, f"[\n{lines}\n]\n")
 
@@ -112,6 +116,8 @@ def _stored() -> dict[str, MethodSummary]:
 def _kind(method: Method) -> str:
     if isinstance(method, MuntheKaas):
         return "Munthe-Kaas"
+    if isinstance(method, MagnusMethod):
+        return "Magnus"
     if isinstance(method, CommutatorFree):
         return "commutator-free"
     return "Crouch-Grossman" if method.explicit else "implicit"

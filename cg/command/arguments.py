@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from cg.catalogue import is_file, load, methods, munthe_kaas, resolve_method, similar_names
+from cg.catalogue import catalogues, is_file, load, resolve_method, similar_names
 from cg.method.method import Method
 from cg.structure.points import MethodError
 from cg.support.parsing import to_json, visible_lines
@@ -43,7 +43,7 @@ workers_option = click.option(
 
 def named(name: str) -> Method:
     """Return the method of a name; the ValueError for an unknown name lists similar ones."""
-    if name in methods or name in munthe_kaas:
+    if any(name in catalogue for catalogue in catalogues.values()):
         return resolve_method(name)
     raise ValueError(
         f"no method is named {name!r}, and it is no .toml or .json file{similar_names(name)}"
@@ -61,7 +61,8 @@ class MethodArgument(click.ParamType):  # type: ignore[type-arg]
         """Return the names in the catalogue that begin so, then files."""
         names = [
             n
-            for n in (*methods, *munthe_kaas)
+            for catalogue in catalogues.values()
+            for n in catalogue
             if n.isprintable() and n.lower().startswith(incomplete.lower())
         ]
         return [*(CompletionItem(n) for n in names), CompletionItem(incomplete, type="file")]

@@ -8,9 +8,8 @@ from typing import Any
 
 import click
 
-from cg.catalogue import methods, munthe_kaas
+from cg.catalogue import catalogues
 from cg.catalogue.summary import MethodSummary, summary_of
-from cg.method.method import Method
 from cg.support.parsing import visible
 
 from .arguments import as_json, json_option, say
@@ -26,7 +25,7 @@ _KEYS: dict[str, Callable[[MethodSummary], Any]] = {
         math.inf if summary.principal_error is None else summary.principal_error
     ),
 }
-_KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas")
+_KINDS = ("Crouch-Grossman", "commutator-free", "implicit", "Munthe-Kaas", "Magnus")
 
 
 @click.command("list")
@@ -73,7 +72,7 @@ def list_command(
       crouch-grossman list --min-order 5 --pair --sort flows
       crouch-grossman list --kind implicit --json
     """
-    catalogue: dict[str, Method] = {**methods, **munthe_kaas}
+    catalogue = {name: method for own in catalogues.values() for name, method in own.items()}
     selected = [
         facts
         for facts in (summary_of(method) for method in catalogue.values())

@@ -13,6 +13,7 @@ from cg.catalogue.summary import MethodSummary, summary_of
 from cg.formats import export
 from cg.method.coefficients import Coefficient
 from cg.method.commutator_free import CommutatorFree
+from cg.method.magnus import MagnusMethod
 from cg.method.method import Method
 from cg.support.parsing import visible
 
@@ -59,12 +60,24 @@ def show_command(method: Method, digits: int, in_json: bool) -> None:
     width = max(len(label) for label, _ in lines)
     for label, value in lines:
         say(f"  {label.ljust(width)}  {value}".rstrip())
-    drawn = draw_points(method, digits=digits) if _has_points(method) else _tableau(method, digits)
-    say("\n" + drawn)
+    say("\n" + _drawing(method, digits))
 
 
-def _has_points(method: Method) -> bool:
-    return isinstance(method, CommutatorFree)
+def _drawing(method: Method, digits: int) -> str:
+    """Return the coefficients of a method as text: points as a tree, others in columns."""
+    if isinstance(method, CommutatorFree):
+        return draw_points(method, digits=digits)
+    if isinstance(method, MagnusMethod):
+        rows = {"nodes": [method.nodes], "flow": method.weights}
+        rows |= {"flow of the second result": method.embedded_weights or ()}
+        rows |= {"flow of the third": (method.third_weights,) if method.third_weights else ()}
+        lines = [
+            [label, "│", *(_text(x, digits) for x in row)]
+            for label, block in rows.items()
+            for row in block
+        ]
+        return table(lines)
+    return _tableau(method, digits)
 
 
 def _numbers(summary: MethodSummary) -> list[tuple[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cg.frames.arrays import Array
 from cg.support.shared_numbers import BlockKind, BlockOption
 
 __all__ = ["SCALAR_FIRST", "SPACE_AXES", "BlockKind", "Blocks", "compared_by_entries"]
@@ -12,10 +13,11 @@ SPACE_AXES = int(BlockOption.SPACE_AXES)
 SCALAR_FIRST = int(BlockOption.SCALAR_FIRST)
 """Block option: the scalar part of a quaternion comes first."""
 
-Blocks = tuple[tuple[int, int, int, *tuple[float, ...]], ...]
+Blocks = tuple[tuple[int, int, int, *tuple[float | Array, ...]], ...]
 """For each block: its `BlockKind`; its size n (of R^n, SO(n), SU(n) and U(n), the number of rows of
-isospectral matrices, 3 for other kinds); the sum of its options; and its constants, which are the
-increasing eigenvalues of isospectral matrices."""
+isospectral matrices, entries of the vector of a linear action, 3 for other kinds); the sum of its
+options; and its constants, which are the increasing eigenvalues of isospectral matrices, or the
+sparse matrices of a linear action."""
 
 MAX_MATRIX = 12
 """Largest number of rows of compiled matrix groups; LAPACK is faster for larger ones."""
@@ -28,4 +30,4 @@ def convention_option(convention: str) -> int:
 
 def compared_by_entries(blocks: Blocks) -> bool:
     """Return whether a block has no coordinates, so that errors are measured in its entries."""
-    return any(block[0] == BlockKind.ISOSPECTRAL for block in blocks)
+    return any(block[0] in (BlockKind.ISOSPECTRAL, BlockKind.LINEAR_ACTION) for block in blocks)

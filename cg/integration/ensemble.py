@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import LowLevelCallable
 
-from cg.catalogue import methods, munthe_kaas
+from cg.catalogue import catalogues
 from cg.frames.arrays import Array, Points
 from cg.frames.base import Frame
 from cg.integration.arguments import check_grid, equal_steps
@@ -254,7 +254,7 @@ class _MemberTask:
     def __getstate__(self) -> dict[str, Any]:
         # a method is sent by its name, so that each process has one instance with its cached data
         problem, method = self.problem, self.problem.plan.method
-        known = any(own.get(method.name) is method for own in (methods, munthe_kaas))
+        known = any(own.get(method.name) is method for own in catalogues.values())
         plan = problem.plan.frame, method.name if known else method
         parts = {name: value for name, value in vars(problem).items() if name != "plan"}
         vectorized = problem.rhs.vectorized

@@ -223,8 +223,8 @@ def integrate(
         a ``numba.cfunc``, or a `cg.CompiledFunction`.  It writes the coefficients, and returns
         zero, or else ends the call.  Explicit methods then run wholly in compiled code, without
         Python's lock, on SO(n), SU(n), U(n) up to n = 12, unit quaternions, SE(3), the sphere in
-        space, Euclidean space and their products, and isospectral orbits of real matrices up to
-        n = 12.
+        space, Euclidean space and their products, isospectral orbits of real matrices up to
+        n = 12, and linear actions of sparse matrices.
     t_span
         Initial and final time.  If the final time is smaller, integration runs backward.
     y0

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
+import numpy as np
 from numpy.typing import ArrayLike
-from scipy import LowLevelCallable
 
 from cg.catalogue import resolve_method
 from cg.frames.arrays import Array, Points, real_array
@@ -30,7 +30,7 @@ from cg.integration.default_method import AUTO, choose_method
 from cg.integration.loop.run import Control, Output, Run
 from cg.integration.rhs.compiled import CompiledRhs, compiled_rhs
 from cg.integration.rhs.events import EventTable
-from cg.integration.rhs.function import CompiledFunction, TimeFunction
+from cg.integration.rhs.function import TimeFunction
 from cg.integration.rhs.python import Coefficients, PythonRhs
 from cg.integration.step.collocation import Jacobian, jacobian_of
 from cg.integration.step.implicit import check_stage_solver
@@ -43,7 +43,7 @@ from cg.support.checks import check_flag
 
 __all__ = ["Problem", "make_control", "make_problem", "make_rhs"]
 
-_OF_TIME = (TimeFunction, CompiledFunction, LowLevelCallable)  # `cg.solve_linear` passes these
+_OF_TIME = (TimeFunction, CompiledRhs)  # `cg.solve_linear` passes these
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +192,16 @@ def make_control(
     return Control(None, rtol, tolerances, largest, first, check_max_steps(max_steps))
 
 
+def _check_of_time(rhs: CompiledRhs, t: float, point: Points) -> None:
+    """Raise ValueError if a compiled function reads its point."""
+    nowhere = np.full_like(point, np.nan)
+    if not np.array_equal(rhs.at_member(0, t, point), rhs.at_member(0, t, nowhere)):
+        raise ValueError(
+            "f must not read its point: Magnus methods solve equations whose coefficients depend "
+            f"on time alone, got other coefficients for a point of NaN at t = {t:.17g}"
+        )
+
+
 def make_problem(
     f: Any,
     t_span: Any,
@@ -228,7 +238,8 @@ def make_problem(
     chosen = resolve_method(method)
     if isinstance(chosen, MagnusMethod) and not isinstance(f, _OF_TIME):
         raise ValueError(
-            f"method must be one for nonlinear equations, got {chosen!r}; see cg.solve_linear"
+            f"method must be one for nonlinear equations, got {chosen!r}, which is for "
+            "cg.solve_linear"
         )
     if isinstance(chosen, MuntheKaas) and not has_brackets(frame):
         check_algebra(frame, chosen)
@@ -240,6 +251,8 @@ def make_problem(
     jacobian = None
     if jac is not None:
         jacobian = jacobian_of(jac, f, frame, chosen, rhs, start, points[0])
+    if isinstance(chosen, MagnusMethod) and isinstance(rhs, CompiledRhs):
+        _check_of_time(rhs, start, points[0])
     stops = check_stops(breakpoints, start, stop)
     control = make_control(
         plan, h=h, rtol=rtol, atol=atol, max_step=max_step, first_step=first_step,

@@ -48,6 +48,13 @@ class MagnusMethod(Method):
         The weights of each flow, in the order in which flows are followed.
     embedded : rows of K numbers, optional
         The flows of a second result, of lower order, from the initial point.
+    third : sequence of K numbers, optional
+        The weights of one flow from the initial point to a third result. If the second result is
+        :math:`e_2` from the first, and the third :math:`e_3`, the estimate of the error is
+        :math:`e_2 (e_2 / \sqrt{e_2^2 + c^2 e_3^2})^n`, with n such that it has the order of the
+        method.
+    third_factor : number, optional
+        The factor c, positive. The smaller the method's own error, the larger it is.
     name, source : str, optional
         Name and origin of the method.
 
@@ -55,7 +62,8 @@ class MagnusMethod(Method):
     ------
     MethodError
         If there is no node, no flow, a row has another length than there are nodes, or an entry
-        is no finite number.
+        is no finite number; if there are third weights, but no second result; if ``third_factor``
+        isn't positive.
 
     References
     ----------
@@ -74,6 +82,8 @@ class MagnusMethod(Method):
     nodes: tuple[Coefficient, ...]
     weights: tuple[tuple[Coefficient, ...], ...]
     embedded_weights: tuple[tuple[Coefficient, ...], ...] | None
+    third_weights: tuple[Coefficient, ...] | None
+    third_factor: Coefficient
 
     def __init__(
         self,
@@ -81,6 +91,8 @@ class MagnusMethod(Method):
         weights: Iterable[Iterable[Any]],
         embedded: Iterable[Iterable[Any]] | None = None,
         *,
+        third: Iterable[Any] | None = None,
+        third_factor: Any = 1,
         name: str = "",
         source: str = "",
     ) -> None:
@@ -91,6 +103,12 @@ class MagnusMethod(Method):
         values["embedded_weights"] = None
         if embedded is not None:
             values["embedded_weights"] = _rows(embedded, "embedded", count)
+        elif third is not None:
+            raise MethodError("third must be None unless there is a second result")
+        values["third_weights"] = None if third is None else _row(third, "third", count)
+        values["third_factor"] = factor = read_coefficient(third_factor, "third_factor")
+        if factor.value <= 0:
+            raise MethodError(f"third_factor must be positive, got {third_factor!r}")
         self._set(values)
 
     @classmethod
@@ -114,11 +132,13 @@ class MagnusMethod(Method):
 
     def with_coefficients(self, coefficients: Sequence[Any], **fields: Any) -> MagnusMethod:
         """Return the method with other weights at the same nodes."""
-        return super().with_coefficients(coefficients, **({"nodes": self.nodes} | fields))
+        same = {"nodes": self.nodes, "third": self.third_weights, "third_factor": self.third_factor}
+        return super().with_coefficients(coefficients, **(same | fields))
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        return self.nodes, self.weights, self.embedded_weights
+        third = self.third_weights, self.third_factor
+        return self.nodes, self.weights, self.embedded_weights, *third
 
     @cached_property
     def tree(self) -> PointTree:
@@ -152,6 +172,18 @@ class MagnusMethod(Method):
             return None
         name = f"{self.name}, embedded" if self.name else ""
         return MagnusMethod(self.nodes, self.embedded_weights, name=name, source=self.source)
+
+    @cached_property
+    def third_order(self) -> int | None:
+        """The order of the third result; None without it."""
+        if self.third_weights is None:
+            return None
+        return MagnusMethod(self.nodes, [self.third_weights]).order
+
+    @cached_property
+    def pair_exponentials(self) -> int:
+        """Number of flows of a step with its error estimate."""
+        return super().pair_exponentials + (self.third_weights is not None)
 
     @cached_property
     def abscissae(self) -> tuple[Fraction, ...]:

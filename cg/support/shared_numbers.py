@@ -69,6 +69,7 @@ class BlockKind(IntEnum):
     SU = 8  # complex matrices of any size, row by row
     U = 9  # likewise, of any determinant
     ISOSPECTRAL = 10  # symmetric matrices with given eigenvalues, moved by SO(n)
+    LINEAR_ACTION = 12  # vectors on which sparse matrices act
     CALLBACK = 11  # any manifold, by functions outside of compiled code
 
 

@@ -14,7 +14,13 @@ from cg.conditions.linear import linear_residuals, words
 from cg.method.magnus import MagnusMethod
 from cg.structure.points import MethodError
 
-ORDERS = {"CFM4": (4, None, 2, 3), "CFM6(4)": (6, 4, 4, 4), "CFM8(6)": (8, 6, 8, 5)}
+ORDERS = {
+    "CFM4": (4, None, None, 2, 2, 3),
+    "CFM6(4)": (6, 4, 2, 4, 7, 4),
+    "CFM6(4)b": (6, 4, 2, 6, 9, 5),
+    "CFM8(4)": (8, 4, 2, 8, 11, 5),
+}
+"""Orders of the three results, flows without and with the estimate, evaluations."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +103,11 @@ def test_residuals_of_the_midpoint_rule():
 @pytest.mark.parametrize("name", ORDERS)
 def test_orders_flows_and_evaluations(name):
     method = magnus[name]
-    order, embedded, flows, nodes = ORDERS[name]
-    assert (method.order, method.embedded_order) == (order, embedded)
-    assert (method.exponentials, method.stages) == (flows, nodes)
+    orders = method.order, method.embedded_order, method.third_order
+    assert (*orders, method.exponentials, method.pair_exponentials, method.stages) == ORDERS[name]
     assert method.largest_residual() < 1e-34
-    assert method.principal_error > 1e-5
-    assert not method.satisfies(order + 1)
+    assert method.principal_error > 1e-6
+    assert not method.satisfies(method.order + 1)
 
 
 @pytest.mark.parametrize("name", ORDERS)
@@ -112,7 +117,7 @@ def test_constant_coefficients_are_solved_exactly(name):
         assert abs(residuals[(1,) * n]) < Decimal(10) ** -34 / factorial(n - 1)
 
 
-@pytest.mark.parametrize("name", ["CFM4", "CFM8(6)"])
+@pytest.mark.parametrize("name", ["CFM4", "CFM6(4)b", "CFM8(4)"])
 def test_symmetric_methods_read_backwards_are_themselves(name):
     method = magnus[name]
     rows = [[a.value for a in row] for row in method.weights]
@@ -162,11 +167,15 @@ def test_a_changed_coefficient_is_another_method_of_lower_order():
         ((["1/2"], 3), r"weights must be a sequence of rows, got 3"),
         (("1/2", [[1]]), r"nodes must be a sequence of numbers, got '1/2'"),
         ((["1/2"], [[1]], [[]]), r"embedded\[0\] must have 1 entries"),
+        ((["1/2"], [[1]], [[1]], [1, 2]), r"third must have 1 entries"),
+        ((["1/2"], [[1]], None, [1]), r"third must be None unless there is a second result"),
+        ((["1/2"], [[1]], [[1]], [1], 0), r"third_factor must be positive, got 0"),
     ],
 )
 def test_bad_coefficients_are_refused(arguments, message):
+    options = dict(zip(("third", "third_factor"), arguments[3:], strict=False))
     with pytest.raises(MethodError, match=message):
-        MagnusMethod(*arguments)
+        MagnusMethod(*arguments[:3], **options)
 
 
 @pytest.mark.parametrize("name", ORDERS)

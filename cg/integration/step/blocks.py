@@ -12,7 +12,7 @@ __all__ = ["block_constants", "describe_blocks", "has_compiled_difference", "is_
 
 _KNOWN = (
     "SO, SU, U, UnitQuaternion, SE3, Sphere(2), Euclidean and products of them, real "
-    "IsospectralOrbit"
+    "IsospectralOrbit, LinearAction"
 )
 
 
@@ -26,7 +26,8 @@ def describe_blocks(frame: Frame) -> NDArray[np.int32]:
 
 def block_constants(frame: Frame) -> NDArray[np.float64]:
     """Return the constants of all blocks of a frame, and a zero, since no array may be empty."""
-    return np.array([x for block in frame.compiled_blocks() or () for x in block[3:]] + [0.0])
+    constants = [np.ravel(x) for block in frame.compiled_blocks() or () for x in block[3:]]
+    return np.concatenate([*constants, [0.0]])
 
 
 def is_compiled(frame: Frame) -> bool:

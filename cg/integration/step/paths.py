@@ -20,7 +20,7 @@ from cg.method.munthe_kaas import MuntheKaas
 from cg.method.tableau import Tableau
 from cg.structure.points import START
 
-__all__ = ["Flow", "MethodPaths", "Path", "paths_of"]
+__all__ = ["Flow", "MethodPaths", "Path", "error_power", "paths_of"]
 
 Flow = tuple[tuple[int, Fraction], ...]
 """The stages (from 0) and their weights that make the field of one flow."""
@@ -58,6 +58,8 @@ class MethodPaths:
     result, embedded
         The paths to the result of the step, and to the second result of a pair (0 if there
         is none or the estimate takes no flow).  The one of higher order is the result.
+    third
+        The path to a third result, for a second estimate of the error, or 0.
     final_stage
         The stage (from 1) at the end of the step, which is the first stage of the next step, or 0
         if there is none.
@@ -73,6 +75,10 @@ class MethodPaths:
         none if results are compared.
     transformation
         Of a collocation method, the numbers of `transformation`.
+    power
+        The exponent of the quotient of two error estimates, see `error_power`.
+    factor
+        The factor of the second one in it.
     """
 
     paths: tuple[Path, ...]
@@ -85,6 +91,9 @@ class MethodPaths:
     series: int = 0
     errors: tuple[tuple[Fraction, ...], ...] = ()
     transformation: tuple[Fraction, ...] = ()
+    third: int = 0
+    power: int = 1
+    factor: Fraction = Fraction(1, 10)  # of DOP853
 
     @property
     def result_flows(self) -> tuple[Flow, ...]:
@@ -99,10 +108,7 @@ class MethodPaths:
 
     @cached_property
     def weights(self) -> tuple[Fraction, ...]:
-        """The weights of all terms of all flows, then A, B, those of errors, others, and a zero.
-
-        No array may be empty.
-        """
+        """The weights of all terms of all flows, A, B, those of errors, others, and the factor."""
         flows = [flow for path in self.paths for flow in path.flows]
         a, b = self.registers or ((), ())
         return (
@@ -111,7 +117,7 @@ class MethodPaths:
             *b,
             *chain(*self.errors),
             *self.transformation,
-            Fraction(0),
+            self.factor,
         )
 
     @cached_property
@@ -127,8 +133,9 @@ class MethodPaths:
 
         The numbers of paths, flows, terms and stages; the origins of the paths; from 1, where
         the flows of each path begin, and where the terms of each flow begin; the stages of the
-        terms; the paths to the stages and to both results; the final stage; 1 if the method has
-        two registers, 0 if not; the order of the series, the number of error estimates, and 1 for a
+        terms; the paths to the stages and to the three results; the final stage; 1 if the method
+        has two registers, 0 if not; the order of the series, the power of the quotient of error
+        estimates, the number of those that are combinations of coefficients, and 1 for a
         collocation method.
         """
         flows = [flow for path in self.paths for flow in path.flows]
@@ -137,8 +144,8 @@ class MethodPaths:
             len(self.paths), len(flows), len(terms), len(self.stages),
             *(path.origin for path in self.paths),
             *_starts([path.flows for path in self.paths]), *_starts(flows), *terms,
-            *self.stages, self.result, self.embedded, self.final_stage,
-            int(self.registers is not None), self.series, len(self.errors),
+            *self.stages, self.result, self.embedded, self.third, self.final_stage,
+            int(self.registers is not None), self.series, self.power, len(self.errors),
             int(bool(self.transformation)),
         ]  # fmt: skip
         return np.array(numbers, dtype=np.intc)
@@ -175,6 +182,12 @@ def paths_of(method: Method) -> MethodPaths:
         k for k, path in enumerate(stages, 1) if (free or path == result_path > 0) and c[k - 1] == 1
     ]
     embedded_path = 0 if embedded is None else builder.path_to(embedded)
+    third, factor = 0, MethodPaths.factor
+    if isinstance(method, MagnusMethod) and method.third_weights is not None:
+        factor = method.third_factor.value
+        flow = tuple((k, a.value) for k, a in enumerate(method.third_weights) if a.value != 0)
+        builder.paths.append(Path(0, (flow,)))
+        third = len(builder.paths)
     return MethodPaths(
         tuple(builder.paths),
         stages,
@@ -185,7 +198,23 @@ def paths_of(method: Method) -> MethodPaths:
         None if series or free else two_registers(method),
         series,
         errors,
+        third=third,
+        power=error_power(method),
+        factor=factor,
     )
+
+
+def error_power(method: Method) -> int:
+    """Return the n of the error estimate e₁ (e₁ / hypot(e₁, c e₂))ⁿ.
+
+    With results of orders p, q and r, e₁ = O(h^(q + 1)) and e₂ = O(h^(r + 1)).  This n leads to
+    the order of the error of the step, O(h^(p + 1)), or one below.
+    """
+    third = method.third_order
+    second = None if third is None else method.embedded_order
+    if second is None or third is None or third >= second:
+        return 1
+    return max((method.order - second) // (second - third), 1)
 
 
 def _implicit_paths(method: Tableau) -> MethodPaths:

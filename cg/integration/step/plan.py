@@ -21,7 +21,7 @@ from cg.integration.step.interpolant import (
     result_flows,
     series_order,
 )
-from cg.integration.step.paths import paths_of
+from cg.integration.step.paths import error_power, paths_of
 from cg.method.method import Method, cached
 from cg.method.munthe_kaas import MuntheKaas
 from cg.support.shared_numbers import BlockKind
@@ -213,7 +213,7 @@ def error_exponent(method: Method) -> float:
     if method.third_order is not None:
         advancing = method.advancing if isinstance(method, MuntheKaas) else method
         second, third = advancing.embedded_order or 0, method.third_order
-        return 1.0 / max(2 * (second + 1) - (third + 1), 1)
+        return 1.0 / max(second + 1 + error_power(advancing) * (second - third), 1)
     orders = method.order, method.embedded_order
     return 1.0 / (min(order for order in orders if order is not None) + 1)
 

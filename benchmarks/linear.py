@@ -1,0 +1,155 @@
+"""Linear equations: Magnus methods beside other methods, QuTiP and SciPy."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from functools import partial
+from itertools import product
+from pathlib import Path
+
+import cg
+from cg.catalogue import magnus
+from cg.integration.step.plan import has_brackets
+
+from .linear_cases import LinearCase, Solve, dop853, linear_cases, qutip_solver, with_qutip
+from .record import Aim, Result, Row
+from .solvers import Run, pairs
+from .timing import measure
+from .work_curves import Curve, Point
+
+__all__ = ["method_text", "run"]
+
+TITLE = "Linear equations"
+
+_ERRORS = (1e-6, 1e-9, 1e-12)
+_SLOWEST = 2.0  # seconds; after a longer run smaller tolerances are left out
+_MIN_ORDER = 4
+_OWN, _IVP, _QUTIP, _SCIPY = "solve_linear", "solve_ivp", "QuTiP's vern9", "SciPy's DOP853"
+_TWICE = {("Lindblad equation of two qubits", _QUTIP), ("Lindblad equation of two qubits", _SCIPY),
+          ("prescribed rotation", _SCIPY)}  # fmt: skip
+_NO_QUTIP = "- QuTiP was not installed, so there is no comparison with it."
+
+
+def method_text(rounds: int) -> str:
+    """Return how methods are compared."""
+    return (
+        "Four equations `y' = A(t) y` with `a(t)` in Python, for tolerances from 1e-3 to 1e-13; "
+        "work for a given error at the end is interpolated. Exponentials and evaluations are those "
+        "of the Magnus method that needs fewest, and of the best pair of order four or higher with "
+        "flows of frozen fields, and of the best Munthe-Kaas pair where the frame has brackets. "
+        "Times are those of the default methods of `cg.solve_linear` and "
+        "`cg.solve_ivp` on the same frame, of QuTiP's `sesolve` or `mesolve` with "
+        '`method="vern9"`, and of SciPy\'s DOP853 on the entries, with matrices in NumPy or SciPy; '
+        f"medians of {rounds} rounds of all solvers in turn."
+    )
+
+
+def run(quick: bool, figures: Path | None) -> Result:
+    """Compare exponentials, evaluations and times at equal errors."""
+    rounds = 1 if quick else 11
+    rows: list[Row] = []
+    for problem in linear_cases(quick):
+        rows += _work_rows(problem, quick) + _time_rows(problem, rounds, quick)
+    return Result(TITLE, method_text(rounds), tuple(rows), () if with_qutip() else (_NO_QUTIP,))
+
+
+def tolerances(quick: bool) -> list[float]:
+    """Return the tolerances, large first."""
+    return [10.0**-k for k in range(3, 9 if quick else 14)]
+
+
+def linear_solver(problem: LinearCase, name: str) -> Solve:
+    """Return a method of `cg.solve_linear`."""
+    case = problem.case
+
+    def solve(tolerance: float) -> Run:
+        solution = cg.solve_linear(
+            problem.a, (0.0, case.end), case.y0, frame=case.frame, method=name, rtol=tolerance,
+            atol=tolerance,
+        )  # fmt: skip
+        return Run(solution.y, solution.nfev, solution.nexp)
+
+    return solve
+
+
+def _curve(problem: LinearCase, name: str, solve: Solve, settings: Iterable[float]) -> Curve:
+    """Run a solver with all tolerances, unless a run takes too long."""
+    points = []
+    for setting in settings:
+        begin = time.process_time()
+        found = solve(setting)
+        seconds = time.process_time() - begin
+        points.append(Point.of(problem.case, found, seconds))
+        if seconds > _SLOWEST:
+            break
+    return Curve.of(name, "pair", 0, points)
+
+
+def _work_rows(problem: LinearCase, quick: bool) -> list[Row]:
+    case, settings = problem.case, tolerances(quick)
+    own = [
+        _curve(problem, name, linear_solver(problem, name), settings)
+        for name, method in magnus.items()
+        if method.embedded_order is not None
+    ]
+    others: dict[str, list[Curve]] = {"pair": [], "rkmk": []}
+    for solver in pairs(case, tuple(settings)):
+        if solver.order >= _MIN_ORDER and (solver.kind == "pair" or has_brackets(case.frame)):
+            others[solver.kind].append(_curve(problem, solver.name, solver.solve, settings))
+    rows = []
+    for quantity, unit in (("flows", "exponentials"), ("evaluations", "evaluations")):
+        aim = Aim(3.0, above=True) if quantity == "flows" else None
+        for error, curves in product(_ERRORS, others.values()):
+            here, name = _least(own, error, quantity)
+            there, other = _least(curves, error, quantity)
+            what = f"{case.title}, error {error:g}, `{name}`"
+            if not math.isnan(here + there):
+                rows.append(Row(what, here, unit, f"`{other}`", there, there / here, aim=aim))
+    return rows
+
+
+def _least(curves: Iterable[Curve], error: float, quantity: str) -> tuple[float, str]:
+    """Return the least work and the name of the method that needs it; NaN if none gets there."""
+    work = [(curve.at(error, quantity), curve.name) for curve in curves]
+    return min(((x, name) for x, name in work if not math.isnan(x)), default=(math.nan, "none"))
+
+
+def _time_rows(problem: LinearCase, rounds: int, quick: bool) -> list[Row]:
+    case = problem.case
+    solve: dict[str, Callable[[float], Run]] = {
+        _OWN: linear_solver(problem, "auto"), _IVP: _solve_ivp(problem), _SCIPY: dop853(problem),
+    }  # fmt: skip
+    if with_qutip() and problem.hamiltonians is not None:
+        solve[_QUTIP] = qutip_solver(problem)
+    points: dict[str, list[Point]] = {name: [] for name in solve}
+    for setting in tolerances(quick):
+        calls = {name: partial(one, setting) for name, one in solve.items()}
+        times = measure(calls, rounds=rounds, seconds=0.02)
+        for name, call in calls.items():
+            points[name].append(Point.of(case, call(), times.median(name)))
+    curves = {name: Curve.of(name, "rival", 0, points[name]) for name in solve}
+    own, rows = curves.pop(_OWN), []
+    for name, curve in curves.items():
+        aim = 2.0 if (case.title, name) in _TWICE else 1.0
+        for error in _ERRORS:
+            here, there = (1e3 * c.at(error, "time") for c in (own, curve))
+            if not math.isnan(here + there):
+                what = f"{case.title}, error {error:g}"
+                rows.append(
+                    Row(what, here, "ms", name, there, there / here, aim=Aim(aim, above=True))
+                )
+    return rows
+
+
+def _solve_ivp(problem: LinearCase) -> Solve:
+    case = problem.case
+
+    def solve(tolerance: float) -> Run:
+        solution = cg.solve_ivp(
+            case.f, (0.0, case.end), case.y0, frame=case.frame, rtol=tolerance, atol=tolerance
+        )
+        return Run(solution.y, solution.nfev, solution.nexp)
+
+    return solve

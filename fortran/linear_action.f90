@@ -1,0 +1,291 @@
+! Flows of linear vector fields y' = X y, X = sum_i v_i G_i with given sparse matrices G_i. The
+! exponential of X is applied by Chebyshev polynomials if all G_i are skew-Hermitian (H. Tal-Ezer,
+! R. Kosloff, J. Chem. Phys. 81 (1984) 3967-3971), else by Taylor polynomials.
+!
+! Entries of X are on one sparsity pattern, row by row. Those of X are real (of points with real
+! entries), imaginary, or complex; a complex number is stored as its real and its imaginary part.
+module linear_action_m
+  use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+  use kinds, only: wp
+  implicit none
+  private
+  public :: linear_action_t, make_linear_action, move_linearly, linear_tangent
+
+  integer, parameter :: real_entries = 0, imaginary_entries = 1, complex_entries = 2
+
+  type :: linear_action_t
+    integer :: n = 0                         ! entries of a point
+    integer :: generators = 0
+    integer :: point_size = 0                ! real numbers of a point
+    integer :: kind = real_entries
+    integer :: parts = 1                     ! numbers of an entry of X, 2 if it is complex
+    logical :: skew = .false.                ! whether all G_i are skew-Hermitian
+    integer, allocatable :: first(:)         ! (n + 1) where rows of X begin
+    integer, allocatable :: column(:)        ! (entries of X)
+    integer, allocatable :: first_term(:)    ! (generators + 1) where those of a G_i begin
+    integer, allocatable :: place(:)         ! (parts, terms) the number of X
+    real(wp), allocatable :: value(:)        ! (parts, terms) its coefficient
+  end type linear_action_t
+
+  ! Norms of the parts into which an exponent is divided. Terms of Taylor polynomials lose less than
+  ! a digit to cancellation, those of Chebyshev polynomials none.
+  real(wp), parameter :: taylor_norm = 2.0_wp, chebyshev_norm = 50.0_wp
+  real(wp), parameter :: max_parts = 1e7_wp
+  integer, parameter :: max_terms = 200
+
+contains
+
+  ! Makes an action from numbers as LinearAction of cg/frames/linear_action.py writes them, and
+  ! counts them: n, generators, entries of X, terms, kind, 1 if skew; then the arrays of the type.
+  subroutine make_linear_action(numbers, action, used)
+    real(wp), intent(in) :: numbers(:)
+    type(linear_action_t), intent(out) :: action
+    integer, intent(out) :: used
+    integer :: entries, terms
+
+    action%n = nint(numbers(1))
+    action%generators = nint(numbers(2))
+    entries = nint(numbers(3))
+    terms = nint(numbers(4))
+    action%kind = nint(numbers(5))
+    action%skew = numbers(6) > 0
+    action%point_size = merge(1, 2, action%kind == real_entries) * action%n
+    action%parts = merge(2, 1, action%kind == complex_entries)
+    used = 6
+    call take(action%n + 1, action%first)
+    call take(entries, action%column)
+    call take(action%generators + 1, action%first_term)
+    call take(action%parts * terms, action%place)
+    action%value = numbers(used + 1:used + action%parts * terms)
+    used = used + action%parts * terms
+
+  contains
+
+    subroutine take(length, part)
+      integer, intent(in) :: length
+      integer, allocatable, intent(out) :: part(:)
+
+      part = nint(numbers(used + 1:used + length))
+      used = used + length
+    end subroutine take
+
+  end subroutine make_linear_action
+
+  ! Moves y along flows, the first one first; y is NaN if the norm of an exponent is too large.
+  subroutine move_linearly(action, v, y)
+    type(linear_action_t), intent(in) :: action
+    real(wp), intent(in) :: v(:, :)          ! (generators, flows)
+    real(wp), intent(inout) :: y(:)          ! (point_size)
+    real(wp), allocatable :: x(:)
+    real(wp) :: norm
+    integer :: j, part, parts
+
+    do j = 1, size(v, 2)
+      call combine(action, v(:, j), x, norm)
+      norm = norm / merge(chebyshev_norm, taylor_norm, action%skew)
+      if (.not. norm <= max_parts) then
+        y = ieee_value(y, ieee_quiet_nan)
+        return
+      end if
+      parts = max(1, ceiling(norm))
+      x = x / parts
+      do part = 1, parts
+        if (action%skew) then
+          call apply_chebyshev(action, x, max(norm * chebyshev_norm / parts, epsilon(norm)), y)
+        else
+          call apply_taylor(action, x, norm * taylor_norm / parts, y)
+        end if
+      end do
+    end do
+  end subroutine move_linearly
+
+  ! Computes X y.
+  subroutine linear_tangent(action, v, y, tangent)
+    type(linear_action_t), intent(in) :: action
+    real(wp), intent(in) :: v(:)             ! (generators)
+    real(wp), intent(in) :: y(:)             ! (point_size)
+    real(wp), intent(out) :: tangent(:)      ! (point_size)
+    real(wp), allocatable :: x(:)
+    real(wp) :: norm
+
+    call combine(action, v, x, norm)
+    call multiply(action, x, y, tangent)
+  end subroutine linear_tangent
+
+  ! Computes the entries of X and a bound of its norm, the largest sum of moduli of parts in a row;
+  ! it is NaN if an entry is.
+  subroutine combine(action, v, x, norm)
+    type(linear_action_t), intent(in) :: action
+    real(wp), intent(in) :: v(:)             ! (generators)
+    real(wp), allocatable, intent(inout) :: x(:)   ! (parts, entries)
+    real(wp), intent(out) :: norm
+    real(wp) :: row
+    integer :: i, k, m
+
+    m = action%parts
+    if (.not. allocated(x)) allocate (x(m * size(action%column)))
+    x = 0.0_wp
+    do i = 1, action%generators
+      do k = m * action%first_term(i) - m + 1, m * action%first_term(i + 1) - m
+        x(action%place(k)) = x(action%place(k)) + v(i) * action%value(k)
+      end do
+    end do
+    norm = 0.0_wp
+    do i = 1, action%n
+      row = 0.0_wp
+      do k = m * action%first(i) - m + 1, m * action%first(i + 1) - m
+        row = row + abs(x(k))
+      end do
+      if (.not. row <= norm) norm = row
+    end do
+  end subroutine combine
+
+  ! Applies exp(X) of skew-Hermitian X, whose norm is at most `norm`: with Bessel functions J_k,
+  !     exp(X) = J_0(norm) + 2 sum_k J_k(norm) P_k,   P_(k + 1) = 2 X / norm P_k + P_(k - 1).
+  subroutine apply_chebyshev(action, x, norm, y)
+    type(linear_action_t), intent(in) :: action
+    real(wp), contiguous, intent(in) :: x(:)
+    real(wp), intent(in) :: norm
+    real(wp), intent(inout) :: y(action%point_size)
+    real(wp) :: bessel(0:max_terms)
+    real(wp), allocatable :: old(:), now(:), next(:)
+    integer :: k, last
+
+    call bessel_functions(norm, bessel, last)
+    allocate (old(size(y)), now(size(y)), next(size(y)))
+    old = y
+    call multiply(action, x, y, now)
+    now = now / norm
+    y = bessel(0) * y + 2 * bessel(1) * now
+    do k = 2, last
+      call multiply(action, x, now, next)
+      next = old + (2 / norm) * next
+      y = y + 2 * bessel(k) * next
+      call move_alloc(now, old)
+      call move_alloc(next, now)
+      allocate (next(size(y)))
+    end do
+  end subroutine apply_chebyshev
+
+  ! Computes J_0, J_1, ... up to the last one that isn't negligible, by downward recurrence from
+  ! where J_k(z) <= (z / 2)^k / k! is far below rounding (J. C. P. Miller).
+  pure subroutine bessel_functions(z, bessel, last)
+    real(wp), intent(in) :: z                ! at most `chebyshev_norm`
+    real(wp), intent(out) :: bessel(0:max_terms)
+    integer, intent(out) :: last
+    real(wp) :: bound
+    integer :: k
+
+    bound = 1.0_wp
+    last = 0
+    do while (last < max_terms - 4 .and. (bound > epsilon(z)**2 .or. last < 2))
+      last = last + 1
+      bound = bound * (z / 2) / last
+    end do
+    bessel = 0.0_wp
+    bessel(last) = sqrt(tiny(z))
+    do k = last - 1, 0, -1
+      bessel(k) = 2 * (k + 1) / z * bessel(k + 1) - bessel(k + 2)
+      if (abs(bessel(k)) > sqrt(huge(z))) bessel(k:) = bessel(k:) / bessel(k)
+    end do
+    bessel = bessel / (bessel(0) + 2 * sum(bessel(2::2)))
+    do while (last > 1 .and. abs(bessel(last)) < epsilon(z) / 8)
+      last = last - 1
+    end do
+  end subroutine bessel_functions
+
+  ! Applies exp(X) of any X whose norm is at most `norm`. Of the series, terms of norm above
+  ! epsilon exp(-norm) / 4 are used, since |exp(X) y| is at least exp(-norm) |y|.
+  subroutine apply_taylor(action, x, norm, y)
+    type(linear_action_t), intent(in) :: action
+    real(wp), contiguous, intent(in) :: x(:)
+    real(wp), intent(in) :: norm             ! at most `taylor_norm`
+    real(wp), intent(inout) :: y(action%point_size)
+    real(wp) :: term(size(y)), next(size(y)), bound, negligible
+    integer :: k
+
+    negligible = epsilon(norm) * exp(-norm) / 4
+    bound = norm
+    term = y
+    k = 0
+    do while (bound > negligible)
+      k = k + 1
+      call multiply(action, x, term, next)
+      term = next / k
+      y = y + term
+      bound = bound * norm / (k + 1)
+    end do
+  end subroutine apply_taylor
+
+  ! Computes X y.
+  subroutine multiply(action, x, y, product)
+    type(linear_action_t), intent(in) :: action
+    real(wp), contiguous, intent(in) :: x(:)           ! (numbers of X)
+    real(wp), contiguous, intent(in) :: y(:)           ! (point_size)
+    real(wp), contiguous, intent(out) :: product(:)    ! (point_size)
+
+    select case (action%kind)
+    case (real_entries)
+      call multiply_real(action%n, action%first, action%column, x, y, product)
+    case (imaginary_entries)
+      call multiply_imaginary(action%n, action%first, action%column, x, y, product)
+    case (complex_entries)
+      call multiply_complex(action%n, action%first, action%column, x, y, product)
+    end select
+  end subroutine multiply
+
+  pure subroutine multiply_real(n, first, column, x, y, product)
+    integer, intent(in) :: n, first(n + 1), column(*)
+    real(wp), intent(in) :: x(*), y(n)
+    real(wp), intent(out) :: product(n)
+    real(wp) :: a
+    integer :: i, k
+
+    do i = 1, n
+      a = 0.0_wp
+      do k = first(i), first(i + 1) - 1
+        a = a + x(k) * y(column(k))
+      end do
+      product(i) = a
+    end do
+  end subroutine multiply_real
+
+  pure subroutine multiply_imaginary(n, first, column, x, y, product)
+    integer, intent(in) :: n, first(n + 1), column(*)
+    real(wp), intent(in) :: x(*), y(2, n)
+    real(wp), intent(out) :: product(2, n)
+    real(wp) :: a, b
+    integer :: i, k
+
+    do i = 1, n
+      a = 0.0_wp
+      b = 0.0_wp
+      do k = first(i), first(i + 1) - 1
+        a = a + x(k) * y(1, column(k))
+        b = b + x(k) * y(2, column(k))
+      end do
+      product(1, i) = -b
+      product(2, i) = a
+    end do
+  end subroutine multiply_imaginary
+
+  pure subroutine multiply_complex(n, first, column, x, y, product)
+    integer, intent(in) :: n, first(n + 1), column(*)
+    real(wp), intent(in) :: x(2, *), y(2, n)
+    real(wp), intent(out) :: product(2, n)
+    real(wp) :: a, b
+    integer :: i, k
+
+    do i = 1, n
+      a = 0.0_wp
+      b = 0.0_wp
+      do k = first(i), first(i + 1) - 1
+        a = a + x(1, k) * y(1, column(k)) - x(2, k) * y(2, column(k))
+        b = b + x(1, k) * y(2, column(k)) + x(2, k) * y(1, column(k))
+      end do
+      product(1, i) = a
+      product(2, i) = b
+    end do
+  end subroutine multiply_complex
+
+end module linear_action_m
