@@ -31,7 +31,7 @@ def export_command(method: Method, format: str, digits: int | None, output: Path
 
     The certificate of FILE.toml is the file FILE.certificate.toml in the same folder.
 
-    FORMAT is json, toml, latex, python, jax, c, fortran, julia or matlab.
+    FORMAT is json, toml, latex, python, c, fortran, julia or matlab.
 
     \b
     Examples:

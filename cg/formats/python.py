@@ -1,11 +1,11 @@
-"""A step in Python: for NumPy, or as a pure function for JAX."""
+"""A step in Python, for NumPy."""
 
 from __future__ import annotations
 
 from .program import Program
 from .text import comment, wrapped
 
-__all__ = ["to_jax", "to_python"]
+__all__ = ["to_python"]
 
 _ARGUMENTS = """    f : callable
         ``f(t, y)`` returns the coefficients of the frame's fields, shape (m,).
@@ -53,7 +53,7 @@ def step_error({call}):
     The arguments are those of `step`. {shape}
     """
     points, fields = _stages({call})
-    return points[RESULT], {xp}.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
+    return points[RESULT], np.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
 '''
 
 _ERROR_REMARKS = {
@@ -71,7 +71,7 @@ def _stages({call}):
     for c, count, slot in zip(C, BEFORE, STAGE_SLOTS):
         _move(flow, points, fields, h, done, count)
         done = count
-        fields.append({xp}.asarray(f(t + c * h, points[slot])))
+        fields.append(np.asarray(f(t + c * h, points[slot])))
     _move(flow, points, fields, h, done, len(MOVES))
     return points, fields
 
@@ -91,8 +91,8 @@ def _stages({call}):
     for c, count, slot in zip(C, BEFORE, STAGE_SLOTS):
         _move(flow, points, coordinates, fields, h, done, count)
         done = count
-        field = {xp}.asarray(f(t + c * h, points[slot]))
-        fields.append(field if slot == 0 else {xp}.asarray(dexpinv(coordinates[slot], field)))
+        field = np.asarray(f(t + c * h, points[slot]))
+        fields.append(field if slot == 0 else np.asarray(dexpinv(coordinates[slot], field)))
     _move(flow, points, coordinates, fields, h, done, len(MOVES))
     return points, fields
 
@@ -116,22 +116,13 @@ def _combined(terms, fields, h):
 
 def to_python(program: Program) -> str:
     """Return a module that needs NumPy only."""
-    return _module(program, "import numpy as np", "np")
-
-
-def to_jax(program: Program) -> str:
-    """Return a module whose functions are pure if their arguments `f` and `flow` are."""
-    return _module(program, "import jax.numpy as jnp", "jnp")
-
-
-def _module(program: Program, line: str, xp: str) -> str:
     call = "f, flow, dexpinv, t, y, h" if program.on_algebra else "f, flow, t, y, h"
     arguments = _ARGUMENTS.format(dexpinv=_DEXPINV if program.on_algebra else "")
-    values = {"call": call, "arguments": arguments, "xp": xp, "lower": program.lower_order}
+    values = {"call": call, "arguments": arguments, "lower": program.lower_order}
     # a docstring comes first, since Python looks for an encoding in comments of the first two lines
     parts = ['"""A step of a Runge-Kutta method on manifolds."""', ""]
     parts += [comment(program.heading, "#")]
-    parts += ["", line, "", _tables(program)]
+    parts += ["", "import numpy as np", "", _tables(program)]
     parts += ["", _STEP.format(**values).rstrip("\n")]
     if program.second is not None:
         parts.append(_PAIR.format(**values).rstrip("\n"))
