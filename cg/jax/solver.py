@@ -320,7 +320,8 @@ def _take_stages_on_algebra(
 
     def loop(sums: JaxArray, begin: int, end: int) -> tuple[JaxArray, JaxArray]:
         rows = numbers[begin:end], nodes[begin:end], weights.T[begin:end]
-        return jax.lax.scan(take, sums, rows, unroll=unroll)
+        sums, values = jax.lax.scan(take, sums, rows, unroll=unroll)
+        return sums, values
 
     count = len(paths.stages)
     final = paths.final_stage - 1 if paths.final_stage else count
