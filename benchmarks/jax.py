@@ -312,10 +312,10 @@ def _compiling(rounds: int) -> list[Row]:
                 tolerance, _start(), _INERTIA, 10.0, diffrax.ForwardMode()
             )).lower(1e-6).compile()  # fmt: skip
             times.append(time.process_time() - begin)
-    times = {name: 1e3 * median(values) for name, values in seconds.items()}
+    medians = {name: 1e3 * median(times) for name, times in seconds.items()}
     return [
-        Row(f"compiling {name}", times[name], "ms", "Dopri8", times["Dopri8"],
-            times[name] / times["Dopri8"], aim=Aim(2.0, above=False))
+        Row(f"compiling {name}", medians[name], "ms", "Dopri8", medians["Dopri8"],
+            medians[name] / medians["Dopri8"], aim=Aim(2.0, above=False))
         for name in (_DEFAULT, looped)
     ]  # fmt: skip
 
@@ -329,12 +329,11 @@ def _against_georax(rounds: int) -> list[Row]:
 
     jax.config.update("jax_enable_x64", True)
     rates = jnp.array([1.0, 0.7, 0.4])
-    gradient = {name: jax.jit(jax.grad(end, 1)) for name, end in _attitudes().items()}
-    forward = {name: jax.jit(end) for name, end in _attitudes().items()}
+    ends = _attitudes()
     rows = []
-    for title, compiled in (("end", forward), ("gradient of the end", gradient)):
-        functions = {
-            name: lambda tolerance, end=end: end(tolerance, rates) for name, end in compiled.items()
+    for title, transform in (("end", jax.jit), ("gradient of the end", jax.grad)):
+        functions: dict[str, Callable[[float], Any]] = {
+            name: partial(jax.jit(transform(end)), rates) for name, end in ends.items()
         }
         exact = np.asarray(functions[_DEFAULT](1e-13))
         rows += [
@@ -345,7 +344,7 @@ def _against_georax(rounds: int) -> list[Row]:
 
 
 def _attitudes() -> dict[str, Solve]:
-    """Return functions of tolerance and rates: a cosine between axes of the body and of space.
+    """Return functions of rates and tolerance: a cosine between axes of the body and of space.
 
     Methods without an error estimate take steps of (tolerance)^(1 / order).
     """
@@ -364,7 +363,7 @@ def _attitudes() -> dict[str, Solve]:
         return jnp.stack([-z, y, -x])
 
     def solving(term: Any, solver: Any, control: Any) -> Solve:
-        def end(tolerance: Any, rates: Any) -> Any:
+        def end(rates: Any, tolerance: Any) -> Any:
             first = None if control else tolerance ** (1.0 / solver.order(term))
             return diffrax.diffeqsolve(
                 term, solver, 0.0, 10.0, first, jnp.eye(3), rates,
