@@ -37,7 +37,7 @@ def export_command(
 
     The certificate of FILE.toml is the file FILE.certificate.toml in the same folder.
 
-    FORMAT is json, toml, latex, python, jax, c, fortran, julia or matlab.
+    FORMAT is json, toml, latex, python, c, fortran, julia or matlab.
 
     \b
     Examples:

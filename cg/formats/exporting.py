@@ -15,7 +15,7 @@ from .julia import to_julia
 from .latex import to_latex
 from .matlab import to_matlab
 from .program import Program, make_program
-from .python import to_jax, to_python
+from .python import to_python
 
 if TYPE_CHECKING:
     from ..proofs import Certificate
@@ -28,7 +28,6 @@ _CODE: dict[str, Callable[[Program], str]] = {
     "fortran": to_fortran,
     "julia": to_julia,
     "matlab": to_matlab,
-    "jax": to_jax,
 }
 
 FORMATS = {
@@ -40,7 +39,6 @@ FORMATS = {
     "fortran": ".f90",
     "julia": ".jl",
     "matlab": ".m",
-    "jax": ".py",
 }
 """Suffix of the files of each format."""
 
@@ -57,9 +55,9 @@ def export(
     ``"json"`` and ``"toml"`` are data files, which `cg.catalogue.loads` reads. ``"latex"`` is a
     table for the package booktabs: a tableau, a list of its entries if they are too long for one,
     or the points of a commutator-free method. The other formats are source files with a function
-    for one step: ``"python"`` (for NumPy), ``"jax"`` (pure functions), ``"c"``, ``"fortran"``,
-    ``"julia"`` and ``"matlab"`` (also for Octave). The code has no dependencies; the right-hand
-    side and the flow of the frame are arguments of the step.
+    for one step: ``"python"`` (for NumPy), ``"c"``, ``"fortran"``, ``"julia"`` and
+    ``"matlab"`` (also for Octave). The code has no dependencies; the right-hand side and the flow
+    of the frame are arguments of the step.
 
     Parameters
     ----------

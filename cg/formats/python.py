@@ -5,13 +5,13 @@ from __future__ import annotations
 from .program import Program
 from .text import comment, fill, wrapped
 
-__all__ = ["to_jax", "to_python"]
+__all__ = ["to_python"]
 
 _MODULE = '''"""A step of a Runge-Kutta method on manifolds."""
 
 @head@
 
-import @module@ as @xp@
+import numpy as np
 
 @tables@
 
@@ -65,7 +65,7 @@ _PLAIN = {
     "argument": "",
     "coordinates": "",
     "moved": "flow, points, fields",
-    "evaluate": "        fields.append(@xp@.asarray(f(t + c * h, points[slot])))",
+    "evaluate": "        fields.append(np.asarray(f(t + c * h, points[slot])))",
     "move": "        points[target] = flow(_combined(terms, fields, h), points[origin])",
 }
 
@@ -77,8 +77,8 @@ _ALGEBRA = {
 """,
     "coordinates": "    coordinates = [None] * SLOTS\n",
     "moved": "flow, points, coordinates, fields",
-    "evaluate": """        field = @xp@.asarray(f(t + c * h, points[slot]))
-        fields.append(field if slot == 0 else @xp@.asarray(dexpinv(coordinates[slot], field)))""",
+    "evaluate": """        field = np.asarray(f(t + c * h, points[slot]))
+        fields.append(field if slot == 0 else np.asarray(dexpinv(coordinates[slot], field)))""",
     "move": """        coordinates[target] = _combined(terms, fields, h)
         points[target] = flow(coordinates[target], points[origin])""",
 }
@@ -102,7 +102,7 @@ def step_error(@call@):
     The arguments are those of `step`. @shape@
     """
     points, fields = _stages(@call@)
-    return points[RESULT], @xp@.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
+    return points[RESULT], np.stack([_combined(enumerate(row), fields, h) for row in ERRORS])
 '''
 
 _ERROR_REMARKS = {
@@ -114,15 +114,6 @@ _ERROR_REMARKS = {
 
 def to_python(program: Program) -> str:
     """Return a module that needs NumPy only."""
-    return _module(program, "numpy", "np")
-
-
-def to_jax(program: Program) -> str:
-    """Return a module whose functions are pure if their arguments `f` and `flow` are."""
-    return _module(program, "jax.numpy", "jnp")
-
-
-def _module(program: Program, module: str, xp: str) -> str:
     output = _PAIR if program.second is not None else ""
     output += _ERROR if program.errors else ""
     # the docstring comes first, since Python looks for an encoding in comments of two lines
@@ -131,8 +122,6 @@ def _module(program: Program, module: str, xp: str) -> str:
         **(_ALGEBRA if program.on_algebra else _PLAIN),
         "shape": _ERROR_REMARKS.get(len(program.errors), ""),
         "lower": program.lower_order,
-        "module": module,
-        "xp": xp,
         "tables": _tables(program),
         "head": comment(program.heading, "#"),
     }

@@ -56,8 +56,9 @@ def _within(q: JaxArray) -> JaxArray:
 
 def _beyond_a_turn(value: JaxArray, q: JaxArray, v: JaxArray, once: JaxArray) -> JaxArray:
     """Return `value`, and after a turn or more ``v`` where it commutes, else NaN."""
-    bound = (_COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q * (v @ v)
-    after = jnp.where(once @ once <= bound, v, jnp.nan)
+    bound = (_COMMUTE * jnp.finfo(q.dtype).eps) ** 2 * q
+    commutes = (bound * v * v - once * once).sum() >= 0.0  # one kernel of XLA
+    after = jnp.where(commutes, v, jnp.nan)
     return jnp.where(q < _RADIUS, value, after)
 
 

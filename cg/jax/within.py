@@ -93,7 +93,7 @@ def interpolant(
     y1: JaxArray,
     first: JaxArray,
     last: JaxArray,
-    stages: list[JaxArray],
+    stages: JaxArray,
     *,
     accurate: bool,
 ) -> _Interpolant:
@@ -114,7 +114,7 @@ def interpolant(
         grow in proportion to time.
     """
     if not accurate:
-        return _Interpolant(y0, h * jnp.stack(stages), rules, _straight(method))
+        return _Interpolant(y0, h * stages, rules, _straight(method))
     flat = isinstance(method, MuntheKaas)
     if flat or (rules.free and rules.dexpinv is not None and rules.log is not None):
         return _on_algebra(method, rules, f, h, y0, y1, first, last, stages)
@@ -145,23 +145,22 @@ def _on_algebra(
     y1: JaxArray,
     first: JaxArray,
     last: JaxArray,
-    stages: list[JaxArray],
+    stages: JaxArray,
 ) -> _Interpolant:
     extension, series = extension_of(method), series_order(method)
     dexpinv = rules.dexpinv
     assert dexpinv is not None
     # all derivatives are times h, which may be zero
     if isinstance(method, MuntheKaas):
-        known = [h * stage for stage in stages]
+        known = h * stages
         if extension.final == len(known):
-            u = jnp.asarray(extension.basis[0, : len(known)], h.dtype) @ jnp.stack(known)
-            known.append(dexpinv(u, h * last, series))
+            u = jnp.asarray(extension.basis[0, : len(known)], h.dtype) @ known
+            known = jnp.concatenate([known, dexpinv(u, h * last, series)[None]])
     else:
         u = _coordinates(rules, 0.5 * h * (first + last), y0, y1, series)
-        known = [h * first, u, dexpinv(u, h * last, series)]
-    derivatives = jnp.stack(known)
+        known = jnp.stack([h * first, u, dexpinv(u, h * last, series)])
     count, width = len(known), extension.basis.shape[1]
-    derivatives = jnp.pad(derivatives, ((0, width - count), (0, 0)))
+    derivatives = jnp.pad(known, ((0, width - count), (0, 0)))
     if len(extension.theta):
 
         def evaluate(k: JaxArray, node: Any) -> tuple[JaxArray, None]:

@@ -296,7 +296,15 @@ def test_pages_are_rendered_from_the_stored_results(tmp_path):
 @pytest.mark.parametrize(
     "name",
     [
-        "bodies", "calls", "ensemble", "kernels", "linear", "parts", "rivals", "steps", "stiff",
+        "bodies",
+        "calls",
+        "ensemble",
+        "kernels",
+        "linear",
+        "parts",
+        "rivals",
+        "steps",
+        "stiff",
         "variational",
     ],
 )

@@ -3,7 +3,6 @@
 import re
 import runpy
 import subprocess
-import warnings
 
 import matplotlib
 import pytest
@@ -20,15 +19,6 @@ def test_export_page():
     assert names["header"] == cg.export("CF4", "c")
     assert "booktabs" in names["table"]
     assert names["run"].method.name == "Ralston"
-
-
-@pytest.mark.slow
-def test_jax_code_of_export_page():
-    # not "jax" alone: tests/jax would be found as a namespace package
-    pytest.importorskip("jax.numpy", reason="jax is not installed")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        assert abs(float(run("docs/export.md")["of_jax"]())) > 0
 
 
 def test_c_program_of_export_page(tmp_path):

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.no_core
 
 ALL = [*methods, *munthe_kaas]
 SOME = ["CG2(3)", "CG5a", "CG6a", "CF4", "CF5(4)", "RKMK8(5,3)", "ImplicitMidpoint"]
-CODE = ["python", "jax", "c", "fortran", "julia", "matlab"]
+CODE = ["python", "c", "fortran", "julia", "matlab"]
 
 
 @pytest.mark.parametrize("format", ["json", "toml"])

@@ -14,7 +14,7 @@ from cg.command import main
 from cg.formats import FORMATS
 from cg.support.parsing import visible
 
-CODE = ["python", "jax", "c", "fortran", "julia", "matlab"]
+CODE = ["python", "c", "fortran", "julia", "matlab"]
 TEXTS = {
     "encoding": ("M coding=raw_unicode_escape", "\\u000araise SystemExit(1)"),
     "no encoding": ("M", "Channel coding: an overview"),
@@ -33,11 +33,10 @@ def method_of(what: str) -> cg.Tableau:
     return cg.Tableau([[], ["1/2"]], [0, 1], name=name, source=source)
 
 
-@pytest.mark.parametrize("format", ["python", "jax"])
 @pytest.mark.parametrize("what", TEXTS)
-def test_python_reads_code_and_comments(what: str, format: str) -> None:
+def test_python_reads_code_and_comments(what: str) -> None:
     def parsed(method: cg.Tableau) -> str:
-        return ast.dump(ast.parse(cg.export(method, format).encode()))
+        return ast.dump(ast.parse(cg.export(method, "python").encode()))
 
     assert parsed(method_of(what)) == parsed(cg.Tableau([[], ["1/2"]], [0, 1]))
 

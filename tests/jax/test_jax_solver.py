@@ -1,12 +1,8 @@
 """Steps, errors and output in JAX are those of compiled code."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from jax_problems import ATTITUDE_AND_VELOCITY, INERTIA, START, body, point, solve, term
 from jax_setup import diffrax, jax
 from slow_cases import slow
 
@@ -31,54 +27,8 @@ from cg.frames import (
 jnp = jax.numpy
 METHODS = {**cg.methods, **munthe_kaas}
 EXPLICIT = [name for name, method in METHODS.items() if method.explicit]
-ATTITUDE_AND_VELOCITY = Product(UnitQuaternion(), Euclidean(3))
-INERTIA = np.array([1.0, 2.0, 2.5])
-START = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 2.0, -0.5])
 
 pytestmark = pytest.mark.filterwarnings("ignore:Complex dtype support in Diffrax")
-
-
-def body(xp):
-    """Return the right-hand side of a body without torques."""
-
-    def f(t, y, inertia=INERTIA):
-        velocity = y[4:]
-        return xp.concatenate([velocity, xp.cross(inertia * velocity, velocity) / inertia])
-
-    return f
-
-
-def winding(frame, xp):
-    """Return a right-hand side that sees time and all entries of a point."""
-    rng = np.random.default_rng(0)
-    count = int(np.prod(frame.point_shape))
-    weights = rng.standard_normal((frame.dim, count)) / np.sqrt(count)
-    phases = rng.uniform(0.0, 6.0, frame.dim)
-
-    def f(t, y, factor=1.0):
-        flat = y.reshape(-1)
-        numbers = flat.real + flat.imag if frame.dtype.kind == "c" else flat
-        return factor * (xp.cos(t + phases) + weights @ xp.sin(numbers))
-
-    return f
-
-
-def term(frame, f=None):
-    """Return a term of a right-hand side, and the same for NumPy."""
-    return cg.jax.FrameTerm(f or winding(frame, jnp), frame), winding(frame, np)
-
-
-def point(frame):
-    return frame.random_point(np.random.default_rng(7))
-
-
-def solve(term, solver, y0, *, h=None, end=1.0, rtol=1e-6, max_steps=4096, **options):
-    """Return the solution of diffrax, with fixed steps or those of `cg.jax.controller`."""
-    if h is None:
-        options["stepsize_controller"] = cg.jax.controller(term.frame, rtol, rtol)
-    return diffrax.diffeqsolve(
-        term, solver, 0.0, end, h, y0, max_steps=max_steps, **{"args": 1.0, **options}
-    )
 
 
 class TestSteps:
@@ -145,6 +95,22 @@ class TestSteps:
         steps = {8: (4, 8)}.get(order, (16, 32))
         errors = [float(jnp.abs(end(1.0 / n) - exact).max()) for n in steps]
         assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
+
+    @pytest.mark.parametrize("name", ["RKMK8(5,3)", *slow("RKMK5(4)")])
+    def test_stages_in_a_loop_are_those_unrolled(self, name):
+        frame = UnitQuaternion()
+        ours, _ = term(frame)
+        y0, first = jnp.asarray(point(frame)), jnp.ones(3)
+
+        def step(unroll):
+            solver = cg.jax.Solver(name, unroll=unroll)
+            return jax.jit(lambda y: solver.step(ours, 0.0, 0.1, y, 1.0, first, False)[:2])
+
+        unrolled, loop = step(True), step(False)
+        for one, other in zip(unrolled(y0), loop(y0), strict=True):
+            np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-15)
+        sizes = [len(f.lower(y0).compile().as_text()) for f in (unrolled, loop)]
+        assert sizes[1] < 0.7 * sizes[0]
 
     def test_single_precision_stays(self):
         frame = UnitQuaternion()
@@ -334,176 +300,6 @@ class TestOwnFrames:
             solve(ours, cg.jax.Solver("RKMK4"), np.ones(2), h=0.1)
 
 
-class TestTransforms:
-    """Derivatives of ends of adaptive runs, against each other and against difference quotients."""
-
-    STEPS = 1024
-    KEPT = diffrax.RecursiveCheckpointAdjoint(checkpoints=STEPS)
-
-    def end(self, inertia, y0=START, adjoint=KEPT):
-        ours = cg.jax.FrameTerm(body(jnp), ATTITUDE_AND_VELOCITY)
-        solver = cg.jax.Solver("RKMK5(4)", dense="steps")
-        options = {"max_steps": self.STEPS, "adjoint": adjoint, "args": inertia}
-        return solve(ours, solver, y0, end=2.0, rtol=1e-12, **options).ys[-1]
-
-    def test_gradients(self):
-        inertia, y0 = jnp.asarray(INERTIA), jnp.asarray(START)
-        both = jax.grad(lambda i, y: self.end(i, y)[0], argnums=(0, 1))
-        by_inertia, by_point = jax.jit(both)(inertia, y0)
-        forward = jax.jit(jax.jacfwd(lambda i: self.end(i, adjoint=diffrax.ForwardMode())[0]))
-        np.testing.assert_allclose(by_inertia, forward(inertia), rtol=0.0, atol=1e-11)
-        frame = ATTITUDE_AND_VELOCITY
-
-        def exact(inertia, y0):
-            solution = cg.solve_ivp(
-                body(np), (0.0, 2.0), y0, frame=frame, rtol=1e-13, atol=1e-13, args=(inertia,)
-            )
-            return solution.y[-1, 0]
-
-        for k, unit in enumerate(np.eye(3)):
-            quotient = self.quotient(lambda s, u=unit: exact(INERTIA + s * u, START))
-            assert float(by_inertia[k]) == pytest.approx(quotient, abs=1e-9)
-        numbers = cg.jax.cotangent(frame, y0, by_point)
-        for k, unit in enumerate(np.eye(6)):
-            quotient = self.quotient(lambda s, u=unit: exact(INERTIA, frame.flow(s * u, START)))
-            assert float(numbers[k]) == pytest.approx(quotient, abs=1e-9)
-
-    @pytest.mark.parametrize(
-        ("frame", "name"),
-        [
-            (UnitQuaternion(), "CF4(3)"),
-            *slow((UnitQuaternion(), "RKMK5(4)"), (Sphere(2), "CF4(3)")),
-        ],
-    )
-    def test_times_of_events(self, frame, name):
-        """The derivative of the time of an event, and of the point there."""
-        optimistix = pytest.importorskip("optimistix")
-        ours, _ = term(frame)
-        y0 = point(frame)
-        event = diffrax.Event(
-            lambda t, y, args, **kwargs: y[0] - y[-1], root_finder=optimistix.Newton(1e-11, 1e-11)
-        )
-        options = {"end": 4.0, "event": event, "max_steps": 512}
-
-        def found(factor):
-            solver = cg.jax.Solver(name)
-            run = solve(ours, solver, y0, h=0.05, args=factor, **options)
-            return jnp.concatenate([run.ts, run.ys[0]])
-
-        values = jax.jit(found)
-        slope = jax.jit(jax.jacrev(found))(0.8)
-        assert 0.1 < float(values(0.8)[0]) < 3.9
-        expected = self.quotient(lambda s: np.asarray(values(0.8 + s)), 5e-3)
-        np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-7)
-
-    def test_flows_are_compiled_once(self):
-        """Without barriers XLA compiles a flow again with each consumer, with other rounding."""
-        frame = UnitQuaternion()
-        ours, _ = term(frame)
-        y0 = point(frame)
-        solver = cg.jax.Solver("CF4(3)", dense="steps")
-
-        def step(y0, first):
-            return solver.step(ours, 0.0, 0.1, y0, 1.0, first, False)[:2]
-
-        primitives = [str(e.primitive) for e in jax.make_jaxpr(step)(y0, np.ones(3)).eqns]
-        flows = sum(len(path.flows) for path in solver.steps.paths.paths)
-        assert primitives.count("optimization_barrier") == flows
-
-    @pytest.mark.slow
-    def test_repeated_steps_are_the_same(self):
-        """The default adjoint repeats steps; their sizes follow from differences near rounding.
-
-        Only XLA with its usual optimisations, which tests do without, shows whether they differ.
-        """
-        environment = {name: text for name, text in os.environ.items() if name != "XLA_FLAGS"}
-        command = [sys.executable, Path(__file__).parents[1] / "helpers/jax_repetition.py"]
-        done = subprocess.run(command, env=environment, capture_output=True, check=True, text=True)
-        assert abs(float(done.stdout)) < 1e-12
-
-    @staticmethod
-    def quotient(function, step=5e-3):
-        """Return a derivative by differences of order six."""
-        weights = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}
-        return (
-            sum(
-                weight * (function(k * step) - function(-k * step)) for k, weight in weights.items()
-            )
-            / step
-        )
-
-    def test_tolerances_may_be_traced(self):
-        frame = UnitQuaternion()
-        ours, _ = term(frame)
-
-        def end(rtol):
-            return solve(ours, cg.jax.Solver("BS3(2)", dense="steps"), point(frame), rtol=rtol).ys
-
-        np.testing.assert_allclose(jax.jit(end)(1e-4), end(1e-4), rtol=0.0, atol=1e-13)
-
-    def test_members_are_single_runs(self):
-        inertias = jnp.asarray(INERTIA) * jnp.array([[1.0], [2.0], [0.5]]) + jnp.eye(3)
-        together = jax.jit(jax.vmap(self.end))(inertias)
-        alone = jax.jit(self.end)
-        for inertia, found in zip(inertias, together, strict=True):
-            np.testing.assert_allclose(found, alone(inertia), rtol=0.0, atol=1e-11)
-
-    @pytest.mark.parametrize(
-        "frame",
-        [
-            Sphere(2),
-            *slow(
-                UnitQuaternion(),
-                SO3(),
-                SE3(),
-                SU(3),
-                Stiefel(3, 2),
-                Power(Sphere(2), 2),
-                Product(SU(2), Euclidean(2)),
-            ),
-        ],
-        ids=repr,
-    )
-    def test_second_derivatives(self, frame):
-        ours, _ = term(frame)
-        y0 = point(frame)
-        adjoint = diffrax.DirectAdjoint()
-
-        def cost(factor):
-            solver = cg.jax.Solver("CF3", dense="steps")
-            run = solve(ours, solver, y0, h=0.25, args=factor, max_steps=4, adjoint=adjoint)
-            return jnp.abs(run.ys[-1].reshape(-1)[0] - 0.3) ** 2
-
-        values = jax.jit(lambda x: (cost(x), jax.grad(cost)(x), jax.hessian(cost)(x)))
-        _, slope, curvature = values(0.8)
-        by_values = self.quotient(lambda s: float(values(0.8 + s)[0]), 0.05)
-        by_slopes = self.quotient(lambda s: float(values(0.8 + s)[1]), 0.05)
-        assert float(slope) == pytest.approx(by_values, abs=1e-6)
-        assert float(curvature) == pytest.approx(by_slopes, abs=1e-5)
-
-    def test_gradients_through_solve_ivp_are_found_here(self):
-        def end(inertia):
-            f = body(jnp)
-            return cg.solve_ivp(
-                lambda t, y: f(t, y, inertia), (0.0, 1.0), START, frame=ATTITUDE_AND_VELOCITY
-            ).y[-1, 0]
-
-        def listed(inertia):
-            f = body(jnp)
-            return cg.solve_ivp(
-                lambda t, y: list(f(t, y, inertia)), (0.0, 1.0), START, frame=ATTITUDE_AND_VELOCITY
-            ).y[-1, 0]
-
-        def from_start(y0):
-            return cg.solve_ivp(body(np), (0.0, 1.0), y0, frame=ATTITUDE_AND_VELOCITY).y[-1, 0]
-
-        for function, at in ((end, INERTIA), (listed, INERTIA), (from_start, START)):
-            with pytest.raises(ValueError, match=r"cg\.jax has the methods for JAX"):
-                jax.grad(function)(jnp.asarray(at))
-            with pytest.raises(ValueError, match=r"cg\.jax has the methods for JAX"):
-                jax.jit(function)(jnp.asarray(at))
-
-
 class TestRefusals:
     def ours(self):
         return term(UnitQuaternion())[0]
@@ -515,6 +311,8 @@ class TestRefusals:
             cg.jax.Solver("DICG3")
         with pytest.raises(ValueError, match='dense must be "accurate" or "steps", got 1'):
             cg.jax.Solver("CF4", dense=1)
+        with pytest.raises(TypeError, match="unroll must be a bool, got 2"):
+            cg.jax.Solver("RKMK4", unroll=2)
         with pytest.raises(ValueError, match="solver must be a pair for steps to be chosen"):
             solve(self.ours(), cg.jax.Solver("CF4"), point(UnitQuaternion()))
 
