@@ -1,10 +1,12 @@
 """Diagnose tableaux of other implementations: ``python tools/check_implementations.py``.
 
-Reads docs/implementations.toml and writes the table of docs/implementations.md.
+Reads docs/implementations.toml and the slopes stored in benchmarks/, and writes the tables of
+docs/implementations.md.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import tomllib
 from dataclasses import dataclass
@@ -23,6 +25,7 @@ from cg.problems import StateDependentRotation
 
 DOCS = Path(__file__).parent.parent / "docs"
 DATA, PAGE = DOCS / "implementations.toml", DOCS / "implementations.md"
+MEASURED = DOCS.parent / "benchmarks"
 BEGIN, END = "<!-- table -->\n", "<!-- end of table -->\n"
 _FLOOR = 2e-13  # of errors: rounding over all steps
 _STEPS = (16, 24, 32, 48, 64)
@@ -107,11 +110,51 @@ def table(checked: list[Checked]) -> str:
     return "\n".join([*lines, "", "Sources:", "", *sources]) + "\n"
 
 
+def linear_table() -> str:
+    """Return the table of slopes on the test problems of OrdinaryDiffEq.jl."""
+    slopes = json.loads((MEASURED / "linear_test.json").read_text(encoding="utf-8"))
+    lines = ["| stages | s = sin t | s = sin u₁ | rotation |", "|---|---|---|---|"]
+    for name, row in slopes.items():
+        cells = (
+            f"{row[key]:.1f}" if key in row else "–" for key in ("sin(t)", "sin(u)", "rotation")
+        )
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def rotation_table() -> str:
+    """Return the table of orders at which simulators move a rotation."""
+    rows = json.loads((MEASURED / "rotation_order.json").read_text(encoding="utf-8"))
+    merged: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        key = (row["package"], row["integrator"], f"{row['slope']:.1f}")
+        merged.setdefault(key, []).append(row)
+    lines = ["| package | version | integrator | observed order | error with 800 steps |",
+             "|---|---|---|---|---|"]  # fmt: skip
+    ranked = sorted(merged.items(), key=lambda item: (item[0][0], -float(item[0][2])))
+    for (package, integrator, slope), equal in ranked:
+        versions = ", ".join(row["version"] for row in sorted(equal, key=_release))
+        error = max(row["errors"][-1] for row in equal)
+        lines.append(f"| {package} | {versions} | {integrator} | {slope} | {error:.0e} |")
+    return "\n".join(lines) + "\n"
+
+
+def _release(row: dict[str, Any]) -> list[int]:
+    return [int(part) for part in row["version"].split(".") if part.isdigit()]
+
+
+def with_block(text: str, name: str, content: str) -> str:
+    """Return a page with the text between two comments replaced."""
+    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+    before, _, rest = text.partition(begin)
+    return f"{before}{begin}{content}{end}{rest.partition(end)[2]}"
+
+
 def main() -> int:
     """Write the page."""
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    shown = table([check(entry) for entry in read()])
-    PAGE.write_text(f"{before}{BEGIN}{shown}{END}{rest.partition(END)[2]}", encoding="utf-8")
+    text = with_block(PAGE.read_text(encoding="utf-8"), "table", table([*map(check, read())]))
+    text = with_block(text, "slopes", linear_table())
+    PAGE.write_text(with_block(text, "rotations", rotation_table()), encoding="utf-8")
     return 0
 
 
