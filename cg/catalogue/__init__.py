@@ -81,7 +81,7 @@ class Catalogue(Mapping[str, Method]):
 
     def _hint(self, name: object) -> str:
         if self is not munthe_kaas and name in munthe_kaas:
-            return f"; cg.catalogue.munthe_kaas has it; the catalogue has {', '.join(self)}"
+            return f"; cg.catalogue.munthe_kaas has it, and method={name!r} finds it"
         return f"; the catalogue has {', '.join(self)}{similar_names(name)}"
 
     def __contains__(self, name: object) -> bool:
