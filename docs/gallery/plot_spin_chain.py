@@ -38,7 +38,7 @@ run = cg.integrate(
 
 up = np.stack([0.5 - ((abs(run.y) ** 2) @ on(k, pauli[2]).diagonal().real) for k in range(n)])
 fig, ax = plt.subplots(figsize=(6.4, 3.4), layout="constrained")
-image = ax.pcolormesh(run.t, np.arange(1, n + 1), up, cmap="viridis")
+image = ax.pcolormesh(run.t, np.arange(1, n + 1), up, cmap="Blues")
 ax.set(xlabel="time", ylabel="spin")
 fig.colorbar(image, label="probability that it is turned over")
 plt.show()
