@@ -11,6 +11,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+from sphinx.search.en import SearchEnglish
+
 # words, and a page among those that a search for each must give
 SOUGHT = {
     "quaternion": "howto/spacecraft",
@@ -21,6 +23,16 @@ SOUGHT = {
     "vortices": "howto/vortices",
     "tableau": "howto/questions",
     "cython": "howto/compiled",
+    "tutorial": "start/first_steps",
+    "stepper": "howto/output_events",
+    "sensitivity": "howto/covariance",
+    "gradient": "howto/jax",
+    "GPU": "howto/batch",
+    "parallel": "howto/monte_carlo",
+    "quadrotor": "howto/quadrotor",
+    "args": "start/from_solve_ivp",
+    "normalise": "start/why",
+    "normalize": "start/why",
 }
 
 
@@ -67,13 +79,13 @@ def not_found(folder: Path) -> list[str]:
     """Return a line for each word of `SOUGHT` by which its page isn't found."""
     text = (folder / "searchindex.js").read_text(encoding="utf-8")
     data = json.loads(text[text.index("(") + 1 : text.rindex(")")])
+    stem = SearchEnglish({}).stem
     found = []
     for word, page in SOUGHT.items():
         hits: set[int] = set()
         for table in (data["terms"], data["titleterms"]):
-            for term in (term for term in table if term.startswith(word[:6])):
-                listed = table[term]
-                hits |= {listed} if isinstance(listed, int) else set(listed)
+            listed = table.get(stem(word.lower()), [])
+            hits |= {listed} if isinstance(listed, int) else set(listed)
         if page not in {data["docnames"][hit] for hit in hits}:
             found.append(f"a search for {word} doesn't find {page}")
     return found

@@ -36,7 +36,7 @@ extensions = [
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = [
-    "examples",
+    "gallery",
     "methods/claims.md",
     "examples_built/sg_execution_times.rst",
 ]
@@ -51,9 +51,10 @@ numpydoc_show_class_members = False
 default_role = "py:obj"
 
 sphinx_gallery_conf = {
-    "examples_dirs": "examples",
+    "examples_dirs": "gallery",
     "gallery_dirs": "examples_built",
     "filename_pattern": "/plot_",
+    "ignore_pattern": r"^(?!plot_)",
     "download_all_examples": False,
     "show_signature": False,
     "min_reported_time": 1e9,
@@ -64,6 +65,7 @@ html_theme = "furo"
 html_title = "crouch-grossman"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["sort.js"]
 html_show_sourcelink = False
 html_search_scorer = str(HERE / "search_scorer.js")
 html_favicon = "_static/favicon.svg"

@@ -17,6 +17,7 @@ import method_work
 from matplotlib import pyplot
 
 import cg
+from cg.catalogue import munthe_kaas
 from cg.formats import FORMATS
 from cg.method.method import Method
 from cg.proofs import CertificationError, certificate_of
@@ -24,13 +25,8 @@ from cg.proofs import CertificationError, certificate_of
 ROOT = Path(__file__).parent.parent
 sys.path.append(str(ROOT))  # for the package benchmarks
 FOLDER = Path(__file__).parent / "methods"
-KINDS = {
-    "CG": "Crouch–Grossman methods",
-    "CF": "Commutator-free methods",
-    "lifted": "Lifted classical methods",
-    "implicit": "Implicit methods",
-    "other": "Low order",
-}
+CITATIONS = Path(__file__).with_name("references.bib")
+METHODS: dict[str, Method] = {**cg.methods, **munthe_kaas}
 MAX_POINTS = 60  # larger trees are not drawn
 
 
@@ -40,22 +36,85 @@ def slug(name: str) -> str:
 
 
 def kind_of(method: Method) -> str:
-    """Return the key in `KINDS` of a method."""
+    """Return what kind of method it is."""
+    if isinstance(method, cg.MuntheKaas):
+        return "Munthe-Kaas"
     if not method.explicit:
         return "implicit"
-    for kind in ("CG", "CF"):
-        if method.name and method.name.startswith(kind):
-            return kind
-    return "other" if method.name == "LieEuler" else "lifted"
+    if method.name and method.name.startswith(("CG", "Lie")):
+        return "Crouch–Grossman"
+    return "commutator-free" if method.name and method.name.startswith("CF") else "lifted"
 
 
-def certificate_text(method: Method) -> str:
-    """Return what is proved of a method."""
+def order_of(method: Method) -> str:
+    """Return the order, with that of the second result of a pair in brackets."""
+    return (
+        f"{method.order}({method.embedded_order})" if method.embedded_order else f"{method.order}"
+    )
+
+
+def proof(method: Method) -> tuple[str, str]:
+    """Return what is proved of a method in a few words, and in sentences."""
+    if isinstance(method, cg.MuntheKaas):
+        residual = method.largest_residual()
+        return "classical", (
+            "A Munthe-Kaas method has the order of its tableau. The tableau satisfies the "
+            f"conditions of rooted trees {f'to {residual:.0e}' if residual else 'exactly'}."
+        )
+    if method.approximate:
+        return "no", "The order is nominal: the coefficients satisfy its conditions approximately."
     try:
-        text = str(certificate_of(method))
+        certificate = certificate_of(method)
     except CertificationError:
-        return "none"
-    return text.partition(": ")[2].replace("[", "\\[").replace("]", "\\]")
+        return "no", "No proof is stored."
+    found = f"**Proved: order {order_of(method)}**"
+    where = (
+        "the stored coefficients satisfy all order conditions exactly"
+        if Fraction(certificate.radius) == 0
+        else "coefficients that satisfy all order conditions exactly lie within "
+        f"{certificate.radius} of the stored ones"
+    )
+    if not certificate.complete:
+        found = f"**Proved in part: order {order_of(method)}**"
+        small, _, trees = certificate.identities[0].partition(":")
+        where = (
+            f"of the independent conditions, all but {len(trees.split())} hold exactly for "
+            f"coefficients within {certificate.radius} of the stored ones; there the others are "
+            f"{small.removeprefix('only small, ')}"
+        )
+    details = certificate.dumps()
+    return ("yes" if certificate.complete else "in part"), (
+        f"{found}: {where}. The order is not {certificate.order + 1}. "
+        "[How orders are proved](../certificates.md)\n\n"
+        f"<details><summary>The certificate</summary>\n\n```toml\n{details}```\n\n</details>"
+    )
+
+
+@cache
+def bibliography() -> dict[tuple[str, str], str]:
+    """Return the entries of references.bib by the author and the year of their keys."""
+    entries = CITATIONS.read_text(encoding="utf-8").strip().split("\n\n")
+    keys = [re.match(r"@\w+\{(.+?)(\d{4}),", entry) for entry in entries]
+    return {(key[1], key[2]): entry for key, entry in zip(keys, entries, strict=True) if key}
+
+
+def citations(method: Method) -> list[str]:
+    """Return the BibTeX entries of what the source of a method names, and of this package."""
+    source = method.source or ""
+    entries = [
+        entry
+        for (author, year), entry in bibliography().items()
+        if author in source and (year in source or author == "Bazavov")
+    ]
+    kaas = bibliography()["Munthe-Kaas", "1999"]
+    if isinstance(method, cg.MuntheKaas) and kaas not in entries:
+        entries.append(kaas)
+    own = (
+        "@software{crouch-grossman,\n  author = {{The crouch-grossman developers}},\n"
+        f"  title = {{crouch-grossman, method {method.name}}},\n"
+        f"  version = {{{cg.__version__}}}\n}}"
+    )
+    return [*entries, own]
 
 
 def number(value: Fraction) -> str:
@@ -66,8 +125,9 @@ def number(value: Fraction) -> str:
 
 def coefficients(method: Method) -> str:
     """Return the coefficients as a table: a tableau, or points with their weights."""
-    if isinstance(method, cg.Tableau):
-        rows, weights = method.exact
+    tableau = method.tableau if isinstance(method, cg.MuntheKaas) else method
+    if isinstance(tableau, cg.Tableau):
+        rows, weights = tableau.exact
         stages = range(1, method.stages + 1)
         lines = ["| stage | c | " + " | ".join(f"a, {j}" for j in stages) + " |"]
         lines.append("|---" * (method.stages + 2) + "|")
@@ -75,8 +135,8 @@ def coefficients(method: Method) -> str:
             shown = (number(x) if x else "" for x in row)
             lines.append(f"| {r + 1} | {float(sum(row)):.6g} | " + " | ".join(shown) + " |")
         lines.append("| b | | " + " | ".join(number(x) for x in weights) + " |")
-        if method.exact_embedded is not None:
-            second = method.exact_embedded
+        if tableau.exact_embedded is not None:
+            second = tableau.exact_embedded
             lines.append("| b̂ | | " + " | ".join(number(x) for x in second) + " |")
         return "\n".join(lines)
     lines = ["| point | from | weights on frozen fields | is |", "|---|---|---|---|"]
@@ -109,15 +169,15 @@ def errors_in_tolerances(method: Method) -> str:
 
 def properties(method: Method) -> str:
     """Return a table of a method's properties."""
-    pair = f"{method.order}({method.embedded_order})" if method.embedded_order else method.order
     rows = {
-        "order": f"{pair}{' (nominal; see the catalogue)' if method.approximate else ''}",
+        "kind": kind_of(method),
+        "order": order_of(method),
+        "proved": proof(method)[0],
         "evaluations per step": method.stages,
         "flows per step": method.exponentials,
         "principal error": f"{method.principal_error:.3g}",
         "largest residual through its order": f"{method.largest_residual():.1e}",
         "error at the end divided by the tolerance": errors_in_tolerances(method),
-        "proved": certificate_text(method),
         "source": method.source,
     }
     return "\n".join(
@@ -142,10 +202,10 @@ def draw(path: Path, ax: Any) -> None:
 def stamp_of(method: Method) -> str:
     """Return a digest of everything that the page of a method depends on."""
     modules = [method_work, cg.plot.methods, cg.formats, *method_work.parts()]
-    parts = [Path(__file__), *(Path(module.__file__) for module in modules)]
+    parts = [Path(__file__), CITATIONS, *(Path(module.__file__) for module in modules)]
     texts = [path.read_bytes() for path in parts]
     texts += [cg.__version__.encode(), cg.export(method, "toml").encode()]
-    texts.append(errors_in_tolerances(method).encode())
+    texts += [errors_in_tolerances(method).encode(), proof(method)[1].encode()]
     return hashlib.sha256(b"\0".join(texts)).hexdigest()
 
 
@@ -188,50 +248,47 @@ def page(method: Method) -> str:
         f"# {method.name}",
         properties(method),
         f"```python\n{use}\n```",
+        f"## Order\n\n{proof(method)[1]}",
         "## Coefficients\n\nQuotients are exact, decimals rounded to 17 digits; the files below "
         "have all digits. Flows follow each other from left to right.\n\n" + coefficients(method),
         *pictures,
         f"## Files\n\n{exports(method, name)}",
+        "## Cite\n\n```bibtex\n" + "\n\n".join(citations(method)) + "\n```",
     ]
     return "\n\n".join(parts) + "\n"
 
 
 def index(methods: list[Method]) -> str:
     """Return the page that lists all methods."""
-    lines = [
-        "# All methods",
-        "Each method has a page with its coefficients, tree of points, stability region, "
-        "certificate, source, and files in several formats. [The catalogue](../catalogue.md) "
-        "says which to use.",
-    ]
-    for kind, title in KINDS.items():
-        lines.append(f"## {title}")
-        rows = ["| method | order | evaluations | flows |", "|---|---|---|---|"]
-        for method in methods:
-            if kind_of(method) == kind:
-                pair = f"({method.embedded_order})" if method.embedded_order else ""
-                rows.append(
-                    f"| [{method.name}]({slug(method.name)}.md) | {method.order}{pair} | "
-                    f"{method.stages} | {method.exponentials} |"
-                )
-        lines.append("\n".join(rows))
+    heads = "method", "kind", "order", "evaluations", "flows", "principal error", "proved"
+    rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for method in methods:
+        cells = (
+            f"[{method.name}]({slug(method.name)}.md)",
+            kind_of(method),
+            order_of(method),
+            method.stages,
+            method.exponentials,
+            f"{method.principal_error():.2g}",
+            proof(method)[0],
+        )
+        rows.append(f"| {' | '.join(map(str, cells))} |")
     names = "\n".join(slug(method.name) for method in methods)
-    lines.append(f"```{{toctree}}\n:hidden:\n\n{names}\n```")
-    return "\n\n".join(lines) + "\n"
+    table = "\n".join(rows)
+    return (
+        "# All methods\n\nA click on a heading sorts the table. Each method has a page with its "
+        "coefficients, what is proved, its tree of points and stability region, its cost on two "
+        "problems, files in several formats, and BibTeX. [The catalogue](../catalogue.md) says "
+        f'which to use.\n\n<div class="sortable">\n\n{table}\n\n</div>\n\n'
+        f"```{{toctree}}\n:hidden:\n\n{names}\n```\n"
+    )
 
 
 def claims() -> str:
     """Return a table of the paper's claims with verdicts and interpretations."""
     from cg.reproduce.sections.claims import CLAIMS, VERDICTS
 
-    counts = [sum(claim.default_verdict == verdict for claim in CLAIMS) for verdict in VERDICTS]
-    passed, failed, other = counts
-    lines = [
-        f"Of {len(CLAIMS)} claims {passed} pass, {failed} fail, and {other} are not reproducible.",
-        "",
-        "| section | claim, in our words | verdict |",
-        "|---|---|---|",
-    ]
+    lines = ["| section | claim, in our words | verdict |", "|---|---|---|"]
     for claim in CLAIMS:
         verdict = (
             claim.default_verdict
@@ -246,7 +303,7 @@ def claims() -> str:
 def generate(app: Any) -> None:
     """Write all pages; Sphinx calls this before it reads the sources."""
     write(FOLDER / "claims.md", claims())
-    methods = sorted(cg.methods.values(), key=lambda m: (m.order, m.exponentials, m.name))
+    methods = sorted(METHODS.values(), key=lambda m: (m.order, m.exponentials, m.name))
     for method in methods:
         path, stamp = FOLDER / f"{slug(method.name)}.md", stamp_of(method)
         mark = FOLDER / "stamps" / slug(method.name)

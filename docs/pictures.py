@@ -1,4 +1,4 @@
-"""Pictures of the pages on `cg.plot` and `cg.problems`, drawn when the site is built."""
+"""Pictures of the pages on `cg.plot` and `cg.problems` that the gallery does not have."""
 
 from __future__ import annotations
 
@@ -82,36 +82,6 @@ def draw_errors(
             problem.f, (0, 1), problem.y0, exact, frame=problem.frame, method=name, h=h
         )
         cg.plot.convergence(h, errors, ax, label=name, order=cg.methods[name].order)
-
-
-def work_precision() -> Figure:
-    """Draw the evaluations that three pairs need for an error."""
-    problem = StateDependentRotation()
-    exact = integrate(problem, 5.0, 0.0025, "CF6c").y[-1]
-    ax = new_axes()
-    for name in ("CG3(2)", "DP5(4)", "RKMK8(5,3)"):
-        runs = [
-            cg.solve_ivp(
-                problem.f, (0, 5), problem.y0, frame=problem.frame, method=name, rtol=tol, atol=tol
-            )
-            for tol in 10.0 ** -np.arange(3, 11)
-        ]
-        errors = [problem.frame.distance(run.y[-1], exact) for run in runs]
-        cg.plot.work_precision([run.nfev for run in runs], errors, ax, label=name)
-    return ax.figure
-
-
-def sphere() -> Figure:
-    """Draw two trajectories on the sphere."""
-    ax = new_axes(4.2, 4.0, projection="3d")
-    frame = cg.frames.Sphere(2)
-    for start, label in (([1.0, 0.0, 0.0], "from the equator"), ([0.6, 0.0, 0.8], "from 53° N")):
-        run = cg.solve_ivp(
-            lambda t, y: [0.4 * y[1], 0.3 * np.cos(t), 1.0], (0, 12), start, frame=frame,
-            max_step=0.1,
-        )  # fmt: skip
-        cg.plot.trajectory_on_sphere(run, ax, label=label)
-    return ax.figure
 
 
 def tumbling_body(**options: Any) -> cg.Solution:
@@ -235,12 +205,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "tableau": lambda: cg.plot.tableau("CG4a", new_axes(4.2, 2.6)).figure,
     "points": lambda: cg.plot.points("CF4", new_axes(5.0, 3.0)).figure,
     "points_of_a_pair": lambda: cg.plot.points("DP5(4)", new_axes(6.0, 3.6)).figure,
-    "stability": lambda: (
-        cg.plot.stability_region(["CG2", "CG3", "CF4", "DP5(4)"], new_axes(4, 4)).figure
-    ),
     "convergence": convergence,
-    "work_precision": work_precision,
-    "sphere": sphere,
     "axes": lambda: (
         cg.plot.trajectory_of_axes(tumbling_body(), new_axes(4.2, 4.0, projection="3d")).figure
     ),

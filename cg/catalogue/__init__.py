@@ -85,7 +85,7 @@ class Catalogue(Mapping[str, Method]):
     def _hint(self, name: object) -> str:
         for place, other in catalogues.items():
             if name in other:
-                return f"; cg.catalogue.{place} has it; {_all(self)}"
+                return f"; cg.catalogue.{place} has it, and method={name!r} finds it"
         return f"{similar_names(name)}; {_all(self)}"
 
     def __contains__(self, name: object) -> bool:

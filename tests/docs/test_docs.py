@@ -52,7 +52,8 @@ def in_c(tmp_path, monkeypatch):
     page = "docs/howto/compiled.md"
     (tmp_path / "turn.c").write_text(source_in(page, "c"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    subprocess.run(compiler_command(page), check=True)
+    warnings = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
+    subprocess.run([*compiler_command(page), *warnings], check=True)
     return run("docs/howto/compiled.md")
 
 

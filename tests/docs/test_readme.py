@@ -1,12 +1,11 @@
 """The code in the README and in other pages runs."""
 
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests_of_pages import blocks_of, compiler_command, run, source_in
+from tests_of_pages import blocks_of, run
 
 import cg
 
@@ -97,27 +96,6 @@ def test_equations_in_table_of_frames():
     hamiltonian = np.array([[z, x - 1j * y], [x + 1j * y, -z]]) / 2
     point = pauli.random_point(rng)
     np.testing.assert_allclose(derivative(pauli, point), -1j * hamiltonian @ point, atol=1e-9)
-
-
-def test_c_program_of_compiled_page(tmp_path, monkeypatch):
-    (tmp_path / "top.c").write_text(source_in("docs/compiled.md", "c"), encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    warnings = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror"]
-    subprocess.run([*compiler_command("docs/compiled.md"), *warnings], check=True)
-    names = {}
-    block = blocks_of("docs/compiled.md")[0][1]
-    exec(compile(block.replace("(0, 100)", "(0, 1)"), "docs/compiled.md", "exec"), names)
-    top, solution = names["top"], names["solution"]
-    reference = top.reference([1]).y[0]
-    np.testing.assert_allclose(solution.y[-1], reference[:12], atol=1e-9)
-
-
-def test_numba_program_of_compiled_page():
-    pytest.importorskip("numba")
-    names = {"np": np, "cg": cg}
-    exec(compile(blocks_of("docs/compiled.md")[1][1], "docs/compiled.md", "exec"), names)
-    wanted = Rotation.from_rotvec([0, 0, 0.5]).as_matrix()
-    np.testing.assert_allclose(names["solution"].y[-1], wanted, atol=1e-14)
 
 
 def test_code_of_problems_page():

@@ -2,8 +2,9 @@
 Ordered trees
 =============
 
-All ordered trees of the order conditions up to order three. The root, at the bottom, stands for the
-step; above each tree is its density, whose inverse is the right-hand side of its condition.
+All ordered trees of the order conditions up to order three. The root, at the bottom, stands for
+the step; below each tree are its name and its density, whose inverse is the right-hand side of its
+condition.
 """
 
 import matplotlib.pyplot as plt

@@ -1,0 +1,91 @@
+"""The front page, the gallery, the pages of methods, and words that people search for."""
+
+import importlib
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+from tests_of_pages import run, source_in
+
+import cg
+from cg.catalogue import munthe_kaas
+
+pytestmark = pytest.mark.no_core
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+GALLERY = sorted(path.stem for path in (DOCS / "gallery").glob("plot_*.py"))
+FAST = {"plot_drift", "plot_lattice", "plot_stability", "plot_trees", "plot_vortices"}
+PAGES = [*DOCS.glob("*.md"), *(DOCS / "start").glob("*.md"), *(DOCS / "howto").glob("*.md")]
+
+
+@pytest.fixture(scope="module")
+def from_docs():
+    """Return a module of the folder docs."""
+    monkeypatch = pytest.MonkeyPatch()
+    monkeypatch.syspath_prepend(str(DOCS))
+    pytest.importorskip("matplotlib").use("Agg")
+    yield importlib.import_module
+    monkeypatch.undo()
+
+
+def test_front_page_prints_what_it_shows(capsys):
+    run("docs/index.md")
+    assert capsys.readouterr().out == source_in("docs/index.md", "text")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in GALLERY],
+)
+def test_program_of_gallery_draws_a_figure(name):
+    pytest.importorskip("matplotlib").use("Agg")
+    from matplotlib import pyplot as plt
+
+    runpy.run_path(str(DOCS / "gallery" / f"{name}.py"))
+    assert all(ax.has_data() for ax in plt.gcf().axes)
+    plt.close("all")
+
+
+def test_gallery_has_what_pages_show():
+    shown = set()
+    for page in [*PAGES, DOCS / "mathematics" / "index.md"]:
+        shown |= set(re.findall(r"sphx_glr_(plot_\w+)_001\.png", page.read_text("utf-8")))
+    assert len(shown) > 4
+    assert shown <= set(GALLERY)
+
+
+def test_links_have_words_for_text():
+    for page in [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]:
+        assert not re.findall(r"\[[\w/]+\.md\]", page.read_text("utf-8")), page
+
+
+def test_pages_of_methods(from_docs):
+    pages = from_docs("method_pages")
+    assert set(pages.METHODS) == {*cg.methods, *munthe_kaas}
+    for name, method in pages.METHODS.items():
+        words, sentences = pages.proof(method)
+        assert (words == "yes") == (sentences.startswith(f"**Proved: order {method.order}")), name
+        assert pages.coefficients(method).startswith("| "), name
+        *entries, own = pages.citations(method)
+        assert f"method {name}}}" in own
+        if re.search(r"\b(19|20)\d\d\b", method.source or ""):
+            assert entries, name
+    assert pages.proof(cg.methods["CG6a"])[0] == "no"
+    assert pages.proof(cg.methods["DOP853"])[0] == "in part"
+    assert "Munthe-Kaas1999" in "".join(pages.citations(munthe_kaas["RKMK8(5,3)"]))
+
+
+def test_list_of_methods_has_a_row_for_each(from_docs):
+    pages = from_docs("method_pages")
+    listed = pages.index([cg.methods["CG4a"], munthe_kaas["RKMK5(4)"]])
+    assert "| [CG4a](CG4a.md) | Crouch–Grossman | 4 | 5 | 15 | 0.078 | yes |" in listed
+    assert "| [RKMK5(4)](RKMK5_4.md) | Munthe-Kaas | 5(4) | 7 | 6 |" in listed
+
+
+def test_pages_have_the_words_that_lead_to_them(from_docs):
+    pytest.importorskip("sphinx")
+    for word, page in from_docs("check_site").SOUGHT.items():
+        text = (DOCS / f"{page}.md").read_text("utf-8").lower()
+        assert word.lower()[:9] in text, (word, page)
