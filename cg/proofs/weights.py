@@ -120,6 +120,7 @@ class Weights:
         layout = self.layout
         points = len(layout.parents)
         self._x = list(x)
+        self._rights: dict[int, dict[Word, Vector]] = {}
         self._one = one = x[0] * 0 + 1
         self._zero = zero = one * 0
         self._phi: dict[Letter, Vector] = {(): [one] * layout.stages}
@@ -218,6 +219,34 @@ class Weights:
                     z = [c + a * b / share for c, a, b in zip(z, earlier, later, strict=True)]
         assert z is not None
         return z
+
+    def slopes(self, row: int, before: Word, after: Word) -> Vector:
+        """Return the derivatives of a weight at the end of a row by one letter, after `evaluate`.
+
+        Parameters
+        ----------
+        row : int
+            One whose weights of all words with the letters of `before` and `after` were asked for.
+        before, after : Word
+            The words before and after the letter.
+
+        Returns
+        -------
+        list
+            By the letter's values on the flows to all points; zero off the path.
+        """
+        path = self.layout.path(self.layout.ends[row])
+        slopes = [self._zero] * len(self.layout.parents)
+        if path:
+            if path[-1] not in self._rights:
+                self._rights[path[-1]] = self._right(self._outer_words(path[-1]), path)[0]
+            z = self._slot((*before, (), *after), len(before), path, self._rights[path[-1]])
+            for point, slope in zip(path, z, strict=True):
+                slopes[point] = slope
+        return slopes
+
+    def _outer_words(self, end: int) -> list[Word]:
+        return self._outer.get(end, self._stage_words)
 
     def jacobian(self) -> arb_mat:
         """Return the derivatives of the quantities, after `evaluate` on balls.

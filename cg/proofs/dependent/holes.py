@@ -11,7 +11,7 @@ from typing import Any
 from .relations import HOLE
 from .words import Word, shuffle
 
-__all__ = ["HOLE", "basis", "depth", "moments", "outer_nodes"]
+__all__ = ["HOLE", "basis", "depth", "has_hole", "moments", "outer_nodes"]
 
 
 @cache

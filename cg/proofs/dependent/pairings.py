@@ -15,7 +15,7 @@ from flint import arb
 from ...structure.layout import Layout
 from ...structure.points import START
 from ..weights import Quantity, Weights
-from .holes import HOLE, basis, depth, moments, outer_nodes
+from .holes import HOLE, basis, depth, has_hole, moments, outer_nodes
 from .relations import fill
 from .words import Word, condition_words, nodes, shuffle
 
@@ -113,14 +113,13 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
     letters = [(), *condition_words(most, independent=False)]
     letters.sort(key=nodes)
     holes = [(row, h) for row, q in enumerate(orders) for h in ((HOLE,), *basis(q - 2))]
-    quantities = [Quantity(j, w) for w in letters for j in range(layout.stages)]
-    flows = range(len(layout.parents))
-    quantities += [
-        Quantity(layout.stages + row, fill(h, layout.stages + m)) for row, h in holes for m in flows
-    ]
-    found = iter(Weights(layout, quantities).evaluate(y[: layout.size]))
-    values = {w: [next(found) for _ in range(layout.stages)] for w in letters}
-    around = {key: [next(found) for _ in flows] for key in holes}
+    ends = range(len(layout.ends))
+    weights = Weights(layout, [Quantity(end, w) for w in letters for end in ends])
+    found = iter(weights.evaluate(y[: layout.size]))
+    at_ends = {w: [next(found) for _ in ends] for w in letters}
+    values = {w: vector[: layout.stages] for w, vector in at_ends.items()}
+    adjoints = _Adjoints(layout, y, weights)
+    around = {(row, h): adjoints.of_result(row, h) for row, h in holes}
     if len(orders) > 1:
         shared = set(layout.path(layout.ends[-2])) & set(layout.path(layout.ends[-1]))
         for h in [h for row, h in holes if row == 1]:
@@ -166,6 +165,53 @@ def pairings(layout: Layout, orders: Sequence[int], y: Sequence[arb]) -> tuple[P
         [right[c] for c in columns],
     )
     return stages, flows_
+
+
+class _Adjoints:
+    """Words with a hole as vectors over the flows: derivatives by the letter in the hole."""
+
+    def __init__(self, layout: Layout, y: Sequence[arb], weights: Weights) -> None:
+        self._layout, self._y, self._weights = layout, y, weights
+        self._known: dict[tuple[int, Word], Vector] = {}
+        self._slopes: dict[tuple[int, Word], Vector] = {}
+
+    def of_result(self, row: int, hole: Word) -> Vector:
+        """Return the derivatives of a weight of a result."""
+        if (row, hole) not in self._known:
+            outer, inner = _cut(hole)
+            if inner:
+                before = _to_stages(self._layout, self._y, self.of_result(row, outer))
+                vector = self._of_stages(before, inner)
+            else:
+                vector = self._of_row(self._layout.stages + row, outer)
+            self._known[row, hole] = vector
+        return self._known[row, hole]
+
+    def _of_stages(self, factors: Vector, hole: Word) -> Vector:
+        """Return the derivatives of a sum of weights at stages, with these factors."""
+        outer, inner = _cut(hole)
+        total: Vector = [arb(0)] * len(self._layout.parents)
+        for stage, factor in enumerate(factors):
+            if not factor.is_zero():
+                for m in self._layout.path(self._layout.stage_points[stage]):
+                    total[m] = total[m] + factor * self._of_row(stage, outer)[m]
+        if not inner:
+            return total
+        return self._of_stages(_to_stages(self._layout, self._y, total), inner)
+
+    def _of_row(self, row: int, hole: Word) -> Vector:
+        if (row, hole) not in self._slopes:
+            place = hole.index(HOLE)
+            self._slopes[row, hole] = self._weights.slopes(row, hole[:place], hole[place + 1 :])
+        return self._slopes[row, hole]
+
+
+def _cut(hole: Word) -> tuple[Word, Word]:
+    """Return a word with the hole in place of the letter that has it, and that letter's word."""
+    for k, letter in enumerate(hole):
+        if has_hole(letter):
+            return (*hole[:k], HOLE, *hole[k + 1 :]), letter
+    return hole, ()
 
 
 def _terms(layout: Layout, point: int) -> list[tuple[int, int]]:
