@@ -15,7 +15,7 @@ from ..support.quads import to_decimal
 from .certificate import Certificate, CertificationError
 from .files import certificate_of
 from .krawczyk import krawczyk
-from .statement import Packed, box, fitting, free_of, start, system_of
+from .statement import Packed, box, fitting, free_of, system_of
 from .zero import check_rational, prove_box
 
 __all__ = ["MAX_DIGITS", "refined_digits"]
@@ -124,7 +124,7 @@ def digits(
 def _solve(packed: Packed, certificate: Certificate, free: list[int], places: int) -> list[arb]:
     """Return balls around the solution with so many decimal places."""
     system = system_of(packed, certificate)
-    z = start(packed, certificate)
+    z = packed.balls()
     target = arb(10) ** -places
     for _ in range(places.bit_length() + 2):
         values, jacobian = system.linearise(z)

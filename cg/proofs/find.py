@@ -14,14 +14,13 @@ from .certificate import Certificate, CertificationError
 from .dependent.orthogonality import Known, conditions_of, find_relations
 from .explain import (
     STRUCTURES,
-    augment,
+    augmented_system,
     find_identities,
-    name_of,
     names_of_left_out,
     names_of_small,
 )
 from .krawczyk import KrawczykTest, choose_free, krawczyk, numerical_rank, to_double
-from .statement import Packed, names_of, orders_of, start, system_of
+from .statement import Packed, orders_of, system_of
 from .systems import EquationSystem, order_system
 from .zero import check_left_out, check_places, largest_residual, quantities, zero_of
 
@@ -65,32 +64,27 @@ def find_zero(packed: Packed, draft: Certificate, small: bool = False) -> Certif
     if small:
         return _of_independent(packed, draft, to_double(jacobian))
     tried: list[str] = []
-    if packed.layout.rows is None:
-        extended, relations = _orthogonal(packed, draft, to_double(jacobian))
-        tried.append(f"orthogonality, by which {relations} conditions follow")
-        if extended is not None:
-            system = system_of(packed, extended)
-            again = _try(packed, extended, system, to_double(system.linearise(y)[1]))
-            if isinstance(again, _Proved):
-                check_left_out(packed, *again)
-                return again.certificate
-            found = again
-    for identities in find_identities(packed.layout, y, packed.zeros()):
-        names = tuple(map(name_of, identities))
-        tried.append(" and ".join(identity.heading for identity in identities))
+    for identities in find_identities(packed.layout, packed.values, packed.zeros()):
+        names = tuple(identity.name for identity in identities)
+        tried.append(" and ".join(names))
         extended = replace(draft, identities=names)
-        try:
-            augmented = augment(packed.layout, orders_of(draft), identities, packed.zeros())
-        except ArithmeticError:
-            continue
-        jacobian = augmented.linearise(start(packed, extended))[1]
-        again = _try(packed, extended, augmented, to_double(jacobian))
+        system = augmented_system(packed.layout, orders_of(draft), identities, packed.zeros())
+        again = _try(packed, extended, system, to_double(system.linearise(y)[1]))
         if isinstance(again, _Proved):
             return again.certificate
+    orthogonal, relations = _orthogonal(packed, draft, to_double(jacobian))
+    tried.append(f"orthogonality, by which {relations} conditions follow")
+    if orthogonal is not None:
+        system = system_of(packed, orthogonal)
+        again = _try(packed, orthogonal, system, to_double(system.linearise(y)[1]))
+        if isinstance(again, _Proved):
+            check_left_out(packed, *again)
+            return again.certificate
+        found = again
     message = f"{draft.name}: no zero of the conditions of order {draft.order} is proved"
     if found["rank"] < found["conditions"]:
         message += ", their derivatives are dependent and no known identities explain that"
-    raise CertificationError(message, **found, tried="; ".join(tried) or "no identities")
+    raise CertificationError(message, **found, tried="; ".join(tried))
 
 
 def _of_independent(
@@ -132,7 +126,7 @@ def _orthogonal(
     known: list[Known] = []
     along = jacobian[:, nonzero]
     if name:
-        known = list(every[name].relations())
+        known = list(every[name].relations(packed.balls()))
         system = EquationSystem(packed.layout, tuple(every[name].equations()))
         held = to_double(system.linearise(packed.balls())[1])[:, nonzero]
         along = along @ linalg.null_space(held)
@@ -150,21 +144,19 @@ def _try(
     packed: Packed, draft: Certificate, system: EquationSystem, jacobian: NDArray[np.float64]
 ) -> _Proved | dict[str, float]:
     """Return the certificate with the zero proved, or the quantities that tell why not."""
-    names = names_of(packed, draft)
+    names = packed.layout.names
     size = len(system.equations)
-    parameters = list(range(packed.layout.size, system.unknowns))
     rough = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.unit]
     nonzero = [k for k, coefficient in enumerate(packed.coefficients) if coefficient.value]
     found: dict[str, float] = {}
     for movable in (rough, nonzero):  # better to hold all that are exact, not zeros only
-        candidates = movable + parameters
-        rank, singular = numerical_rank(jacobian[:, candidates])
+        rank, singular = numerical_rank(jacobian[:, movable])
         found = {"conditions": size, "rank": rank, "smallest_singular_value": float(singular[-1])}
         found["largest_singular_value"] = float(singular[0])
         if rank < size:
             continue
-        free = choose_free(jacobian, candidates)
-        attempt = krawczyk(system, start(packed, draft), free)
+        free = choose_free(jacobian, movable)
+        attempt = krawczyk(system, packed.balls(), free)
         found |= quantities(attempt)
         if attempt.proved:
             held = tuple(name for k, name in enumerate(names) if k not in set(free))

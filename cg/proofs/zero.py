@@ -19,7 +19,6 @@ from .statement import (
     free_of,
     left_out_of,
     orders_of,
-    start,
     structure_of,
     system_of,
 )
@@ -49,7 +48,7 @@ def prove_box(packed: Packed, certificate: Certificate) -> None:
             free=len(free),
             equations=len(system.equations),
         )
-    y = start(packed, certificate)
+    y = packed.balls()
     conditions = order_system(packed.layout, certificate.order, certificate.embedded_order)
     values, jacobian = conditions.linearise(y)
     check_places(packed, conditions, values, jacobian)
@@ -63,10 +62,10 @@ def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTe
     """Prove that the conditions that are left out hold at a zero of the others that is proved."""
     left_out, name = left_out_of(certificate)
     structure = structure_of(packed, certificate, name)
-    known = list(structure.relations()) if structure else []
     if not left_out:
         return
     zero = zero_of(packed, certificate, attempt)
+    known = list(structure.relations(zero)) if structure else []
     bound = bound_of(certificate)
     if bound is not None:
         largest = largest_residual(packed, left_out, zero)
@@ -85,7 +84,7 @@ def check_left_out(packed: Packed, certificate: Certificate, attempt: KrawczykTe
 def zero_of(packed: Packed, certificate: Certificate, attempt: KrawczykTest) -> list[arb]:
     """Return balls around the zero that a test proved: the map's image, again while it is wide."""
     free = free_of(packed, certificate)
-    zero = start(packed, certificate)
+    zero = packed.balls()
     image = attempt.image
     for _ in range(_MAX_IMAGES):
         widest = max((ball.rad() for ball in image), key=float)

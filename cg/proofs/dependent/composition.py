@@ -131,16 +131,14 @@ def _expansions(grade: int) -> dict[Word, dict[Word, Fraction]]:
 class MidpointSteps:
     """``a_ij = b_j`` for j < i, ``a_ii = b_i/2``, ``b_i = b_{s+1-i}``."""
 
-    parameters: ClassVar[tuple[Fraction, ...]] = ()
+    first_only: ClassVar[bool] = False
 
     @property
-    def heading(self) -> str:
-        """Text from which it is read again."""
+    def name(self) -> str:
+        """Text in certificates."""
         return "symmetric midpoint steps"
 
-    def equations(
-        self, layout: Layout, zeros: Sequence[Collection[int]], first: int
-    ) -> list[Equation]:
+    def equations(self, layout: Layout, zeros: Sequence[Collection[int]]) -> list[Equation]:
         """Return what makes a tableau a symmetric sequence of midpoint steps.
 
         Raises

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from .relations import HOLE
-from .words import Word, shuffle
+from .words import Word, add_multiple, shuffle, words_with
 
 __all__ = ["HOLE", "basis", "depth", "has_hole", "moments", "outer_nodes"]
 
@@ -36,25 +36,13 @@ def _with_hole(count: int, last: bool) -> tuple[Word, ...]:
             found += [
                 (*left, letter, *right)
                 for letter in letters
-                for left in _words(before)
-                for right in _words(after)
+                for left in words_with(before)
+                for right in words_with(after)
             ]
     return tuple(found)
 
 
 @cache
-def _words(count: int) -> tuple[Word, ...]:
-    """Return all words with so many nodes."""
-    if count == 0:
-        return ((),)
-    return tuple(
-        (letter, *rest)
-        for first in range(1, count + 1)
-        for letter in _words(first - 1)
-        for rest in _words(count - first)
-    )
-
-
 def outer_nodes(hole: Word) -> int:
     """Return how many nodes are around the hole."""
     return sum(0 if t == HOLE else 1 + outer_nodes(t) for t in hole)
@@ -83,18 +71,15 @@ def moments(hole: Word) -> dict[Word, int]:
     """
     found: dict[Word, int] = {}
 
-    def add(word: Word, factor: int) -> None:
-        found[word] = found.get(word, 0) + factor
-
     if HOLE in hole:
         place = hole.index(HOLE)
         before, after = hole[:place], hole[place + 1 :]
         for word, multiplicity in shuffle(((),), before).items():
-            add((*word, HOLE, *after), multiplicity)
+            add_multiple(found, (*word, HOLE, *after), multiplicity)
         for cut in range(place + 1):
-            add((*before[:cut], HOLE, *before[cut:], (), *after), -1)
+            add_multiple(found, (*before[:cut], HOLE, *before[cut:], (), *after), -1)
     for k, letter in enumerate(hole):
         if has_hole(letter):
             for inner, factor in moments(letter).items():
-                add((*hole[:k], inner, *hole[k + 1 :]), factor)
+                add_multiple(found, (*hole[:k], inner, *hole[k + 1 :]), factor)
     return found

@@ -27,17 +27,17 @@ from flint import arb, arb_mat
 from numpy.typing import NDArray
 
 from ...structure.layout import Layout
-from ...support.balls import to_ball
+from ...support.balls import to_ball, working_precision
 from ..weights import Quantity, Weights
 from .pairings import Pairing, pairings
 from .reduction import Reduction
-from .relations import regular
 from .spanned import Spanned, doubles, independent_rows
 from .words import Word, condition_words, reciprocal_density
 
 __all__ = ["Condition", "Known", "conditions_of", "find_relations", "follow"]
 
 _NEW = 1e-5  # what must be left of a relation, to count as a new one
+_REGULARITY_BITS = 128
 _CHUNK = 500  # known relations that are looked at together
 
 Condition = tuple[int, Word]
@@ -82,7 +82,7 @@ def follow(
         rows = found.in_balls(chosen)
     except ZeroDivisionError:
         return False
-    return regular(arb_mat([[row.get(one, arb(0)) for one in left_out] for row in rows]))
+    return _regular(arb_mat([[row.get(one, arb(0)) for one in left_out] for row in rows]))
 
 
 def find_relations(
@@ -102,6 +102,24 @@ def find_relations(
     found = _Relations(layout, orders, y, known)
     found.choose(most)
     return found.span
+
+
+def _regular(matrix: arb_mat) -> bool:
+    """Return whether all matrices in a square ball matrix are regular."""
+    size = matrix.nrows()
+    try:
+        inverse = np.linalg.inv(doubles(matrix.tolist())) if size else np.eye(0)
+    except np.linalg.LinAlgError:
+        return False
+    if not np.isfinite(inverse).all():
+        return False
+    with working_precision(_REGULARITY_BITS):
+        # close to the identity in the maximum norm, so regular
+        rows = (arb_mat(inverse.tolist()) * matrix).tolist()
+        return all(
+            sum((abs(x - int(i == j)) for j, x in enumerate(row)), arb(0)) < 1
+            for i, row in enumerate(rows)
+        )
 
 
 class _Choice(NamedTuple):
@@ -125,10 +143,13 @@ class _Relations:
         self._layout, self._orders, self._y, self._known = layout, orders, y, known
         self.conditions = conditions_of(orders)
         self.position = {one: k for k, one in enumerate(self.conditions)}
-        self._pairings = pairings(layout, orders, y)
         self._rough = Reduction(float, lambda word: float(reciprocal_density(word)))
         self._products: dict[tuple[int, int, int], _Doubles] = {}
         self.span: _Doubles = np.zeros((0, len(self.conditions)))
+
+    @cached_property
+    def _pairings(self) -> tuple[Pairing, Pairing]:
+        return pairings(self._layout, self._orders, self._y)
 
     def choose(self, most: int, among: Sequence[int] = ()) -> list[_Choice | Known]:
         """Choose relations that are independent; on some conditions if these are named."""

@@ -24,16 +24,16 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from functools import cache
 
+from flint import arb
+
 from ...structure.layout import Layout
 from ...structure.points import START
-from ..systems import Equation, Term
+from ..systems import Equation, Term, nearly_satisfied
 from ..weights import Quantity
-from .orthogonality import Condition
-from .words import Word, condition_words, nodes, shuffle
+from .orthogonality import Known
+from .words import Word, add_multiple, shuffle, words_with
 
 __all__ = ["TwoRegisters", "exchanges"]
-
-_SMALL = Fraction(1, 10**20)  # what counts as zero when the structure is looked for
 
 
 class TwoRegisters:
@@ -66,14 +66,7 @@ class TwoRegisters:
         """Tell whether the method is one of two registers, as far as its places can tell."""
         if not self.possible():
             return False
-        weight = self._weight
-        return all(
-            abs(weight(m, k) * weight(k + 1, k + 1) - weight(m, k + 1) * weight(k + 1, k)) < _SMALL
-            for m, k in self._entries()
-        )
-
-    def _weight(self, m: int, k: int) -> Fraction:
-        return self._x[self._layout.starts[m] + k]
+        return nearly_satisfied(self._layout, self.equations(), self._x)
 
     def _entries(self) -> Iterator[tuple[int, int]]:
         for m in range(2, len(self._layout.parents)):
@@ -101,19 +94,12 @@ class TwoRegisters:
             found.append((-1, (Quantity(m, (k,)),)))
         return found
 
-    def relations(self) -> Iterator[dict[Condition, Fraction]]:
+    def relations(self, y: Sequence[arb]) -> Iterator[Known]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(1, order + 1):
                 for found in exchanges(count):
                     yield {(row, word): Fraction(m) for word, m in found.items()}
-
-
-@cache
-def _words(count: int) -> tuple[Word, ...]:
-    if count == 0:
-        return ((),)
-    return tuple(w for w in condition_words(count, independent=False) if nodes(w) == count)
 
 
 @cache
@@ -124,16 +110,16 @@ def exchanges(count: int) -> tuple[dict[Word, int], ...]:
         for first in range(1, count)
         for second in range(1, count - first + 1)
         for left in range(count - first - second + 1)
-        for v in _words(first - 1)
-        for w in _words(second - 1)
-        for p in _words(left)
-        for q in _words(count - first - second - left)
+        for v in words_with(first - 1)
+        for w in words_with(second - 1)
+        for p in words_with(left)
+        for q in words_with(count - first - second - left)
         if (relation := _exchange(p, v, w, q))
     ]
     for inside in range(2, count):
         for left in range(count - inside):
-            for p in _words(left):
-                for q in _words(count - 1 - inside - left):
+            for p in words_with(left):
+                for q in words_with(count - 1 - inside - left):
                     found += [
                         {(*p, letter, *q): m for letter, m in relation.items()}
                         for relation in exchanges(inside)
@@ -146,8 +132,8 @@ def _exchange(p: Word, v: Word, w: Word, q: Word) -> dict[Word, int]:
     for first, second, sign in ((v, w, 1), (w, v, -1)):
         for word, m in shuffle(p, (first,)).items():
             whole = (*word, second, *q)
-            found[whole] = found.get(whole, 0) + sign * m
+            add_multiple(found, whole, sign * m)
         for letter, m in shuffle(second, (first,)).items():
             whole = (*p, letter, *q)
-            found[whole] = found.get(whole, 0) - sign * m
+            add_multiple(found, whole, -sign * m)
     return {word: m for word, m in found.items() if m}

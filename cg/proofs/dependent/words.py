@@ -17,18 +17,31 @@ from ...conditions import condition_trees
 from ...trees.ordered import MAX_NODES, OrderedTree, forest
 
 __all__ = [
+    "BUSH",
+    "DOT",
+    "LINE",
     "Letter",
     "Word",
+    "add_multiple",
     "closure",
     "condition_words",
     "nodes",
     "reciprocal_density",
     "shuffle",
+    "shuffle_all",
     "text",
+    "words_with",
 ]
 
 Letter = Any  # a Word or a mark
 Word = tuple[Letter, ...]
+
+DOT: Word = ((),)
+"""τ as a word of one letter."""
+LINE: Word = (((),),)
+"""[τ] as a word of one letter."""
+BUSH: Word = ((), ())
+"""ττ, a word of two letters."""
 
 MARK_NODES = 3  # a mark takes the place of a tree with three nodes
 
@@ -62,6 +75,19 @@ def condition_words(order: int, independent: bool = True) -> tuple[Word, ...]:
 
 
 @cache
+def words_with(count: int) -> tuple[Word, ...]:
+    """Return all words of trees with `count` nodes; there is one with none, the empty word."""
+    if count == 0:
+        return ((),)
+    return tuple(w for w in condition_words(count, independent=False) if nodes(w) == count)
+
+
+def add_multiple(total: dict[Any, Any], key: Any, change: Any) -> None:
+    """Add to the coefficient of a word, or another key, in a combination."""
+    total[key] = total[key] + change if key in total else change
+
+
+@cache
 def shuffle(left: Word, right: Word) -> dict[Word, int]:
     """Return the shuffle product of two words, as multiplicities of words."""
     if not left or not right:
@@ -74,6 +100,18 @@ def shuffle(left: Word, right: Word) -> dict[Word, int]:
         for word, multiplicity in parts.items():
             product[(first, *word)] = product.get((first, *word), 0) + multiplicity
     return product
+
+
+def shuffle_all(words: Iterable[Word]) -> dict[Word, int]:
+    """Return the shuffle product of any number of words."""
+    total: dict[Word, int] = {(): 1}
+    for word in words:
+        longer: dict[Word, int] = {}
+        for other, multiplicity in total.items():
+            for mixed, m in shuffle(other, word).items():
+                add_multiple(longer, mixed, multiplicity * m)
+        total = longer
+    return total
 
 
 def closure(words: Iterable[Word]) -> list[Word]:
