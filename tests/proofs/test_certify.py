@@ -209,7 +209,7 @@ class TestFailures:
         with pytest.raises(CertificationError, match="no zero is proved"):
             check(replace(honest, fixed=fixed), methods["CG5a"])
 
-    @pytest.mark.parametrize("middle", ["middle abscissae", "path of order two of b"])
+    @pytest.mark.parametrize("middle", ["middle abscissae", "path of order two"])
     def test_an_identity_that_the_second_weights_do_not_satisfy(self, middle):
         honest = certificate_of(methods["CG6(5)"])
         assert honest.identities == ("C(2) except at stage 2", "middle abscissae of b")

@@ -92,7 +92,7 @@ class FlatRows:
             for i, stage in (self._present[k] for k in _pivots(rows))
         ]
 
-    def relations(self, y: Sequence[arb]) -> Iterator[Known]:
+    def relations(self, y: Sequence[arb] = ()) -> Iterator[Known]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(order):

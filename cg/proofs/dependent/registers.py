@@ -94,7 +94,7 @@ class TwoRegisters:
             found.append((-1, (Quantity(m, (k,)),)))
         return found
 
-    def relations(self, y: Sequence[arb]) -> Iterator[Known]:
+    def relations(self, y: Sequence[arb] = ()) -> Iterator[Known]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(1, order + 1):
