@@ -166,17 +166,10 @@ class Weights:
         return self._phi[letter]
 
     def _letter_at_points(self, letter: Letter) -> Vector:
-        """Return the combinations of a letter's values that the flows to points have.
-
-        Marks beyond the stages count the points: 1 on one flow and 0 on all others.
-        """
+        """Return the combinations of a letter's values that the flows to points have."""
         if letter not in self._letter:
             phi, layout = self._values(letter), self.layout
             found: Vector = []
-            if isinstance(letter, int) and letter >= layout.stages:
-                points = range(layout.stages, layout.stages + len(layout.parents))
-                self._letter[letter] = [self._one if m == letter else self._zero for m in points]
-                return self._letter[letter]
             for begin, stages in zip(layout.starts, layout.weights, strict=False):
                 terms = [self._x[k] * phi[stage] for k, stage in enumerate(stages, begin)]
                 found.append(sum(terms[1:], start=terms[0]) if terms else self._zero)
@@ -202,7 +195,9 @@ class Weights:
             found[word], whole[word] = right[::-1], total
         return found, whole
 
-    def _slot(self, word: Word, m: int, path: Sequence[int], right: dict[Word, Vector]) -> Vector:
+    def _slopes_at(
+        self, word: Word, m: int, path: Sequence[int], right: dict[Word, Vector]
+    ) -> Vector:
         """Return the derivatives of the weight by the letters of points at place m."""
         z: Vector | None = None
         for p in range(m + 1):
@@ -238,15 +233,17 @@ class Weights:
         path = self.layout.path(self.layout.ends[row])
         slopes = [self._zero] * len(self.layout.parents)
         if path:
-            if path[-1] not in self._rights:
-                self._rights[path[-1]] = self._right(self._outer_words(path[-1]), path)[0]
-            z = self._slot((*before, (), *after), len(before), path, self._rights[path[-1]])
+            z = self._slopes_at((*before, (), *after), len(before), path, self._right_of(path))
             for point, slope in zip(path, z, strict=True):
                 slopes[point] = slope
         return slopes
 
-    def _outer_words(self, end: int) -> list[Word]:
-        return self._outer.get(end, self._stage_words)
+    def _right_of(self, path: list[int]) -> dict[Word, Vector]:
+        """Return the products of the flows after each point of a path, to its end."""
+        end = path[-1]
+        if end not in self._rights:
+            self._rights[end] = self._right(self._outer.get(end, self._stage_words), path)[0]
+        return self._rights[end]
 
     def jacobian(self) -> arb_mat:
         """Return the derivatives of the quantities, after `evaluate` on balls.
@@ -286,7 +283,7 @@ class Weights:
             phi = self._values(letter)
             table = [[self._zero] * size for _ in segments]
             for s, (segment, right) in enumerate(zip(segments, rights, strict=True)):
-                z = self._slot(word, m, segment.points, right)
+                z = self._slopes_at(word, m, segment.points, right)
                 i = 0
                 for point, y in zip(segment.points, z, strict=True):
                     for k, stage in self._point_unknowns(point):
@@ -317,15 +314,13 @@ class Weights:
         count, size = len(chosen), len(self._segments)
         own = [[self._zero] * self.layout.size for _ in range(count)]
         seeds: dict[Word, dict[int, Vector]] = {}
-        rights: dict[int, dict[Word, Vector]] = {}
         for c, index in enumerate(chosen):
             word, path = self.quantities[index].word, self._paths[index]
             if not path:
                 continue
-            if path[-1] not in rights:
-                rights[path[-1]] = self._right(self._outer[path[-1]], path)[0]
+            right = self._right_of(path)
             for m, letter in enumerate(word):
-                z, phi = self._slot(word, m, path, rights[path[-1]]), self._values(letter)
+                z, phi = self._slopes_at(word, m, path, right), self._values(letter)
                 inner = letter != () and not isinstance(letter, int)
                 for point, y in zip(path, z, strict=True):
                     for k, stage in self._point_unknowns(point):

@@ -25,7 +25,15 @@ from ...support.balls import to_flint
 from ..systems import Equation, Term, exact_residuals
 from ..weights import Quantity
 from .relations import Relation
-from .words import Word, condition_words, nodes, reciprocal_density, shuffle
+from .words import (
+    Word,
+    add_multiple,
+    condition_words,
+    nodes,
+    reciprocal_density,
+    shuffle,
+    words_with,
+)
 
 __all__ = ["MidpointSteps", "convolve", "coproduct", "logarithm"]
 
@@ -43,11 +51,10 @@ def coproduct(word: Word) -> dict[tuple[Word, Word], int]:
             for (first, second), m in parts.items():
                 for (early, late), n in coproduct(letter).items():
                     for mixed, multiplicity in shuffle(first, early).items():
-                        key = (mixed, (*second, late))
-                        grown[key] = grown.get(key, 0) + m * n * multiplicity
+                        add_multiple(grown, (mixed, (*second, late)), m * n * multiplicity)
             parts = grown
         for key, m in parts.items():
-            found[key] = found.get(key, 0) + m
+            add_multiple(found, key, m)
     return found
 
 
@@ -76,10 +83,6 @@ def logarithm(functional: Functional, words: Sequence[Word]) -> Functional:
     return {word: value for word, value in total.items() if value}
 
 
-def _graded(grade: int) -> list[Word]:
-    return [w for w in condition_words(grade, independent=False) if nodes(w) == grade]
-
-
 @cache
 def _generators(grade: int) -> list[Functional]:
     """Return m_1, …, m_grade, where those with even index should be empty."""
@@ -94,7 +97,7 @@ def _generators(grade: int) -> list[Functional]:
 @cache
 def _lie_polynomials(grade: int) -> list[Functional]:
     """Return functionals that span the Lie polynomials of a degree: brackets from the right."""
-    words = _graded(grade)
+    words = list(words_with(grade))
     generators = _generators(grade)
     assert not any(generators[1::2])
     found = [generators[grade - 1]] if grade % 2 else []
@@ -110,7 +113,7 @@ def _lie_polynomials(grade: int) -> list[Functional]:
 @cache
 def _expansions(grade: int) -> dict[Word, dict[Word, Fraction]]:
     """Return for each word how its residual combines those of a few."""
-    words = _graded(grade)
+    words = list(words_with(grade))
     lyndon = set(condition_words(grade))
     words.sort(key=lambda w: (w not in lyndon, len(w)))
     spanning = _lie_polynomials(grade) if grade % 2 else []

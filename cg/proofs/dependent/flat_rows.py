@@ -17,13 +17,14 @@ from itertools import product
 from flint import arb
 
 from ...structure.layout import Layout
+from ...trees.rooted import rooted_trees
 from ..systems import Equation, Term
 from ..weights import Quantity
 from .holes import HOLE, basis, outer_nodes
 from .orthogonality import Condition, Known
 from .quadratic import Quadratic, dependencies
 from .relations import fill
-from .words import Word, condition_words, nodes, reciprocal_density, shuffle
+from .words import Word, add_multiple, nodes, reciprocal_density, shuffle, words_with
 
 __all__ = ["FlatRows"]
 
@@ -70,7 +71,7 @@ class FlatRows:
             for r, order in enumerate(self._orders)
             for row in [self._layout.stages + r]
             for count in range(order)
-            for tree in _rooted(count)
+            for tree in rooted_trees(count + 1)
         )
 
     def equations(self) -> list[Equation]:
@@ -82,21 +83,21 @@ class FlatRows:
             for point in self._layout.path(self._layout.ends[i]):
                 for k, other in enumerate(self._layout.weights[point], self._layout.starts[point]):
                     row[k] += other == stage
-            rows.append(row)
+            rows.append([Quadratic(entry) for entry in row])
         return [
             Equation(
                 f"the sum of weights on stage {stage + 1} in row {i + 1}",
                 (Term(Fraction(1), (Quantity(i, (stage,)),)),),
                 -self._sums[i][stage].number,
             )
-            for i, stage in (self._present[k] for k in _pivots(rows))
+            for i, stage in (self._present[k] for k in _independent(rows))
         ]
 
     def relations(self, y: Sequence[arb] = ()) -> Iterator[Known]:
         """Yield combinations of residuals that are zero: rows and words, and coefficients."""
         for row, order in enumerate(self._orders):
             for count in range(order):
-                for tree in _rooted(count):
+                for tree in rooted_trees(count + 1):
                     yield {(row, (word,)): Fraction(m) for word, m in _flat(tree).items()}
         for most in range(self._orders[0]):
             for found in (
@@ -111,7 +112,7 @@ class FlatRows:
 
     def _of_letters(self, most: int) -> Iterator[_Zero]:
         """Yield products of any surroundings with letters of rooted trees that are dependent."""
-        trees = [tree for count in range(most + 1) for tree in _rooted(count)]
+        trees = [tree for count in range(most + 1) for tree in rooted_trees(count + 1)]
         for zero in dependencies([self._values(tree) for tree in trees]):
             if nodes(trees[max(zero)]) < most:
                 continue  # with more surroundings before
@@ -119,14 +120,14 @@ class FlatRows:
             for row, order in enumerate(self._orders):
                 free = order - 1 - most
                 for hole in ((HOLE,), *basis(free)) if free >= 0 else ():
-                    for factor in _words(free - outer_nodes(hole)):
+                    for factor in _letters(free - outer_nodes(hole)):
                         yield _filled(row, {hole: _ONE}, {factor: 1}, letter)
 
     def _of_surroundings(self, most: int) -> Iterator[_Zero]:
         """Yield products of any letter with surroundings of rooted trees that are dependent."""
         rows = self._surroundings(most + 1)
         for zero in dependencies([self._along(row, steps) for row, steps in rows]):
-            for letter in (word for word in _words(most) if nodes(word) == most):
+            for letter in words_with(most):
                 found: _Zero = {}
                 for k, share in zero.items():
                     _add(found, self._around(*rows[k], share, letter))
@@ -141,7 +142,9 @@ class FlatRows:
         """
         if not most:
             return
-        trees = [tree for count in range(self._orders[0] - most) for tree in _rooted(count)]
+        trees = [
+            tree for count in range(self._orders[0] - most) for tree in rooted_trees(count + 1)
+        ]
         trees = [trees[k] for k in _independent([self._values(tree) for tree in trees])]
         rows = self._surroundings(most + 1)
         rows = [rows[k] for k in _independent([self._along(*one) for one in rows])]
@@ -214,36 +217,25 @@ class FlatRows:
 
 
 @cache
-def _rooted(count: int) -> tuple[Word, ...]:
-    """Return the children of rooted trees with so many nodes besides the root."""
-    found = {()} if count == 0 else set()
-    for inner in range(count):
-        for child in _rooted(inner):
-            for rest in _rooted(count - 1 - inner):
-                found.add(tuple(sorted((child, *rest))))
-    return tuple(sorted(found))
-
-
-@cache
 def _flat(tree: Word) -> Combination:
     """Return a rooted tree as a combination of letters: children of ordered trees."""
-    found: Combination = {(): 1}
+    total: Combination = {(): 1}
     for child in tree:
         longer: Combination = {}
-        for word, factor in found.items():
+        for word, factor in total.items():
             for letter, share in _flat(child).items():
                 for z, multiplicity in shuffle(word, (letter,)).items():
-                    longer[z] = longer.get(z, 0) + factor * share * multiplicity
-        found = longer
-    return found
+                    add_multiple(longer, z, factor * share * multiplicity)
+        total = longer
+    return total
 
 
 @cache
 def _chains(degree: int) -> tuple[_Steps, ...]:
     """Return surroundings of rooted trees: children of the nodes from the root to the hole."""
-    found: list[_Steps] = [(tree,) for tree in _rooted(degree)]
+    found: list[_Steps] = [(tree,) for tree in rooted_trees(degree + 1)]
     for first in range(degree):
-        for tree in _rooted(first):
+        for tree in rooted_trees(first + 1):
             found += [(tree, *rest) for rest in _chains(degree - 1 - first)]
     return tuple(found)
 
@@ -257,23 +249,25 @@ def _around(steps: _Steps) -> Combination:
         for hole, factor in found.items():
             for word, share in _flat(tree).items():
                 for inner, multiplicity in shuffle(word, (HOLE,)).items():
-                    deeper = fill(hole, inner)
-                    longer[deeper] = longer.get(deeper, 0) + factor * share * multiplicity
+                    add_multiple(longer, fill(hole, inner), factor * share * multiplicity)
         found = longer
     return found
 
 
-def _words(most: int) -> tuple[Word, ...]:
-    """Return the letters with at most so many nodes besides their roots."""
-    return ((), *condition_words(most, independent=False)) if most > 0 else ((),)
+def _letters(most: int) -> Iterator[Word]:
+    """Yield the letters with at most `most` nodes besides their roots."""
+    for count in range(most + 1):
+        yield from words_with(count)
 
 
 @cache
 def _holes(count: int) -> tuple[Word, ...]:
-    """Return the words with a hole at the root, and so many nodes around it."""
-    words = [((), *condition_words(count, independent=False))] if count else [((),)]
-    found = [(*left, HOLE, *right) for left, right in product(words[0], repeat=2)]
-    return tuple(hole for hole in found if outer_nodes(hole) == count)
+    """Return the words with a hole at the root, and `count` nodes around it."""
+    return tuple(
+        (*left, HOLE, *right)
+        for before in range(count + 1)
+        for left, right in product(words_with(before), words_with(count - before))
+    )
 
 
 def _degree(steps: _Steps) -> int:
@@ -293,16 +287,15 @@ def _product(row: Sequence[Quadratic], values: Sequence[Quadratic]) -> Quadratic
 
 def _add(total: _Zero, more: _Zero) -> None:
     for one, value in more.items():
-        total[one] = total[one] + value if one in total else value
+        add_multiple(total, one, value)
 
 
 def _sum(terms: Iterable[tuple[Combination, Quadratic]]) -> dict[Word, Quadratic]:
-    found: dict[Word, Quadratic] = {}
+    total: dict[Word, Quadratic] = {}
     for combination, share in terms:
         for word, m in combination.items():
-            change = share.times(m)
-            found[word] = found[word] + change if word in found else change
-    return found
+            add_multiple(total, word, share.times(m))
+    return total
 
 
 def _filled(
@@ -318,7 +311,7 @@ def _filled(
             for z, multiplicity in shuffle(factor, letter).items():
                 for hole, share in holes.items():
                     value = (share * second).times(first * multiplicity)
-                    _add(found, {(row, fill(hole, z)): value})
+                    add_multiple(found, (row, fill(hole, z)), value)
     return found
 
 
@@ -326,7 +319,3 @@ def _independent(vectors: Sequence[Sequence[Quadratic]]) -> list[int]:
     """Return the vectors that don't depend on those before."""
     gone = {max(zero) for zero in dependencies(vectors)}
     return [k for k in range(len(vectors)) if k not in gone]
-
-
-def _pivots(rows: Sequence[Sequence[int]]) -> list[int]:
-    return _independent([[Quadratic(entry) for entry in row] for row in rows])

@@ -32,7 +32,7 @@ from ..weights import Quantity, Weights
 from .pairings import Pairing, pairings
 from .reduction import Reduction
 from .spanned import Spanned, doubles, independent_rows
-from .words import Word, condition_words, reciprocal_density
+from .words import Word, add_multiple, condition_words, reciprocal_density
 
 __all__ = ["Condition", "Known", "conditions_of", "find_relations", "follow"]
 
@@ -344,7 +344,7 @@ class _Relations:
             for j, b in right.items():
                 product = a * b
                 for key, multiplicity in pairing.words(i, j).items():
-                    found[key] = found.get(key, arb(0)) + product * multiplicity
+                    add_multiple(found, key, product * multiplicity)
         return self._reduced(found)
 
     def _reduced(self, combination: dict[Condition, arb]) -> dict[Condition, arb]:

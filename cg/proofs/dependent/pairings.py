@@ -17,7 +17,7 @@ from ...structure.points import START
 from ..weights import Quantity, Weights
 from .holes import HOLE, basis, depth, has_hole, moments, outer_nodes
 from .relations import fill
-from .words import Word, condition_words, nodes, shuffle
+from .words import Word, add_multiple, condition_words, nodes, shuffle
 
 __all__ = ["DIFFERENCE", "Column", "Pairing", "Surrounding", "pairings"]
 
@@ -85,8 +85,7 @@ class Pairing:
             for letter, multiplicity in letters.items():
                 word = fill(hole, letter)
                 for row, sign in signs:
-                    total = found.get((row, word), 0) + sign * factor * multiplicity
-                    found[row, word] = total
+                    add_multiple(found, (row, word), sign * factor * multiplicity)
         return found
 
 
@@ -94,7 +93,7 @@ def _moments(holes: dict[Word, int]) -> dict[Word, int]:
     found: dict[Word, int] = {}
     for hole, factor in holes.items():
         for other, multiplicity in moments(hole).items():
-            found[other] = found.get(other, 0) + factor * multiplicity
+            add_multiple(found, other, factor * multiplicity)
     return found
 
 

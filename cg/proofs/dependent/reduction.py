@@ -14,7 +14,14 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
 
-from .words import Word, condition_words, nodes, reciprocal_density, shuffle
+from .words import (
+    Word,
+    add_multiple,
+    condition_words,
+    nodes,
+    reciprocal_density,
+    shuffle,
+)
 
 __all__ = ["Reduction"]
 
@@ -59,8 +66,7 @@ class Reduction:
         found: Combination = {}
         for word, factor in terms:
             for one, value in self(word).items():
-                product = factor * value
-                found[one] = found[one] + product if one in found else product
+                add_multiple(found, one, factor * value)
         return found
 
     def _reduced(self, word: Word) -> Combination:

@@ -20,7 +20,7 @@ from flint import nmod, nmod_mat
 
 from ...structure.layout import Layout
 from ..systems import Equation
-from .words import Word, condition_words, nodes, shuffle
+from .words import Word, condition_words, shuffle, words_with
 
 __all__ = ["HOLE", "Identity", "Relation", "fill", "kept_words", "places", "without"]
 
@@ -70,7 +70,7 @@ def kept_words(grade: int, identities: Sequence[Identity], zeros: Collection[int
     -------
     list of Word
     """
-    plain = [w for w in condition_words(grade, independent=False) if nodes(w) == grade]
+    plain = words_with(grade)
     lyndon = set(condition_words(grade))
     words, relations = _close(plain, identities)
     relations += _shuffles(words)
